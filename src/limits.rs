@@ -10,8 +10,8 @@ pub const MAX_POINT_COORDINATE: f64 = 1e18;
 /// The most keys of a set of points.
 pub(crate) const MAX_KEYS: usize = 1 << 16;
 
-/// The most slabs of a point tree that can be requested.
-pub(crate) const MAX_SLABS: usize = 1024;
+/// The most time slices of a point tree that can be requested.
+pub(crate) const MAX_POINT_TIME_SLICES: usize = 1024;
 
 /// The most slices of the shutter in a wide tree.
 pub(crate) const MAX_TIME_SLICES: usize = 16;

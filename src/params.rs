@@ -111,8 +111,8 @@ impl WideParams {
 /// ```
 /// use mbkd::{BuildError, BuildParams, Division, WideParams};
 /// let with = |division| BuildParams::wide(WideParams { division, ..WideParams::default() });
-/// assert!(with(Division::Segments(4)).validate().is_ok());
-/// assert!(matches!(with(Division::Copies(1)).validate(), Err(BuildError::Parameter { name: "division", .. })));
+/// assert!(with(Division::SharedLeaves(4)).validate().is_ok());
+/// assert!(matches!(with(Division::SeparateTrees(1)).validate(), Err(BuildError::Parameter { name: "division", .. })));
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Division {
@@ -123,21 +123,21 @@ pub enum Division {
     /// One hierarchy for the whole shutter everywhere.
     Whole,
     /// This many hierarchies (2 to 16) over common leaf blocks, for the whole scene: for comparisons.
-    Segments(usize),
+    SharedLeaves(usize),
     /// This many separate trees (2 to 16), for the whole scene, whatever their size: for comparisons.
-    Copies(usize),
+    SeparateTrees(usize),
 }
 
 impl Division {
     /// Whether it is used whatever its size.
     pub(crate) fn is_forced(self) -> bool {
-        matches!(self, Division::Segments(_) | Division::Copies(_))
+        matches!(self, Division::SharedLeaves(_) | Division::SeparateTrees(_))
     }
 
     fn is_valid(self) -> bool {
         match self {
             Division::Automatic | Division::Whole => true,
-            Division::Segments(n) | Division::Copies(n) => (2..=MAX_TIME_SLICES).contains(&n),
+            Division::SharedLeaves(n) | Division::SeparateTrees(n) => (2..=MAX_TIME_SLICES).contains(&n),
         }
     }
 }
@@ -297,8 +297,8 @@ mod tests {
         assert_eq!(wide(WideParams { max_references: 9.0, ..fine() }), "max_references");
         assert_eq!(wide(WideParams { bytes_per_primitive: f32::NAN, ..fine() }), "bytes_per_primitive");
         for parts in [0, 1, 17, usize::MAX] {
-            assert_eq!(wide(WideParams { division: Division::Segments(parts), ..fine() }), "division");
-            assert_eq!(wide(WideParams { division: Division::Copies(parts), ..fine() }), "division");
+            assert_eq!(wide(WideParams { division: Division::SharedLeaves(parts), ..fine() }), "division");
+            assert_eq!(wide(WideParams { division: Division::SeparateTrees(parts), ..fine() }), "division");
         }
     }
 }

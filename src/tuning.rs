@@ -85,10 +85,10 @@ pub(crate) mod slices {
     use core::ops::RangeInclusive;
 
     /// The approximate number of treelets of a draft, and the smallest number of references of one.
-    pub const PIECES: usize = 256;
-    pub const LEAST_PIECE: usize = 1024;
+    pub const TREELETS: usize = 256;
+    pub const LEAST_TREELET: usize = 1024;
     /// Number of sampled references of a treelet.
-    pub const LOOK: u32 = 64;
+    pub const TREELET_SAMPLE: u32 = 64;
     /// Splitting a treelet pays if boxes for each half of the shutter have less than this fraction of the area.
     pub const MAX_AREA_OF_HALVES: f32 = 0.87;
     /// A region must gain this fraction of the cost of the whole tree.
@@ -99,20 +99,20 @@ pub(crate) mod slices {
     /// treelets.
     pub const LEVELS: usize = 3;
     pub const FEW: usize = 16;
-    /// The latency of a ray is mostly that of nodes. So segments, which share leaf blocks, count as this fraction of copies
-    /// in this respect: two cost 7 to 30 % more than their counted steps and tests, four 20 to 60 % (coherent, debris, tornado, hairball).
+    /// The latency of a ray is mostly that of nodes. So hierarchies with shared leaf blocks count as this fraction of
+    /// separate trees in this respect: two cost 7 to 30 % more than their counted steps and tests, four 20 to 60 % (coherent, debris, tornado, hairball).
     pub const NODE_LATENCY_SHARE: f32 = 0.8;
-    /// A division is used if it costs less than this fraction of the undivided tree: it takes memory and time to build.
+    /// A temporal split is used if it costs less than this fraction of the unsplit tree: it takes memory and time to build.
     pub const MAX_SPLIT_COST: f32 = 0.87;
-    /// Two segments must cost less than this fraction of the undivided tree for copies to be tried.
+    /// Two slices with shared leaves must cost less than this fraction of the unsplit tree for separate trees to be tried.
     pub const MAX_TWO_SLICES_COST: f32 = 0.85;
-    /// If the best segments of motion with more than two keys cost at most this times a tree for a single instant, copies,
-    /// which take several times as long to build, are not tried (`cargo bench --bench keys`).
-    pub const NEAR_MOMENT: f32 = 1.25;
-    /// Nodes are a quarter to nearly a half of a tree's bytes; leaf blocks are the rest, which segments share.
+    /// If shared leaves of motion with more than two keys cost at most this times a tree for a single instant, separate
+    /// trees, which take several times as long to build, are not tried (`cargo bench --bench keys`).
+    pub const NEAR_INSTANT_COST: f32 = 1.25;
+    /// Nodes are a quarter to nearly a half of a tree's bytes; leaf blocks are the rest, which time slices share.
     pub const NODE_BYTES_SHARE: f32 = 0.45;
-    /// A division is decided on this many subtrees, which together have a sixteenth of all references of a region, each of
-    /// this many. Smaller ones would predict too little for copies: primitives that are together at mid-shutter separate.
+    /// A temporal split is decided on this many subtrees, which together have a sixteenth of all references of a region, each of
+    /// this many. Smaller ones would predict too little for separate trees: primitives that are together at mid-shutter separate.
     pub const SAMPLES: RangeInclusive<usize> = 4..=6;
     pub const SAMPLE: RangeInclusive<usize> = 2048..=4096;
 }

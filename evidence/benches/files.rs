@@ -83,7 +83,7 @@ fn main() -> Tried<()> {
     points("moving, chosen", &|| Ok(PointTree::build(&moving, &PointParams::default())?))?;
     points("k-d", &|| Ok(PointTree::build(&moving, &of(PointStructure::Mbkd))?))?;
     points("still in f64", &|| {
-        let set = PointArrays { keys: &[&wide], alive: &[], ids: &[] };
+        let set = PointArrays { keys: &[&wide], active: &[], ids: &[] };
         Ok(PointTree::build(&set, &PointParams::default())?)
     })
 }

@@ -292,8 +292,8 @@ fn moving_tables(args: &Args) {
                 Arena::new_from_slice(&at).unwrap()
             })
             .collect();
-        use PointStructure::{Automatic, Linear, Mbkd, Slabs};
-        let forced = [Linear, Slabs(2), Slabs(4), Slabs(8), Slabs(16)];
+        use PointStructure::{Automatic, Linear, Mbkd, TimeSlices};
+        let forced = [Linear, TimeSlices(2), TimeSlices(4), TimeSlices(8), TimeSlices(16)];
         let structures = [&[Automatic][..], if args.structures { &forced } else { &[] }].concat();
         let trees = built(&points, &structures);
         let radius = radius_for(&trees[0].0, &at, 40);
@@ -401,16 +401,16 @@ fn lives_tables(args: &Args) {
     let points: Vec<MovingPoint> = (0..n)
         .map(|_| {
             let (begin, length) = (rng.unit() * 0.98, 0.02 + 0.08 * rng.unit());
-            let alive = TimeInterval::new(begin, (begin + length).min(1.0)).unwrap();
-            MovingPoint::fixed(rng.vec()).alive(alive)
+            let active = TimeInterval::new(begin, (begin + length).min(1.0)).unwrap();
+            MovingPoint::fixed(rng.vec()).active(active)
         })
         .collect();
     let all: Vec<Vec3> = points.iter().map(|p| p.open).collect();
     let all = PointTree::build(&all, &PointParams::default()).unwrap();
     let mut at: Vec<(Vec3, f32)> = (0..args.queries).map(|_| (rng.vec(), rng.unit())).collect();
     at.sort_by_key(|(q, _)| morton(*q));
-    use PointStructure::{Automatic, Linear, Slabs};
-    let forced = [Linear, Slabs(4), Slabs(8), Slabs(16), Slabs(32)];
+    use PointStructure::{Automatic, Linear, TimeSlices};
+    let forced = [Linear, TimeSlices(4), TimeSlices(8), TimeSlices(16), TimeSlices(32)];
     let structures = [&[Automatic][..], if args.structures { &forced } else { &[] }].concat();
     let trees = built(&points, &structures);
     let radius = radius_for(&trees[0].0, &at, 40);
@@ -419,7 +419,7 @@ fn lives_tables(args: &Args) {
         let mut buffer = NeighborBuffer::new();
         let mut filtered = || {
             for (q, t) in &at {
-                let query = all.query(*q, *t).filter(|id| points[id as usize].alive.contains(*t));
+                let query = all.query(*q, *t).filter(|id| points[id as usize].active.contains(*t));
                 black_box(match k {
                     0 => query.radius(radius).collect_into(&mut buffer).len(),
                     k => query.nearest_n_into(k, &mut buffer).len(),
@@ -456,8 +456,8 @@ fn prices(args: &Args) {
             let at: Vec<_> = (0..args.queries).map(|i| place((&points[i * 7919 % n], rng.unit()))).collect();
             let mut ordered = at.clone();
             ordered.sort_by_key(|(q, _)| morton(*q));
-            for parts in [1, 2, 4, 8, 16] {
-                let (structure, mut buffer) = (PointStructure::Slabs(parts), NeighborBuffer::new());
+            for slices in [1, 2, 4, 8, 16] {
+                let (structure, mut buffer) = (PointStructure::TimeSlices(slices), NeighborBuffer::new());
                 let tree = PointTree::build(&points, &PointParams { structure, ..PointParams::default() }).unwrap();
                 let some = || at.iter().step_by(10);
                 let work = some().map(|(q, t)| tree.query(*q, *t).work(8)).map(|w| [w.nodes as f64, w.blocks as f64]);
@@ -469,7 +469,7 @@ fn prices(args: &Args) {
                 }
                 for at in [&at, &ordered] {
                     let time = race(args.repeat, at.len(), &mut [&mut || k_nearest(&tree, at, 8, &mut buffer)])[0];
-                    rows.push([nodes / count, blocks / count, 32.0 * (n * parts) as f64, time]);
+                    rows.push([nodes / count, blocks / count, 32.0 * (n * slices) as f64, time]);
                 }
             }
         }

@@ -92,7 +92,7 @@ fn compare(scene: &str, count: usize, moving: bool) -> Result<(), Box<dyn std::e
     drop(sample);
     let close: Vec<DVec3> = open.iter().map(|p| *p + random.vec() * (0.5 * spacing)).collect();
     let keys: Vec<&[DVec3]> = if moving { vec![&open, &close] } else { vec![&open] };
-    let set = PointArrays { keys: &keys, alive: &[], ids: &[] };
+    let set = PointArrays { keys: &keys, active: &[], ids: &[] };
     let build = |round_to_f32: bool| PointTree::build(&set, &PointParams { round_to_f32, ..Default::default() });
     let mut builds = [Vec::new(), Vec::new()];
     for _ in 0..3 {

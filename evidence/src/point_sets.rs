@@ -70,7 +70,7 @@ pub fn moving_points(motion: Motion, n: usize, seed: u64) -> Vec<MovingPoint> {
         }
         let begin = chance * 0.98;
         let end = (begin + 0.02 + 0.08 * unit(&mut random)).min(1.0);
-        point.alive(TimeInterval::new(begin, end).unwrap_or(TimeInterval::FULL))
+        point.active(TimeInterval::new(begin, end).unwrap_or(TimeInterval::FULL))
     };
     (0..n).map(point).collect()
 }
@@ -112,8 +112,8 @@ fn morton(at: Vec3) -> u64 {
 /// The distances of the `k` nearest points that are active at a query's time, by testing every point in f64; nearest
 /// first, fewer if there are fewer.
 pub fn true_distances(points: &[MovingPoint], (at, time): Query, k: usize) -> Vec<f64> {
-    let alive = points.iter().filter(|point| point.alive.contains(time));
-    let mut squares: Vec<f64> = alive.map(|point| exact_place(point, time).distance_squared(at.as_dvec3())).collect();
+    let active = points.iter().filter(|point| point.active.contains(time));
+    let mut squares: Vec<f64> = active.map(|point| exact_place(point, time).distance_squared(at.as_dvec3())).collect();
     if squares.len() > k && k > 0 {
         squares.select_nth_unstable_by(k - 1, f64::total_cmp);
     }
@@ -138,8 +138,8 @@ const ROUNDING: f64 = 4.0 / 16_777_216.0;
 
 /// Compares the ids that a search returned with the distances from [`true_distances`].
 pub fn judge(points: &[MovingPoint], (at, time): Query, found: &[u32], truth: &[f64]) -> AnswerError {
-    let alive = found.iter().map(|&id| &points[id as usize]).filter(|point| point.alive.contains(time));
-    let mut distances: Vec<f64> = alive.map(|point| exact_place(point, time).distance(at.as_dvec3())).collect();
+    let active = found.iter().map(|&id| &points[id as usize]).filter(|point| point.active.contains(time));
+    let mut distances: Vec<f64> = active.map(|point| exact_place(point, time).distance(at.as_dvec3())).collect();
     distances.sort_by(f64::total_cmp);
     let Some(&last) = truth.last() else { return AnswerError { wrong: found.len(), farther: 0.0 } };
     let right = distances.iter().take(truth.len()).filter(|&&d| d <= last + ROUNDING).count();

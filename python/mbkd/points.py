@@ -34,7 +34,7 @@ class PointTree:
     boxsize : float or (3,), optional
         Periodic box [0, L) as in scipy; 0 for axes that are not periodic. Distances are to the nearest image. Static
         points must lie in the box. Moving points may leave it by up to four periods.
-    structure : {'automatic', 'linear', 'slabs:N', 'mbkd'}
+    structure : {'automatic', 'linear', 'time_slices:N', 'mbkd'}
         The structure of the tree for moving points. Answers do not depend on it.
     max_references : float
         The greatest number of references per point, in structures that store a point more than once.

@@ -58,13 +58,13 @@ impl Points {
         if keys.iter().any(|key| key.len() > i32::MAX as usize) {
             return Err(PyValueError::new_err("more than 2^31 - 1 points"));
         }
-        let alive = match &lifetimes {
+        let active = match &lifetimes {
             Some(rows) => intervals(slice(rows)?.as_chunks().0)?,
             None => Vec::new(),
         };
         let params =
             PointParams { structure: named(structure)?, max_references, round_to_f32, ..PointParams::default() };
-        let tree = long(py, workers, progress.as_ref(), |control| build(&keys, &alive, &params, control))??;
+        let tree = long(py, workers, progress.as_ref(), |control| build(&keys, &active, &params, control))??;
         let periods = Periods::new(boxsize, bounds(&keys)).map_err(PyValueError::new_err)?;
         Ok(Points { tree, periods })
     }
@@ -397,26 +397,30 @@ fn radii_of(radii: &[f32], count: usize) -> PyResult<PerQuery<'_>> {
 
 /// The structure with this name.
 fn named(structure: &str) -> PyResult<PointStructure> {
-    match (structure, structure.strip_prefix("slabs:").map(str::parse)) {
+    match (structure, structure.strip_prefix("time_slices:").map(str::parse)) {
         ("automatic", _) => Ok(PointStructure::Automatic),
         ("linear", _) => Ok(PointStructure::Linear),
         ("mbkd", _) => Ok(PointStructure::Mbkd),
-        (_, Some(Ok(slabs))) => Ok(PointStructure::Slabs(slabs)),
+        (_, Some(Ok(slices))) => Ok(PointStructure::TimeSlices(slices)),
         _ => Err(PyValueError::new_err(format!(
-            "structure must be 'automatic', 'linear', 'mbkd' or 'slabs:N', not '{structure}'"
+            "structure must be 'automatic', 'linear', 'mbkd' or 'time_slices:N', not '{structure}'"
         ))),
     }
 }
 
-fn build(keys: &[Places<'_>], alive: &[TimeInterval], params: &PointParams, control: &Control) -> PyResult<PointTree> {
+fn build(keys: &[Places<'_>], active: &[TimeInterval], params: &PointParams, control: &Control) -> PyResult<PointTree> {
     let hear = |done| control.report(done);
     let single: Option<Vec<&[[f32; 3]]>> =
         keys.iter().map(|key| if let Places::Single(rows) = key { Some(*rows) } else { None }).collect();
     let double: Option<Vec<&[[f64; 3]]>> =
         keys.iter().map(|key| if let Places::Double(rows) = key { Some(*rows) } else { None }).collect();
     match (single, double) {
-        (Some(keys), _) => PointTree::build_with_progress(&PointArrays { keys: &keys, alive, ids: &[] }, params, &hear),
-        (_, Some(keys)) => PointTree::build_with_progress(&PointArrays { keys: &keys, alive, ids: &[] }, params, &hear),
+        (Some(keys), _) => {
+            PointTree::build_with_progress(&PointArrays { keys: &keys, active, ids: &[] }, params, &hear)
+        }
+        (_, Some(keys)) => {
+            PointTree::build_with_progress(&PointArrays { keys: &keys, active, ids: &[] }, params, &hear)
+        }
         _ => return Err(PyValueError::new_err("all keys must have one precision")),
     }
     .map_err(value_error)

@@ -36,9 +36,9 @@ def crowd(progress):
 BUILDS = {
     "triangles": surface,
     "points": crowd,
-    "slabs": flight("slabs:32"),
+    "time slices": flight("time_slices:32"),
     "mbkd": flight("mbkd"),
-    "slabs in f64": flight("slabs:32", np.float64),
+    "time slices in f64": flight("time_slices:32", np.float64),
 }
 
 

@@ -50,7 +50,7 @@ def test_query_is_brute_force_to_the_bit():
         np.testing.assert_array_equal(d, distances)
 
 
-@pytest.mark.parametrize("structure", ["automatic", "linear", "slabs:3", "mbkd"])
+@pytest.mark.parametrize("structure", ["automatic", "linear", "time_slices:3", "mbkd"])
 def test_moving_points_are_those_of_a_snapshot(structure):
     tree = PointTree(SINGLE, keys=CLOSE, structure=structure)
     times = RNG.random(len(QUERIES)).astype(np.float32)
@@ -190,7 +190,7 @@ WRONG = [
     (lambda: PointTree(SINGLE, boxsize=[1, 1]), ValueError, "boxsize"),
     (lambda: PointTree(SINGLE, lifetimes=np.full((500, 2), 0.5)), ValueError, "time interval"),
     (lambda: PointTree(SINGLE, structure="best"), ValueError, "structure"),
-    (lambda: PointTree(SINGLE, structure="slabs:0"), ValueError, "structure"),
+    (lambda: PointTree(SINGLE, structure="time_slices:0"), ValueError, "structure"),
     (lambda: PointTree(SINGLE, max_references=0), ValueError, "max_references"),
     (lambda: PointTree(SINGLE, workers=0), ValueError, "workers"),
     (lambda: PointTree(SINGLE, boxsize=0.5), ValueError, "periodic"),

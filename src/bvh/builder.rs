@@ -49,7 +49,7 @@ const SAH_DEPTH: u32 = 44;
 /// Subtrees of at most this many references (or more if the tree is large for the number of threads) are built by one
 /// thread.
 const PARALLEL: usize = 4096;
-const PIECES: usize = 32;
+const SUBTREES: usize = 32;
 
 /// Builds over references, which are reordered. Nodes of at most `leaf.start` references become leaves, and those of at
 /// most `leaf.end` if they overlap so much that splitting hardly pays (see [`CROWDED`]). With a `density`, which
@@ -69,7 +69,7 @@ pub(crate) fn build_binary(
     let (bounds, centres) = summary(simd, references);
     let alone = match parallel::threads() {
         1 => usize::MAX,
-        threads => PARALLEL.max(n / (PIECES * threads)),
+        threads => PARALLEL.max(n / (SUBTREES * threads)),
     };
     // A single reference far away makes the root box large, but not the sum over references.
     let large = density.map(|density| {
@@ -77,10 +77,10 @@ pub(crate) fn build_binary(
         (density, LARGE_LEAF * rays)
     });
     let builder = Builder { simd, leaf: *leaf.start().max(&1), crowded_leaf: *leaf.end(), large, alone, kinds };
-    let mut pieces = builder.pieces(references, Task { first: 0, depth: 0, crowded: false, bounds, centres });
-    match pieces.len() {
-        1 => pieces.remove(0),
-        _ => concat(&pieces),
+    let mut subtrees = builder.subtrees(references, Task { first: 0, depth: 0, crowded: false, bounds, centres });
+    match subtrees.len() {
+        1 => subtrees.remove(0),
+        _ => concat(&subtrees),
     }
 }
 
@@ -91,7 +91,7 @@ fn most_nodes(references: usize, leaf: usize) -> usize {
 }
 
 /// The greatest number of references that sample boxes are found among; if there are more, evenly spaced ones are used.
-const LOOKED_AT: usize = 4096;
+const SAMPLED: usize = 4096;
 
 /// The least number of references per task when neighbours are collected.
 const PER_TASK: usize = 16384;
@@ -101,7 +101,7 @@ const PER_TASK: usize = 16384;
 /// Object splits of a subset of the references find a box around each sample; one pass over all references collects
 /// those with their centres in it.
 pub(crate) fn neighbourhoods(references: &[Reference], count: usize, most: usize) -> Vec<Vec<Reference>> {
-    let step = references.len() / LOOKED_AT + 1;
+    let step = references.len() / SAMPLED + 1;
     let mut few: Vec<Reference> = references.iter().step_by(step).copied().collect();
     let places: Vec<Box3> = (0..count)
         .map(|i| {
@@ -172,8 +172,8 @@ struct Task {
 }
 
 impl Builder<'_> {
-    /// A subtree in pieces, to be concatenated.
-    fn pieces(&self, references: &mut [Reference], task: Task) -> Vec<BinaryTree> {
+    /// A node and the subtrees below it, to be concatenated.
+    fn subtrees(&self, references: &mut [Reference], task: Task) -> Vec<BinaryTree> {
         let n = references.len();
         if n <= self.alone.max(self.leaf) {
             let mut nodes = huge_vec(most_nodes(n, self.leaf));
@@ -182,14 +182,15 @@ impl Builder<'_> {
         }
         let (low, high, middle) = self.divide(references, &task, &mut Table::new());
         let (low_references, high_references) = references.split_at_mut(middle);
-        let (left, right) = parallel::both(|| self.pieces(low_references, low), || self.pieces(high_references, high));
+        let (left, right) =
+            parallel::both(|| self.subtrees(low_references, low), || self.subtrees(high_references, high));
         let mut node = BinaryNode::new(&task, n);
         node.right = 1 + left.iter().map(Vec::len).sum::<usize>() as u32;
         node.moving = left[0][0].moving | right[0][0].moving;
-        let mut pieces = vec![vec![node]];
-        pieces.extend(left);
-        pieces.extend(right);
-        pieces
+        let mut subtrees = vec![vec![node]];
+        subtrees.extend(left);
+        subtrees.extend(right);
+        subtrees
     }
 
     /// Builds a subtree on this thread. Returns whether any reference in it moves.
@@ -199,7 +200,7 @@ impl Builder<'_> {
         let few = n <= self.leaf || task.crowded && n <= self.crowded_leaf;
         let sides = if few && (n == 1 || !self.is_large(&task.bounds)) {
             let middle = self.kinds.and_then(|kind| by_kind(references, kind));
-            middle.map(|middle| self.cut(references, &task, middle))
+            middle.map(|middle| self.split_at(references, &task, middle))
         } else {
             Some(self.divide(references, &task, table))
         };
@@ -241,11 +242,11 @@ impl Builder<'_> {
             let crowded = areas >= CROWDED * mean_half_area(&task.bounds);
             return (side(0, crowded, split.low, low), side(middle, crowded, split.high, high), middle);
         }
-        self.cut(references, task, references.len() / 2)
+        self.split_at(references, task, references.len() / 2)
     }
 
     /// Splits references at an index without reordering them.
-    fn cut(&self, references: &[Reference], task: &Task, middle: usize) -> (Task, Task, usize) {
+    fn split_at(&self, references: &[Reference], task: &Task, middle: usize) -> (Task, Task, usize) {
         let of = |begin: usize, references: &[Reference]| {
             let (bounds, centres) = summary(self.simd, references);
             Task { first: task.first + begin as u32, depth: task.depth + 1, crowded: false, bounds, centres }

@@ -13,7 +13,7 @@ use crate::parallel::{self, CHUNK};
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
 use crate::tuning::presplit::{LEAST_AREA, MAX_MOTION_RATIO, MIN_SAVING};
 
-/// The greatest number of parts of one reference.
+/// The greatest number of sub-references of one reference.
 const BINS: usize = 8;
 
 /// Evenly spaced planes across a reference.
@@ -48,7 +48,7 @@ impl Planes {
     }
 }
 
-/// Splits references into parts, up to `budget` times the present number, where that saves most area. The first part
+/// Splits references into sub-references, up to `budget` times the present number, where that saves most area. The first part
 /// replaces the reference, the others are appended.
 ///
 /// In `m` parts a diagonal needle has an `m`-th of its area, so the `m`-th part saves `1 / (m (m - 1))` of it.
@@ -59,29 +59,29 @@ pub(crate) fn presplit(references: &mut Vec<Reference>, ends: impl Fn(u32) -> Op
     let least = raised(&gains, least, (n as f64 * f64::from(budget)) as usize - n);
     let mut tasks: Vec<_> = references.chunks_mut(CHUNK).zip(&gains).collect();
     let more = parallel::each(&mut tasks, |(references, gains)| {
-        dispatch(SimdLevel::best(), Parts { references, gains, ends: &ends, least })
+        dispatch(SimdLevel::best(), Presplit { references, gains, ends: &ends, least })
     });
     references.reserve(more.iter().map(Vec::len).sum());
     more.iter().for_each(|more| references.extend_from_slice(more));
 }
 
-/// Splits references: their first parts replace them, the others are returned.
-struct Parts<'a, E> {
+/// Splits references: their first sub-references replace them, the others are returned.
+struct Presplit<'a, E> {
     references: &'a mut [Reference],
     gains: &'a [Gain],
     ends: &'a E,
     least: f32,
 }
 
-impl<E: Fn(u32) -> Option<Ends>> Kernel for Parts<'_, E> {
+impl<E: Fn(u32) -> Option<Ends>> Kernel for Presplit<'_, E> {
     type Output = Vec<Reference>;
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Vec<Reference> {
-        let Parts { references, gains, ends, least } = self;
-        let mut more = Vec::with_capacity(gains.iter().map(|gain| parts(gain.saved, least) - 1).sum());
+        let Presplit { references, gains, ends, least } = self;
+        let mut more = Vec::with_capacity(gains.iter().map(|gain| split_count(gain.saved, least) - 1).sum());
         for gain in gains {
-            let m = parts(gain.saved, least);
+            let m = split_count(gain.saved, least);
             if m == 1 {
                 continue;
             }
@@ -89,8 +89,8 @@ impl<E: Fn(u32) -> Option<Ends>> Kernel for Parts<'_, E> {
             let Some(planes) = Planes::across(&r.bounds(), m) else { continue };
             let Some(ends) = ends(r.id()) else { continue };
             let mut boxes = [Packed::EMPTY; BINS];
-            let pad = Chop::pad(&ends);
-            Chop { ends: &ends, whole: r.packed(), planes, pad, parts: &mut boxes[..m] }.run(s);
+            let pad = ClipBetweenPlanes::pad(&ends);
+            ClipBetweenPlanes { ends: &ends, whole: r.packed(), planes, pad, parts: &mut boxes[..m] }.run(s);
             let id = r.id();
             let mut made = boxes[..m].iter().filter(|part| !part.is_empty());
             if let Some(first) = made.next() {
@@ -104,7 +104,7 @@ impl<E: Fn(u32) -> Option<Ends>> Kernel for Parts<'_, E> {
     }
 }
 
-/// The saving of splitting a reference into very many parts.
+/// The saving of splitting a reference into very many sub-references.
 struct Gain {
     /// Its index in its chunk.
     at: u32,
@@ -147,7 +147,7 @@ fn worth(m: usize, least: f32) -> f32 {
 }
 
 /// The number of parts for a total saving.
-fn parts(gain: f32, least: f32) -> usize {
+fn split_count(gain: f32, least: f32) -> usize {
     (2..=BINS).take_while(|&m| gain >= worth(m, least)).count() + 1
 }
 
@@ -188,18 +188,18 @@ fn raised(gains: &[Vec<Gain>], least: f32, most: usize) -> f32 {
 ///
 /// The points are computed with three roundings at sizes of at most twice the largest coordinate (8 ULP of it cover
 /// them), and the kernel's corners deviate from the lines by `slack`.
-struct Chop<'a> {
+struct ClipBetweenPlanes<'a> {
     ends: &'a Ends,
     /// Bounds of the triangle, or of the part of it that is to be split.
     whole: &'a Packed,
     planes: Planes,
-    /// The padding of the parts: [`Chop::pad`].
+    /// The padding of the parts: [`ClipBetweenPlanes::pad`].
     pad: f32,
     /// The bounds of each part; empty for a part that the triangle does not reach.
     parts: &'a mut [Packed],
 }
 
-impl Chop<'_> {
+impl ClipBetweenPlanes<'_> {
     /// The padding of the parts of a triangle: the rounding error of the computed points, and the slack of the corners.
     #[inline(always)]
     fn pad(ends: &Ends) -> f32 {
@@ -208,12 +208,12 @@ impl Chop<'_> {
     }
 }
 
-impl Kernel for Chop<'_> {
+impl Kernel for ClipBetweenPlanes<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Chop { ends, whole, planes, pad, parts } = self;
+        let ClipBetweenPlanes { ends, whole, planes, pad, parts } = self;
         let (axis, last) = (planes.axis, parts.len().clamp(1, BINS) - 1);
         // The planes above the parts, in both halves of the lanes.
         let above = s.splat(planes.low) + s.splat(planes.width) * s.load(&ABOVE);
@@ -341,8 +341,8 @@ mod tests {
             let mut parts = [Packed::EMPTY; BINS];
             let whole = Packed::new(&bounds);
             let level = SimdLevel::available()[round / 4 % SimdLevel::available().len()];
-            let pad = Chop::pad(&corners);
-            dispatch(level, Chop { ends: &corners, whole: &whole, planes, pad, parts: &mut parts });
+            let pad = ClipBetweenPlanes::pad(&corners);
+            dispatch(level, ClipBetweenPlanes { ends: &corners, whole: &whole, planes, pad, parts: &mut parts });
             let parts = parts.map(|part| part.bounds());
             for step in 0..=8 {
                 let t = step as f32 / 8.0;
@@ -380,7 +380,7 @@ mod tests {
             let mut parts = [Packed::EMPTY; BINS];
             let (whole, pad) = (Packed::new(&bounds), pad_of(&ends));
             let level = SimdLevel::available()[round % SimdLevel::available().len()];
-            dispatch(level, Chop { ends: &ends, whole: &whole, planes, pad, parts: &mut parts });
+            dispatch(level, ClipBetweenPlanes { ends: &ends, whole: &whole, planes, pad, parts: &mut parts });
             let parts = parts.map(|part| part.bounds());
             let axis = planes.axis;
             for (t, at) in [(0.0, begin), (1.0, end)] {
@@ -409,7 +409,7 @@ mod tests {
 
     #[test]
     fn the_padding_of_parts_is_enough_and_needed() {
-        assert_eq!(points_lost(Chop::pad), 0);
+        assert_eq!(points_lost(ClipBetweenPlanes::pad), 0);
         assert!(points_lost(|_| 0.0) > 100);
     }
 }

@@ -138,7 +138,7 @@ fn soup(n: usize, keys: usize, random: &mut Random) -> TriangleMesh {
 fn prototypes(random: &mut Random) -> Vec<(InstanceOf, Brute)> {
     let params = [
         BuildParams::default(),
-        BuildParams::wide(WideParams { division: Division::Copies(3), ..WideParams::default() }),
+        BuildParams::wide(WideParams { division: Division::SeparateTrees(3), ..WideParams::default() }),
         BuildParams::kd(KdParams::default()),
         BuildParams::kd(KdParams::classic()),
         BuildParams::lazy(LazyParams { subtree: 9, ..LazyParams::default() }),

@@ -217,7 +217,7 @@ mod tests {
     #[test]
     fn rows_are_prefetched_at_their_position() {
         let set = Scene::new(&scene::turning(3000, 17).meshes, Vec::new()).expect("a scene");
-        for division in [Division::Automatic, Division::Whole, Division::Segments(4), Division::Copies(4)] {
+        for division in [Division::Automatic, Division::Whole, Division::SharedLeaves(4), Division::SeparateTrees(4)] {
             let params = WideParams { division, ..WideParams::default() };
             let tree = WideTree::build(&set, &params, &Progress::new(None)).expect("a tree");
             let mut blocks = 0;

@@ -77,7 +77,7 @@ impl LazyTree {
     /// A subtree, which is built now if it has not been built yet. `set` is the one of the build.
     pub fn subtree<S: WideSource>(&self, set: &S, subtree: u32) -> &WideTree {
         self.subtrees[subtree as usize].tree.get_or_init(|| {
-            WideTree::part(set, self.primitives(subtree), &self.params)
+            WideTree::subtree(set, self.primitives(subtree), &self.params)
                 .expect("the build made no subtree too large for a tree")
         })
     }

@@ -20,7 +20,7 @@ use crate::primitive::{PrimitiveSet, Triangles};
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES, huge_vec};
 use crate::time::{
-    COST_MODEL, Draft, Region, SharedLeaves, TimeSlice, draft_tree, params_of_copies, prefetch_blocks, primitives,
+    COST_MODEL, Draft, Region, SharedLeaves, TimeSlice, draft_tree, params_of_each_tree, prefetch_blocks, primitives,
     regions,
 };
 use crate::tuning::lazy::{LEAST_SAMPLE, SAMPLED};
@@ -54,7 +54,7 @@ impl WideTree {
     /// recorded.
     ///
     /// The tree may be larger than the parameters allow. Fails only beyond the size of [`most_in_part`].
-    pub(super) fn part<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> Result<WideTree, BuildError> {
+    pub(super) fn subtree<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> Result<WideTree, BuildError> {
         parallel::alone(|| {
             let division = match params.division {
                 Division::Automatic => sampled_division(set, ids, params),
@@ -67,7 +67,7 @@ impl WideTree {
         })
     }
 
-    /// [`WideTree::part`] over sorted ids.
+    /// [`WideTree::subtree`] over sorted ids.
     fn sorted_part<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> Result<WideTree, BuildError> {
         let (listed, held): (Vec<u32>, Vec<u32>) = ids.iter().partition(|&&id| set.is_listed(id));
         let [named, others] = apart(set, &listed);
@@ -142,31 +142,31 @@ impl WideTree {
         params: &WideParams,
         step: Step<'_>,
     ) -> Result<Subtree, BuildError> {
-        if let Division::Copies(copies) = params.division {
-            return self.copies(set, ids, copies, params, step);
+        if let Division::SeparateTrees(count) = params.division {
+            return self.separate_trees(set, ids, count, params, step);
         }
         let mut draft = draft_tree(set, ids, TimeSlice::WHOLE, params, None);
         step(0.5)?;
         let regions = regions(set, &draft, params);
         step(0.25)?;
-        if let [Region { node: 0, division: Division::Copies(copies), .. }] = regions[..] {
-            // The draft is dropped before copies are made: holding one at a time takes less memory.
+        if let [Region { node: 0, division: Division::SeparateTrees(count), .. }] = regions[..] {
+            // The draft is dropped before the trees are made: holding one at a time takes less memory.
             drop(draft);
-            let params = params_of_copies(params, copies);
-            return self.copies(set, ids, copies, &params, &|done| step(0.25 * done));
+            let params = params_of_each_tree(params, count);
+            return self.separate_trees(set, ids, count, &params, &|done| step(0.25 * done));
         }
         let all = draft.references.len() as f64;
         let (mut replaced, mut roots) = (Vec::new(), Vec::new());
         for region in regions {
             let node = draft.binary[region.node as usize];
             let root = match region.division {
-                Division::Copies(copies) => {
-                    let params = params_of_copies(params, copies);
-                    self.copies(set, &primitives(&draft, region.node), copies, &params, &|_| step(0.0))?.root
+                Division::SeparateTrees(count) => {
+                    let params = params_of_each_tree(params, count);
+                    self.separate_trees(set, &primitives(&draft, region.node), count, &params, &|_| step(0.0))?.root
                 }
-                Division::Segments(count) => {
-                    let segments = SharedLeaves::build(set, &draft, region.node, count);
-                    self.write_segments(set, &draft, &segments)?
+                Division::SharedLeaves(count) => {
+                    let shared = SharedLeaves::build(set, &draft, region.node, count);
+                    self.write_shared_leaves(set, &draft, &shared)?
                 }
                 Division::Automatic | Division::Whole => continue,
             };
@@ -185,25 +185,25 @@ impl WideTree {
     }
 
     /// Builds a separate tree for each of equal time slices.
-    fn copies<S: WideSource>(
+    fn separate_trees<S: WideSource>(
         &mut self,
         set: &S,
         ids: &[u32],
-        copies: usize,
+        count: usize,
         params: &WideParams,
         step: Step<'_>,
     ) -> Result<Subtree, BuildError> {
-        self.slices = self.slices.max(copies);
-        let mut written = Vec::with_capacity(copies);
-        for index in 0..copies {
-            let draft = draft_tree(set, ids, TimeSlice { index, of: copies }, params, None);
+        self.slices = self.slices.max(count);
+        let mut written = Vec::with_capacity(count);
+        for index in 0..count {
+            let draft = draft_tree(set, ids, TimeSlice { index, of: count }, params, None);
             let before = self.arena.len();
             written.push(self.write_draft(set, &draft, &[])?);
             if index == 0 {
                 // The others will have about the same size; growing step by step would hold most of it twice.
-                self.arena.reserve((self.arena.len() - before) * (copies - 1) / 50 * 51);
+                self.arena.reserve((self.arena.len() - before) * (count - 1) / 50 * 51);
             }
-            step(1.0 / copies as f64)?;
+            step(1.0 / count as f64)?;
         }
         self.over_time(written)
     }
@@ -243,20 +243,20 @@ impl WideTree {
         Ok(Subtree { bounds: draft.binary[0].bounds, root: nodes.write(&mut self.arena)? })
     }
 
-    /// Writes the leaf blocks once and the nodes above them for each segment.
-    fn write_segments<S: WideSource>(
+    /// Writes the leaf blocks once and the nodes above them for each time slice.
+    fn write_shared_leaves<S: WideSource>(
         &mut self,
         set: &S,
         draft: &Draft,
-        segments: &SharedLeaves,
+        shared: &SharedLeaves,
     ) -> Result<ChildRef, BuildError> {
         self.presplit |= draft.presplit;
-        let clusters = &segments.clusters;
+        let clusters = &shared.clusters;
         let leaves =
             |arena: &mut Arena, of: &[BinaryNode], blocks: &mut [ChildRef]| leaf_blocks(arena, set, draft, of, blocks);
         let blocks = write_blocks(&mut self.arena, clusters, &leaves)?;
         let mut slices = Vec::new();
-        for tree in &segments.trees {
+        for tree in &shared.trees {
             let leaves = |_: &mut Arena, of: &[BinaryNode], known: &mut [ChildRef]| {
                 for (node, block) in of.iter().zip(known) {
                     *block = blocks[tree.order[node.first as usize] as usize];
@@ -300,8 +300,8 @@ const ATTEMPTS: usize = 2;
 /// Bytes that every tree may use in addition: the nodes of tiny trees are mostly empty.
 const LEAST_BYTES: usize = 8192;
 
-/// The best temporal split for a sample of neighbouring primitives of a part: trying it with all of them would take
-/// several times as long as building the part.
+/// The best temporal split for a sample of neighbouring primitives of a subtree: trying it with all of them would take
+/// several times as long as building the subtree.
 fn sampled_division<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> Division {
     let count = (ids.len() / SAMPLED).max(LEAST_SAMPLE).min(ids.len());
     let bounds = |&id: &u32| set.bounds(id, TimeInterval::FULL);
@@ -326,8 +326,8 @@ fn further_key_bytes<S: WideSource>(set: &S, id: u32) -> usize {
     (set.leaf_kind(id) as usize).saturating_sub(2) * size_of::<[Vec3; 3]>()
 }
 
-/// A number of primitives that certainly fits one tree ([`WideTree::part`]), whatever the parameters are: each split
-/// into as many references as are allowed, with as many copies as there can be, of 256 bytes and the keys each.
+/// A number of primitives that certainly fits one tree ([`WideTree::subtree`]), whatever the parameters are: each split
+/// into as many references as are allowed, with as many separate trees as there can be, of 256 bytes and the keys each.
 pub(super) fn most_in_part<S: WideSource>(set: &S) -> usize {
     const REFERENCES: usize = 8 * MAX_TIME_SLICES;
     let bent = if set.bent() { (0..set.len() as u32).map(|id| further_key_bytes(set, id)).max() } else { None };

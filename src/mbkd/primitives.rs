@@ -29,8 +29,8 @@ pub(crate) fn build_kd<S: PrimitiveSet>(
     }
     let root = root.pad(1e-5 * root.magnitude());
     for r in &mut references {
-        r.bounds.part =
-            objects.part(r, LinearBox3 { begin: root, end: root }, r.representative_time(params.plane_time));
+        r.bounds.clipped =
+            objects.clipped(r, LinearBox3 { begin: root, end: root }, r.representative_time(params.plane_time));
     }
     let budget = Budget {
         depth: params.depth_for(set.len()),
@@ -58,7 +58,7 @@ impl<S: PrimitiveSet> Primitives<'_, S> {
     pub fn reference(&self, id: u32) -> BoxReference {
         let interval = self.set.active(id);
         let whole = self.bounds(id, interval);
-        Reference { id, interval, bounds: Bounds { whole, part: whole.swept() }, in_sah: true }
+        Reference { id, interval, bounds: Bounds { whole, clipped: whole.swept() }, in_sah: true }
     }
 
     /// The classic tree has no intervals: it uses boxes swept over the shutter, which are static.
@@ -81,18 +81,18 @@ impl<S: PrimitiveSet> Primitives<'_, S> {
         !self.swept() || bounds.begin == bounds.end
     }
 
-    /// Bounds of the part of a reference in a cell at a time of its interval. If nothing of it is in the cell
+    /// The bounds of a reference, clipped to a cell, at a time of its interval. If nothing of it is in the cell
     /// then, the nearest place on the cell's surface.
-    fn part(&self, reference: &BoxReference, cell: LinearBox3, time: f32) -> Box3 {
+    fn clipped(&self, reference: &BoxReference, cell: LinearBox3, time: f32) -> Box3 {
         let cell = cell.at(time);
         let whole = reference.bounds.whole;
-        let part = if self.exact(&whole) {
+        let clipped = if self.exact(&whole) {
             self.set.clipped(reference.id, time, cell)
         } else {
             whole.begin.intersection(cell)
         };
-        if !part.is_empty() {
-            return part;
+        if !clipped.is_empty() {
+            return clipped;
         }
         let duration = reference.interval.duration();
         let w = if duration > 0.0 { (time - reference.interval.begin()) / duration } else { 0.0 };
@@ -132,8 +132,8 @@ impl<S: PrimitiveSet> Moving for Primitives<'_, S> {
         // other time, that would make a leaf of hundreds. So all contribute to the SAH, each at the middle of its
         // interval: at the time that is nearest to mid-shutter most are just entering, on the face of the cell.
         let voter = |r: &BoxReference| {
-            let part = self.part(r, cell, r.interval.middle());
-            Reference { in_sah: true, bounds: Bounds { part, ..r.bounds }, ..*r }
+            let clipped = self.clipped(r, cell, r.interval.middle());
+            Reference { in_sah: true, bounds: Bounds { clipped, ..r.bounds }, ..*r }
         };
         let all: Vec<BoxReference> = normal.iter().chain(bp).map(voter).collect();
         cheapest(&all, best_split(&all, at_plane_time, self.params, |interval| interval.middle()))
@@ -158,11 +158,11 @@ impl<S: PrimitiveSet> Moving for Primitives<'_, S> {
         if crosses && self.exact(&child.bounds.whole) && self.set.is_disjoint(id, interval, over(cell, interval)) {
             return None;
         }
-        // The part changes if the plane cuts it, if its representative time changes, and if the reference
+        // The clipped bounds change if the plane crosses them, if its representative time changes, and if the reference
         // begins to contribute to the SAH.
         let at = |i| representative_time(i, self.params.plane_time);
         if child.in_sah && (crosses || !parent.in_sah || at(interval) != at(parent.interval)) {
-            child.bounds.part = self.part(&child, cell, at(interval));
+            child.bounds.clipped = self.clipped(&child, cell, at(interval));
         }
         Some(child)
     }

@@ -18,10 +18,10 @@ use glam::{DVec3, Vec3};
 /// The bounds of a primitive.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bounds {
-    /// During the interval (the whole primitive, not only its part in the cell).
+    /// During the interval (the whole primitive, not clipped to the cell).
     pub whole: LinearBox3,
-    /// Its part in the node's cell at its representative time (see [`Reference::representative_time`]).
-    pub part: Box3,
+    /// Clipped to the node's cell, at its representative time (see [`Reference::representative_time`]).
+    pub clipped: Box3,
 }
 
 /// A reference of a primitive.
@@ -34,12 +34,12 @@ const _: () = assert!(size_of::<BoxReference>() <= 88);
 const BINS: usize = 32;
 /// Candidate planes per axis: the bins' edges.
 const EDGES: usize = BINS + 1;
-/// The distance of a plane that cuts off empty space from the outermost part, in tree space: rays
-/// that graze the parts then need not visit the empty side.
+/// The distance of a plane that cuts off empty space from the outermost clipped bounds, in tree space: rays
+/// that graze the primitives then need not visit the empty side.
 const MARGIN: f32 = 1e-5;
-/// The distance is at most this fraction of the extent of all parts, or small objects would have large cells.
+/// The distance is at most this fraction of the extent of all of them, or small objects would have large cells.
 const MARGIN_OF_SIZE: f32 = 0.01;
-/// And at least this fraction of the largest coordinate, so that no part lies in the plane.
+/// And at least this fraction of the largest coordinate, so that no primitive lies in the plane.
 const LEAST_MARGIN: f32 = 1e-6;
 
 /// A plane and its cost.
@@ -59,7 +59,7 @@ pub(crate) fn leaf_cost(weight: f64, params: &KdParams) -> f64 {
     f64::from(params.intersection_cost) * weight
 }
 
-/// The cheapest plane through a cell (given at plane time), if there is any candidate. The parts of the contributing
+/// The cheapest plane through a cell (given at plane time), if there is any candidate. The clipped bounds of the contributing
 /// references are those at their `representative` time.
 pub(crate) fn best_split(
     references: &[BoxReference],
@@ -105,7 +105,7 @@ pub(crate) fn best_split(
     best
 }
 
-/// The extent of the parts of the contributing references, and their motion.
+/// The extent of the clipped bounds of the contributing references, and their motion.
 struct Span {
     low: Vec3,
     high: Vec3,
@@ -118,8 +118,8 @@ impl Span {
     fn of(references: &[BoxReference]) -> Span {
         let mut span = Span { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY, way: DVec3::ZERO, time: 0.0 };
         for r in references.iter().filter(|r| r.in_sah) {
-            span.low = span.low.min(r.bounds.part.min);
-            span.high = span.high.max(r.bounds.part.max);
+            span.low = span.low.min(r.bounds.clipped.min);
+            span.high = span.high.max(r.bounds.clipped.max);
             let (b, e) = (r.bounds.whole.begin, r.bounds.whole.end);
             span.way += ((e.min - b.min) + (e.max - b.max)).as_dvec3() * 0.5;
             span.time += f64::from(r.interval.duration());
@@ -137,7 +137,7 @@ impl Span {
     }
 }
 
-/// The candidate planes of one axis, evenly spaced over the extent of the parts of the references.
+/// The candidate planes of one axis, evenly spaced over the extent of the clipped bounds of the references.
 struct Edges {
     low: f32,
     width: f32,
@@ -274,14 +274,14 @@ struct Lines {
     upper: [Vec3; 2],
 }
 
-/// The bounds of a reference, shrunk to its part in the cell at its representative time `voted`.
+/// The bounds of a reference, shrunk to the clipped ones at its representative time `voted`.
 #[inline(always)]
 fn lines(r: &BoxReference, voted: f32) -> Lines {
     let (begin, end) = (r.interval.begin(), r.interval.end());
     let w = if end > begin { (voted - begin) / (end - begin) } else { 0.0 };
     let (b, e) = (r.bounds.whole.begin, r.bounds.whole.end);
-    // The difference between the part in the cell and the whole primitive, at the representative time.
-    let raise = r.bounds.part.min - (b.min + (e.min - b.min) * w);
-    let lower = r.bounds.part.max - (b.max + (e.max - b.max) * w);
+    // The difference between the clipped bounds and those of the whole primitive, at the representative time.
+    let raise = r.bounds.clipped.min - (b.min + (e.min - b.min) * w);
+    let lower = r.bounds.clipped.max - (b.max + (e.max - b.max) * w);
     Lines { lower: [b.min + raise, e.min + raise], upper: [b.max + lower, e.max + lower] }
 }

@@ -17,8 +17,8 @@ impl BuildTimes {
         self.propagation += other.propagation;
     }
 
-    pub fn share(&self, part: Duration) -> f64 {
+    pub fn share(&self, of: Duration) -> f64 {
         let all = (self.planes + self.duplication + self.propagation).as_secs_f64();
-        if all > 0.0 { part.as_secs_f64() / all } else { 0.0 }
+        if all > 0.0 { of.as_secs_f64() / all } else { 0.0 }
     }
 }

@@ -12,7 +12,7 @@ use super::static_file::StaticRecord;
 use super::statistics::{PointLayerKind, PointLayerStatistics, PointStatistics};
 use super::tree::PointTree;
 use crate::file::{self, Decoder, Encoder, FileError, FileKind, broken, require};
-use crate::limits::{MAX_KEYS, MAX_SLABS};
+use crate::limits::{MAX_KEYS, MAX_POINT_TIME_SLICES};
 use crate::simd::SimdLevel;
 use glam::DVec3;
 use std::io::{Read, Write};
@@ -242,7 +242,7 @@ impl LayerRecord {
 
 /// The time slices of a layer with this many trees.
 fn time_slices_of(keys: usize, per_segment: usize, trees: usize) -> Result<Vec<TimeSlice>, FileError> {
-    let known = (1..=MAX_KEYS).contains(&keys) && (1..=MAX_SLABS).contains(&per_segment);
+    let known = (1..=MAX_KEYS).contains(&keys) && (1..=MAX_POINT_TIME_SLICES).contains(&per_segment);
     // Some slices are so short that they contain no time.
     let few = known && (keys - 1).max(1) * per_segment <= 8 * trees;
     let slices = if few { time_slices(keys, per_segment) } else { Vec::new() };

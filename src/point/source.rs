@@ -47,7 +47,7 @@ impl Source {
         let mut active = Vec::new();
         let mut ids = Vec::new();
         for point in 0..if is_plain(points, len) { 0 } else { len } {
-            let (own, id) = (points.alive(point), points.id(point));
+            let (own, id) = (points.active(point), points.id(point));
             if id == u32::MAX {
                 return Err(PointError::ReservedId { point });
             }
@@ -195,7 +195,7 @@ fn sizes<P: PointSet + ?Sized>(points: &P) -> Result<(usize, usize), PointError>
 
 /// Whether all points live throughout, and ids are indices.
 fn is_plain<P: PointSet + ?Sized>(points: &P, len: usize) -> bool {
-    let plain = |point: usize| points.alive(point) == TimeInterval::FULL && points.id(point) == point as u32;
+    let plain = |point: usize| points.active(point) == TimeInterval::FULL && points.id(point) == point as u32;
     let all = parallel::chunks(len, |range| range.fold(true, |all, point| all & plain(point)));
     all.into_iter().all(|plain| plain)
 }

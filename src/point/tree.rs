@@ -11,7 +11,7 @@ use super::source::{Source, read_static};
 use super::static_tree::StaticTree;
 use super::statistics::{PointLayerKind, PointLayerStatistics, PointStatistics};
 use crate::geometry::TimeInterval;
-use crate::limits::MAX_SLABS;
+use crate::limits::MAX_POINT_TIME_SLICES;
 use crate::primitive::PointSet;
 use crate::progress::{Callback, Progress};
 use crate::simd::{PointBlock, SimdLevel};
@@ -28,7 +28,7 @@ pub enum PointStructure {
     /// Linear boxes over the whole shutter, without splits: best for coherent or small motion.
     Linear,
     /// Linear boxes in this many trees (at least 1), one per time slice: best for long incoherent motion.
-    Slabs(usize),
+    TimeSlices(usize),
     /// The k-d tree of the paper. A point that crosses a plane is stored on both sides, on each with the time it spends there.
     Mbkd,
 }
@@ -37,7 +37,7 @@ pub enum PointStructure {
 ///
 /// ```
 /// use mbkd::{PointParams, PointStructure};
-/// let params = PointParams { structure: PointStructure::Slabs(4), ..PointParams::default() };
+/// let params = PointParams { structure: PointStructure::TimeSlices(4), ..PointParams::default() };
 /// # let _ = params;
 /// ```
 #[derive(Clone, Debug, PartialEq)]
@@ -46,7 +46,7 @@ pub struct PointParams {
     /// structure.
     pub structure: PointStructure,
     /// The greatest number of references per point, in the k-d tree and over time slices; at least 1, default 8. A
-    /// reference takes 32 to 48 bytes. Slabs that are requested explicitly are not limited.
+    /// reference takes 32 to 48 bytes. Time slices that are requested explicitly are not limited.
     pub max_references: f32,
     /// Whether positions given in f64 are rounded to f32, relative to the middle of the set. They are then off by up to
     /// 2^-25 of its size, but need as little memory and time as f32 positions. Default: no; answers are exact in f64. (If
@@ -75,8 +75,8 @@ impl PointParams {
             return Err(PointError::Parameter { name: "max_references", expected: "from 1 to 1024" });
         }
         match self.structure {
-            PointStructure::Slabs(n) if n == 0 || n > MAX_SLABS => {
-                Err(PointError::Parameter { name: "structure", expected: "Slabs with 1 to 1024 of them" })
+            PointStructure::TimeSlices(n) if n == 0 || n > MAX_POINT_TIME_SLICES => {
+                Err(PointError::Parameter { name: "structure", expected: "1 to 1024 time slices, if it is TimeSlices" })
             }
             _ => Ok(()),
         }
@@ -399,7 +399,7 @@ fn forced(params: &PointParams) -> Option<Plan> {
     match params.structure {
         PointStructure::Automatic => None,
         PointStructure::Linear => Some(Plan::Boxes(1)),
-        PointStructure::Slabs(slices) => Some(Plan::Boxes(slices)),
+        PointStructure::TimeSlices(slices) => Some(Plan::Boxes(slices)),
         PointStructure::Mbkd => Some(Plan::Planes(params.max_references)),
     }
 }

@@ -95,7 +95,7 @@ pub trait PointSet: Sync {
     /// The position of a point at a key.
     fn position(&self, point: usize, key: usize) -> DVec3;
     /// The active interval of a point.
-    fn alive(&self, _point: usize) -> TimeInterval {
+    fn active(&self, _point: usize) -> TimeInterval {
         TimeInterval::FULL
     }
     /// The id that answers carry for a point: its index unless overridden. `u32::MAX` is reserved.
@@ -124,7 +124,7 @@ impl<P: Position> PointSet for [P] {
 /// ```
 /// use mbkd::{MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
 /// let photons = [
-///     MovingPoint::fixed(Vec3::ZERO).alive(TimeInterval::new(0.0, 0.5)?),
+///     MovingPoint::fixed(Vec3::ZERO).active(TimeInterval::new(0.0, 0.5)?),
 ///     MovingPoint::new(Vec3::X, -Vec3::X),
 /// ];
 /// let tree = PointTree::build(&photons, &PointParams::default())?;
@@ -139,13 +139,13 @@ pub struct MovingPoint {
     /// Position at time 1.
     pub close: Vec3,
     /// The active interval.
-    pub alive: TimeInterval,
+    pub active: TimeInterval,
 }
 
 impl MovingPoint {
     /// A point that is active throughout the shutter.
     pub fn new(open: Vec3, close: Vec3) -> MovingPoint {
-        MovingPoint { open, close, alive: TimeInterval::FULL }
+        MovingPoint { open, close, active: TimeInterval::FULL }
     }
 
     /// A static point.
@@ -154,8 +154,8 @@ impl MovingPoint {
     }
 
     /// The same point, active during `interval` only.
-    pub fn alive(self, interval: TimeInterval) -> MovingPoint {
-        MovingPoint { alive: interval, ..self }
+    pub fn active(self, interval: TimeInterval) -> MovingPoint {
+        MovingPoint { active: interval, ..self }
     }
 }
 
@@ -173,8 +173,8 @@ impl PointSet for [MovingPoint] {
         (if key == 0 { point.open } else { point.close }).as_dvec3()
     }
     #[inline(always)]
-    fn alive(&self, point: usize) -> TimeInterval {
-        self[point].alive
+    fn active(&self, point: usize) -> TimeInterval {
+        self[point].active
     }
 }
 
@@ -183,7 +183,7 @@ impl PointSet for [MovingPoint] {
 /// ```
 /// use mbkd::{PointArrays, PointParams, PointTree};
 /// let (a, b, c) = ([[0.0, 0.0, 0.0f64]], [[1.0, 0.0, 0.0]], [[1.0, 1.0, 0.0]]);
-/// let set = PointArrays { keys: &[&a, &b, &c], alive: &[], ids: &[77] };
+/// let set = PointArrays { keys: &[&a, &b, &c], active: &[], ids: &[77] };
 /// let tree = PointTree::build(&set, &PointParams::default())?;
 /// let found = tree.nearest([1.0f64, 0.5, 0.0], 0.75).unwrap();
 /// assert_eq!((found.id, found.distance_squared), (77, 0.0));
@@ -194,7 +194,7 @@ pub struct PointArrays<'a, P> {
     /// Positions at each key, the keys spaced evenly over the shutter.
     pub keys: &'a [&'a [P]],
     /// Active intervals of the points; empty: throughout the shutter.
-    pub alive: &'a [TimeInterval],
+    pub active: &'a [TimeInterval],
     /// The points' ids; empty: their indices.
     pub ids: &'a [u32],
 }
@@ -212,8 +212,8 @@ impl<P: Position> PointSet for PointArrays<'_, P> {
         self.keys[key][point].wide()
     }
     #[inline(always)]
-    fn alive(&self, point: usize) -> TimeInterval {
-        self.alive.get(point).copied().unwrap_or(TimeInterval::FULL)
+    fn active(&self, point: usize) -> TimeInterval {
+        self.active.get(point).copied().unwrap_or(TimeInterval::FULL)
     }
     #[inline(always)]
     fn id(&self, point: usize) -> u32 {
@@ -225,8 +225,8 @@ impl<P: Position> PointSet for PointArrays<'_, P> {
             return Some(("keys", points, key.len()));
         }
         let bad = |array: usize| array != 0 && array != points;
-        if bad(self.alive.len()) {
-            return Some(("alive", points, self.alive.len()));
+        if bad(self.active.len()) {
+            return Some(("active", points, self.active.len()));
         }
         bad(self.ids.len()).then_some(("ids", points, self.ids.len()))
     }
@@ -283,8 +283,8 @@ macro_rules! as_slice {
                 self[..].position(point, key)
             }
             #[inline(always)]
-            fn alive(&self, point: usize) -> TimeInterval {
-                self[..].alive(point)
+            fn active(&self, point: usize) -> TimeInterval {
+                self[..].active(point)
             }
         }
     };

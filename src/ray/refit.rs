@@ -224,7 +224,9 @@ mod tests {
 
     #[test]
     fn results_do_not_depend_on_threads_or_on_the_meshes_named_as_moved() {
-        for (division, most) in [(Division::Automatic, 1.5), (Division::Segments(3), 1.5), (Division::Copies(2), 1.0)] {
+        for (division, most) in
+            [(Division::Automatic, 1.5), (Division::SharedLeaves(3), 1.5), (Division::SeparateTrees(2), 1.0)]
+        {
             let first = hall(0);
             let figure = [first.len() - 2, first.len() - 1];
             let mut trees: Vec<RayTree> = (0..4).map(|_| build(&first, division, most)).collect();

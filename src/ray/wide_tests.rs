@@ -129,11 +129,11 @@ fn a_choice_per_region_takes_less_work_than_one_global_choice_of_no_more_memory(
     let mut compared = 0;
     for division in [
         Division::Whole,
-        Division::Segments(2),
-        Division::Segments(4),
-        Division::Copies(2),
-        Division::Copies(3),
-        Division::Copies(4),
+        Division::SharedLeaves(2),
+        Division::SharedLeaves(4),
+        Division::SeparateTrees(2),
+        Division::SeparateTrees(3),
+        Division::SeparateTrees(4),
     ] {
         let (bytes, tree) = of(division);
         if bytes <= size {
@@ -177,19 +177,19 @@ fn chosen_divisions_answer_like_brute_force() {
     let oracle = BruteForce::new(&meshes).unwrap();
     for division in [
         Division::Whole,
-        Division::Segments(2),
-        Division::Segments(3),
-        Division::Segments(16),
-        Division::Copies(2),
-        Division::Copies(5),
-        Division::Copies(16),
+        Division::SharedLeaves(2),
+        Division::SharedLeaves(3),
+        Division::SharedLeaves(16),
+        Division::SeparateTrees(2),
+        Division::SeparateTrees(5),
+        Division::SeparateTrees(16),
     ] {
         let tree =
             RayTree::build(&meshes, &BuildParams::wide(WideParams { division, ..WideParams::default() })).unwrap();
         tree.validate().unwrap();
         let references = tree.statistics().references;
         match division {
-            Division::Copies(n) => assert_eq!(references, 1500 * n),
+            Division::SeparateTrees(n) => assert_eq!(references, 1500 * n),
             // The mesh of three keys has one copy with all keys.
             _ => assert_eq!(references, 1500),
         }
@@ -240,7 +240,7 @@ fn corners_come_back_from_leaf_blocks_as_they_were_given() {
     meshes.extend(scene::hall(3000).meshes);
     meshes.extend(scene::needles(2000, 0.05).meshes);
     let listed = RayTree::build(&meshes, &BuildParams::paper()).unwrap();
-    for division in [Division::Automatic, Division::Segments(3), Division::Copies(2)] {
+    for division in [Division::Automatic, Division::SharedLeaves(3), Division::SeparateTrees(2)] {
         let tree =
             RayTree::build(&meshes, &BuildParams::wide(WideParams { division, ..WideParams::default() })).unwrap();
         tree.validate().unwrap();

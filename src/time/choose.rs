@@ -2,16 +2,16 @@
 //!
 //! Boxes over the whole shutter are tight for static primitives and for coherent motion, and wide where neighbours move
 //! apart. So a static building, a walking crowd and a shattering object want different trees, and they get them: a
-//! subtree of the draft for the whole shutter may be replaced by a time node over several hierarchies (*segments*,
-//! which share their leaf blocks) or over several trees (*copies*).
+//! subtree of the draft for the whole shutter may be replaced by a time node over several hierarchies
+//! that share their leaf blocks, or over several separate trees.
 //!
 //! A greedy decision at one node cannot see the gain of splits further down, and building all alternatives would take
 //! many times as long as the build itself. So there are two steps. The first one makes a map: the tree is divided into
-//! some hundred *pieces*, and a small sample of each piece shows how much smaller its boxes would be if they were made
-//! for each half of the shutter. If they are hardly smaller, the piece needs no split. *Regions* are the subtrees with
-//! the greatest total gain, each with enough gain of its own and of similar pieces. The second step builds, for each
+//! some hundred *treelets*, and a small sample of each treelet shows how much smaller its boxes would be if they were made
+//! for each half of the shutter. If they are hardly smaller, the treelet needs no split. *Regions* are the subtrees with
+//! the greatest total gain, each with enough gain of its own and of similar treelets. The second step builds, for each
 //! region, alternatives over samples and compares their expected costs, weighted by the memory they take; finer splits
-//! are tried only while the last step paid. If every split of a region with dissimilar parts is rejected, its parts are
+//! are tried only while the last step paid. If every split of a region with dissimilar halves is rejected, its halves are
 //! tried separately: slow stars around a fast core would hide the core. Neighbours with the same decision are joined
 //! into one region, so a homogeneous scene gets one tree with one split.
 
@@ -24,8 +24,8 @@ use crate::parallel;
 use crate::params::{Division, WideParams};
 use crate::primitive::PrimitiveSet;
 use crate::tuning::slices::{
-    FEW, LEAST_PIECE, LEVELS, LOOK, MAX_AREA_OF_HALVES, MAX_DIFFERENCE, MAX_SPLIT_COST, MAX_TWO_SLICES_COST, MIN_GAIN,
-    NEAR_MOMENT, NODE_BYTES_SHARE, NODE_LATENCY_SHARE, PIECES, SAMPLE, SAMPLES,
+    FEW, LEAST_TREELET, LEVELS, MAX_AREA_OF_HALVES, MAX_DIFFERENCE, MAX_SPLIT_COST, MAX_TWO_SLICES_COST, MIN_GAIN,
+    NEAR_INSTANT_COST, NODE_BYTES_SHARE, NODE_LATENCY_SHARE, SAMPLE, SAMPLES, TREELET_SAMPLE, TREELETS,
 };
 use crate::tuning::wide::BYTES_PER_REFERENCE;
 
@@ -39,7 +39,7 @@ pub(crate) struct Region {
     pub cost: f32,
 }
 
-/// Copies never make the tree larger than this: three quarters of the range of its references.
+/// Separate trees never take more bytes than this: three quarters of the range of its references.
 const MOST_BYTES: f64 = 1.5 * (1u64 << 30) as f64;
 
 /// The regions of a draft for the whole shutter, in the order of their nodes; none lies below another.
@@ -51,9 +51,9 @@ pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &WidePara
         division => return forced(division),
     }
     let mut found = Vec::new();
-    let pieces = pieces(set, draft);
-    let least = MIN_GAIN * Sum::of(&pieces).cost;
-    find(draft, 0, &pieces, least, &mut found);
+    let treelets = treelets(set, draft);
+    let least = MIN_GAIN * Sum::of(&treelets).cost;
+    find(draft, 0, &treelets, least, &mut found);
     let growth = Growth::allowed(draft, &found, params);
     let decide = |node| decide(set, draft, node, growth, params);
     let mut decided = Vec::new();
@@ -63,18 +63,18 @@ pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &WidePara
     joined(&draft.binary, 0, decided)
 }
 
-/// Appends the regions of a candidate: itself or, if it is rejected and its parts are dissimilar, those of both halves.
+/// Appends the regions of a candidate: itself or, if it is rejected and its halves are dissimilar, those of both halves.
 fn divided(
     draft: &Draft,
-    Candidate { node, pieces }: Candidate<'_>,
+    Candidate { node, treelets }: Candidate<'_>,
     least: f32,
     decide: &impl Fn(u32) -> Option<Region>,
     regions: &mut Vec<Region>,
 ) {
     if let Some(region) = decide(node) {
         regions.push(region);
-    } else if pieces.len() > 1 && difference(means(draft, node, pieces, LEVELS)) > MAX_DIFFERENCE {
-        let (right, low, high) = sides(draft, node, pieces);
+    } else if treelets.len() > 1 && difference(means(draft, node, treelets, LEVELS)) > MAX_DIFFERENCE {
+        let (right, low, high) = sides(draft, node, treelets);
         let mut found = Vec::new();
         find(draft, node + 1, low, least, &mut found);
         find(draft, right, high, least, &mut found);
@@ -86,7 +86,7 @@ fn divided(
 
 /// A small subtree and its estimates.
 #[derive(Clone, Copy, Debug)]
-struct Piece {
+struct Treelet {
     node: u32,
     /// Expected cost of a ray in it.
     cost: f32,
@@ -94,17 +94,17 @@ struct Piece {
     halves: f32,
 }
 
-/// A subtree that may gain from a split, and its pieces.
+/// A subtree that may gain from a split, and its treelets.
 #[derive(Clone, Copy)]
 struct Candidate<'a> {
     node: u32,
-    pieces: &'a [Piece],
+    treelets: &'a [Treelet],
 }
 
-/// Divides a draft into pieces, in order.
-fn pieces<S: PrimitiveSet>(set: &S, draft: &Draft) -> Vec<Piece> {
+/// Divides a draft into treelets, in order.
+fn treelets<S: PrimitiveSet>(set: &S, draft: &Draft) -> Vec<Treelet> {
     let Some(root) = draft.binary.first().filter(|root| root.moving) else { return Vec::new() };
-    let most = (root.count as usize / PIECES).max(LEAST_PIECE) as u32;
+    let most = (root.count as usize / TREELETS).max(LEAST_TREELET) as u32;
     let (mut nodes, mut stack) = (Vec::new(), vec![0]);
     while let Some(x) = stack.pop() {
         let node = &draft.binary[x as usize];
@@ -116,12 +116,12 @@ fn pieces<S: PrimitiveSet>(set: &S, draft: &Draft) -> Vec<Piece> {
     }
     parallel::map(nodes.len(), |i| {
         let mut areas = Areas::default();
-        let x = descend(&draft.binary, nodes[i], draft.binary[nodes[i] as usize].count / 2, LOOK);
+        let x = descend(&draft.binary, nodes[i], draft.binary[nodes[i] as usize].count / 2, TREELET_SAMPLE);
         if draft.binary[x as usize].moving {
-            look(set, draft, x, &mut areas);
+            add_areas(set, draft, x, &mut areas);
         }
         let halves = if areas.whole > 0.0 { (areas.halves / areas.whole).min(1.0) } else { 1.0 };
-        Piece { node: nodes[i], cost: draft.collapse.cost(nodes[i]), halves }
+        Treelet { node: nodes[i], cost: draft.collapse.cost(nodes[i]), halves }
     })
 }
 
@@ -133,14 +133,14 @@ struct Areas {
 }
 
 /// Adds the areas of the boxes of a small subtree; returns its boxes for both halves of the shutter.
-fn look<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32, areas: &mut Areas) -> [LinearBox3; 2] {
+fn add_areas<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32, areas: &mut Areas) -> [LinearBox3; 2] {
     let node = &draft.binary[x as usize];
     let union = |[a, b]: [LinearBox3; 2], [c, d]: [LinearBox3; 2]| [a.union(c), b.union(d)];
     let halves = if node.right == 0 {
         let of = draft.references(node).iter().map(|r| in_halves(set, draft, r));
         of.fold([LinearBox3::EMPTY; 2], union)
     } else {
-        union(look(set, draft, x + 1, areas), look(set, draft, x + node.right, areas))
+        union(add_areas(set, draft, x + 1, areas), add_areas(set, draft, x + node.right, areas))
     };
     areas.whole += mean_half_area(&node.bounds);
     areas.halves += 0.5 * halves.iter().map(mean_half_area).sum::<f32>();
@@ -157,7 +157,7 @@ fn in_halves<S: PrimitiveSet>(set: &S, draft: &Draft, r: &Reference) -> [LinearB
     [LinearBox3 { begin, end: first.end }, LinearBox3 { begin: first.end, end }]
 }
 
-/// Sums over pieces, weighted by their costs.
+/// Sums over treelets, weighted by their costs.
 #[derive(Clone, Copy, Default)]
 struct Sum {
     cost: f32,
@@ -165,11 +165,11 @@ struct Sum {
 }
 
 impl Sum {
-    fn of(pieces: &[Piece]) -> Sum {
+    fn of(treelets: &[Treelet]) -> Sum {
         let mut sum = Sum::default();
-        for piece in pieces {
-            sum.cost += piece.cost;
-            sum.halves += piece.cost * piece.halves;
+        for treelet in treelets {
+            sum.cost += treelet.cost;
+            sum.halves += treelet.cost * treelet.halves;
         }
         sum
     }
@@ -184,55 +184,56 @@ impl Sum {
     }
 }
 
-/// The right child of a node, and the pieces of both sides.
-fn sides<'a>(draft: &Draft, x: u32, pieces: &'a [Piece]) -> (u32, &'a [Piece], &'a [Piece]) {
+/// The right child of a node, and the treelets of both sides.
+fn sides<'a>(draft: &Draft, x: u32, treelets: &'a [Treelet]) -> (u32, &'a [Treelet], &'a [Treelet]) {
     let right = x + draft.binary[x as usize].right;
-    let (low, high) = pieces.split_at(pieces.partition_point(|p| p.node < right));
+    let (low, high) = treelets.split_at(treelets.partition_point(|p| p.node < right));
     (right, low, high)
 }
 
-/// Appends the subtrees of `x`, which consists of `pieces`, that gain most from a split, each at least `least`; returns
+/// Appends the subtrees of `x`, which consists of `treelets`, that gain most from a split, each at least `least`; returns
 /// their total gain.
-fn find<'a>(draft: &Draft, x: u32, pieces: &'a [Piece], least: f32, found: &mut Vec<Candidate<'a>>) -> f32 {
-    if pieces.iter().all(|p| p.halves >= MAX_AREA_OF_HALVES) {
+fn find<'a>(draft: &Draft, x: u32, treelets: &'a [Treelet], least: f32, found: &mut Vec<Candidate<'a>>) -> f32 {
+    if treelets.iter().all(|p| p.halves >= MAX_AREA_OF_HALVES) {
         return 0.0;
     }
-    let own = Sum::of(pieces).gain() - least;
+    let own = Sum::of(treelets).gain() - least;
     let before = found.len();
-    let apart = match pieces.len() {
+    let separately = match treelets.len() {
         1 => 0.0,
         _ => {
-            let (right, low, high) = sides(draft, x, pieces);
+            let (right, low, high) = sides(draft, x, treelets);
             find(draft, x + 1, low, least, found) + find(draft, right, high, least, found)
         }
     };
-    if own <= apart.max(0.0) {
-        return apart;
+    if own <= separately.max(0.0) {
+        return separately;
     }
     found.truncate(before);
-    part(draft, x, pieces, found);
+    add_candidates(draft, x, treelets, found);
     own
 }
 
 /// Appends a subtree that is to be split; if its halves are dissimilar, each half separately.
-fn part<'a>(draft: &Draft, x: u32, pieces: &'a [Piece], found: &mut Vec<Candidate<'a>>) {
-    if pieces.len() > 1 && difference(means(draft, x, pieces, 1)) > MAX_DIFFERENCE {
-        let (right, low, high) = sides(draft, x, pieces);
-        part(draft, x + 1, low, found);
-        part(draft, right, high, found);
+fn add_candidates<'a>(draft: &Draft, x: u32, treelets: &'a [Treelet], found: &mut Vec<Candidate<'a>>) {
+    if treelets.len() > 1 && difference(means(draft, x, treelets, 1)) > MAX_DIFFERENCE {
+        let (right, low, high) = sides(draft, x, treelets);
+        add_candidates(draft, x + 1, low, found);
+        add_candidates(draft, right, high, found);
         return;
     }
-    found.push(Candidate { node: x, pieces });
+    found.push(Candidate { node: x, treelets });
 }
 
 /// The least and the greatest mean of the subtrees `levels` levels below a node. Below the first level a subtree of few
-/// pieces is not divided further, since a mean over so few is noisy.
-fn means(draft: &Draft, x: u32, pieces: &[Piece], levels: usize) -> [f32; 2] {
-    if levels == 0 || pieces.len() < 2 {
-        return [Sum::of(pieces).mean(); 2];
+/// treelets is not divided further, since a mean over so few is noisy.
+fn means(draft: &Draft, x: u32, treelets: &[Treelet], levels: usize) -> [f32; 2] {
+    if levels == 0 || treelets.len() < 2 {
+        return [Sum::of(treelets).mean(); 2];
     }
-    let (right, low, high) = sides(draft, x, pieces);
-    let below = |x: u32, pieces: &[Piece]| means(draft, x, pieces, if pieces.len() < FEW { 0 } else { levels - 1 });
+    let (right, low, high) = sides(draft, x, treelets);
+    let below =
+        |x: u32, treelets: &[Treelet]| means(draft, x, treelets, if treelets.len() < FEW { 0 } else { levels - 1 });
     let (low, high) = (below(x + 1, low), below(right, high));
     [low[0].min(high[0]), low[1].max(high[1])]
 }
@@ -259,8 +260,8 @@ impl Growth {
     fn by(division: Division, nodes: f32) -> f32 {
         match division {
             Division::Automatic | Division::Whole => 1.0,
-            Division::Segments(count) => 1.0 + nodes * (count - 1) as f32,
-            Division::Copies(count) => count as f32,
+            Division::SharedLeaves(count) => 1.0 + nodes * (count - 1) as f32,
+            Division::SeparateTrees(count) => count as f32,
         }
     }
 }
@@ -277,19 +278,19 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
     let samples = samples(draft, node);
     let (moving, unmoved): (Vec<u32>, Vec<u32>) = samples.iter().partition(|&&x| draft.binary[x as usize].moving);
     let cost_of = |of: &[u32]| of.iter().map(|&x| draft.collapse.cost(x)).sum::<f32>();
-    let (whole, still) = (cost_of(&samples), cost_of(&unmoved));
+    let (whole, unmoved_cost) = (cost_of(&samples), cost_of(&unmoved));
     let cost = |division: Division| {
         let each = |i: usize| match division {
-            Division::Segments(count) => SharedLeaves::build(set, draft, moving[i], count).cost(),
-            Division::Copies(count) => copies_cost(set, draft, moving[i], count, params),
+            Division::SharedLeaves(count) => SharedLeaves::build(set, draft, moving[i], count).cost(),
+            Division::SeparateTrees(count) => separate_trees_cost(set, draft, moving[i], count, params),
             Division::Automatic | Division::Whole => draft.collapse.cost(moving[i]),
         };
-        (still + parallel::map(moving.len(), each).into_iter().sum::<f32>()) / whole
+        (unmoved_cost + parallel::map(moving.len(), each).into_iter().sum::<f32>()) / whole
     };
     let mut best = (MAX_SPLIT_COST, Division::Whole, 1.0);
     // Doubles the number of slices as long as that pays; returns the cost of two slices. The first step may fall a
     // little short.
-    let climb = |kind: fn(usize) -> Division, best: &mut (f32, Division, f32)| {
+    let try_slices = |kind: fn(usize) -> Division, best: &mut (f32, Division, f32)| {
         let (mut last, mut two, mut count) = (1.1 * best.0, 1.0, 2);
         while count <= MAX_TIME_SLICES && Growth::by(kind(count), NODE_BYTES_SHARE) <= most.0 {
             let cost = cost(kind(count));
@@ -307,22 +308,22 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
         }
         two
     };
-    let two = climb(Division::Segments, &mut best);
-    // Bent motion is split for its chords, which segments do as well as copies. The cost of copies is at least that of
-    // the tree for a moment.
-    let at_best = || (still + moving.iter().map(|&x| moment_cost(set, draft, x, params)).sum::<f32>()) / whole;
-    let done = set.bent() && best.2 < 1.0 && best.2 <= NEAR_MOMENT * at_best();
+    let two = try_slices(Division::SharedLeaves, &mut best);
+    // Bent motion is split for its chords, which shared leaves do as well as separate trees. The cost of separate trees is at
+    // least that of the tree for an instant.
+    let at_best = || (unmoved_cost + moving.iter().map(|&x| instant_cost(set, draft, x, params)).sum::<f32>()) / whole;
+    let done = set.bent() && best.2 < 1.0 && best.2 <= NEAR_INSTANT_COST * at_best();
     if two <= MAX_TWO_SLICES_COST && !done {
-        climb(Division::Copies, &mut best);
+        try_slices(Division::SeparateTrees, &mut best);
     }
     let (_, division, cost) = best;
     (division != Division::Whole).then(|| Region { node, division, cost: cost * draft.collapse.cost(node) })
 }
 
 /// Mean cost of separate trees for equal time slices over the primitives of a subtree.
-fn copies_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, count: usize, params: &WideParams) -> f32 {
+fn separate_trees_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, count: usize, params: &WideParams) -> f32 {
     let ids = primitives(draft, of);
-    let params = params_of_copies(params, count);
+    let params = params_of_each_tree(params, count);
     let cost = |i: usize| {
         draft_tree(set, &ids, TimeSlice { index: i, of: count }, &params, Some(draft.cost_model)).collapse.total()
     };
@@ -330,14 +331,14 @@ fn copies_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, count: usize, p
 }
 
 /// Cost of a tree for a short time in the middle of the shutter.
-fn moment_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, params: &WideParams) -> f32 {
+fn instant_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, params: &WideParams) -> f32 {
     let slice = TimeSlice { index: MAX_TIME_SLICES / 2, of: MAX_TIME_SLICES };
-    let params = params_of_copies(params, MAX_TIME_SLICES);
+    let params = params_of_each_tree(params, MAX_TIME_SLICES);
     draft_tree(set, &primitives(draft, of), slice, &params, Some(draft.cost_model)).collapse.total()
 }
 
-/// The parameters of one copy: the memory for pre-splitting is divided between the copies.
-pub(crate) fn params_of_copies(params: &WideParams, count: usize) -> WideParams {
+/// The parameters of one of several separate trees, between which the memory for pre-splitting is divided.
+pub(crate) fn params_of_each_tree(params: &WideParams, count: usize) -> WideParams {
     WideParams { bytes_per_primitive: params.bytes_per_primitive / count as f32, ..*params }
 }
 
@@ -434,9 +435,9 @@ mod tests {
         let scene = scene::mixed(60_000);
         let (regions, inside) = regions_of(&scene);
         assert!(!regions.is_empty() && regions.len() <= 8, "{regions:?}");
-        assert!(regions.iter().all(|r| matches!(r.division, Division::Copies(2..))), "{regions:?}");
+        assert!(regions.iter().all(|r| matches!(r.division, Division::SeparateTrees(2..))), "{regions:?}");
         let (tornado, others) = inside.split_last().unwrap();
-        // Some of the debris flies close to the columns and the rock, and pieces are hundreds of triangles.
+        // Some of the debris flies close to the columns and the rock, and treelets are hundreds of triangles.
         let (columns, rock) = (others[0], others[others.len() - 1]);
         assert!(*tornado > 0.75 && columns < 0.05 && rock < 0.2, "{inside:?}");
     }
@@ -447,7 +448,7 @@ mod tests {
             assert_eq!(regions_of(&still_or_alike).0, []);
         }
         let (regions, _) = regions_of(&scene::tornado(20_000));
-        assert!(matches!(regions[..], [Region { node: 0, division: Division::Copies(4..), .. }]), "{regions:?}");
+        assert!(matches!(regions[..], [Region { node: 0, division: Division::SeparateTrees(4..), .. }]), "{regions:?}");
     }
 
     #[test]
@@ -456,30 +457,30 @@ mod tests {
         let set = Triangles::new(&scene.meshes).unwrap();
         let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
         let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &WideParams::default(), None);
-        let mut pieces = pieces(&set, &draft);
-        let (right, low, high) = sides(&draft, 0, &pieces);
+        let mut treelets = treelets(&set, &draft);
+        let (right, low, high) = sides(&draft, 0, &treelets);
         let middles = [sides(&draft, 1, low).0, sides(&draft, right, high).0];
         assert!(low.len() >= FEW && high.len() >= FEW);
         // Both halves are alike, and half of each would gain much.
-        for piece in &mut pieces {
-            let fast = piece.node < middles[0] || (right..middles[1]).contains(&piece.node);
-            piece.halves = if fast { 0.4 } else { 0.95 };
+        for treelet in &mut treelets {
+            let fast = treelet.node < middles[0] || (right..middles[1]).contains(&treelet.node);
+            treelet.halves = if fast { 0.4 } else { 0.95 };
         }
-        assert!(difference(means(&draft, 0, &pieces, 1)) < MAX_DIFFERENCE);
+        assert!(difference(means(&draft, 0, &treelets, 1)) < MAX_DIFFERENCE);
         let refuses_whole = |node: u32| {
-            let region = Region { node, division: Division::Segments(2), cost: 0.0 };
+            let region = Region { node, division: Division::SharedLeaves(2), cost: 0.0 };
             (node != 0).then_some(region)
         };
-        let divided = |pieces: &[Piece]| {
+        let divided = |treelets: &[Treelet]| {
             let mut regions = Vec::new();
-            let least = MIN_GAIN * Sum::of(pieces).cost;
-            divided(&draft, Candidate { node: 0, pieces }, least, &refuses_whole, &mut regions);
+            let least = MIN_GAIN * Sum::of(treelets).cost;
+            divided(&draft, Candidate { node: 0, treelets }, least, &refuses_whole, &mut regions);
             regions.iter().map(|region| region.node).collect::<Vec<_>>()
         };
-        assert_eq!(divided(&pieces), [2, right + 1]);
-        for piece in &mut pieces {
-            piece.halves = 0.6;
+        assert_eq!(divided(&treelets), [2, right + 1]);
+        for treelet in &mut treelets {
+            treelet.halves = 0.6;
         }
-        assert_eq!(divided(&pieces), []);
+        assert_eq!(divided(&treelets), []);
     }
 }

@@ -37,7 +37,7 @@ pub(crate) struct Draft {
     pub references: Vec<Reference>,
     /// The number of primitives that they refer to.
     pub primitives: usize,
-    /// Whether references may be parts of primitives.
+    /// Whether references may be sub-references, which bound a part of their primitive.
     pub presplit: bool,
     /// The model that its costs are computed with.
     pub cost_model: CostModel,
@@ -109,7 +109,7 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
     let budget = params.max_references.min(params.bytes_per_primitive / BYTES_PER_REFERENCE);
     let ratio = area_ratio(set, ids, over);
     let elongated = budget > 1.0 && ratio.is_some_and(|ratio| ratio >= MIN_AREA_RATIO);
-    // Room for the parts from the start: memory that is not touched costs nothing.
+    // Room for all sub-references from the start: memory that is not touched costs nothing.
     let most = if elongated { (ids.len() as f64 * f64::from(budget)) as usize + 1 } else { ids.len() };
     let mut references = huge_vec(most);
     parallel::fill(&mut references, ids.len(), |i| Reference::new(set.bounds(ids[i], over), ids[i]));
@@ -150,7 +150,7 @@ fn presplit_pays<S: PrimitiveSet>(
     with < without * MAX_PRESPLIT_COST
 }
 
-/// Drafts one tree; `presplit` tells whether references may be parts of primitives.
+/// Drafts one tree; `presplit` tells whether references may be sub-references, which bound a part of their primitive.
 fn draft_with<S: PrimitiveSet>(
     set: &S,
     mut references: Vec<Reference>,

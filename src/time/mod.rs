@@ -4,6 +4,6 @@ mod choose;
 mod draft;
 mod slices;
 
-pub(crate) use choose::{Region, params_of_copies, primitives, regions};
+pub(crate) use choose::{Region, params_of_each_tree, primitives, regions};
 pub(crate) use draft::{COST_MODEL, Draft, TimeSlice, draft_tree, prefetch_blocks, time_slice};
 pub(crate) use slices::SharedLeaves;

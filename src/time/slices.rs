@@ -27,13 +27,14 @@ impl SharedLeaves {
     /// Rebuilds the nodes above the leaf blocks of a draft's subtree for `count` equal time slices of the shutter.
     pub fn build<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, count: usize) -> SharedLeaves {
         let clusters = draft.collapse.leaves(&draft.binary, of);
-        let seams: Option<Vec<Vec<Box3>>> = (1..count).map(|i| seam(set, draft, &clusters, i, count)).collect();
+        let boundaries: Option<Vec<Vec<Box3>>> =
+            (1..count).map(|i| boundary(set, draft, &clusters, i, count)).collect();
         let trees = parallel::map(count, |slice| {
             let over = time_slice(slice, count);
-            let bounds = |i: usize| match &seams {
-                Some(seams) => LinearBox3 {
-                    begin: if slice == 0 { clusters[i].bounds.begin } else { seams[slice - 1][i] },
-                    end: if slice + 1 == count { clusters[i].bounds.end } else { seams[slice][i] },
+            let bounds = |i: usize| match &boundaries {
+                Some(boundaries) => LinearBox3 {
+                    begin: if slice == 0 { clusters[i].bounds.begin } else { boundaries[slice - 1][i] },
+                    end: if slice + 1 == count { clusters[i].bounds.end } else { boundaries[slice][i] },
                 },
                 None => {
                     let of = draft.references(&clusters[i]).iter();
@@ -57,7 +58,13 @@ impl SharedLeaves {
 /// Corners move on lines up to their slack, so linear interpolation between the boxes at both ends of a slice bounds
 /// them at all its times. The slice before ends slightly later than this one begins: the boxes hold the corners at both
 /// times.
-fn seam<S: PrimitiveSet>(set: &S, draft: &Draft, clusters: &[BinaryNode], i: usize, count: usize) -> Option<Vec<Box3>> {
+fn boundary<S: PrimitiveSet>(
+    set: &S,
+    draft: &Draft,
+    clusters: &[BinaryNode],
+    i: usize,
+    count: usize,
+) -> Option<Vec<Box3>> {
     let over = time_slice(i, count).intersect(time_slice(i - 1, count))?;
     if draft.presplit || set.bent() || set.ends(draft.references.first()?.id(), over).is_none() {
         return None;

@@ -28,7 +28,7 @@ fn mortal(n: usize, random: &mut Random) -> Vec<MovingPoint> {
     let mut points = moving(n, random);
     for point in &mut points {
         let (a, b) = (random.unit(), random.unit());
-        *point = point.alive(TimeInterval::new(a.min(b), a.max(b) + 1e-6).unwrap_or(TimeInterval::FULL));
+        *point = point.active(TimeInterval::new(a.min(b), a.max(b) + 1e-6).unwrap_or(TimeInterval::FULL));
     }
     points
 }
@@ -49,7 +49,7 @@ fn trees() -> Vec<(String, PointTree)> {
         trees.push((format!("{n} still"), tree));
     }
     let structures =
-        [PointStructure::Automatic, PointStructure::Linear, PointStructure::Slabs(3), PointStructure::Mbkd];
+        [PointStructure::Automatic, PointStructure::Linear, PointStructure::TimeSlices(3), PointStructure::Mbkd];
     for structure in structures {
         for n in [1, 20, 700] {
             let tree = PointTree::build(&moving(n, &mut random), &of(structure)).unwrap();
@@ -60,7 +60,7 @@ fn trees() -> Vec<(String, PointTree)> {
         let keys: Vec<Vec<Vec3>> = (0..4).map(|_| still(200, &mut random)).collect();
         let keys: Vec<&[Vec3]> = keys.iter().map(Vec::as_slice).collect();
         let ids: Vec<u32> = (0..200).map(|i| 1_000_000_007u32.wrapping_mul(i / 2)).collect();
-        let set = PointArrays { keys: &keys, alive: &[], ids: &ids };
+        let set = PointArrays { keys: &keys, active: &[], ids: &ids };
         trees.push((format!("4 keys, {structure:?}"), PointTree::build(&set, &of(structure)).unwrap()));
     }
     // Static points in a layer of their own.
@@ -68,15 +68,15 @@ fn trees() -> Vec<(String, PointTree)> {
     some.extend(still(600, &mut random).into_iter().map(MovingPoint::fixed));
     trees.push(("some moving".into(), PointTree::build(&some, &PointParams::default()).unwrap()));
     for (keys, speed) in [(1, 0.0), (2, 0.1), (4, 0.1), (2, 1e-9)] {
-        for structure in [PointStructure::Automatic, PointStructure::Slabs(2)] {
+        for structure in [PointStructure::Automatic, PointStructure::TimeSlices(2)] {
             let keys = far(300, keys, speed, &mut random);
             let keys: Vec<&[DVec3]> = keys.iter().map(Vec::as_slice).collect();
-            let alive: Vec<TimeInterval> = (0..300)
+            let active: Vec<TimeInterval> = (0..300)
                 .map(|i| if i % 5 == 0 { TimeInterval::new(0.2, 0.6).unwrap() } else { TimeInterval::FULL })
                 .collect();
-            for alive in [&alive[..], &[]] {
-                let set = PointArrays { keys: &keys, alive, ids: &[] };
-                let name = format!("f64, {} keys, {} lives, {structure:?}", keys.len(), alive.len());
+            for active in [&active[..], &[]] {
+                let set = PointArrays { keys: &keys, active, ids: &[] };
+                let name = format!("f64, {} keys, {} lives, {structure:?}", keys.len(), active.len());
                 trees.push((name, PointTree::build(&set, &of(structure)).unwrap()));
             }
         }

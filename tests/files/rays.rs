@@ -67,11 +67,13 @@ pub fn trees() -> Vec<(String, RayTree)> {
         trees.push((format!("{keys} keys, shared {shared}"), build(&meshes, &default)));
         trees.push((format!("{keys} keys, k-d"), build(&meshes, &BuildParams::kd(KdParams::default()))));
     }
-    for division in [Division::Segments(3), Division::Copies(4)] {
+    for division in [Division::SharedLeaves(3), Division::SeparateTrees(4)] {
         let meshes = [mesh(90, 2, true, &mut random), mesh(80, 4, false, &mut random)];
         trees.push((format!("{division:?}"), build(&meshes, &divided(division))));
     }
-    for params in [default, divided(Division::Copies(2)), BuildParams::paper(), BuildParams::kd(KdParams::classic())] {
+    for params in
+        [default, divided(Division::SeparateTrees(2)), BuildParams::paper(), BuildParams::kd(KdParams::classic())]
+    {
         let (meshes, shapes) = everything(&mut random);
         trees.push((format!("everything, {params:?}"), RayTree::of_scene(&meshes, shapes, &params).unwrap()));
     }

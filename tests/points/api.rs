@@ -15,11 +15,11 @@ fn params(structure: PointStructure) -> PointParams {
 
 fn tree_of(cloud: &Cloud, structure: PointStructure) -> PointTree {
     let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();
-    PointTree::build(&PointArrays { keys: &keys, alive: &cloud.alive, ids: &[] }, &params(structure)).unwrap()
+    PointTree::build(&PointArrays { keys: &keys, active: &cloud.active, ids: &[] }, &params(structure)).unwrap()
 }
 
 const STRUCTURES: [PointStructure; 4] =
-    [PointStructure::Automatic, PointStructure::Linear, PointStructure::Slabs(3), PointStructure::Mbkd];
+    [PointStructure::Automatic, PointStructure::Linear, PointStructure::TimeSlices(3), PointStructure::Mbkd];
 
 #[test]
 fn builds_report_progress_and_can_be_cancelled() {
@@ -37,10 +37,10 @@ fn builds_report_progress_and_can_be_cancelled() {
         };
         let tree = if precise {
             let keys: Vec<&[DVec3]> = wide[..keys].iter().map(Vec::as_slice).collect();
-            PointTree::build_with_progress(&PointArrays { keys: &keys, alive: &[], ids: &[] }, params, &hear)
+            PointTree::build_with_progress(&PointArrays { keys: &keys, active: &[], ids: &[] }, params, &hear)
         } else {
             let keys: Vec<&[Vec3]> = cloud.keys[..keys].iter().map(Vec::as_slice).collect();
-            PointTree::build_with_progress(&PointArrays { keys: &keys, alive: &[], ids: &[] }, params, &hear)
+            PointTree::build_with_progress(&PointArrays { keys: &keys, active: &[], ids: &[] }, params, &hear)
         };
         let most = *told.lock().unwrap();
         (tree, most)
@@ -50,10 +50,10 @@ fn builds_report_progress_and_can_be_cancelled() {
         (PointStructure::Automatic, 1, false),
         (PointStructure::Automatic, 2, false),
         (PointStructure::Linear, 2, false),
-        (PointStructure::Slabs(4), 2, false),
+        (PointStructure::TimeSlices(4), 2, false),
         (PointStructure::Mbkd, 2, false),
         (PointStructure::Automatic, 1, true),
-        (PointStructure::Slabs(4), 2, true),
+        (PointStructure::TimeSlices(4), 2, true),
     ] {
         let what = format!("{structure:?} at {keys} keys, in f64: {precise}");
         let params = params(structure);
@@ -129,7 +129,7 @@ fn approach(cloud: &Cloud, from: Vec3, to: Vec3, interval: TimeInterval) -> Opti
     for i in 0..cloud.len() {
         for segment in 0..segments {
             let ends = [segment as f64 / segments as f64, (segment + 1) as f64 / segments as f64];
-            let life = cloud.alive[i];
+            let life = cloud.active[i];
             let begin = f64::from(interval.begin()).max(ends[0]).max(life.begin().into());
             let end = f64::from(interval.end()).min(ends[1]).min(life.end().into());
             if begin > end {
@@ -255,7 +255,7 @@ fn every_form_of_input_gives_the_same_answers() {
         PointTree::build(&points[..], &p).unwrap(),
         PointTree::build(&arrays, &p).unwrap(),
         PointTree::build(&set, &p).unwrap(),
-        PointTree::build(&PointArrays { keys: &[&points[..]], alive: &[], ids: &[] }, &p).unwrap(),
+        PointTree::build(&PointArrays { keys: &[&points[..]], active: &[], ids: &[] }, &p).unwrap(),
     ];
     let far = [PointTree::build(&wide, &p).unwrap(), PointTree::build(&wide_arrays, &p).unwrap()];
     assert!((far[0].origin() - DVec3::splat(1e9)).length() < 2.0);
@@ -275,15 +275,15 @@ fn every_form_of_input_gives_the_same_answers() {
         }
     }
     let ids: Vec<u32> = (0..1000).map(|i| 5000 - i).collect();
-    let named = PointTree::build(&PointArrays { keys: &[&points[..]], alive: &[], ids: &ids }, &p).unwrap();
+    let named = PointTree::build(&PointArrays { keys: &[&points[..]], active: &[], ids: &ids }, &p).unwrap();
     assert_eq!(named.nearest(points[10], 0.0).unwrap().id, 4990);
 }
 
 #[test]
 fn bad_input_is_a_typed_error() {
     let p = PointParams::default();
-    let build = |keys: &[&[Vec3]], alive: &[TimeInterval], ids: &[u32]| {
-        PointTree::build(&PointArrays { keys, alive, ids }, &p).err()
+    let build = |keys: &[&[Vec3]], active: &[TimeInterval], ids: &[u32]| {
+        PointTree::build(&PointArrays { keys, active, ids }, &p).err()
     };
     let two = [Vec3::ZERO, Vec3::ONE];
     assert_eq!(build(&[&two], &[], &[]), None);
@@ -295,7 +295,7 @@ fn bad_input_is_a_typed_error() {
     assert_eq!(build(&[&far], &[], &[]), Some(PointError::TooLarge { point: 1, key: 0 }));
     let length = |name, found| Some(PointError::Length { name, expected: 2, found });
     assert_eq!(build(&[&two, &two[..1]], &[], &[]), length("keys", 1));
-    assert_eq!(build(&[&two], &[TimeInterval::FULL], &[]), length("alive", 1));
+    assert_eq!(build(&[&two], &[TimeInterval::FULL], &[]), length("active", 1));
     assert_eq!(build(&[&two], &[], &[1, 2, 3]), length("ids", 3));
     assert_eq!(build(&[&two], &[], &[1, u32::MAX]), Some(PointError::ReservedId { point: 1 }));
     assert_eq!(build(&[], &[], &[]), None, "an empty set is no error");
@@ -315,7 +315,7 @@ fn bad_input_is_a_typed_error() {
     }
     let found = u32::MAX as usize;
     assert_eq!(PointTree::build(&Endless, &p).err(), Some(PointError::TooManyPoints { found }));
-    for structure in [PointStructure::Slabs(0), PointStructure::Slabs(5000)] {
+    for structure in [PointStructure::TimeSlices(0), PointStructure::TimeSlices(5000)] {
         assert!(matches!(PointTree::build(&two, &params(structure)), Err(PointError::Parameter { .. })));
     }
     for max_references in [0.5, f32::NAN, f32::INFINITY] {
@@ -382,7 +382,7 @@ fn counted_work_is_what_it_was() {
         let cloud = cloud(kind, 50_000, &mut rng);
         let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();
         let params = PointParams { structure, simd, ..PointParams::default() };
-        let set = PointArrays { keys: &keys, alive: &cloud.alive, ids: &[] };
+        let set = PointArrays { keys: &keys, active: &cloud.active, ids: &[] };
         let tree = PointTree::build(&set, &params).unwrap();
         (0..1000).fold((0, 0), |(nodes, blocks), _| {
             let work = tree.query(rng.vec(), rng.unit()).work(8);
@@ -398,7 +398,7 @@ fn counted_work_is_what_it_was() {
 const GOLDEN: [(&str, PointStructure, (u64, u64)); 5] = [
     ("uniform", PointStructure::Automatic, (5292, 7799)),
     ("coherent", PointStructure::Linear, (6199, 8566)),
-    ("random", PointStructure::Slabs(4), (5676, 8294)),
+    ("random", PointStructure::TimeSlices(4), (5676, 8294)),
     ("fast few", PointStructure::Mbkd, (50400, 20661)),
     ("short lives", PointStructure::Mbkd, (135364, 88664)),
 ];
@@ -426,15 +426,15 @@ fn automatic_if_few_or_no_points_are_active() {
             let mut cloud = cloud("random", 5000, &mut Rng(12));
             let third = cloud.keys[0].iter().map(|p| *p * 0.5).collect();
             cloud.keys.push(third);
-            for (i, life) in cloud.alive.iter_mut().enumerate() {
+            for (i, life) in cloud.active.iter_mut().enumerate() {
                 let all_the_time = some && cloud.keys[0][i].x > 0.5;
                 *life = if all_the_time { TimeInterval::FULL } else { TimeInterval::new(begin, end).unwrap() };
             }
             let tree = tree_of(&cloud, PointStructure::Automatic);
             let why = &tree.statistics().layers[0].why;
             assert!(!why.contains("NaN") && !why.contains("inf"), "{why}");
-            for (time, alive) in [(0.1, begin == 0.0), (0.5, false), (0.95, begin == 0.9)] {
-                assert_eq!(tree.query(Vec3::ZERO, time).count() == 5000, alive, "{why}");
+            for (time, active) in [(0.1, begin == 0.0), (0.5, false), (0.95, begin == 0.9)] {
+                assert_eq!(tree.query(Vec3::ZERO, time).count() == 5000, active, "{why}");
             }
         }
     }
@@ -471,7 +471,7 @@ fn automatic_accounts_for_points_from_far_away() {
         let keys: [&[DVec3]; 2] = [&keys[0], &keys[1]];
         let visited = |structure: PointStructure, precise: bool| {
             let tree = match precise {
-                true => PointTree::build(&PointArrays { keys: &keys, alive: &[], ids: &[] }, &params(structure)),
+                true => PointTree::build(&PointArrays { keys: &keys, active: &[], ids: &[] }, &params(structure)),
                 false => PointTree::build(&points, &params(structure)),
             };
             let tree = tree.unwrap();

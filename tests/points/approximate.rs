@@ -45,8 +45,8 @@ fn a_radius_is_never_shrunk_and_any_epsilon_answers() {
         let mut rng = Rng(7);
         let cloud = cloud(kind, 900, &mut rng);
         let points: Vec<MovingPoint> =
-            (0..900).map(|i| MovingPoint::new(cloud.keys[0][i], cloud.keys[1][i]).alive(cloud.alive[i])).collect();
-        for structure in [PointStructure::Automatic, PointStructure::Slabs(3), PointStructure::Mbkd] {
+            (0..900).map(|i| MovingPoint::new(cloud.keys[0][i], cloud.keys[1][i]).active(cloud.active[i])).collect();
+        for structure in [PointStructure::Automatic, PointStructure::TimeSlices(3), PointStructure::Mbkd] {
             for simd in SimdLevel::available() {
                 let params = PointParams { structure, simd, ..PointParams::default() };
                 let tree = PointTree::build(&points, &params).unwrap();

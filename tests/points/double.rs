@@ -10,7 +10,7 @@ use mbkd::{
 
 struct Cloud {
     keys: Vec<Vec<DVec3>>,
-    alive: Vec<TimeInterval>,
+    active: Vec<TimeInterval>,
 }
 
 fn vec(rng: &mut Rng) -> DVec3 {
@@ -21,7 +21,7 @@ fn vec(rng: &mut Rng) -> DVec3 {
 impl Cloud {
     /// Two clusters of this size, at this distance.
     fn new(count: usize, keys: usize, (size, apart, speed): (f64, f64, f64), mortal: bool, rng: &mut Rng) -> Cloud {
-        let mut cloud = Cloud { keys: vec![Vec::new(); keys], alive: Vec::new() };
+        let mut cloud = Cloud { keys: vec![Vec::new(); keys], active: Vec::new() };
         for i in 0..count {
             let mut at = vec(rng) * size + DVec3::new(0.7, 1.0, -0.3) * (apart * (i % 2) as f64);
             for key in &mut cloud.keys {
@@ -30,7 +30,7 @@ impl Cloud {
             }
             let begin = rng.unit() * 0.8;
             let part = TimeInterval::new(begin, begin + 0.2).unwrap();
-            cloud.alive.push(if mortal && i % 3 == 0 { part } else { TimeInterval::FULL });
+            cloud.active.push(if mortal && i % 3 == 0 { part } else { TimeInterval::FULL });
         }
         cloud
     }
@@ -38,7 +38,7 @@ impl Cloud {
     fn tree(&self, structure: PointStructure, simd: SimdLevel) -> Result<PointTree, PointError> {
         let keys: Vec<&[DVec3]> = self.keys.iter().map(|key| &key[..]).collect();
         let params = PointParams { structure, simd, ..PointParams::default() };
-        PointTree::build(&PointArrays { keys: &keys, alive: &self.alive, ids: &[] }, &params)
+        PointTree::build(&PointArrays { keys: &keys, active: &self.active, ids: &[] }, &params)
     }
 
     fn at(&self, point: usize, time: f32) -> DVec3 {
@@ -51,13 +51,13 @@ impl Cloud {
 
     /// All points that exist, nearest first.
     fn all(&self, q: DVec3, time: f32) -> Vec<Neighbor> {
-        let alive = (0..self.alive.len()).filter(|&i| self.alive[i].contains(time));
+        let active = (0..self.active.len()).filter(|&i| self.active[i].contains(time));
         let neighbor = |i: usize| {
             let d = self.at(i, time) - q;
             let distance_squared = ((d.x * d.x + d.y * d.y) + d.z * d.z) as f32;
             Neighbor { id: i as u32, distance_squared }
         };
-        let mut all: Vec<Neighbor> = alive.map(neighbor).collect();
+        let mut all: Vec<Neighbor> = active.map(neighbor).collect();
         all.sort_by(|a, b| a.distance_squared.total_cmp(&b.distance_squared).then(a.id.cmp(&b.id)));
         all
     }
@@ -102,7 +102,8 @@ fn compare(cloud: &Cloud, tree: &PointTree, q: DVec3, time: f32, about: &str) {
     assert_eq!(tree.nearest_n_batch(&[(q, time)], 4).get(0), &all[..4.min(all.len())]);
 }
 
-const STRUCTURES: [PointStructure; 3] = [PointStructure::Automatic, PointStructure::Linear, PointStructure::Slabs(3)];
+const STRUCTURES: [PointStructure; 3] =
+    [PointStructure::Automatic, PointStructure::Linear, PointStructure::TimeSlices(3)];
 
 #[test]
 fn every_query_equals_brute_force() {
@@ -154,8 +155,8 @@ type Lists = Vec<Vec<(u32, u32)>>;
 /// both does not exist then.
 fn compare_all(own: &Cloud, among: &Cloud, time: f32) -> Vec<Vec<Option<f32>>> {
     let places = |cloud: &Cloud| -> Vec<Option<DVec3>> {
-        let place = |i: usize| cloud.alive[i].contains(time).then(|| cloud.at(i, time));
-        (0..cloud.alive.len()).map(place).collect()
+        let place = |i: usize| cloud.active[i].contains(time).then(|| cloud.at(i, time));
+        (0..cloud.active.len()).map(place).collect()
     };
     let (own, among) = (places(own), places(among));
     let squared = |q: Option<DVec3>, p: &Option<DVec3>| {
@@ -274,7 +275,7 @@ fn queries_that_f64_points_do_not_support_are_rejected() {
     assert!(matches!(tree.neighbor_lists_swept(TimeInterval::FULL, 1.0), Err(ListError::Double)));
     // Rounded to f32, all of it works.
     let keys: Vec<&[DVec3]> = cloud.keys.iter().map(|key| &key[..]).collect();
-    let set = PointArrays { keys: &keys, alive: &[], ids: &[] };
+    let set = PointArrays { keys: &keys, active: &[], ids: &[] };
     let params = PointParams { structure: PointStructure::Mbkd, round_to_f32: true, ..PointParams::default() };
     let tree = PointTree::build(&set, &params).unwrap();
     assert_eq!(tree.neighbor_lists(0.0, 1.0).run(&mut NeighborCsr::new()), Ok(()));
@@ -332,8 +333,8 @@ fn visitors_see(cloud: &Cloud, times: &[f32]) {
             assert!(tree.traverse(time, &mut all).is_continue());
             let mut ids: Vec<u32> = all.found.iter().map(|p| p.id).collect();
             ids.sort_unstable();
-            let alive: Vec<u32> = (0..700).filter(|&i| cloud.alive[i as usize].contains(time)).collect();
-            assert_eq!(ids, alive);
+            let active: Vec<u32> = (0..700).filter(|&i| cloud.active[i as usize].contains(time)).collect();
+            assert_eq!(ids, active);
             for p in &all.found {
                 assert_eq!(p.position, cloud.at(p.id as usize, time));
             }

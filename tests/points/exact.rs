@@ -10,15 +10,15 @@ use mbkd::{
 const STRUCTURES: [PointStructure; 5] = [
     PointStructure::Automatic,
     PointStructure::Linear,
-    PointStructure::Slabs(1),
-    PointStructure::Slabs(3),
+    PointStructure::TimeSlices(1),
+    PointStructure::TimeSlices(3),
     PointStructure::Mbkd,
 ];
 
 fn build(cloud: &Cloud, structure: PointStructure, simd: SimdLevel) -> PointTree {
     let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();
     let params = PointParams { structure, simd, max_references: 3.0, ..PointParams::default() };
-    PointTree::build(&PointArrays { keys: &keys, alive: &cloud.alive, ids: &[] }, &params).unwrap()
+    PointTree::build(&PointArrays { keys: &keys, active: &cloud.active, ids: &[] }, &params).unwrap()
 }
 
 fn ids(found: &[Neighbor]) -> Vec<Neighbor> {
@@ -67,7 +67,7 @@ fn check(tree: &PointTree, cloud: &Cloud, q: Vec3, time: f32, buffer: &mut Neigh
 
 fn times(cloud: &Cloud, rng: &mut Rng) -> Vec<f32> {
     let mut times = vec![0.0, 1.0, 0.5, 0.5f32.next_down(), 1.0 / 3.0, rng.unit()];
-    let life = cloud.alive[rng.bits() as usize % cloud.len()];
+    let life = cloud.active[rng.bits() as usize % cloud.len()];
     times.extend([life.begin(), life.end(), life.end().next_down()]);
     times
 }
@@ -157,12 +157,12 @@ fn many_keys_are_interpolated_exactly() {
             let next = all.last().unwrap().iter().map(|p| step(p, &mut rng)).collect();
             all.push(next);
         }
-        let mut cloud = Cloud { keys: all, alive: vec![TimeInterval::FULL; count] };
+        let mut cloud = Cloud { keys: all, active: vec![TimeInterval::FULL; count] };
         for lives in [false, true] {
             if lives {
-                for alive in &mut cloud.alive {
+                for active in &mut cloud.active {
                     let begin = rng.unit() * 0.7;
-                    *alive = TimeInterval::new(begin, begin + 0.3 * (1.0 - rng.unit())).unwrap();
+                    *active = TimeInterval::new(begin, begin + 0.3 * (1.0 - rng.unit())).unwrap();
                 }
             }
             for structure in STRUCTURES {
@@ -170,7 +170,7 @@ fn many_keys_are_interpolated_exactly() {
                 let mut at: Vec<f32> = (0..keys).map(|k| k as f32 / (keys.max(2) - 1) as f32).collect();
                 at.extend(at.clone().iter().flat_map(|t| [t.next_down().max(0.0), t.next_up().min(1.0)]));
                 at.extend((0..20).map(|_| rng.unit()));
-                at.extend(cloud.alive.iter().take(10).flat_map(|a| [a.begin(), a.end()]));
+                at.extend(cloud.active.iter().take(10).flat_map(|a| [a.begin(), a.end()]));
                 for time in at {
                     let q = rng.vec();
                     let found = tree.nearest_n(q, time, 12);
@@ -204,7 +204,7 @@ fn keys_of_linear_motion_cost_nothing() {
     };
     for structure in STRUCTURES {
         let of = |keys: Vec<Vec<Vec3>>| {
-            build(&Cloud { alive: vec![TimeInterval::FULL; keys[0].len()], keys }, structure, SimdLevel::best())
+            build(&Cloud { active: vec![TimeInterval::FULL; keys[0].len()], keys }, structure, SimdLevel::best())
         };
         let two = of(vec![open.clone(), close.clone()]);
         for keys in [3, 9, 65] {

@@ -54,7 +54,7 @@ impl GatherCase {
                 PhotonTime::Carried { time, velocity } => {
                     let open = photon.position - velocity * time;
                     let close = photon.position + velocity * (1.0 - time);
-                    let route = Cloud { keys: vec![vec![open], vec![close]], alive: vec![TimeInterval::FULL] };
+                    let route = Cloud { keys: vec![vec![open], vec![close]], active: vec![TimeInterval::FULL] };
                     ((time - self.time).abs() <= self.window, route.at(0, self.time))
                 }
             };
@@ -188,9 +188,9 @@ fn gathers_are_those_of_brute_force_for_every_kind_of_photons() {
 
 #[test]
 fn structures_and_instruction_sets_give_the_same_bits() {
-    use PointStructure::{Automatic, Linear, Mbkd, Slabs};
+    use PointStructure::{Automatic, Linear, Mbkd, TimeSlices};
     for kind in ["surface", "random", "lattice"] {
-        for structure in [Automatic, Linear, Slabs(3), Mbkd] {
+        for structure in [Automatic, Linear, TimeSlices(3), Mbkd] {
             for simd in SimdLevel::available() {
                 let mut rng = Rng(5);
                 let photons = photons(kind, 600, 3, &mut rng);

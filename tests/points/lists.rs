@@ -7,12 +7,12 @@ use mbkd::{
 };
 
 pub const STRUCTURES: [PointStructure; 4] =
-    [PointStructure::Automatic, PointStructure::Linear, PointStructure::Slabs(3), PointStructure::Mbkd];
+    [PointStructure::Automatic, PointStructure::Linear, PointStructure::TimeSlices(3), PointStructure::Mbkd];
 
 pub fn build(cloud: &Cloud, structure: PointStructure, simd: SimdLevel) -> PointTree {
     let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();
     let params = PointParams { structure, simd, max_references: 3.0, ..PointParams::default() };
-    PointTree::build(&PointArrays { keys: &keys, alive: &cloud.alive, ids: &[] }, &params).unwrap()
+    PointTree::build(&PointArrays { keys: &keys, active: &cloud.active, ids: &[] }, &params).unwrap()
 }
 
 /// The parameters of a list query.
@@ -59,9 +59,9 @@ fn compare_all(own: &Cloud, among: &Cloud, case: &ListCase) -> Vec<Vec<Entry>> {
     let mut lists = vec![Vec::new(); own.len()];
     let square = |r: f32| (r * r).min(f32::MAX);
     let places: Vec<Vec3> = (0..among.len()).map(|j| among.at(j, case.time)).collect();
-    for (i, list) in lists.iter_mut().enumerate().filter(|(i, _)| own.alive[*i].contains(case.time)) {
+    for (i, list) in lists.iter_mut().enumerate().filter(|(i, _)| own.active[*i].contains(case.time)) {
         let p = own.at(i, case.time);
-        for j in (0..among.len()).filter(|&j| among.alive[j].contains(case.time)) {
+        for j in (0..among.len()).filter(|&j| among.active[j].contains(case.time)) {
             let bound = match case.radii {
                 Radii::Equal(radius) => square(radius),
                 Radii::Own(own) => square(own[i]),
@@ -108,8 +108,8 @@ fn check_against(
     // In the order of the tree and unsorted: the same lists.
     query.run(lists).unwrap();
     assert!(lists.distances_squared().is_empty());
-    let alive = (0..cloud.len()).filter(|&i| cloud.alive[i].contains(case.time)).count();
-    assert_eq!(lists.len(), alive, "{what}");
+    let active = (0..cloud.len()).filter(|&i| cloud.active[i].contains(case.time)).count();
+    assert_eq!(lists.len(), active, "{what}");
     for (id, row) in lists.iter() {
         let mut row = row.to_vec();
         row.sort_unstable();
@@ -205,7 +205,7 @@ fn order_within_lists_is_the_same_on_every_instruction_set() {
     let cloud = cloud("random", 3_000, &mut Rng(3));
     let mut expected: Option<NeighborCsr> = None;
     for simd in SimdLevel::available() {
-        let tree = build(&cloud, PointStructure::Slabs(2), simd);
+        let tree = build(&cloud, PointStructure::TimeSlices(2), simd);
         let mut lists = NeighborCsr::new();
         tree.neighbor_lists(0.3, 0.3).run(&mut lists).unwrap();
         let expected = expected.get_or_insert_with(|| lists.clone());
@@ -309,7 +309,7 @@ fn bad_queries_get_errors() {
     }
     let query = tree.neighbor_lists(0.0, 1.0).periodic([None, None, Some(1e-7)]);
     assert_eq!(error(query), ListError::FarFromPeriod { axis: 2 });
-    let set = PointArrays { keys: &[&[[0.0f32; 3], [1.0; 3]]], alive: &[], ids: &[5, 1] };
+    let set = PointArrays { keys: &[&[[0.0f32; 3], [1.0; 3]]], active: &[], ids: &[5, 1] };
     let named = PointTree::build(&set, &PointParams::default()).unwrap();
     assert_eq!(error(named.neighbor_lists(0.0, 1.0).rows_by_id()), ListError::Ids { id: 5 });
     let rounded = PointParams { round_to_f32: true, ..PointParams::default() };
@@ -392,7 +392,7 @@ fn rebuilt_trees_answer_like_new_ones() {
         assert!(tree.rebuild(&bad, &params).is_err());
         assert_eq!(tree.nearest(Vec3::ONE, 0.0).map(|n| n.distance_squared), Some(0.0), "as it was");
         let ids: Vec<u32> = (0..count as u32 + 1).map(|i| 2 * i + 7).collect();
-        let set = PointArrays { keys: &[&points], alive: &[], ids: &ids };
+        let set = PointArrays { keys: &[&points], active: &[], ids: &ids };
         assert!(!tree.rebuild(&set, &params).unwrap());
         assert!(!tree.rebuild(&set, &params).unwrap(), "ids that are not indices are not kept");
         assert!(!tree.rebuild(&points, &params).unwrap(), "nor taken for indices");

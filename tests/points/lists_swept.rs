@@ -13,7 +13,7 @@ pub fn meet(cloud: &Cloud, (i, j): (usize, usize), times: [f64; 2], square: f64)
     let mut all: Option<Encounter> = None;
     for segment in 0..segments as usize {
         let ends = [segment as f64 / segments, (segment + 1) as f64 / segments];
-        let lives = [i, j].map(|k| cloud.alive[k]);
+        let lives = [i, j].map(|k| cloud.active[k]);
         let begin = lives.iter().fold(times[0].max(ends[0]), |t, life| t.max(life.begin().into()));
         let end = lives.iter().fold(times[1].min(ends[1]), |t, life| t.min(life.end().into()));
         if begin > end {
@@ -194,7 +194,7 @@ fn lists_of_many_points_are_the_same_on_two_threads_as_on_one() {
 fn intervals_that_touch_at_splits_of_the_shutter() {
     let mut rng = Rng(77);
     let mut cloud = cloud("random", 160, &mut rng);
-    for (i, life) in cloud.alive.iter_mut().enumerate() {
+    for (i, life) in cloud.active.iter_mut().enumerate() {
         let (begin, end) = [(0.0, 0.5), (0.5, 1.0), (0.25, 0.5), (0.5, 0.625), (0.0, 1.0), (0.375, 0.875)][i % 6];
         *life = TimeInterval::new(begin, end).unwrap();
     }
@@ -212,9 +212,9 @@ fn intervals_that_touch_at_splits_of_the_shutter() {
         PointStructure::Automatic,
         PointStructure::Linear,
         PointStructure::Mbkd,
-        PointStructure::Slabs(2),
-        PointStructure::Slabs(3),
-        PointStructure::Slabs(8),
+        PointStructure::TimeSlices(2),
+        PointStructure::TimeSlices(3),
+        PointStructure::TimeSlices(8),
     ];
     for cloud in [cloud, three_keys, five_keys] {
         let trees = structures.map(|structure| (structure, build(&cloud, structure, SimdLevel::best())));
@@ -276,9 +276,12 @@ fn lists_with_a_skin_hold_until_the_time_that_is_certified() {
     let (mut cut_short, mut complete) = (0, 0);
     for (kind, cloud, mut rng) in clouds(90) {
         let size = size(&cloud);
-        for structure in
-            [PointStructure::Automatic, PointStructure::Mbkd, PointStructure::Slabs(2), PointStructure::Slabs(8)]
-        {
+        for structure in [
+            PointStructure::Automatic,
+            PointStructure::Mbkd,
+            PointStructure::TimeSlices(2),
+            PointStructure::TimeSlices(8),
+        ] {
             let tree = build(&cloud, structure, SimdLevel::best());
             for (time, until, skin) in [
                 (0.0, 1.0, 0.05),
@@ -324,8 +327,8 @@ fn lists_with_a_skin_hold_until_the_time_that_is_certified() {
                     complete += 1
                 }
                 for t in events.into_iter().filter(|&t| time <= t && t < good) {
-                    for i in (0..cloud.len()).filter(|&i| cloud.alive[i].contains(t)) {
-                        for j in (0..i).filter(|&j| cloud.alive[j].contains(t) && !listed[i][j]) {
+                    for i in (0..cloud.len()).filter(|&i| cloud.active[i].contains(t)) {
+                        for j in (0..i).filter(|&j| cloud.active[j].contains(t) && !listed[i][j]) {
                             let d = cloud.at(j, t) - cloud.at(i, t);
                             let distance = (d.x * d.x + d.y * d.y) + d.z * d.z;
                             assert!(
@@ -374,8 +377,8 @@ fn closest_times_of_lives_that_begin_and_end_at_a_key() {
     let apart = [[0.0; 3], [2.0, 1.0, 0.25], [0.25, 1.0, 2.0], [3.0, 1.5, 0.0], [0.0, 1.0, 0.5], [1.0, 1.0, 0.5]];
     let way = |i: usize| [Vec3::X, Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::Z, Vec3::NEG_Z][i];
     let keys = [0, 1, 2].map(|key| (0..6).map(|i| way(i) * apart[i][key]).collect());
-    let alive = lives.map(|(begin, end)| TimeInterval::new(begin, end).unwrap());
-    let cloud = Cloud { keys: keys.to_vec(), alive: alive.to_vec() };
+    let active = lives.map(|(begin, end)| TimeInterval::new(begin, end).unwrap());
+    let cloud = Cloud { keys: keys.to_vec(), active: active.to_vec() };
     let encounter =
         |id, enter, leave, closest, distance_squared| Encounter { id, enter, leave, closest, distance_squared };
     let expected = [
@@ -386,7 +389,7 @@ fn closest_times_of_lives_that_begin_and_end_at_a_key() {
         encounter(4, 0.5, 1.0, 1.0, 0.25),
         encounter(5, 0.0, 0.5, 0.0, 1.0),
     ];
-    for structure in STRUCTURES.into_iter().chain([PointStructure::Slabs(2)]) {
+    for structure in STRUCTURES.into_iter().chain([PointStructure::TimeSlices(2)]) {
         let tree = build(&cloud, structure, SimdLevel::best());
         let lists = tree.neighbor_lists_swept(TimeInterval::FULL, 1.5).unwrap();
         let mut row = lists.iter().find(|(id, _)| *id == 0).unwrap().1.to_vec();
@@ -460,7 +463,7 @@ fn crowds_that_just_touch_the_radius_are_met() {
         let ways = [way(), way()];
         let crowds = |count: usize| {
             let key = |key: usize| ways.iter().flat_map(|way| vec![way[key]; count]).collect();
-            Cloud { keys: vec![key(0), key(1)], alive: vec![TimeInterval::FULL; 2 * count] }
+            Cloud { keys: vec![key(0), key(1)], active: vec![TimeInterval::FULL; 2 * count] }
         };
         let (pair, cloud) = (crowds(1), crowds(CROWD));
         let interval = TimeInterval::new(0.25 * rng.unit(), 0.75 + 0.25 * rng.unit()).unwrap();
@@ -471,7 +474,7 @@ fn crowds_that_just_touch_the_radius_are_met() {
         while !touch(radius) {
             radius = radius.next_up();
         }
-        for structure in [PointStructure::Linear, PointStructure::Slabs(3)] {
+        for structure in [PointStructure::Linear, PointStructure::TimeSlices(3)] {
             let tree = build(&cloud, structure, SimdLevel::best());
             let found = tree.neighbor_lists_swept(interval, radius).unwrap();
             for (id, row) in found.iter() {

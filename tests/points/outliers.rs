@@ -51,7 +51,7 @@ fn moving_points() {
     };
     let points: Vec<MovingPoint> = (0..200_000).map(&mut point).collect();
     use PointStructure::*;
-    for structure in [Linear, Slabs(2), Mbkd, Automatic] {
+    for structure in [Linear, TimeSlices(2), Mbkd, Automatic] {
         compare(&points, structure);
     }
 }

@@ -27,7 +27,7 @@ fn a_crowd_far_from_zero_meets_one_that_stands_still_there() {
         let (at, by) = (rng.vec() * 1e4, rng.vec() * [1.0, 30.0, 1e-3][round % 3]);
         let ways = [[rng.vec() * 0.1; 2], [at - by * 0.5, at + by * 0.5]];
         let key = |key: usize| ways.iter().flat_map(|way| vec![way[key]; CROWD]).collect();
-        let cloud = Cloud { keys: vec![key(0), key(1)], alive: vec![TimeInterval::FULL; 2 * CROWD] };
+        let cloud = Cloud { keys: vec![key(0), key(1)], active: vec![TimeInterval::FULL; 2 * CROWD] };
         let interval = TimeInterval::new(0.25 * rng.unit(), 0.75 + 0.25 * rng.unit()).unwrap();
         let radius = least_radius(&cloud, (0, CROWD), interval);
         let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
@@ -43,12 +43,12 @@ fn a_crowd_far_from_zero_meets_one_that_stands_still_there() {
 fn encounters_at_keys_that_are_no_floats_are_met() {
     const KEYS: usize = 600;
     let mut rng = Rng(65);
-    let mut cloud = Cloud { keys: Vec::new(), alive: vec![TimeInterval::FULL; 2] };
+    let mut cloud = Cloud { keys: Vec::new(), active: vec![TimeInterval::FULL; 2] };
     for key in 0..KEYS {
         let (at, aside) = (rng.vec(), rng.vec());
         cloud.keys.push(vec![at, if key % 2 == 0 { at } else { at + aside }]);
     }
-    for structure in [PointStructure::Linear, PointStructure::Slabs(2)] {
+    for structure in [PointStructure::Linear, PointStructure::TimeSlices(2)] {
         let tree = build(&cloud, structure, SimdLevel::best());
         for key in (2..KEYS - 2).step_by(2) {
             let [begin, end] = [-0.7, 0.7].map(|by| (key as f32 + by) / (KEYS - 1) as f32);
@@ -80,7 +80,7 @@ fn still_crowds_meet_where_squares_underflow() {
 fn tiny_points_are_met_where_squares_underflow() {
     for size in [1e-19, 1e-20, 1e-22] {
         let keys = vec![vec![Vec3::ZERO, Vec3::X * size], vec![Vec3::X * size, Vec3::ZERO]];
-        let cloud = Cloud { keys, alive: vec![TimeInterval::FULL; 2] };
+        let cloud = Cloud { keys, active: vec![TimeInterval::FULL; 2] };
         let tree = build(&cloud, PointStructure::Linear, SimdLevel::best());
         let found = tree.neighbor_lists_swept(TimeInterval::FULL, 1e-3 * size).unwrap();
         check(&found, &meet_all(&cloud, TimeInterval::FULL, 1e-3 * size), &format!("size {size}"));
@@ -121,7 +121,7 @@ fn a_certificate_ends_before_rounding_takes_a_pair_for_near() {
         let offset = rng.vec() * [1e3, 30.0, 1e5][round % 3];
         let step = offset.length() * [1e-6, 1e-5, 1e-4][round / 3 % 3];
         let (radius, way) = (offset.length() * 1e-3, rng.vec().normalize_or(Vec3::X));
-        let mut cloud = Cloud { keys: Vec::new(), alive: vec![TimeInterval::FULL; 2] };
+        let mut cloud = Cloud { keys: Vec::new(), active: vec![TimeInterval::FULL; 2] };
         for key in 0..keys {
             let (at, nearer) = (offset + rng.vec() * step, 2.0 * key as f32 / (keys - 1) as f32);
             cloud.keys.push(vec![at, at + way * (radius + step * (1.0 - nearer))]);
@@ -152,7 +152,7 @@ fn a_pair_just_outside_the_lists_by_their_rounding_is_not_taken_for_a_listed_one
     for round in 0..600 {
         let (at, by, way) = (rng.vec() * 1e3, rng.vec() * 3e3, rng.vec().normalize_or(Vec3::X));
         let keys = vec![vec![at - by, at - by + way], vec![at + by, at + by + way * 0.1]];
-        let (cloud, time, radius) = (Cloud { keys, alive: vec![TimeInterval::FULL; 2] }, 0.1 + 0.15 * rng.unit(), 0.3);
+        let (cloud, time, radius) = (Cloud { keys, active: vec![TimeInterval::FULL; 2] }, 0.1 + 0.15 * rng.unit(), 0.3);
         let d = cloud.at(1, time) - cloud.at(0, time);
         let squared = (d.x * d.x + d.y * d.y) + d.z * d.z;
         let mut skin = squared.sqrt() * (1.0 + 1e-6) - radius;
@@ -182,9 +182,9 @@ fn a_fast_point_is_found_where_its_life_begins() {
         let segment = segments - 1 - rng.bits() as usize % 4;
         let begin = (segment as f32 + 0.1 + 0.8 * rng.unit()) / segments as f32;
         let (phase, w) = (begin * segments as f32 - segment as f32, 1.0 + rng.unit());
-        let alive = vec![TimeInterval::new(begin, 1.0).unwrap(), TimeInterval::FULL];
+        let active = vec![TimeInterval::new(begin, 1.0).unwrap(), TimeInterval::FULL];
         let key = |key| [passing_zero(segment, phase, w, key), 3.0 + 1e-3 * rng.unit()].map(Vec3::splat).to_vec();
-        let cloud = Cloud { keys: (0..=segments).map(key).collect(), alive };
+        let cloud = Cloud { keys: (0..=segments).map(key).collect(), active };
         let tree = build(&cloud, PointStructure::Linear, SimdLevel::best());
         let found = tree.within(cloud.at(0, begin), begin, 0.0);
         assert_eq!(found.len(), 1, "round {round}");
@@ -203,14 +203,14 @@ fn a_fast_crowd_is_met_where_its_life_begins() {
         let segment = (f64::from(begin) * SEGMENTS as f64) as usize;
         let (phase, w, other) = (begin * SEGMENTS as f32 - segment as f32, 1.0 + rng.unit(), 1.0 + rng.unit());
         let life = TimeInterval::new(begin, 1.0).unwrap();
-        let alive = (0..32).map(|i| if i < 8 { life } else { TimeInterval::FULL }).collect();
+        let active = (0..32).map(|i| if i < 8 { life } else { TimeInterval::FULL }).collect();
         let mut at = |i, key| match i {
             0..8 => Vec3::X * passing_zero(segment, phase, w, key),
             8..16 => Vec3::X * other,
             _ => Vec3::new(-1.01, 1e-3 * rng.unit(), 0.0),
         };
         let keys = (0..=SEGMENTS).map(|key| (0..32).map(|i| at(i, key)).collect()).collect();
-        let cloud = Cloud { keys, alive };
+        let cloud = Cloud { keys, active };
         let interval = TimeInterval::new(begin, begin.next_up()).unwrap();
         let radius = least_radius(&cloud, (16, 0), interval);
         let tree = build(&cloud, PointStructure::Linear, SimdLevel::best());

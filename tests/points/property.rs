@@ -27,14 +27,14 @@ fn life() -> impl Strategy<Value = TimeInterval> {
 
 fn moving_point() -> impl Strategy<Value = MovingPoint> {
     let way = prop_oneof![Just(Vec3::ZERO), place(), place().prop_map(|p| p * 0.01)];
-    (place(), way, life()).prop_map(|(p, way, life)| MovingPoint::new(p, p + way).alive(life))
+    (place(), way, life()).prop_map(|(p, way, life)| MovingPoint::new(p, p + way).active(life))
 }
 
 fn structure() -> impl Strategy<Value = PointStructure> {
     prop_oneof![
         Just(PointStructure::Automatic),
         Just(PointStructure::Linear),
-        (1usize..6).prop_map(PointStructure::Slabs),
+        (1usize..6).prop_map(PointStructure::TimeSlices),
         Just(PointStructure::Mbkd),
     ]
 }

@@ -3,28 +3,28 @@
 
 use mbkd::{MovingPoint, Neighbor, TimeInterval, glam::Vec3};
 
-/// Points with positions at evenly spaced keys, and when they are alive.
+/// Points with positions at evenly spaced keys, and when they are active.
 #[derive(Clone, Debug)]
 pub struct Cloud {
     pub keys: Vec<Vec<Vec3>>,
-    pub alive: Vec<TimeInterval>,
+    pub active: Vec<TimeInterval>,
 }
 
 impl Cloud {
     pub fn still(at: Vec<Vec3>) -> Cloud {
-        let alive = vec![TimeInterval::FULL; at.len()];
-        Cloud { keys: vec![at], alive }
+        let active = vec![TimeInterval::FULL; at.len()];
+        Cloud { keys: vec![at], active }
     }
 
     pub fn moving(points: &[MovingPoint]) -> Cloud {
         Cloud {
             keys: vec![points.iter().map(|p| p.open).collect(), points.iter().map(|p| p.close).collect()],
-            alive: points.iter().map(|p| p.alive).collect(),
+            active: points.iter().map(|p| p.active).collect(),
         }
     }
 
     pub fn len(&self) -> usize {
-        self.alive.len()
+        self.active.len()
     }
 
     /// The position of a point at a time: interpolated in f32 from the nearer key.
@@ -44,7 +44,7 @@ impl Cloud {
     /// All points that exist at a time, in order of (distance, id).
     pub fn sorted(&self, q: Vec3, time: f32) -> Vec<Neighbor> {
         let mut all: Vec<Neighbor> = (0..self.len())
-            .filter(|&i| self.alive[i].contains(time))
+            .filter(|&i| self.active[i].contains(time))
             .map(|i| {
                 let d = self.at(i, time) - q;
                 Neighbor { id: i as u32, distance_squared: (d.x * d.x + d.y * d.y) + d.z * d.z }
@@ -123,7 +123,7 @@ pub fn cloud(kind: &str, count: usize, rng: &mut Rng) -> Cloud {
             "short lives" => {
                 let begin = rng.unit() * 0.95;
                 let end = (begin + 0.02 + 0.08 * rng.unit()).min(1.0);
-                MovingPoint::new(p, p + rng.vec() * spacing).alive(TimeInterval::new(begin, end).unwrap())
+                MovingPoint::new(p, p + rng.vec() * spacing).active(TimeInterval::new(begin, end).unwrap())
             }
             // All points coincide at mid-shutter, and are on a grid before.
             "converging" => {

@@ -47,14 +47,14 @@ fn every_point_is_visited_once_at_its_position() {
         .map(|i| {
             let from = vec();
             let point = MovingPoint::new(from, from + vec() * if i % 20 == 0 { 1.5 } else { 0.1 });
-            if i % 3 == 0 { point.alive(some_time) } else { point }
+            if i % 3 == 0 { point.active(some_time) } else { point }
         })
         .collect();
     let still: Vec<MovingPoint> = (0..3000).map(|_| MovingPoint::fixed(vec())).collect();
-    use PointStructure::{Automatic, Linear, Mbkd, Slabs};
+    use PointStructure::{Automatic, Linear, Mbkd, TimeSlices};
     let everywhere = Aabb { min: DVec3::splat(-9.0), max: DVec3::splat(9.0) };
     for points in [&moving, &still] {
-        for structure in [Automatic, Linear, Slabs(3), Mbkd] {
+        for structure in [Automatic, Linear, TimeSlices(3), Mbkd] {
             let params = PointParams { structure, ..PointParams::default() };
             let tree = PointTree::build(points, &params).unwrap();
             for time in [0.0, 0.2, 0.5, 1.0] {

@@ -59,7 +59,7 @@ fn pencil(random: &mut Random, count: usize) -> Vec<Ray> {
 fn rays_that_look_the_same_way_answer_as_single_rays() {
     let mut random = Random(11);
     let (mut hits, mut shadows) = (Vec::new(), Vec::new());
-    for division in [Division::Automatic, Division::Segments(3)] {
+    for division in [Division::Automatic, Division::SharedLeaves(3)] {
         for level in SimdLevel::available() {
             let tree = tree(division, level);
             let mut found = 0;

@@ -13,7 +13,7 @@ use proptest::prelude::*;
 
 /// All policies, and divisions of the shutter that no automatic choice would make of small sets.
 fn all_variants() -> Vec<BuildParams> {
-    let divided = [Division::Whole, Division::Segments(3), Division::Copies(2)]
+    let divided = [Division::Whole, Division::SharedLeaves(3), Division::SeparateTrees(2)]
         .map(|division| BuildParams::wide(WideParams { division, ..WideParams::default() }));
     variants().into_iter().chain(divided).collect()
 }
@@ -107,7 +107,7 @@ fn long_triangles_that_are_cut_and_large_trees() {
     let oracle = BruteForce::new(&meshes).unwrap();
     let trees: Vec<RayTree> = [
         BuildParams::wide(WideParams { max_references: 4.0, ..WideParams::default() }),
-        BuildParams::wide(WideParams { division: Division::Segments(4), ..WideParams::default() }),
+        BuildParams::wide(WideParams { division: Division::SharedLeaves(4), ..WideParams::default() }),
         BuildParams::kd(KdParams::default()),
     ]
     .iter()

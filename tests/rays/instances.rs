@@ -202,8 +202,8 @@ fn instances_of_all_layouts_equal_brute_force() {
     for (n, orders, division) in [
         (1, 0.0, Division::Automatic),
         (12, 0.5, Division::Whole),
-        (60, 1.0, Division::Segments(4)),
-        (60, 1.0, Division::Copies(3)),
+        (60, 1.0, Division::SharedLeaves(4)),
+        (60, 1.0, Division::SeparateTrees(3)),
         (150, 5.0, Division::Automatic),
     ] {
         let params = WideParams { division, ..WideParams::default() };
@@ -255,7 +255,7 @@ fn instances_that_turn_fast_are_where_they_are_at_every_time() {
     let key = |i: usize| Pose { rotation: DQuat::from_rotation_z(2.8 * i as f64), ..Pose::IDENTITY };
     for keys in 2..6 {
         let wheel: Vec<Pose> = (0..keys).map(key).collect();
-        for division in [Division::Whole, Division::Copies(8), Division::Segments(5)] {
+        for division in [Division::Whole, Division::SeparateTrees(8), Division::SharedLeaves(5)] {
             let instance = Instance::new(of.clone(), wheel.clone());
             let params = WideParams { division, ..WideParams::default() };
             let placed = Placed::new(vec![(instance, brute.clone())], &params);

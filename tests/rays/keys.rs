@@ -141,11 +141,11 @@ fn bent_motion_equals_brute_force_however_the_shutter_is_divided() {
     let divisions = [
         Division::Automatic,
         Division::Whole,
-        Division::Segments(3),
-        Division::Segments(16),
-        Division::Copies(3),
-        Division::Copies(4),
-        Division::Copies(16),
+        Division::SharedLeaves(3),
+        Division::SharedLeaves(16),
+        Division::SeparateTrees(3),
+        Division::SeparateTrees(4),
+        Division::SeparateTrees(16),
     ];
     for (i, division) in divisions.into_iter().enumerate() {
         let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
@@ -166,7 +166,7 @@ fn motion_that_ends_where_it_began_is_motion() {
     if let Keys::F32(at) = &mut there.keys {
         at[8] = at[0].clone();
     }
-    for division in [Division::Automatic, Division::Whole, Division::Segments(4), Division::Copies(4)] {
+    for division in [Division::Automatic, Division::Whole, Division::SharedLeaves(4), Division::SeparateTrees(4)] {
         let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
         equals_brute_force(&[there.clone()], &params, 300);
     }
@@ -175,7 +175,7 @@ fn motion_that_ends_where_it_began_is_motion() {
 #[test]
 fn corners_and_closest_points_are_those_of_brute_force() {
     let meshes = mixed(30);
-    for division in [Division::Automatic, Division::Copies(4), Division::Segments(3)] {
+    for division in [Division::Automatic, Division::SeparateTrees(4), Division::SharedLeaves(3)] {
         let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
         let (tree, oracle) = (RayTree::build(&meshes, &params).unwrap(), BruteForce::new(&meshes).unwrap());
         let kd = RayTree::build(&meshes, &BuildParams::paper()).unwrap();

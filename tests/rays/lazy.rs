@@ -45,7 +45,7 @@ fn every_query_has_the_answer_of_a_whole_tree_whoever_comes_first() {
     let points: Vec<ClosestPointQuery> =
         (0..60).map(|_| ClosestPointQuery::new(random.vec() * 2.0, random.unit())).collect();
     let divided = LazyParams {
-        wide: WideParams { division: Division::Copies(3), max_references: 3.0, ..WideParams::default() },
+        wide: WideParams { division: Division::SeparateTrees(3), max_references: 3.0, ..WideParams::default() },
         subtree: 100,
     };
     let whole_shutter =

@@ -40,7 +40,7 @@ fn shapes(count: usize) -> Vec<Shape> {
 }
 
 fn params() -> Vec<BuildParams> {
-    let divided = [Division::Segments(3), Division::Copies(2)]
+    let divided = [Division::SharedLeaves(3), Division::SeparateTrees(2)]
         .map(|division| BuildParams::wide(WideParams { division, ..WideParams::default() }));
     variants().into_iter().chain(divided).collect()
 }

@@ -72,7 +72,7 @@ fn shapes(name: &str) -> Vec<Shape> {
 }
 
 fn params() -> Vec<BuildParams> {
-    let divided = [Division::Segments(3), Division::Copies(2)]
+    let divided = [Division::SharedLeaves(3), Division::SeparateTrees(2)]
         .map(|division| BuildParams::wide(WideParams { division, ..WideParams::default() }));
     let cut = BuildParams::wide(WideParams { max_references: 2.0, ..WideParams::default() });
     variants().into_iter().chain(divided).chain([cut]).collect()

@@ -12,7 +12,7 @@ use mbkd_scenes as scene;
 
 /// All divisions of the shutter.
 fn params() -> Vec<BuildParams> {
-    let divisions = [Division::Automatic, Division::Whole, Division::Segments(3), Division::Copies(2)];
+    let divisions = [Division::Automatic, Division::Whole, Division::SharedLeaves(3), Division::SeparateTrees(2)];
     divisions.map(|division| BuildParams::wide(WideParams { division, ..WideParams::default() })).into()
 }
 

@@ -49,7 +49,7 @@ fn meshes() -> Vec<TriangleMesh> {
 
 fn trees(meshes: &[TriangleMesh]) -> Vec<RayTree> {
     let cut = BuildParams::wide(WideParams { max_references: 4.0, ..WideParams::default() });
-    let divided = BuildParams::wide(WideParams { division: Division::Segments(3), ..WideParams::default() });
+    let divided = BuildParams::wide(WideParams { division: Division::SharedLeaves(3), ..WideParams::default() });
     variants().iter().chain([&cut, &divided]).map(|params| RayTree::build(meshes, params).unwrap()).collect()
 }
 

@@ -16,7 +16,7 @@ pub struct Whole<'a> {
 fn tree(particles: &[Particle]) -> PointTree {
     let open: Vec<_> = particles.iter().map(|p| p.open).collect();
     let close: Vec<_> = particles.iter().map(|p| p.close).collect();
-    let points = PointArrays { keys: &[&open, &close], alive: &[], ids: &[] };
+    let points = PointArrays { keys: &[&open, &close], active: &[], ids: &[] };
     PointTree::build(&points, &PointParams::default()).unwrap()
 }
 

@@ -10,19 +10,19 @@ use mbkd_scenes::Scene;
 fn by_hand() -> Vec<(String, BuildParams)> {
     let divisions = [
         Division::Whole,
-        Division::Segments(2),
-        Division::Segments(4),
-        Division::Segments(8),
-        Division::Copies(2),
-        Division::Copies(4),
-        Division::Copies(8),
-        Division::Copies(16),
+        Division::SharedLeaves(2),
+        Division::SharedLeaves(4),
+        Division::SharedLeaves(8),
+        Division::SeparateTrees(2),
+        Division::SeparateTrees(4),
+        Division::SeparateTrees(8),
+        Division::SeparateTrees(16),
     ];
     let mut all = Vec::new();
     for division in divisions {
         let name = match division {
-            Division::Segments(n) => format!("{n} segments"),
-            Division::Copies(n) => format!("{n} copies"),
+            Division::SharedLeaves(n) => format!("{n} slices with shared leaves"),
+            Division::SeparateTrees(n) => format!("{n} separate trees"),
             _ => "whole".into(),
         };
         let params = WideParams { division, ..WideParams::default() };

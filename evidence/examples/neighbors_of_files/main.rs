@@ -31,7 +31,7 @@ fn points(table: &Table, step: f32) -> Result<Vec<MovingPoint>, Box<dyn std::err
         let last = first.iter().map(|row| row[time]).fold(f32::MIN_POSITIVE, f32::max);
         let moment = |row: &Vec<f32>| {
             let begin = (row[time] / last).clamp(0.0, 0.95);
-            Ok(MovingPoint::fixed(vector(row, place)).alive(TimeInterval::new(begin, begin + 0.05)?))
+            Ok(MovingPoint::fixed(vector(row, place)).active(TimeInterval::new(begin, begin + 0.05)?))
         };
         return first.iter().map(moment).collect();
     }
@@ -69,7 +69,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let (mut distance, mut queries) = (0.0, 0);
         let begin = Instant::now();
         for (i, point) in points.iter().enumerate() {
-            let time = 0.5 * (point.alive.begin() + point.alive.end());
+            let time = 0.5 * (point.active.begin() + point.active.end());
             let at = point.open.lerp(point.close, time);
             let found = tree.query(at, time).filter(|id| id != i as u32).nearest_n_into(8, &mut buffer);
             if let Some(last) = found.last() {

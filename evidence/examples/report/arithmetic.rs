@@ -239,10 +239,10 @@ fn nearest_errors(offset: f64, count: usize, seed: u64) -> Result<[Vec<f64>; 4],
     let params = PointParams::default();
     let rounding = PointParams { round_to_f32: true, ..params.clone() };
     let keys: [&[DVec3]; 2] = [&open, &close];
-    let wide = PointArrays { keys: &keys, alive: &[], ids: &[] };
+    let wide = PointArrays { keys: &keys, active: &[], ids: &[] };
     let (in_f64, rounded) = (PointTree::build(&wide, &params)?, PointTree::build(&wide, &rounding)?);
     let keys: [&[Vec3]; 2] = [&open32, &close32];
-    let in_f32 = PointTree::build(&PointArrays { keys: &keys, alive: &[], ids: &[] }, &params)?;
+    let in_f32 = PointTree::build(&PointArrays { keys: &keys, active: &[], ids: &[] }, &params)?;
     let mut errors: [Vec<f64>; 4] = Default::default();
     for _ in 0..count {
         let time = random.unit() as f32;

@@ -97,7 +97,8 @@ impl Snapshots {
     pub fn build(points: &[MovingPoint], times: usize, leaves: Leaves) -> Result<Snapshots, Box<dyn Error>> {
         let tree = |i: usize| -> Result<(KiddoTree, Vec<u32>), Box<dyn Error>> {
             let time = (i as f32 + 0.5) / times as f32;
-            let ids: Vec<u32> = (0..points.len() as u32).filter(|&i| points[i as usize].alive.contains(time)).collect();
+            let ids: Vec<u32> =
+                (0..points.len() as u32).filter(|&i| points[i as usize].active.contains(time)).collect();
             let places: Vec<[f32; 3]> = ids.iter().map(|&i| place(&points[i as usize], time).to_array()).collect();
             // Where all exist, ids are indices.
             let ids = if ids.len() == points.len() { Vec::new() } else { ids };
@@ -141,7 +142,7 @@ impl<'a> Inflated<'a> {
         let off = *farthest * (time - 0.5).abs() * 1.0001 + 1e-6;
         let keep = |near: &mut Vec<(f32, u32)>, id: u32| {
             let point = &points[id as usize];
-            if point.alive.contains(time) {
+            if point.active.contains(time) {
                 near.push((place(point, time).distance_squared(at), id));
             }
         };

@@ -170,8 +170,8 @@ fn rebuilt(points: &[MovingPoint], queries: &[Query], leaves: Leaves, one: f64) 
     let mut seconds = 0.0;
     let some: Vec<&Query> = queries.iter().step_by(queries.len() / 3).collect();
     for &&(at, time) in &some {
-        let alive = points.iter().filter(|p| p.alive.contains(time));
-        let places: Vec<[f32; 3]> = alive.map(|p| place(p, time).to_array()).collect();
+        let active = points.iter().filter(|p| p.active.contains(time));
+        let places: Vec<[f32; 3]> = active.map(|p| place(p, time).to_array()).collect();
         let tree = KiddoTree::build(&places, leaves)?;
         seconds += timed(1, || tree.nearest(at, K, |id, _| _ = std::hint::black_box(id))).0 / some.len() as f64;
     }

@@ -169,7 +169,7 @@ fn over_displacement(run: &Run, size: &Size, spacings: &[f32]) -> Result<Vec<Cur
     let structures = [
         ("mbkd, automatic", PointStructure::Automatic),
         ("mbkd, linear boxes", PointStructure::Linear),
-        ("mbkd, linear boxes in 4 time slices", PointStructure::Slabs(4)),
+        ("mbkd, linear boxes in 4 time slices", PointStructure::TimeSlices(4)),
         ("the paper's k-d tree", PointStructure::Mbkd),
     ];
     let mut curves: Vec<Curve> =
@@ -216,7 +216,7 @@ fn over_keys(run: &Run, size: &Size, numbers: &[usize]) -> Result<Vec<Curve>, Bo
         run.step(&format!("{count} keys"));
         let keys = wandering(n, count, run.seed);
         let arrays: Vec<&[Vec3]> = keys.iter().map(|key| &key[..]).collect();
-        let points = PointArrays { keys: &arrays, alive: &[], ids: &[] };
+        let points = PointArrays { keys: &arrays, active: &[], ids: &[] };
         let ends: Vec<MovingPoint> =
             keys[0].iter().zip(&keys[count - 1]).map(|(open, close)| MovingPoint::new(*open, *close)).collect();
         let queries = queries(&ends, size.queries, run.seed + 1);

@@ -31,8 +31,8 @@ pub fn compare_approaches(
         let part = TimeInterval::new(begin, begin + 0.2 * random.unit() as f32 + 1e-3).unwrap_or(TimeInterval::FULL);
         let times = [TimeInterval::FULL, part][random.below(2)];
         let (from, to) = (set.query(case, times.begin(), random), set.query(case, times.end(), random));
-        let exact: Vec<Option<ExactApproach>> = (0..set.alive.len())
-            .map(|i| approach((from, to), times, set.given, keys, set.alive[i], |k| set.keys[k][i]))
+        let exact: Vec<Option<ExactApproach>> = (0..set.active.len())
+            .map(|i| approach((from, to), times, set.given, keys, set.active[i], |k| set.keys[k][i]))
             .collect();
         let best = exact.iter().flatten().min_by(|a, b| a.squared.cmp(&b.squared));
         for (tree, tally) in trees.iter().zip(&mut tallies) {

@@ -17,7 +17,7 @@ pub fn structures(wide: bool) -> Vec<(&'static str, PointStructure)> {
     let mut all = vec![
         ("automatic", PointStructure::Automatic),
         ("linear", PointStructure::Linear),
-        ("slabs", PointStructure::Slabs(3)),
+        ("time slices", PointStructure::TimeSlices(3)),
         ("mbkd", PointStructure::Mbkd),
     ];
     all.retain(|(_, s)| !(wide && matches!(s, PointStructure::Mbkd)));
@@ -28,7 +28,7 @@ pub fn structures(wide: bool) -> Vec<(&'static str, PointStructure)> {
 pub(super) struct Points {
     /// By key and point.
     pub(super) keys: Vec<Vec<DVec3>>,
-    pub(super) alive: Vec<TimeInterval>,
+    pub(super) active: Vec<TimeInterval>,
     pub(super) given: Given,
 }
 
@@ -36,7 +36,7 @@ impl Points {
     pub(super) fn new(case: &PointCase, random: &mut Random) -> Points {
         let base = DVec3::splat(case.offset * case.scale);
         let mut keys = vec![Vec::new(); case.keys];
-        let mut alive = Vec::new();
+        let mut active = Vec::new();
         for i in 0..POINTS {
             let cluster = case.clusters.map_or(DVec3::ZERO, |away| DVec3::X * (away * f64::from(i as u32 % 2)));
             let outlier = match case.outlier {
@@ -53,9 +53,9 @@ impl Points {
             let short = case.keys > 1 && random.below(4) == 0;
             let begin = random.unit() as f32 * 0.6;
             let part = TimeInterval::new(begin, begin + 0.3).expect("a part of the shutter");
-            alive.push(if short { part } else { TimeInterval::FULL });
+            active.push(if short { part } else { TimeInterval::FULL });
         }
-        Points { keys, alive, given: if case.wide { Given::F64 } else { Given::F32 } }
+        Points { keys, active, given: if case.wide { Given::F64 } else { Given::F32 } }
     }
 
     pub(super) fn trees(&self, structures: &[PointStructure]) -> Result<Vec<PointTree>, PointError> {
@@ -63,12 +63,12 @@ impl Points {
             let params = PointParams { structure, ..PointParams::default() };
             if self.given == Given::F64 {
                 let keys: Vec<&[DVec3]> = self.keys.iter().map(|key| &key[..]).collect();
-                PointTree::build(&PointArrays { keys: &keys, alive: &self.alive, ids: &[] }, &params)
+                PointTree::build(&PointArrays { keys: &keys, active: &self.active, ids: &[] }, &params)
             } else {
                 let keys: Vec<Vec<Vec3>> =
                     self.keys.iter().map(|key| key.iter().map(|p| p.as_vec3()).collect()).collect();
                 let keys: Vec<&[Vec3]> = keys.iter().map(|key| &key[..]).collect();
-                PointTree::build(&PointArrays { keys: &keys, alive: &self.alive, ids: &[] }, &params)
+                PointTree::build(&PointArrays { keys: &keys, active: &self.active, ids: &[] }, &params)
             }
         };
         structures.iter().map(build).collect()
@@ -102,9 +102,9 @@ struct Exact(Vec<(u32, ExactDistance)>);
 
 impl Exact {
     fn new(set: &Points, query: DVec3, time: f32) -> Exact {
-        let alive = (0..POINTS).filter(|&i| set.alive[i].contains(time));
+        let active = (0..POINTS).filter(|&i| set.active[i].contains(time));
         let mut all: Vec<_> =
-            alive.map(|i| (i as u32, ExactDistance::new(query, set.given, &set.at(i, time)))).collect();
+            active.map(|i| (i as u32, ExactDistance::new(query, set.given, &set.at(i, time)))).collect();
         all.sort_by(|a, b| a.1.squared.cmp(&b.1.squared));
         Exact(all)
     }

@@ -29,17 +29,17 @@ impl ExactApproach {
 }
 
 /// The closest approach during `times` of a query that moves linearly from `from` to `to`, and a point with position
-/// `key(i)` at the `i`-th of `keys` keys that is active during `alive`. `None` if these have no time in common.
+/// `key(i)` at the `i`-th of `keys` keys that exists during `active`. `None` if these have no time in common.
 pub fn approach(
     (from, to): (DVec3, DVec3),
     times: TimeInterval,
     given: Given,
     keys: usize,
-    alive: TimeInterval,
+    active: TimeInterval,
     key: impl Fn(usize) -> DVec3 + Copy,
 ) -> Option<ExactApproach> {
-    let first = Dyadic::new(times.begin().max(alive.begin()));
-    let last = Dyadic::new(times.end().min(alive.end()));
+    let first = Dyadic::new(times.begin().max(active.begin()));
+    let last = Dyadic::new(times.end().min(active.end()));
     if first > last {
         return None;
     }

@@ -30,21 +30,21 @@ impl Set {
                 let begin = (row[t] / last).clamp(0.0, 0.95);
                 TimeInterval::new(begin, begin + 0.05).expect("within the shutter")
             };
-            return Cloud { alive: self.0.frames[0].iter().map(life).collect(), keys: vec![first] };
+            return Cloud { active: self.0.frames[0].iter().map(life).collect(), keys: vec![first] };
         }
         if self.0.frames.len() > 1 {
             let keys = (0..self.0.frames.len()).filter_map(|f| self.columns(f, ["x", "y", "z"])).collect();
-            return Cloud { keys, alive: full };
+            return Cloud { keys, active: full };
         }
         let velocity = self.columns(0, ["vx", "vy", "vz"]).unwrap_or(vec![Vec3::ZERO; first.len()]);
         let later = first.iter().zip(&velocity).map(|(p, v)| *p + *v * 0.04).collect();
-        Cloud { keys: vec![first, later], alive: full }
+        Cloud { keys: vec![first, later], active: full }
     }
 }
 
 fn check(name: &str, cloud: &Cloud) {
     let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();
-    let set = PointArrays { keys: &keys, alive: &cloud.alive, ids: &[] };
+    let set = PointArrays { keys: &keys, active: &cloud.active, ids: &[] };
     for structure in [PointStructure::Automatic, PointStructure::Linear, PointStructure::Mbkd] {
         let tree = PointTree::build(&set, &PointParams { structure, ..PointParams::default() }).unwrap();
         println!("{name}: {} points\n{}", cloud.len(), tree.statistics());

@@ -14,7 +14,7 @@ const SIZES: (usize, usize, usize) = (4000, 200, 8);
 const STRUCTURES: [(&str, PointStructure); 4] = [
     ("automatic", PointStructure::Automatic),
     ("linear", PointStructure::Linear),
-    ("slabs 4", PointStructure::Slabs(4)),
+    ("4 time slices", PointStructure::TimeSlices(4)),
     ("mbkd", PointStructure::Mbkd),
 ];
 

@@ -55,7 +55,7 @@ pub(super) enum TimeWeight {
 /// The unstamped photons as a set of points.
 struct UnstampedPhotons<'a> {
     unstamped: &'a [UnstampedPhoton],
-    alive: &'a [TimeInterval],
+    active: &'a [TimeInterval],
     first: u32,
 }
 
@@ -71,8 +71,8 @@ impl PointSet for UnstampedPhotons<'_> {
         let photon_at = &self.unstamped[point];
         (if key == 0 { photon_at.open } else { photon_at.close }).as_dvec3()
     }
-    fn alive(&self, point: usize) -> TimeInterval {
-        self.alive[point]
+    fn active(&self, point: usize) -> TimeInterval {
+        self.active[point]
     }
     fn id(&self, point: usize) -> u32 {
         self.first + point as u32
@@ -86,7 +86,8 @@ impl Index {
         if photons.len() >= u32::MAX as usize {
             return Err(PointError::TooManyPoints { found: photons.len() }.into());
         }
-        let (mut items, mut unstamped, mut alive, mut unstamped_ids) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let (mut items, mut unstamped, mut active, mut unstamped_ids) =
+            (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let mut carried = false;
         for (number, photon) in photons.iter().enumerate() {
             if !photon.normal.is_finite() {
@@ -103,17 +104,17 @@ impl Index {
                     items.push(Item { at: [at.x, at.y, at.z, time, 0.0], index: number as u32 });
                     continue;
                 }
-                PhotonTime::During(active) => {
-                    alive.push(active);
+                PhotonTime::During(interval) => {
+                    active.push(interval);
                     // Intervals may be so short that 1 / duration overflows in f32.
-                    let even = 1.0 / active.duration().max(f32::MIN_POSITIVE);
+                    let even = 1.0 / interval.duration().max(f32::MIN_POSITIVE);
                     UnstampedPhoton { open: at, close: at, time_weight: TimeWeight::Even(even) }
                 }
                 PhotonTime::Carried { time, velocity } => {
                     carried = true;
                     // A little longer than the window; the exact test comes with the query.
                     let reach = params.window + 1e-6 * (1.0 + params.window);
-                    alive.push(TimeInterval::half_open(time - reach, time + reach).unwrap_or(TimeInterval::FULL));
+                    active.push(TimeInterval::half_open(time - reach, time + reach).unwrap_or(TimeInterval::FULL));
                     let open = checked(at - velocity * time, number, 0)?;
                     let close = checked(at + velocity * (1.0 - time), number, 1)?;
                     UnstampedPhoton { open, close, time_weight: TimeWeight::Stamp(time) }
@@ -133,7 +134,7 @@ impl Index {
             None
         } else {
             let structure = PointParams { structure: params.structure, simd: params.simd, ..PointParams::default() };
-            Some(PointTree::build(&UnstampedPhotons { unstamped: &unstamped, alive: &alive, first }, &structure)?)
+            Some(PointTree::build(&UnstampedPhotons { unstamped: &unstamped, active: &active, first }, &structure)?)
         };
         Ok(Index {
             stamped,

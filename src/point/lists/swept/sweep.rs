@@ -221,7 +221,7 @@ mod tests {
         });
         let active: Vec<_> = active.collect();
         let mut divided = 0;
-        for (keys, alive) in [
+        for (keys, active) in [
             (&[&first[..], &second][..], &[][..]),
             (&[&first, &second], &active),
             (&[&first, &second, &third], &[]),
@@ -232,16 +232,16 @@ mod tests {
                 let mut of_linear = None;
                 for structure in [
                     PointStructure::Linear,
-                    PointStructure::Slabs(2),
-                    PointStructure::Slabs(8),
+                    PointStructure::TimeSlices(2),
+                    PointStructure::TimeSlices(8),
                     PointStructure::Automatic,
                     PointStructure::Mbkd,
                 ] {
                     let params = PointParams { structure, ..PointParams::default() };
-                    let tree = PointTree::build(&PointArrays { keys, alive, ids: &[] }, &params).unwrap();
+                    let tree = PointTree::build(&PointArrays { keys, active, ids: &[] }, &params).unwrap();
                     for radius in [0.2, 9.0] {
                         let what =
-                            format!("{} keys, {} intervals, {structure:?}, radius {radius}", keys.len(), alive.len());
+                            format!("{} keys, {} intervals, {structure:?}, radius {radius}", keys.len(), active.len());
                         let mut lists = EncounterLists::new();
                         tree.neighbor_lists_swept_into(interval, radius, &mut lists).unwrap();
                         let boxed = tree.box_tree([begin, end]);
