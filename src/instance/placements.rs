@@ -6,14 +6,12 @@ use super::error::InstanceError;
 use super::extent::{Extent, INNER_ULPS};
 use super::motion::{Motion, Motions};
 use super::outline::Outline;
-use crate::geometry::{Aabb, Box3, Ends, Frame, LinearBounds, LinearBox3, TimeInterval, ULP};
-use crate::layout::{ChildRef, WideSource, write_list};
+use crate::geometry::{Aabb, Box3, Frame, LinearBounds, LinearBox3, TimeInterval, ULP};
+use crate::layout::WideSource;
 use crate::limits::MAX_COORDINATE;
 use crate::parallel;
-use crate::primitive::{PrimitiveSet, Triangles};
+use crate::primitive::PrimitiveSet;
 use crate::ray::TreeRay;
-use crate::simd::Arena;
-use crate::time::TimeSlice;
 use glam::DVec3;
 
 /// The data of an instance that queries use.
@@ -197,23 +195,8 @@ impl PrimitiveSet for Placements {
         LinearBox3 { begin: outward(bounds.begin), end: outward(bounds.end) }
     }
 
-    fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3 {
-        match TimeInterval::half_open(time, time.next_up()) {
-            Some(instant) => self.bounds(id, instant).begin.intersection(cell),
-            None => Box3::EMPTY,
-        }
-    }
-
-    fn ends(&self, _: u32, _: TimeInterval) -> Option<Ends> {
-        None
-    }
-
     fn mask(&self, id: u32) -> u32 {
         self.placed[id as usize].mask
-    }
-
-    fn name(&self, id: u32) -> (u32, u32) {
-        (0, id)
     }
 
     fn frame(&self) -> &Frame {
@@ -228,18 +211,8 @@ impl PrimitiveSet for Placements {
 }
 
 impl WideSource for Placements {
-    const TRIANGLES: bool = false;
-
-    fn triangles(&self) -> Option<&Triangles> {
-        None
-    }
-
     /// Releases the data of the build.
     fn release_build_data(&mut self) {
         (self.extents, self.slacks, self.whole) = (Vec::new(), Vec::new(), Vec::new());
-    }
-
-    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], _: TimeSlice) -> Option<ChildRef> {
-        write_list(arena, ids)
     }
 }

@@ -11,9 +11,11 @@ use glam::Vec3;
 pub(crate) trait WideSource: PrimitiveSet {
     /// Whether the set may have triangles. Their corners are in leaf blocks (except for triangles in f64); leaf blocks
     /// of other primitives are lists of ids.
-    const TRIANGLES: bool;
+    const TRIANGLES: bool = false;
     /// The triangles, whose ids come first.
-    fn triangles(&self) -> Option<&Triangles>;
+    fn triangles(&self) -> Option<&Triangles> {
+        None
+    }
     /// Whether leaves only list the id of a primitive: false for triangles whose corners are in leaf blocks.
     fn is_listed(&self, id: u32) -> bool {
         let _ = id;
@@ -22,7 +24,10 @@ pub(crate) trait WideSource: PrimitiveSet {
     /// Releases the data that only the build needs: leaf blocks have copies of it.
     fn release_build_data(&mut self) {}
     /// Writes a leaf block for queries in a time slice; `None` if the arena is full.
-    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef>;
+    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef> {
+        let _ = slice;
+        write_list(arena, ids)
+    }
     /// Rewrites the coordinates of a leaf block that begins at `words[0]`; returns whether any of them changed. `ids`
     /// are those in the block. All primitives of a list of ids count as changed.
     fn rewrite_leaf(&self, words: &mut [u32], leaf: ChildRef, ids: &[u32]) -> bool {
@@ -227,20 +232,10 @@ pub(super) fn set_sizes(word: &mut u32, sizes: u32) {
     *word = *word & 0xffff | sizes;
 }
 
-impl<P: Primitive> WideSource for Shapes<P> {
-    const TRIANGLES: bool = false;
-
-    fn triangles(&self) -> Option<&Triangles> {
-        None
-    }
-
-    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], _: TimeSlice) -> Option<ChildRef> {
-        write_list(arena, ids)
-    }
-}
+impl<P: Primitive> WideSource for Shapes<P> {}
 
 /// Writes a list of ids.
-pub(crate) fn write_list(arena: &mut Arena, ids: &[u32]) -> Option<ChildRef> {
+pub(super) fn write_list(arena: &mut Arena, ids: &[u32]) -> Option<ChildRef> {
     arena.align();
     let at = arena.grow(ids.len());
     arena.ints_mut()[at..at + ids.len()].copy_from_slice(ids);

@@ -41,7 +41,7 @@ mod write;
 pub use kd_validate::ValidationError;
 pub(crate) use keyed_leaf::{KeyedLeaf, KeyedRows};
 pub(crate) use lazy_tree::LazyTree;
-pub(crate) use leaf_block::{WideSource, write_list};
+pub(crate) use leaf_block::WideSource;
 pub(crate) use leaf_lanes::{Between, CornerLanes};
 pub(crate) use refit::Moved;
 pub(crate) use refit_plan::Plan;

@@ -110,18 +110,12 @@ impl<M: Moving> Builder<'_, M> {
         let at = out.nodes.len();
         out.nodes.push(KdNode::leaf(0, 0));
         if parallel {
-            let (left, right) = parallel::both(
-                || {
-                    let mut out = Output::default();
-                    self.build(left, &mut out);
-                    out
-                },
-                || {
-                    let mut out = Output::default();
-                    self.build(right, &mut out);
-                    out
-                },
-            );
+            let subtree = |node| {
+                let mut out = Output::default();
+                self.build(node, &mut out);
+                out
+            };
+            let (left, right) = parallel::both(|| subtree(left), || subtree(right));
             out.append(left);
             out.nodes[at] = KdNode::inner(plane, self.checked(out.nodes.len()));
             out.append(right);

@@ -9,7 +9,7 @@
 //! rounding before they cull.
 
 use super::layers::Layer;
-use super::over_interval::{BoxTree, PointPath};
+use super::over_interval::{BoxTree, PointPath, greater, lesser};
 use super::pair_approach::{Overlap, QueryPath};
 use super::plane_tree::PlaneTree;
 use super::tree::PointTree;
@@ -102,18 +102,6 @@ impl<T: BoxTree> Kernel for Bounds<'_, T> {
     }
 }
 
-/// The maximum, in one instruction, without regard to NaN.
-#[inline(always)]
-fn max(a: f64, b: f64) -> f64 {
-    if a > b { a } else { b }
-}
-
-/// The minimum, likewise.
-#[inline(always)]
-fn min(a: f64, b: f64) -> f64 {
-    if a < b { a } else { b }
-}
-
 /// Whether a lower bound of squared distances, which has slack for its own rounding, excludes better answers.
 #[inline(always)]
 fn is_beyond(bound: f64, search: &Search) -> bool {
@@ -146,8 +134,8 @@ impl QueryPath {
         let first = self.times[0].max(slice[0]);
         let last = self.times[1].min(slice[1]);
         for lane in 0..LANES {
-            begin[lane] = max(begin[lane], first);
-            end[lane] = min(end[lane], last);
+            begin[lane] = greater(begin[lane], first);
+            end[lane] = lesser(end[lane], last);
         }
         let length = self.times[1] - self.times[0];
         let rate = if length > 0.0 { 1.0 / length } else { 0.0 };
@@ -161,15 +149,15 @@ impl QueryPath {
             for lane in 0..LANES {
                 let time = begin[lane] + (end[lane] - begin[lane]) * fraction;
                 passed[lane] = (time - self.times[0]) * rate;
-                phase[lane] = min(max(time * segments - segment as f64, 0.0), 1.0);
+                phase[lane] = lesser(greater(time * segments - segment as f64, 0.0), 1.0);
             }
             let [lo, hi] = tree.faces(node, &phase);
             let (mut at, mut size) = ([[0.0; LANES]; 3], [0.0; LANES]);
             for axis in 0..3 {
                 for lane in 0..LANES {
                     at[axis][lane] = from[axis] + displacement[axis] * passed[lane];
-                    let faces = max(lo[axis][lane].abs(), hi[axis][lane].abs());
-                    size[lane] = max(size[lane], max(faces, at[axis][lane].abs()));
+                    let faces = greater(lo[axis][lane].abs(), hi[axis][lane].abs());
+                    size[lane] = greater(size[lane], greater(faces, at[axis][lane].abs()));
                 }
             }
             let mut square = [0.0; LANES];
@@ -178,16 +166,16 @@ impl QueryPath {
                     let slack = size[lane] * (segments * of_segment + of_size) + most * of_size;
                     let low = lo[axis][lane] - at[axis][lane] - slack;
                     let high = at[axis][lane] - hi[axis][lane] - slack;
-                    let below = min(low_before[axis][lane], low);
-                    let above = min(high_before[axis][lane], high);
-                    let outside = max(max(below, above), 0.0);
+                    let below = lesser(low_before[axis][lane], low);
+                    let above = lesser(high_before[axis][lane], high);
+                    let outside = greater(greater(below, above), 0.0);
                     square[lane] += outside * outside;
                     (low_before[axis][lane], high_before[axis][lane]) = (low, high);
                 }
             }
             if step > 0 {
                 for lane in 0..LANES {
-                    least[lane] = min(square[lane], least[lane]);
+                    least[lane] = lesser(square[lane], least[lane]);
                 }
             }
         }
@@ -238,7 +226,7 @@ impl QueryPath {
 
     /// Searches a k-d tree: both sides of each plane, the nearer one first.
     fn search_planes(&self, tree: &PlaneTree, keep: &impl Fn(u32) -> bool, search: &mut Search) {
-        let slice = tree.slice();
+        let slice = &tree.slice;
         let first = self.times[0].max(slice.interval.begin().into());
         let last = self.times[1].min(slice.interval.end().into());
         if first > last {
@@ -255,7 +243,7 @@ impl QueryPath {
                 KdView::Leaf { first, count } => {
                     let blocks = first as usize..(first + count) as usize;
                     for (block, lane) in blocks.flat_map(|b| (0..LANES).map(move |l| (b, l))) {
-                        let Some(point) = tree.point_path(block, lane) else { continue };
+                        let Some(point) = tree.leaves.point_path(block, lane) else { continue };
                         self.visit_point(point, slice.segment..slice.segment + 1, keep, search);
                     }
                 }
@@ -269,7 +257,7 @@ impl QueryPath {
                         let gap = |i: usize| sign * (at[i] - query[i][axis]) - slack;
                         for (step, least) in gaps[axis].iter_mut().enumerate() {
                             // Linear over the step, so it is least at an end.
-                            *least = max(*least, min(gap(step), gap(step + 1)));
+                            *least = greater(*least, lesser(gap(step), gap(step + 1)));
                         }
                         let square = |step: usize| gaps.iter().map(|g| g[step] * g[step]).sum::<f64>();
                         let least = (0..STEPS).map(square).fold(f64::INFINITY, f64::min);

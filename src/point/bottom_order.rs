@@ -6,7 +6,7 @@
 //! more is written to the front than was read. A range has whole vectors, and so have its halves.
 
 use super::complete_tree::left_part;
-use super::divide::{counted, extremes, first_lanes, guess, least_lane};
+use super::divide::{counted, extremes, guess, least_lane, lowest_lanes};
 use super::point_rows::{NO_POINT, PointVector};
 use super::widest_axis::longest;
 use crate::simd::{Item, Kernel, LANES, Lanes, Mask, Simd, lanes_at, lanes_at_mut};
@@ -93,7 +93,7 @@ impl<const N: usize> Rows<N> {
             let key = s.load(lanes_at(&self.at[axis], from));
             *mask = s.lt(key, bound);
             if equal > 0 {
-                let ties = first_lanes(s.eq(key, bound), equal);
+                let ties = lowest_lanes(s.eq(key, bound), equal);
                 equal -= ties.count_ones() as usize;
                 *mask |= ties;
             }

@@ -249,7 +249,7 @@ impl Kernel for DivideRange<'_, '_> {
                 let key = s.load(lanes_at(from.at[axis], at));
                 *mask = s.lt(key, bound);
                 if equal > 0 {
-                    let ties = first_lanes(s.eq(key, bound), equal);
+                    let ties = lowest_lanes(s.eq(key, bound), equal);
                     equal -= ties.count_ones() as usize;
                     *mask |= ties;
                 }
@@ -265,9 +265,9 @@ impl Kernel for DivideRange<'_, '_> {
     }
 }
 
-/// The first `count` lanes of a mask, or all of them.
+/// The lowest `count` lanes of a mask, or all of them.
 #[inline(always)]
-pub(super) fn first_lanes(mask: Mask, count: usize) -> Mask {
+pub(super) fn lowest_lanes(mask: Mask, count: usize) -> Mask {
     let mut rest = mask;
     for _ in 0..count.min(LANES) {
         rest &= rest.wrapping_sub(1);

@@ -8,12 +8,15 @@ use super::moving_tree::MovingTree;
 use super::plane_file::PlaneRecord;
 use super::plane_tree::PlaneTree;
 use super::precise::{PreciseRecord, PreciseTree};
+use super::slice_tree::SliceTree;
 use super::static_file::StaticRecord;
+use super::static_tree::StaticTree;
 use super::statistics::{PointLayerKind, PointLayerStatistics, PointStatistics};
 use super::tree::PointTree;
 use crate::file::{self, Decoder, Encoder, FileError, FileKind, broken, require};
 use crate::limits::{MAX_KEYS, MAX_POINT_TIME_SLICES};
 use crate::simd::SimdLevel;
+use core::slice::from_ref;
 use glam::DVec3;
 use std::io::{Read, Write};
 use std::path::Path;
@@ -23,6 +26,9 @@ const STATIC: u32 = 0;
 const MOVING: u32 = 1;
 const PLANES: u32 = 2;
 const PRECISE: u32 = 3;
+
+/// Why a layer is rejected whose trees have too few or too many points.
+const OTHER_POINTS: &str = "the number of points does not match its trees";
 
 /// The contents of a file for the trees of a layer.
 enum Trees {
@@ -51,23 +57,13 @@ impl PointTree {
             let (of_layers, of_precise) = self.statistics.layers.split_at(self.layers.len());
             for (layer, statistics) in self.layers.iter().zip(of_layers) {
                 match layer {
-                    Layer::Static(tree) => {
-                        begin(to, STATIC, None, 1, statistics)?;
-                        tree.encode(to)?;
-                    }
-                    Layer::Moving(trees) => {
-                        begin(to, MOVING, trees.first().map(|tree| tree.slice()), trees.len(), statistics)?;
-                        trees.iter().try_for_each(|tree| tree.encode(to))?;
-                    }
-                    Layer::Planes(trees) => {
-                        begin(to, PLANES, trees.first().map(|tree| tree.slice()), trees.len(), statistics)?;
-                        trees.iter().try_for_each(|tree| tree.encode(to))?;
-                    }
+                    Layer::Static(tree) => encode_layer(to, STATIC, from_ref(tree), statistics, StaticTree::encode)?,
+                    Layer::Moving(trees) => encode_layer(to, MOVING, trees, statistics, MovingTree::encode)?,
+                    Layer::Planes(trees) => encode_layer(to, PLANES, trees, statistics, PlaneTree::encode)?,
                 }
             }
             for (layer, statistics) in self.precise.iter().zip(of_precise) {
-                begin(to, PRECISE, layer.trees.first().map(PreciseTree::slice), layer.trees.len(), statistics)?;
-                layer.trees.iter().try_for_each(|tree| tree.encode(to))?;
+                encode_layer(to, PRECISE, &layer.trees, statistics, PreciseTree::encode)?;
             }
             Ok(())
         })
@@ -154,21 +150,22 @@ impl PointTree {
     }
 }
 
-/// Writes the header of a layer, in front of its trees.
-fn begin(
-    to: &mut Encoder<'_>,
+/// Writes a layer: a header, and its trees.
+fn encode_layer<'a, 'b, T>(
+    to: &'a mut Encoder<'b>,
     number: u32,
-    slice: Option<&TimeSlice>,
-    trees: usize,
+    trees: &[T],
     statistics: &PointLayerStatistics,
+    encode: fn(&T, &mut Encoder<'b>) -> Result<(), FileError>,
 ) -> Result<(), FileError> {
     let per_segment = match statistics.kind {
         PointLayerKind::Linear { time_slices } => time_slices,
         PointLayerKind::Static | PointLayerKind::Mbkd => 1,
     };
-    to.put([number, slice.map_or(1, |slice| slice.keys) as u32, per_segment as u32, trees as u32])?;
+    to.put([number, statistics.keys as u32, per_segment as u32, trees.len() as u32])?;
     to.put(statistics.points as u64)?;
-    to.array(statistics.why.as_bytes())
+    to.array(statistics.why.as_bytes())?;
+    trees.iter().try_for_each(|tree| encode(tree, to))
 }
 
 impl LayerRecord {
@@ -199,45 +196,50 @@ impl LayerRecord {
         let points = points as usize;
         let Ok(why) = String::from_utf8(why) else { return broken("the reason of a layer is not valid UTF-8") };
         let slices = |trees: usize| time_slices_of(keys, per_segment, trees);
-        // Each tree has at most all points, and all trees together have each point at least once.
-        let enough = |counts: &[usize]| {
-            let most = counts.iter().copied().max().unwrap_or(0);
-            require((most..=counts.iter().sum()).contains(&points), "the number of points does not match its trees")
-        };
         match trees {
             Trees::Static(record) => {
                 let (static_tree, count) = record.checked()?;
-                enough(&[count])?;
+                require(points == count, OTHER_POINTS)?;
                 tree.add(Layer::Static(static_tree), PointLayerKind::Static, points, why);
             }
             Trees::Moving(records) => {
-                let slices = slices(records.len())?.into_iter();
-                let trees = records.into_iter().zip(slices).map(|(record, slice)| record.checked(slice));
-                let trees: Vec<MovingTree> = trees.collect::<Result<_, _>>()?;
-                enough(&trees.iter().map(MovingTree::references).collect::<Vec<_>>())?;
+                let trees = checked_trees(slices(records.len())?, records, MovingRecord::checked)?;
+                require_points(points, &trees)?;
                 tree.add(Layer::Moving(trees), PointLayerKind::Linear { time_slices: per_segment }, points, why);
             }
             Trees::Planes(records) => {
-                let slices = slices(records.len())?.into_iter();
-                let trees = records.into_iter().zip(slices).map(|(record, slice)| record.checked(slice));
-                let trees: Vec<PlaneTree> = trees.collect::<Result<_, _>>()?;
-                let references: usize = trees.iter().map(PlaneTree::references).sum();
-                require(points <= references, "the number of points does not match its trees")?;
+                let trees = checked_trees(slices(records.len())?, records, PlaneRecord::checked)?;
+                require(points <= trees.iter().map(PlaneTree::references).sum(), OTHER_POINTS)?;
                 tree.add(Layer::Planes(trees), PointLayerKind::Mbkd, points, why);
             }
             Trees::Precise(records) => {
                 let moves = records.iter().any(PreciseRecord::moves);
                 let kind =
                     if moves { PointLayerKind::Linear { time_slices: per_segment } } else { PointLayerKind::Static };
-                let (slices, origin) = (slices(records.len())?.into_iter(), tree.origin);
-                let trees = records.into_iter().zip(slices).map(|(record, slice)| record.checked(slice, origin));
-                let trees: Vec<PreciseTree> = trees.collect::<Result<_, _>>()?;
-                enough(&trees.iter().map(PreciseTree::references).collect::<Vec<_>>())?;
+                let origin = tree.origin;
+                let checked = |record: PreciseRecord, slice| record.checked(slice, origin);
+                let trees = checked_trees(slices(records.len())?, records, checked)?;
+                require_points(points, &trees)?;
                 tree.add_precise_layer(trees, kind, points, why);
             }
         }
         Ok(())
     }
+}
+
+/// The trees of time slices, or an error if searches cannot traverse one of them.
+fn checked_trees<R, T>(
+    slices: Vec<TimeSlice>,
+    records: Vec<R>,
+    checked: impl Fn(R, TimeSlice) -> Result<T, FileError>,
+) -> Result<Vec<T>, FileError> {
+    records.into_iter().zip(slices).map(|(record, slice)| checked(record, slice)).collect()
+}
+
+/// An error, unless each tree has at most all points, and all trees together have each point at least once.
+fn require_points<T: SliceTree>(points: usize, trees: &[T]) -> Result<(), FileError> {
+    let counts = || trees.iter().map(T::references);
+    require((counts().max().unwrap_or(0)..=counts().sum()).contains(&points), OTHER_POINTS)
 }
 
 /// The time slices of a layer with this many trees.

@@ -3,7 +3,6 @@
 //! A set may be divided among layers, static points separate from moving ones. A search goes through the layers one after
 //! the other with the same candidates and the same bound.
 
-use super::moving_reference::TimeSlice;
 use super::moving_tree::{MovingTree, MovingView};
 use super::plane_tree::{PlaneTree, PlaneView};
 use super::search::k_nearest::KNearest;
@@ -11,6 +10,7 @@ use super::search::nearest::Best;
 use super::search::radius::{Sink, within};
 use super::search::walk::walk;
 use super::search::{Keep, Observe, planes};
+use super::slice_tree::slice_at;
 use super::snapshot::Leaves;
 use super::static_tree::StaticTree;
 use crate::simd::Simd;
@@ -58,25 +58,10 @@ impl Layer {
     pub(super) fn slice_at(&self, time: f32) -> usize {
         match self {
             Layer::Static(_) => 0,
-            Layer::Moving(trees) => at_time(trees, MovingTree::slice, time),
-            Layer::Planes(trees) => at_time(trees, PlaneTree::slice, time),
+            Layer::Moving(trees) => slice_at(trees, time),
+            Layer::Planes(trees) => slice_at(trees, time),
         }
     }
-
-    /// Bytes allocated.
-    pub(super) fn bytes(&self) -> usize {
-        match self {
-            Layer::Static(tree) => tree.bytes(),
-            Layer::Moving(trees) => trees.iter().map(MovingTree::bytes).sum(),
-            Layer::Planes(trees) => trees.iter().map(PlaneTree::bytes).sum(),
-        }
-    }
-}
-
-/// The index of the tree that is responsible for a time.
-#[inline(always)]
-fn at_time<T>(trees: &[T], slice: impl Fn(&T) -> &TimeSlice, time: f32) -> usize {
-    trees.partition_point(|tree| slice(tree).interval.end_bound() <= time).min(trees.len() - 1)
 }
 
 /// Layers at the time of a query, seen from its point. (f64 points have kernels of their own, which are faster when separate.)

@@ -118,7 +118,7 @@ impl TrajectoryRows {
 }
 
 /// Bound of the relative rounding of one operation, with room for f64 rounding in the build.
-const UNIT: f64 = (1.0 + 1.0 / 1024.0) / 16_777_216.0;
+pub(super) const UNIT: f64 = (1.0 + 1.0 / 1024.0) / 16_777_216.0;
 
 /// Bound of what underflow adds: twice the least f32.
 const TINY: f64 = 2.0 * f32::from_bits(1) as f64;
@@ -320,12 +320,12 @@ impl<S: Simd> FaceFit<S> {
         }
         let least = least(s, all);
         let error = UNIT * (least.abs() + 2.0 * wide.abs()) + TINY;
-        Face { at_zero: down(least - error * self.pad), slope }
+        Face { at_zero: rounded_down(least - error * self.pad), slope }
     }
 }
 
 /// The greatest f32 at or below.
-fn down(x: f64) -> f32 {
+pub(super) fn rounded_down(x: f64) -> f32 {
     let near = x as f32;
     if f64::from(near) > x { near.next_down() } else { near }
 }

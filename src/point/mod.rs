@@ -48,6 +48,7 @@ mod rebuild;
 mod sample;
 mod search;
 mod select;
+mod slice_tree;
 mod snapshot;
 mod source;
 mod static_file;

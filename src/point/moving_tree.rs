@@ -9,6 +9,7 @@ use super::moving_reference::{MovingReference, TimeSlice, positions_at};
 use super::moving_view::{AtTime, HasLeaves};
 use super::order::{Item, ORDERING, order};
 use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath};
+use super::slice_tree::SliceTree;
 use super::snapshot::{CoordinateView, Target, View, diagonal, outside, rows};
 use super::static_tree::Shape;
 use crate::geometry::TimeInterval;
@@ -76,42 +77,9 @@ impl MovingTree {
         MovingTree { slice, nodes, first, leaves, node_times, levels: shape.levels, references: references.len() }
     }
 
-    /// Bytes allocated.
-    pub(super) fn bytes(&self) -> usize {
-        self.nodes.capacity() * size_of::<LinearBoxes>()
-            + self.leaves.bytes()
-            + self.node_times.capacity() * size_of::<LaneIntervals>()
-            + self.first.capacity() * size_of::<u32>()
-    }
-
-    /// Number of references.
-    pub(super) fn references(&self) -> usize {
-        self.references
-    }
-
-    /// The ids of all references, in the order of the tree.
-    pub(super) fn ids_in_order(&mut self) -> impl Iterator<Item = &mut u32> {
-        self.leaves.ids_in_order()
-    }
-
-    /// Number of nodes.
-    pub(super) fn node_count(&self) -> usize {
-        self.nodes.len()
-    }
-
-    /// Number of levels of nodes.
-    pub(super) fn levels(&self) -> usize {
-        self.levels
-    }
-
     /// Whether references have intervals.
     pub(super) fn timed(&self) -> bool {
         !self.node_times.is_empty()
-    }
-
-    /// The time slice that the tree covers.
-    pub(super) fn slice(&self) -> &TimeSlice {
-        &self.slice
     }
 
     /// The tree at a time, which lies in its slice.
@@ -190,6 +158,27 @@ impl Fill<'_> {
             leaves.set(i, &leaf);
             boxes[i] = Some(LinearBox::of_points(&rows));
         }
+    }
+}
+
+impl SliceTree for MovingTree {
+    fn time_slice(&self) -> &TimeSlice {
+        &self.slice
+    }
+    fn references(&self) -> usize {
+        self.references
+    }
+    fn node_count(&self) -> usize {
+        self.nodes.len()
+    }
+    fn levels(&self) -> usize {
+        self.levels
+    }
+    fn bytes(&self) -> usize {
+        self.nodes.capacity() * size_of::<LinearBoxes>()
+            + self.leaves.bytes()
+            + self.node_times.capacity() * size_of::<LaneIntervals>()
+            + self.first.capacity() * size_of::<u32>()
     }
 }
 

@@ -18,12 +18,14 @@
 //! underflows. The first terms depend on the point: the slack of a subtree is that of the worst reference in it, so one
 //! distant point affects only those searches that come near its own leaves. The last depends on the plane.
 
+use super::linear_bounds::UNIT;
 use super::moving_leaf::{Leaf, MovingLeaves};
 use super::moving_reference::{MovingReference, TimeSlice};
 use super::moving_tree::MovingTree;
 use super::moving_view::{AtTime, HasLeaves};
 use super::order::Item;
 use super::over_interval::PointPath;
+use super::slice_tree::SliceTree;
 use super::static_tree::StaticTree;
 use crate::geometry::{Box3, KeyTime, Plane};
 use crate::mbkd::{KdNode, KdView, PointReference, Trajectories, Trajectory, build_kd_over_points};
@@ -98,36 +100,6 @@ impl PlaneTree {
         PlaneTree { slice, root: tree.root, nodes, slack, leaves, depth: tree.depth as usize, references: stored.len() }
     }
 
-    /// Bytes allocated.
-    pub(super) fn bytes(&self) -> usize {
-        self.nodes.capacity() * size_of::<KdNode>() + self.slack.capacity() * size_of::<f32>() + self.leaves.bytes()
-    }
-
-    /// Number of references.
-    pub(super) fn references(&self) -> usize {
-        self.references
-    }
-
-    /// Number of planes.
-    pub(super) fn node_count(&self) -> usize {
-        self.nodes.len() / 2
-    }
-
-    /// Planes above the deepest leaf.
-    pub(super) fn depth(&self) -> usize {
-        self.depth
-    }
-
-    /// The time slice that the tree covers.
-    pub(super) fn slice(&self) -> &TimeSlice {
-        &self.slice
-    }
-
-    /// The bounds of all points at all times, up to the slack of the root.
-    pub(super) fn root(&self) -> Box3 {
-        self.root
-    }
-
     /// A node.
     #[inline(always)]
     pub(super) fn node(&self, node: u32) -> KdView {
@@ -138,21 +110,6 @@ impl PlaneTree {
     #[inline(always)]
     pub(super) fn slack(&self, node: u32) -> f64 {
         f64::from(self.slack[node as usize])
-    }
-
-    /// Whether a lane of a block is active at a time.
-    pub(super) fn is_active(&self, block: usize, lane: usize, time: f32) -> bool {
-        self.leaves.is_active(block, lane, time)
-    }
-
-    /// A point of a block.
-    pub(super) fn point_path(&self, block: usize, lane: usize) -> Option<PointPath> {
-        self.leaves.point_path(block, lane)
-    }
-
-    /// The ids of all references, in the order of the tree.
-    pub(super) fn ids_in_order(&mut self) -> impl Iterator<Item = &mut u32> {
-        self.leaves.ids_in_order()
     }
 
     /// A static tree over the points that are active at a time of the slice, at their positions then.
@@ -185,9 +142,6 @@ impl PlaneTree {
     }
 }
 
-/// Bound of the relative rounding of one operation, with room for f64 rounding in the build.
-const UNIT: f64 = (1.0 + 1.0 / 1024.0) / 16_777_216.0;
-
 /// Rounded up, with room for what underflows.
 fn raised(x: f64) -> f32 {
     const TINY: f64 = 512.0 * f32::from_bits(1) as f64;
@@ -208,6 +162,24 @@ fn error(m: &MovingReference, segments: usize) -> f32 {
         (1.0 + along) * (b - a).abs() + a.abs().max(b.abs())
     };
     raised(UNIT * axis(0).max(axis(1)).max(axis(2)))
+}
+
+impl SliceTree for PlaneTree {
+    fn time_slice(&self) -> &TimeSlice {
+        &self.slice
+    }
+    fn references(&self) -> usize {
+        self.references
+    }
+    fn node_count(&self) -> usize {
+        self.nodes.len() / 2
+    }
+    fn levels(&self) -> usize {
+        self.depth
+    }
+    fn bytes(&self) -> usize {
+        self.nodes.capacity() * size_of::<KdNode>() + self.slack.capacity() * size_of::<f32>() + self.leaves.bytes()
+    }
 }
 
 impl HasLeaves for PlaneTree {
@@ -267,7 +239,7 @@ mod tests {
         let mut worst: f64 = 0.0;
         leaves(&tree, 0, &mut Vec::new(), &mut |planes, block| {
             for lane in 0..LANES {
-                let Some(point) = tree.point_path(block, lane) else { continue };
+                let Some(point) = tree.leaves.point_path(block, lane) else { continue };
                 let [begin, end] = tree.leaves.times(block, lane);
                 for time in [begin, end.next_down().min(1.0)] {
                     let at = point.position(KeyTime::new(time, keys));

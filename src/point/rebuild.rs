@@ -111,8 +111,12 @@ impl PointTree {
         for layer in &mut self.layers {
             match layer {
                 Layer::Static(tree) => tree.ids_in_order().for_each(&mut renumber),
-                Layer::Moving(trees) => trees.iter_mut().flat_map(|tree| tree.ids_in_order()).for_each(&mut renumber),
-                Layer::Planes(trees) => trees.iter_mut().flat_map(|tree| tree.ids_in_order()).for_each(&mut renumber),
+                Layer::Moving(trees) => {
+                    trees.iter_mut().flat_map(|tree| tree.leaves.ids_in_order()).for_each(&mut renumber)
+                }
+                Layer::Planes(trees) => {
+                    trees.iter_mut().flat_map(|tree| tree.leaves.ids_in_order()).for_each(&mut renumber)
+                }
             }
         }
         let precise = self.precise.iter_mut().flat_map(|layer| &mut layer.trees);

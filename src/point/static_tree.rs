@@ -183,16 +183,6 @@ impl StaticTree {
     pub(super) fn bytes(&self) -> usize {
         self.nodes.capacity() * size_of::<Boxes>() + self.blocks.capacity() * size_of::<PointBlock>()
     }
-
-    /// Number of nodes.
-    pub(super) fn node_count(&self) -> usize {
-        self.shape.nodes()
-    }
-
-    /// Number of levels of nodes.
-    pub(super) fn levels(&self) -> usize {
-        self.shape.levels
-    }
 }
 
 /// Points in rows, those of one bottom node behind those of the other.

@@ -1,5 +1,6 @@
 //! Statistics of a point tree: its layers, their sizes, and why they were chosen.
 
+use super::slice_tree::SliceTree;
 use core::fmt;
 
 /// The structure of a layer.
@@ -36,6 +37,22 @@ pub struct PointLayerStatistics {
     pub bytes: usize,
     /// Why this structure was chosen, in a sentence.
     pub why: String,
+}
+
+impl PointLayerStatistics {
+    /// Statistics of a layer that consists of one tree for each time slice.
+    pub(super) fn of_trees<T: SliceTree>(trees: &[T], kind: PointLayerKind, points: usize, why: String) -> Self {
+        PointLayerStatistics {
+            kind,
+            points,
+            references: trees.iter().map(T::references).sum(),
+            nodes: trees.iter().map(T::node_count).sum(),
+            levels: trees.iter().map(T::levels).max().unwrap_or(0),
+            keys: trees.first().map_or(1, |tree| tree.time_slice().keys),
+            bytes: trees.iter().map(T::bytes).sum(),
+            why,
+        }
+    }
 }
 
 /// The layers of a point tree.

@@ -282,43 +282,32 @@ impl PointTree {
         points: usize,
         why: String,
     ) {
-        let (references, nodes) =
-            (trees.iter().map(|p| p.references()).sum(), trees.iter().map(|p| p.node_count()).sum());
-        let (levels, bytes) =
-            (trees.iter().map(|p| p.levels()).max().unwrap_or(0), trees.iter().map(PreciseTree::bytes).sum());
-        let keys = trees.first().map_or(1, |tree| tree.slice().keys);
-        self.statistics.layers.push(PointLayerStatistics { kind, points, references, nodes, levels, keys, bytes, why });
+        self.statistics.layers.push(PointLayerStatistics::of_trees(&trees, kind, points, why));
         self.precise.push(PreciseLayer { trees });
     }
 
     pub(super) fn add(&mut self, layer: Layer, kind: PointLayerKind, points: usize, why: String) {
-        let bytes = layer.bytes();
-        let (references, nodes, levels) = match &layer {
-            Layer::Static(tree) => (points, tree.node_count(), tree.levels()),
-            Layer::Moving(trees) => (
-                trees.iter().map(|p| p.references()).sum(),
-                trees.iter().map(|p| p.node_count()).sum(),
-                trees.iter().map(|p| p.levels()).max().unwrap_or(0),
-            ),
-            Layer::Planes(trees) => (
-                trees.iter().map(|p| p.references()).sum(),
-                trees.iter().map(|p| p.node_count()).sum(),
-                trees.iter().map(|p| p.depth()).max().unwrap_or(0),
-            ),
-        };
-        let keys = match &layer {
-            Layer::Static(_) => 1,
-            Layer::Moving(trees) => trees.first().map_or(1, |tree| tree.slice().keys),
-            Layer::Planes(trees) => trees.first().map_or(1, |tree| tree.slice().keys),
-        };
-        self.statistics.layers.push(PointLayerStatistics { kind, points, references, nodes, levels, keys, bytes, why });
+        self.statistics.layers.push(match &layer {
+            Layer::Static(tree) => PointLayerStatistics {
+                kind,
+                points,
+                references: points,
+                nodes: tree.shape.nodes(),
+                levels: tree.shape.levels,
+                keys: 1,
+                bytes: tree.bytes(),
+                why,
+            },
+            Layer::Moving(trees) => PointLayerStatistics::of_trees(trees, kind, points, why),
+            Layer::Planes(trees) => PointLayerStatistics::of_trees(trees, kind, points, why),
+        });
         self.layers.push(layer);
     }
 
     /// The tree with moving boxes in place of k-d trees between two times; `None` if it has no k-d trees.
     pub(super) fn box_tree(&self, [begin, end]: [f32; 2]) -> Option<PointTree> {
         let between = |tree: &&PlaneTree| {
-            let interval = tree.slice().interval;
+            let interval = tree.slice.interval;
             interval.begin() <= end && begin <= interval.end()
         };
         self.replaced(|layer| match layer {

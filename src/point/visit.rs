@@ -97,10 +97,10 @@ impl LayersAt<'_> {
     ) {
         match tree.node(entry.at as u32) {
             KdView::Leaf { first, count } => {
-                let at = KeyTime::new(self.time, tree.slice().keys);
+                let at = KeyTime::new(self.time, tree.slice.keys);
                 for (block, lane) in lanes(first as usize..(first + count) as usize) {
-                    if tree.is_active(block, lane, self.time) {
-                        items.extend(tree.point_path(block, lane).map(|point| self.point(&point, at)));
+                    if tree.leaves.is_active(block, lane, self.time) {
+                        items.extend(tree.leaves.point_path(block, lane).map(|point| self.point(&point, at)));
                     }
                 }
             }
@@ -136,7 +136,7 @@ impl Hierarchy for LayersAt<'_> {
                 Layer::Static(tree) => top(tree.root_node()),
                 Layer::Moving(trees) => top(trees[slice].root_node()),
                 Layer::Planes(trees) => {
-                    let (root, slack) = (trees[slice].root(), trees[slice].slack(0));
+                    let (root, slack) = (trees[slice].root, trees[slice].slack(0));
                     Entry { cell: self.bounds(root.min.to_array(), root.max.to_array()).pad(slack), ..entry }
                 }
             });

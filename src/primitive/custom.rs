@@ -114,7 +114,12 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     /// distance; the slack of traversals covers that.
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3;
     /// Bounds of the part inside `cell` at one instant, for choosing planes; empty if there is none.
-    fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3;
+    fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3 {
+        match TimeInterval::half_open(time, time.next_up()) {
+            Some(instant) => self.bounds(id, instant).begin.intersection(cell),
+            None => Box3::EMPTY,
+        }
+    }
     /// The kind of leaf block for a primitive. Primitives of different kinds are not put into one block; each number of
     /// keys above two is a kind.
     fn leaf_kind(&self, id: u32) -> u32 {
@@ -146,7 +151,10 @@ pub(crate) trait PrimitiveSet: Send + Sync {
         false
     }
     /// The corners at both ends of an interval in which they move linearly; `None` for a primitive that is not clipped.
-    fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends>;
+    fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends> {
+        let _ = (id, over);
+        None
+    }
     /// Prefetches the vertex indices of a primitive; the vertices themselves follow with
     /// [`PrimitiveSet::prefetch_vertices`]. A hint.
     fn prefetch(&self, _: u32) {}
@@ -158,7 +166,9 @@ pub(crate) trait PrimitiveSet: Send + Sync {
         u32::MAX
     }
     /// Mesh and primitive in the caller's numbering.
-    fn name(&self, id: u32) -> (u32, u32);
+    fn name(&self, id: u32) -> (u32, u32) {
+        (0, id)
+    }
     /// The map between world and tree space.
     fn frame(&self) -> &Frame;
     /// An error if a caller-defined primitive has returned invalid bounds since the set was made.
@@ -283,21 +293,6 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
             return bounds;
         }
         LinearBox3 { begin: everything(), end: everything() }
-    }
-
-    fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3 {
-        match TimeInterval::half_open(time, time.next_up()) {
-            Some(instant) => self.bounds(id, instant).begin.intersection(cell),
-            None => Box3::EMPTY,
-        }
-    }
-
-    fn ends(&self, _: u32, _: TimeInterval) -> Option<Ends> {
-        None
-    }
-
-    fn name(&self, id: u32) -> (u32, u32) {
-        (0, id)
     }
 
     fn frame(&self) -> &Frame {

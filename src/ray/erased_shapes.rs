@@ -13,20 +13,17 @@ use super::point_query::{Candidate, Query};
 use super::shear::Sheared;
 use super::tree_ray::TreeRay;
 use crate::error::BuildError;
-use crate::geometry::{Box3, Ends, Frame, LinearBox3, TimeInterval};
-use crate::layout::{ChildRef, Statistics, WideSource, write_list};
+use crate::geometry::{Frame, LinearBox3, TimeInterval};
+use crate::layout::{Statistics, WideSource};
 use crate::params::BuildParams;
-use crate::primitive::{Primitive, PrimitiveSet, Shapes, Triangles};
+use crate::primitive::{Primitive, PrimitiveSet, Shapes};
 use crate::progress::Progress;
-use crate::simd::Arena;
-use crate::time::TimeSlice;
 
 /// [`Shapes`] of any type.
 trait AnyShapes: Send + Sync {
     fn len(&self) -> usize;
     fn active(&self, id: u32) -> TimeInterval;
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3;
-    fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3;
     fn input_error(&self) -> Result<(), BuildError>;
     fn bytes(&self) -> usize;
     fn intersect(&self, id: u32, ray: &TreeRay, sheared: &Sheared) -> Option<SetHit>;
@@ -42,9 +39,6 @@ impl<P: Primitive> AnyShapes for Shapes<P> {
     }
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {
         PrimitiveSet::bounds(self, id, over)
-    }
-    fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3 {
-        PrimitiveSet::clipped(self, id, time, cell)
     }
     fn input_error(&self) -> Result<(), BuildError> {
         PrimitiveSet::input_error(self)
@@ -92,18 +86,6 @@ impl PrimitiveSet for ErasedShapes<'_> {
         self.shapes.bounds(id, over)
     }
 
-    fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3 {
-        self.shapes.clipped(id, time, cell)
-    }
-
-    fn ends(&self, _: u32, _: TimeInterval) -> Option<Ends> {
-        None
-    }
-
-    fn name(&self, id: u32) -> (u32, u32) {
-        (0, id)
-    }
-
     fn frame(&self) -> &Frame {
         self.frame
     }
@@ -117,17 +99,7 @@ impl PrimitiveSet for ErasedShapes<'_> {
     }
 }
 
-impl WideSource for ErasedShapes<'_> {
-    const TRIANGLES: bool = false;
-
-    fn triangles(&self) -> Option<&Triangles> {
-        None
-    }
-
-    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], _: TimeSlice) -> Option<ChildRef> {
-        write_list(arena, ids)
-    }
-}
+impl WideSource for ErasedShapes<'_> {}
 
 impl RaySource for ErasedShapes<'_> {
     #[inline(always)]

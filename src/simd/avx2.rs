@@ -256,10 +256,6 @@ impl Simd for Avx2 {
         !gt.sign_mask()
     }
     #[inline(always)]
-    fn max_with_zero(self, a: F, b: F) -> F {
-        self.max(self.max(a, b), self.splat(0.0))
-    }
-    #[inline(always)]
     fn lt(self, a: F, b: F) -> Mask {
         a.compare::<_CMP_LT_OQ>(b)
     }
@@ -288,10 +284,6 @@ impl Simd for Avx2 {
         // The index counts modulo 8 within a half.
         let half = if i < 8 { a.0 } else { a.1 };
         intrinsic!(_mm256_cvtss_f32(_mm256_permutevar8x32_ps(half, _mm256_set1_epi32(i as i32))))
-    }
-    #[inline(always)]
-    fn swap_lanes<const D: usize>(self, a: F) -> F {
-        self.from_bits(self.swap_lanes_u::<D>(self.to_bits(a)))
     }
     #[inline(always)]
     fn store_compressed(self, a: F, mask: Mask, to: &mut Lanes<f32>) {

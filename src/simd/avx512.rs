@@ -214,10 +214,6 @@ impl Simd for Avx512 {
         intrinsic!(_mm512_cvtss_f32(_mm512_permutexvar_ps(_mm512_set1_epi32(i as i32), a.0)))
     }
     #[inline(always)]
-    fn swap_lanes<const D: usize>(self, a: F) -> F {
-        self.from_bits(self.swap_lanes_u::<D>(self.to_bits(a)))
-    }
-    #[inline(always)]
     fn store_compressed(self, a: F, mask: Mask, to: &mut Lanes<f32>) {
         // Through a register: some CPUs take a hundred cycles to compress to memory.
         self.store(F(intrinsic!(_mm512_maskz_compress_ps(mask, a.0))), to);

@@ -33,13 +33,22 @@ pub(crate) trait Simd: Copy {
     /// denormal, which is slow).
     fn load_row(self, rows: &Rows, i: usize) -> Self::F;
     /// Reads rows `first`, `first + 3` and `first + 6`, as [`Simd::load_row`].
-    fn load_thirds(self, rows: &Rows, first: usize) -> [Self::F; 3];
+    #[inline(always)]
+    fn load_thirds(self, rows: &Rows, first: usize) -> [Self::F; 3] {
+        [self.load_row(rows, first), self.load_row(rows, first + 3), self.load_row(rows, first + 6)]
+    }
     /// Writes sixteen floats, at any alignment.
     fn store(self, x: Self::F, to: &mut Lanes<f32>);
     /// `a * b + c`, fused or not: for culling only, never for an answer.
-    fn mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F;
+    #[inline(always)]
+    fn mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F {
+        a * b + c
+    }
     /// `c - a * b`, fused or not: for culling only, never for an answer.
-    fn negated_mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F;
+    #[inline(always)]
+    fn negated_mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F {
+        c - a * b
+    }
     /// The same of one number.
     #[inline(always)]
     fn mul_add_one(self, a: f32, b: f32, c: f32) -> f32 {
@@ -57,7 +66,10 @@ pub(crate) trait Simd: Copy {
     /// Lanes where `a <= b` as signed integers: equal to `le` for numbers of which one is above zero.
     fn le_signed(self, a: Self::F, b: Self::F) -> Mask;
     /// The greatest of `a`, `b` and +0; none of them may be NaN.
-    fn max_with_zero(self, a: Self::F, b: Self::F) -> Self::F;
+    #[inline(always)]
+    fn max_with_zero(self, a: Self::F, b: Self::F) -> Self::F {
+        self.max(self.max(a, b), self.splat(0.0))
+    }
     /// Lanes where `a < b`; false for NaN.
     fn lt(self, a: Self::F, b: Self::F) -> Mask;
     /// Lanes where `a <= b`; false for NaN.
@@ -71,7 +83,10 @@ pub(crate) trait Simd: Copy {
     /// Lane `i`, at most 15.
     fn lane(self, a: Self::F, i: usize) -> f32;
     /// Lane `i` becomes lane `i ^ D`; `D` is at most 15.
-    fn swap_lanes<const D: usize>(self, a: Self::F) -> Self::F;
+    #[inline(always)]
+    fn swap_lanes<const D: usize>(self, a: Self::F) -> Self::F {
+        self.from_bits(self.swap_lanes_u::<D>(self.to_bits(a)))
+    }
     /// Writes the lanes of the mask, compressed to the front; the elements after them are unspecified.
     fn store_compressed(self, a: Self::F, mask: Mask, to: &mut Lanes<f32>);
     /// The bits of the lanes.

@@ -79,6 +79,12 @@ pub(crate) fn lanes_at_mut<T>(to: &mut [T], at: usize) -> &mut Lanes<T> {
     (&mut to[at..at + LANES]).try_into().expect("a slice of sixteen")
 }
 
+/// The mask of the first `count` lanes; of all lanes if `count` is larger.
+#[inline(always)]
+pub(crate) fn first_lanes(count: usize) -> Mask {
+    if count < LANES { (1 << count) - 1 } else { Mask::MAX }
+}
+
 /// The lanes `i ^ d`.
 #[cfg(target_arch = "x86_64")]
 pub(super) const fn swapped(d: usize) -> Lanes<u32> {

@@ -41,7 +41,7 @@ pub use dispatch::SimdLevel;
 pub(crate) use dispatch::{dispatch, dispatch_or};
 pub(crate) use huge_pages::{concat, huge_vec, huge_vec_of};
 pub(crate) use instructions::{Kernel, Simd};
-pub(crate) use lanes::{LANES, Lanes, Mask, Rows, lanes_at, lanes_at_mut};
+pub(crate) use lanes::{LANES, Lanes, Mask, Rows, first_lanes, lanes_at, lanes_at_mut};
 pub(crate) use network::merge_lanes;
 pub(crate) use points::{Item, PointBlock};
 pub(crate) use portable::Portable;

@@ -379,10 +379,6 @@ impl Simd for Neon {
         lanes[i]
     }
     #[inline(always)]
-    fn swap_lanes<const D: usize>(self, a: F) -> F {
-        F::of_bits(self.swap_lanes_u::<D>(a.bits()))
-    }
-    #[inline(always)]
     fn store_compressed(self, a: F, mask: Mask, to: &mut Lanes<f32>) {
         let U(from) = a.bits();
         let at = to.as_mut_ptr();

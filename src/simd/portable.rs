@@ -190,20 +190,8 @@ impl Simd for Portable {
         F(out)
     }
     #[inline]
-    fn load_thirds(self, rows: &Rows, first: usize) -> [F; 3] {
-        [self.load_row(rows, first), self.load_row(rows, first + 3), self.load_row(rows, first + 6)]
-    }
-    #[inline]
     fn store(self, x: F, to: &mut Lanes<f32>) {
         *to = x.0;
-    }
-    #[inline]
-    fn mul_add(self, a: F, b: F, c: F) -> F {
-        a * b + c
-    }
-    #[inline]
-    fn negated_mul_add(self, a: F, b: F, c: F) -> F {
-        c - a * b
     }
     #[inline]
     fn min(self, a: F, b: F) -> F {
@@ -224,10 +212,6 @@ impl Simd for Portable {
     #[inline]
     fn le_signed(self, a: F, b: F) -> Mask {
         mask(&a.0, &b.0, |a, b| a.to_bits() as i32 <= b.to_bits() as i32)
-    }
-    #[inline]
-    fn max_with_zero(self, a: F, b: F) -> F {
-        self.max(self.max(a, b), self.splat(0.0))
     }
     #[inline]
     fn lt(self, a: F, b: F) -> Mask {
@@ -252,10 +236,6 @@ impl Simd for Portable {
     #[inline]
     fn lane(self, a: F, i: usize) -> f32 {
         a.0[i]
-    }
-    #[inline]
-    fn swap_lanes<const D: usize>(self, a: F) -> F {
-        self.from_bits(self.swap_lanes_u::<D>(self.to_bits(a)))
     }
     #[inline]
     fn store_compressed(self, a: F, mask: Mask, to: &mut Lanes<f32>) {

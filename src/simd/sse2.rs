@@ -298,10 +298,6 @@ impl Simd for Sse2 {
         self.load(&lanes)
     }
     #[inline(always)]
-    fn load_thirds(self, rows: &Rows, first: usize) -> [F; 3] {
-        [self.load_row(rows, first), self.load_row(rows, first + 3), self.load_row(rows, first + 6)]
-    }
-    #[inline(always)]
     fn store(self, x: F, to: &mut Lanes<f32>) {
         let at = to.as_mut_ptr();
         // SAFETY: each store writes four of the sixteen floats, at any alignment.
@@ -310,14 +306,6 @@ impl Simd for Sse2 {
         four(1);
         four(2);
         four(3);
-    }
-    #[inline(always)]
-    fn mul_add(self, a: F, b: F, c: F) -> F {
-        a * b + c
-    }
-    #[inline(always)]
-    fn negated_mul_add(self, a: F, b: F, c: F) -> F {
-        c - a * b
     }
     #[inline(always)]
     fn min(self, a: F, b: F) -> F {
@@ -340,10 +328,6 @@ impl Simd for Sse2 {
     #[inline(always)]
     fn le_signed(self, a: F, b: F) -> Mask {
         !a.bits().above(b.bits()).signs()
-    }
-    #[inline(always)]
-    fn max_with_zero(self, a: F, b: F) -> F {
-        self.max(self.max(a, b), self.splat(0.0))
     }
     #[inline(always)]
     fn lt(self, a: F, b: F) -> Mask {
@@ -370,10 +354,6 @@ impl Simd for Sse2 {
     #[inline(always)]
     fn lane(self, a: F, i: usize) -> f32 {
         f32::from_bits(a.bits().in_memory()[i])
-    }
-    #[inline(always)]
-    fn swap_lanes<const D: usize>(self, a: F) -> F {
-        F::of_bits(self.swap_lanes_u::<D>(a.bits()))
     }
     #[inline(always)]
     fn store_compressed(self, a: F, mask: Mask, to: &mut Lanes<f32>) {

@@ -5,7 +5,7 @@ use super::periodic_box::PeriodicBox;
 use super::radii::{Radii, bound_of};
 use super::reach::Reach;
 use crate::point::snapshot::{CoordinateView, Target, squared};
-use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at};
+use crate::simd::{LANES, Lanes, Mask, Simd, first_lanes, lanes_at, lanes_at_mut};
 
 /// Boxes in rows, each with the candidate it is around and how far the points in it reach.
 #[derive(Clone, Debug, Default)]
@@ -77,8 +77,7 @@ impl BoxRows {
             write(s, &mut self.hi[axis], at, boxes.hi[axis], mask);
         }
         write(s, &mut self.reach, at, boxes.reach, mask);
-        let to: &mut Lanes<u32> = (&mut self.candidate[at..at + LANES]).try_into().expect("sixteen");
-        s.store_compressed_u(boxes.candidate, mask, to);
+        s.store_compressed_u(boxes.candidate, mask, lanes_at_mut(&mut self.candidate, at));
         self.len += mask.count_ones() as usize;
     }
 
@@ -105,14 +104,7 @@ fn read<S: Simd>(s: S, rows: &[Vec<f32>; 3], at: usize) -> [S::F; 3] {
 /// Writes the lanes of a mask to index `at` and on, and anything to the rest of a vector there.
 #[inline(always)]
 pub(super) fn write<S: Simd>(s: S, column: &mut [f32], at: usize, x: S::F, mask: Mask) {
-    let to: &mut Lanes<f32> = (&mut column[at..at + LANES]).try_into().expect("sixteen");
-    s.store_compressed(x, mask, to);
-}
-
-/// The first `count` lanes; all where there are more than that many.
-#[inline(always)]
-fn first_lanes(count: usize) -> Mask {
-    if count < LANES { (1 << count) - 1 } else { Mask::MAX }
+    s.store_compressed(x, mask, lanes_at_mut(column, at));
 }
 
 /// All that a group can reach. Box i is around block i.
@@ -234,8 +226,7 @@ impl Selection {
         for i in 0..vectors {
             let (vector, valid) = boxes.vector(s, i);
             let near = vector.near(s, lo, hi, bound) & valid;
-            let to: &mut Lanes<u32> = (&mut list[len..len + LANES]).try_into().expect("sixteen");
-            s.store_compressed_u(vector.candidate, near, to);
+            s.store_compressed_u(vector.candidate, near, lanes_at_mut(list, len));
             len += near.count_ones() as usize;
         }
         &self.list[..len]

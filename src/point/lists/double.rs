@@ -10,7 +10,7 @@ use super::row::Lists;
 use super::worker::Share;
 use crate::point::search::radius::Sink;
 use crate::point::snapshot::Leaves;
-use crate::simd::{Kernel, LANES, Lanes, Mask, Simd};
+use crate::simd::{Kernel, LANES, Mask, Simd, lanes_at_mut};
 use core::ops::ControlFlow;
 
 /// The lists of a worker's share of groups.
@@ -56,8 +56,7 @@ impl<S: Simd> Sink<S> for Row<'_, '_> {
         lists.reserve(LANES, listing);
         let end = lists.len;
         let Columns { ids: listed, distances, .. } = &mut lists.columns;
-        let to: &mut Lanes<u32> = (&mut listed[end..end + LANES]).try_into().expect("sixteen");
-        s.store_compressed_u(ids, hits, to);
+        s.store_compressed_u(ids, hits, lanes_at_mut(listed, end));
         if listing.distances {
             write(s, distances, end, distance, hits);
         }

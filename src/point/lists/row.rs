@@ -6,7 +6,7 @@ use super::group::Member;
 use super::list_request::{Excluded, Listing};
 use super::radii::Radii;
 use crate::point::snapshot::{rows, squared};
-use crate::simd::{LANES, Lanes, Mask, Simd};
+use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at_mut};
 
 /// Lists in the making, one behind the other.
 #[derive(Clone, Debug, Default)]
@@ -147,8 +147,7 @@ impl RowBuilder {
             write(s, to_x, end, x, near);
             write(s, to_y, end, y, near);
             write(s, to_z, end, z, near);
-            let to: &mut Lanes<u32> = (&mut to_id[end..end + LANES]).try_into().expect("sixteen");
-            s.store_compressed_u(s.load_u(&block.id), near, to);
+            s.store_compressed_u(s.load_u(&block.id), near, lanes_at_mut(to_id, end));
             end += near.count_ones() as usize;
         }
         to_x[end..end + LANES].fill(f32::INFINITY);
@@ -201,8 +200,7 @@ impl RowBuilder {
                 &mut lists.columns;
             let (listed, mut end) = (&mut listed[..], begin);
             for (from, &hits) in hits.iter().enumerate() {
-                let to: &mut Lanes<u32> = (&mut listed[end..end + LANES]).try_into().expect("sixteen");
-                s.store_compressed_u(s.load_u(&from_id[from]), hits, to);
+                s.store_compressed_u(s.load_u(&from_id[from]), hits, lanes_at_mut(listed, end));
                 if !PLAIN {
                     let (x, y, z, distance) = relative(s, rows, from, point);
                     if listing.distances {
@@ -262,8 +260,7 @@ impl RowBuilder {
                 let ids = s.load_u(&block.id);
                 let others = if ONCE { s.lt_u(own, ids) } else { !s.eq_u(own, ids) };
                 let hits = s.le(distance, bounds) & others;
-                let to: &mut Lanes<u32> = (&mut listed[end..end + LANES]).try_into().expect("sixteen");
-                s.store_compressed_u(ids, hits, to);
+                s.store_compressed_u(ids, hits, lanes_at_mut(listed, end));
                 if listing.distances {
                     write(s, distances, end, distance, hits);
                 }

@@ -9,6 +9,7 @@
 //! (3 |at| + 6 |slope|)u; the difference covers the f64 rounding of the build. The centre moves along a line; computed in
 //! f64 it is off by less than 2^-49 of its largest coordinates, by which faces are moved outward too.
 
+use crate::point::linear_bounds::{UNIT, rounded_down};
 use crate::point::moving_leaf::LaneIntervals;
 use crate::point::snapshot::Boxes;
 use crate::simd::LANES;
@@ -40,9 +41,6 @@ pub(super) struct NodeRows {
     pub(super) slopes: Boxes,
     pub(super) times: LaneIntervals,
 }
-
-/// Relative rounding of one f32 operation, with room for f64 rounding in the build.
-const UNIT: f64 = (1.0 + 1.0 / 1024.0) / 16_777_216.0;
 
 /// Faces are moved outward by at least this, so that squares in f32 may underflow (`super::tree`).
 const TINY: f64 = 1e-22;
@@ -120,8 +118,7 @@ fn below([begin, end]: [f64; 2], moves: bool, unit: f64, slack: f64) -> (f32, f3
     let wide = f64::from(slope);
     let least = if moves { begin.min(end - wide) } else { begin };
     let at = least - (3.0 * least.abs() + 6.0 * wide.abs()) * unit - slack;
-    let near = at as f32;
-    (if f64::from(near) > at { near.next_down() } else { near }, slope)
+    (rounded_down(at), slope)
 }
 
 #[cfg(test)]

@@ -25,6 +25,7 @@ use super::search::sinks::{Gather, Visit, VisitSome};
 use super::search::sort::few_in_order;
 use super::search::walk::walk;
 use super::search::{Keep, KeepAll, KeptLanes, NeighborWork};
+use super::slice_tree::slice_at;
 use super::snapshot::Leaves;
 use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch};
 use core::ops::ControlFlow;
@@ -45,7 +46,7 @@ enum AtTime<'a> {
 impl PreciseLayer {
     /// The index of the tree that is responsible for a time in [0, 1].
     pub(super) fn slice_at(&self, time: f32) -> usize {
-        self.trees.partition_point(|tree| tree.slice().interval.end_bound() <= time).min(self.trees.len() - 1)
+        slice_at(&self.trees, time)
     }
 
     /// The tree that is responsible for a time in [0, 1].

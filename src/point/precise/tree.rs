@@ -15,6 +15,7 @@ use crate::geometry::TimeInterval;
 use crate::point::moving_leaf::LaneIntervals;
 use crate::point::moving_reference::{TimeSlice, exact_phase};
 use crate::point::over_interval::{BoxTree, PointPath};
+use crate::point::slice_tree::SliceTree;
 use crate::point::snapshot::{Boxes, Leaves, Target, View, diagonal, outside, rows};
 use crate::point::static_tree::Shape;
 use crate::simd::{LANES, Lanes, Mask, Simd, prefetch};
@@ -87,29 +88,9 @@ impl PreciseTree {
         if moves { Shape::with_leaf(count, 1) } else { Shape::flattest(count) }
     }
 
-    /// The time slice that the tree covers.
-    pub(in crate::point) fn slice(&self) -> &TimeSlice {
-        &self.slice
-    }
-
     /// Whether its points may move or exist for a while only.
     pub(in crate::point) fn moves(&self) -> bool {
         !self.slopes.is_empty()
-    }
-
-    /// Bytes allocated.
-    pub(in crate::point) fn bytes(&self) -> usize {
-        self.nodes.capacity() * size_of::<Node>()
-            + self.slopes.capacity() * size_of::<Boxes>()
-            + self.blocks.capacity() * size_of::<Block>()
-            + self.ends.capacity() * size_of::<Rows>()
-            + (self.node_times.capacity() + self.block_times.capacity() + self.active.capacity())
-                * size_of::<LaneIntervals>()
-    }
-
-    /// Number of points in it.
-    pub(in crate::point) fn references(&self) -> usize {
-        self.references
     }
 
     /// The ids of all points, in the order of the tree.
@@ -137,16 +118,6 @@ impl PreciseTree {
         })
     }
 
-    /// Number of nodes.
-    pub(in crate::point) fn node_count(&self) -> usize {
-        self.nodes.len()
-    }
-
-    /// Number of levels of nodes.
-    pub(in crate::point) fn levels(&self) -> usize {
-        self.shape.levels
-    }
-
     /// The phase of a time between the keys; exact.
     #[inline(always)]
     fn phase_at(&self, time: f32) -> f64 {
@@ -168,6 +139,29 @@ impl PreciseTree {
         let (step, from_end) = nearer(phase);
         let within = if MOVING { self.within(phase) } else { 0.0 };
         PreciseView { tree: self, query: query.to_array(), time, within, step, from_end }
+    }
+}
+
+impl SliceTree for PreciseTree {
+    fn time_slice(&self) -> &TimeSlice {
+        &self.slice
+    }
+    fn references(&self) -> usize {
+        self.references
+    }
+    fn node_count(&self) -> usize {
+        self.nodes.len()
+    }
+    fn levels(&self) -> usize {
+        self.shape.levels
+    }
+    fn bytes(&self) -> usize {
+        self.nodes.capacity() * size_of::<Node>()
+            + self.slopes.capacity() * size_of::<Boxes>()
+            + self.blocks.capacity() * size_of::<Block>()
+            + self.ends.capacity() * size_of::<Rows>()
+            + (self.node_times.capacity() + self.block_times.capacity() + self.active.capacity())
+                * size_of::<LaneIntervals>()
     }
 }
 

@@ -1,7 +1,7 @@
 //! The candidates of a search, as a structure of arrays, so that sixteen are appended or removed at a time.
 
 use crate::point::neighbor::Neighbor;
-use crate::simd::{LANES, Mask, Simd, lanes_at};
+use crate::simd::{LANES, Mask, Simd, lanes_at, lanes_at_mut};
 
 /// Memory for candidates: separate arrays of distances and ids, with room for one vector at the end.
 #[derive(Clone, Debug, Default)]
@@ -40,8 +40,7 @@ impl Candidates {
     /// Overwrites sixteen distances.
     #[inline(always)]
     pub(super) fn write<S: Simd>(&mut self, s: S, at: usize, distance: S::F) {
-        let to: &mut [f32; LANES] = (&mut self.raw[at..at + LANES]).try_into().expect("sixteen");
-        s.store(distance, to);
+        s.store(distance, lanes_at_mut(&mut self.raw, at));
     }
 
     /// Removes all candidates above the threshold. The rest of the last vector must be above it.
@@ -84,17 +83,9 @@ pub(in crate::point) fn append<S: Simd>(
     (distance, id): (S::F, S::U),
     mask: Mask,
 ) -> usize {
-    let to: &mut [f32; LANES] = (&mut distances[end..end + LANES]).try_into().expect("sixteen");
-    s.store_compressed(distance, mask, to);
-    let to: &mut [u32; LANES] = (&mut ids[end..end + LANES]).try_into().expect("sixteen");
-    s.store_compressed_u(id, mask, to);
+    s.store_compressed(distance, mask, lanes_at_mut(distances, end));
+    s.store_compressed_u(id, mask, lanes_at_mut(ids, end));
     end + mask.count_ones() as usize
-}
-
-/// A mask of the first `count` lanes; all lanes if `count` is larger.
-#[inline(always)]
-pub(in crate::point) fn first_lanes(count: usize) -> Mask {
-    if count < LANES { (1 << count) - 1 } else { Mask::MAX }
 }
 
 /// A distance and an id as one number that sorts like the pair.

@@ -6,7 +6,7 @@
 //! between would have culled. Leaves of large trees are prefetched when they are queued.
 
 use crate::point::snapshot::Leaves;
-use crate::simd::{LANES, Mask, Simd};
+use crate::simd::{LANES, Mask, Simd, lanes_at_mut};
 use crate::tuning::points::FAR;
 
 /// The capacity of a queue.
@@ -44,9 +44,8 @@ impl LeafQueue {
     /// not [ready](LeafQueue::is_ready).
     #[inline(always)]
     pub(in crate::point) fn push_lanes<S: Simd, V: Leaves>(&mut self, s: S, view: &V, first: usize, lanes: Mask) {
-        let to: &mut [u32; LANES] = (&mut self.leaves[self.count..self.count + LANES]).try_into().expect("sixteen");
         let blocks = s.add_u(s.splat_u(first as u32), s.load_u(&OFFSETS[view.leaf_blocks() - 1]));
-        s.store_compressed_u(blocks, lanes, to);
+        s.store_compressed_u(blocks, lanes, lanes_at_mut(&mut self.leaves, self.count));
         let begin = self.count;
         self.count += lanes.count_ones() as usize;
         if view.leaf_bytes() > FAR {

@@ -5,9 +5,9 @@
 //! branch. Pairs that the lost bits leave undecided are corrected in the pass that fetches the ids, by
 //! insertion, which is seldom needed.
 
-use super::candidates::{Candidates, first_lanes, pack, unpack};
+use super::candidates::{Candidates, pack, unpack};
 use crate::point::neighbor::Neighbor;
-use crate::simd::{Kernel, LANES, Simd, SimdLevel, dispatch, lanes_at, merge_lanes};
+use crate::simd::{Kernel, LANES, Simd, SimdLevel, dispatch, first_lanes, lanes_at, merge_lanes};
 
 /// The largest number of candidates that the network sorts.
 const MOST: usize = 16 * LANES;

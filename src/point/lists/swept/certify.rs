@@ -7,6 +7,7 @@
 use super::encounter::{EncounterLanes, FourPoints, Visitor};
 use super::sweep::Sweep;
 use crate::geometry::KeyTime;
+use crate::point::linear_bounds::rounded_down;
 use crate::point::lists::csr::NeighborCsr;
 use crate::point::lists::error::ListError;
 use crate::point::lists::radii::squared_radius;
@@ -110,12 +111,6 @@ impl<F: Fn(&PointPath, &PointPath) -> bool> Visitor for First<'_, F> {
             }
         }
     }
-}
-
-/// The greatest f32 at or below.
-fn rounded_down(x: f64) -> f32 {
-    let near = x as f32;
-    if f64::from(near) > x { near.next_down() } else { near }
 }
 
 /// How long lists with a skin hold every pair within `radius`, if no point is ever faster than `speed`: rounded down,

@@ -1,7 +1,7 @@
 //! Encounters: pairs of moving points that come within a radius of each other, evaluated four at a time.
 
 use crate::geometry::TimeInterval;
-use crate::point::over_interval::{PathRows, PointPath};
+use crate::point::over_interval::{PathRows, PointPath, greater, lesser};
 use crate::simd::{LANES, Mask, Simd};
 
 /// A time at which two points are as close as they come, and when they are within the radius.
@@ -344,18 +344,6 @@ impl FourPoints<'_> {
         let active = active.and_then(|&[begin, end]| TimeInterval::half_open(begin, end)).unwrap_or(TimeInterval::FULL);
         PointPath { id, open: [x, y, z].map(f64::from), close: [u, v, w].map(f64::from), active }
     }
-}
-
-/// The greater; one instruction, which takes no care of NaN.
-#[inline(always)]
-pub(super) fn greater(a: f64, b: f64) -> f64 {
-    if a > b { a } else { b }
-}
-
-/// The lesser, likewise.
-#[inline(always)]
-pub(super) fn lesser(a: f64, b: f64) -> f64 {
-    if a < b { a } else { b }
 }
 
 #[inline(always)]

@@ -7,7 +7,7 @@ use super::candidates::{Block, CandidateBlock, Candidates, RelativePaths, square
 use super::encounter::{Criteria, Visitor};
 use crate::point::lists::candidates::{Selection, write};
 use crate::point::snapshot::{rows, squared};
-use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at};
+use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at, lanes_at_mut};
 
 /// Points that are gathered at most at once.
 const MOST: usize = 2048;
@@ -139,9 +139,8 @@ impl CandidateRows {
             if V::EXCLUDES_LISTED {
                 write(s, to_known, end, s.load(excluded_within), near);
             }
-            let to: &mut Lanes<u32> = (&mut to_index[end..end + LANES]).try_into().expect("sixteen");
             let indices = s.add_u(s.load_u(&LANE), s.splat_u(block * LANES as u32));
-            s.store_compressed_u(indices, near, to);
+            s.store_compressed_u(indices, near, lanes_at_mut(to_index, end));
             end += near.count_ones() as usize;
         }
         to_x[end..end + LANES].fill(f32::INFINITY);
@@ -184,8 +183,7 @@ impl CandidateRows {
                 let listed = s.le(squared::<S>(x, y, z), s.load(lanes_at(excluded_within, at)));
                 near &= !listed | nothing_known;
             }
-            let to: &mut Lanes<u32> = (&mut hits[end..end + LANES]).try_into().expect("sixteen");
-            s.store_compressed_u(s.load_u(lanes_at(index, at)), near, to);
+            s.store_compressed_u(s.load_u(lanes_at(index, at)), near, lanes_at_mut(hits, end));
             end += near.count_ones() as usize;
         }
         // What is behind them is read too.

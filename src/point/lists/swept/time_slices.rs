@@ -58,7 +58,7 @@ impl Slice<'_> {
     pub(super) fn segment(&self) -> Option<(usize, usize)> {
         match self.tree {
             Tree::Static(_) => None,
-            Tree::Moving(tree) => Some((tree.slice().keys, tree.slice().segment)),
+            Tree::Moving(tree) => Some((tree.slice.keys, tree.slice.segment)),
         }
     }
 
@@ -87,7 +87,7 @@ impl Slice<'_> {
     fn holds(&self, time: f32) -> bool {
         match self.tree {
             Tree::Static(_) => true,
-            Tree::Moving(tree) => tree.slice().interval.contains(time) || beside_key(tree.slice(), time),
+            Tree::Moving(tree) => tree.slice.interval.contains(time) || beside_key(&tree.slice, time),
         }
     }
 
@@ -128,7 +128,7 @@ fn magnitude<T: BoxTree>(tree: &T) -> f64 {
 
 /// Whether an active interval begins exactly where a time slice does.
 pub(super) fn begins_with_a_slice(layers: &[Layer], time: f32) -> bool {
-    let begins = |tree: &MovingTree| tree.slice().interval.begin() == time && tree.leaves.begins_at(time);
+    let begins = |tree: &MovingTree| tree.slice.interval.begin() == time && tree.leaves.begins_at(time);
     layers.iter().any(|layer| matches!(layer, Layer::Moving(trees) if trees.iter().any(begins)))
 }
 
@@ -156,15 +156,15 @@ pub(super) fn time_slices_of<'a>(
         Layer::Static(tree) => return vec![Slice { tree: Tree::Static(tree), times, reports: ALWAYS }],
         // See `PointTree::box_tree`.
         Layer::Planes(_) => return Vec::new(),
-        Layer::Moving(trees) => trees.iter().filter(|tree| segment.is_none_or(|s| s == tree.slice().segment)),
+        Layer::Moving(trees) => trees.iter().filter(|tree| segment.is_none_or(|s| s == tree.slice.segment)),
     };
     let slice = |tree: &'a MovingTree| {
-        let interval = tree.slice().interval;
+        let interval = tree.slice.interval;
         let reports = [interval.begin(), interval.end_bound()].map(f64::from);
         let both = [times[0].max(interval.begin()), times[1].min(interval.end())];
         let last = both[0] == times[1] && times[0] < times[1];
         let more_than_an_end = times[0] < interval.end_bound() && (begins || !last);
-        let searched = both[0] <= both[1] && (more_than_an_end || beside_key(tree.slice(), both[0]));
+        let searched = both[0] <= both[1] && (more_than_an_end || beside_key(&tree.slice, both[0]));
         searched.then_some(Slice { tree: Tree::Moving(tree), times: both, reports })
     };
     let mut slices: Vec<Slice> = trees.filter_map(slice).collect();
