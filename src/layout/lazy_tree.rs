@@ -10,13 +10,12 @@
 //! **Why no two threads wait for each other.** The thread that builds a subtree does so alone ([`parallel::alone`]) and does not query
 //! the tree. All other threads that need the same subtree wait for this one build, and hold no subtree of their own meanwhile.
 
-use super::keyed_leaf::KeyedRows;
 use super::leaf_block::{WideSource, write_list};
 use super::statistics::Statistics;
 use super::tree_box::TreeBox;
 use super::wide_builder::{most_in_part, step};
 use super::wide_node::ChildRef;
-use super::wide_tree::{Counts, WideTree};
+use super::wide_tree::WideTree;
 use super::write::Nodes;
 use crate::bvh::{BinaryNode, Collapse, Reference, coarse_tree};
 use crate::error::BuildError;
@@ -132,9 +131,7 @@ impl LazyTree {
 
 /// The tree above the subtrees, which are the leaves of a binary tree.
 fn top(binary: &[BinaryNode], subtrees: &[Subtree], over: TimeInterval) -> Result<WideTree, BuildError> {
-    let (arena, root, counts) = (Arena::default(), ChildRef::NOTHING, Counts::default());
-    let (keyed_rows, blocks) = (KeyedRows::default(), Vec::new());
-    let mut top = WideTree { arena, root, lists: 0, presplit: false, slices: 1, keyed_rows, blocks, counts };
+    let mut top = WideTree::empty(0);
     if binary.is_empty() {
         return Ok(top);
     }

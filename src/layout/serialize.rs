@@ -6,10 +6,10 @@
 
 use super::wide_node::{ChildRef, NODE_ROWS, children_mut};
 use crate::error::BuildError;
-use crate::parallel;
+use crate::parallel::{self, lock};
 use crate::simd::{Arena, LANES};
 use core::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 /// The number of tasks, at most, and no more than every fourth, that are written first to estimate the size of all of
 /// them. The fewer they are, the more blocks are copied while they are in the cache.
@@ -56,7 +56,7 @@ impl InOrder<'_> {
     /// already.
     fn put(&mut self, waiting: &Mutex<Waiting>, inside: &dyn Fn(ChildRef) -> bool) -> Result<(), BuildError> {
         loop {
-            let ready = locked(waiting).done.get_mut(self.next).and_then(Option::take);
+            let ready = lock(waiting).done.get_mut(self.next).and_then(Option::take);
             let Some(mut apart) = ready else { return Ok(()) };
             let words = apart.arena.len() + LANES;
             self.words += words;
@@ -81,7 +81,7 @@ impl InOrder<'_> {
             }
             self.next += 1;
             apart.clear();
-            locked(waiting).spare.push(apart);
+            lock(waiting).spare.push(apart);
         }
     }
 }
@@ -97,11 +97,6 @@ fn total<'a>(sizes: impl IntoIterator<Item = &'a u32>) -> f64 {
 /// An upper estimate of the words of the nodes above so many subtrees.
 fn above(subtrees: usize) -> usize {
     (subtrees / 4 + 1) * NODE_ROWS * LANES
-}
-
-fn locked<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
-    // A panic in another thread is propagated there.
-    of.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Writes tasks separately and appends them in order; returns the top blocks. `sizes` are the relative sizes of the
@@ -139,10 +134,10 @@ pub(crate) fn write_in_order(
                 return Ok(());
             }
             if !task.is_multiple_of(step) {
-                let spare = locked(&waiting).spare.pop();
+                let spare = lock(&waiting).spare.pop();
                 let mut apart = spare.unwrap_or_default();
                 write(task, &mut apart)?;
-                locked(&waiting).done[task] = Some(apart);
+                lock(&waiting).done[task] = Some(apart);
             }
             if let Ok(mut in_order) = in_order.try_lock() {
                 in_order.put(&waiting, inside)?;

@@ -4,7 +4,7 @@ use crate::mbkd::{BuildTimes, KdReference, KdTree, KdView};
 use crate::primitive::PrimitiveSet;
 
 /// Sizes and counts of a finished tree ([`RayTree::statistics`](crate::RayTree::statistics)).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Statistics {
     /// Primitives in the tree.
     pub primitives: usize,
@@ -87,17 +87,12 @@ impl KdTree {
             references,
             duplicates: share(references - set.len().min(references)),
             timed: share(timed),
-            duplication_time: 0.0,
-            propagation_time: 0.0,
             positions: set.positions()[0],
             kept_positions: set.positions()[1],
-            still_references: 0,
-            time_nodes: 0,
-            subtrees: 0,
-            built_subtrees: 0,
             cost: 1.0,
             bytes: self.bytes(),
             primitive_bytes: set.bytes(),
+            ..Statistics::default()
         }
     }
 }

@@ -8,7 +8,7 @@
 use super::keyed_leaf::KeyedRows;
 use super::leaf_block::WideSource;
 use super::wide_node::ChildRef;
-use super::wide_tree::{Counts, WideTree};
+use super::wide_tree::WideTree;
 use super::write::{Nodes, set_children, write_blocks, write_node, write_time};
 use crate::bvh::{BinaryNode, ReplacedSubtree};
 use crate::error::BuildError;
@@ -112,11 +112,7 @@ impl WideTree {
         params: &WideParams,
         progress: &Progress,
     ) -> Result<WideTree, BuildError> {
-        let (arena, blocks, counts) = (Arena::default(), Vec::new(), Counts::default());
-        let lists = if S::TRIANGLES { usize::MAX } else { 0 };
-        let root = ChildRef::NOTHING;
-        let keyed_rows = KeyedRows::default();
-        let mut tree = WideTree { arena, root, lists, presplit: false, slices: 1, keyed_rows, blocks, counts };
+        let mut tree = WideTree::empty(if S::TRIANGLES { usize::MAX } else { 0 });
         let all = ids.iter().map(|ids| ids.len()).sum::<usize>() as f64;
         let mut subtrees = Vec::new();
         for (group, ids) in ids.into_iter().enumerate().filter(|(_, ids)| !ids.is_empty()) {

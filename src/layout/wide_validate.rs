@@ -96,8 +96,7 @@ impl WideTree {
                 stack.push((ChildRef(slices[KeyTime::new(time, slices.len() + 1).segment]), bounds));
             } else {
                 for (lane, &child) in self.children(at).iter().enumerate() {
-                    let [min, max] = self.lane_box(at, lane, time);
-                    stack.push((ChildRef(child), bounds.intersection(Box3 { min, max })));
+                    stack.push((ChildRef(child), bounds.intersection(self.lane_box(at, lane, time))));
                 }
             }
         }
