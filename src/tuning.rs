@@ -18,14 +18,14 @@ pub(crate) mod wide {
     pub const LEAF_COST: f32 = 1.0;
     pub const PRIMITIVE_COST: f32 = 0.07;
     pub const STILL_COST: f32 = 0.7;
-    /// The leaf size of the binary tree: the lower limit, and the upper limit for crowded references; the collapse merges
+    /// The leaf size of the binary tree: the lower limit, and the upper limit for overlapping references; the collapse merges
     /// leaves again.
     pub const BINARY_LEAF: RangeInclusive<usize> = 8..=16;
     /// An approximate upper limit of the bytes of a reference in nodes and leaf blocks together.
     pub const BYTES_PER_REFERENCE: f32 = 110.0;
     /// If both sides of a split together have this many times the area of the node, further splits are unlikely to be much
     /// better: needles and hair. A single leaf block of sixteen costs a query no more there.
-    pub const CROWDED: f32 = 1.4;
+    pub const MIN_OVERLAP: f32 = 1.4;
     /// Nodes of few references are split further if they are visited by more than this fraction of the rays that enter the tree,
     /// or of the visits to all primitives if those are fewer. There are few such nodes: at most the leaves that a ray visits,
     /// divided by this fraction. Doing this with every leaf would take longer than a level of the build. Half the value finds

@@ -118,7 +118,7 @@ impl Placements {
     /// Linear bounds in world space, without padding for rounding.
     fn exact_bounds(&self, id: u32, over: TimeInterval) -> LinearBounds {
         let one = &self.placed[id as usize];
-        self.motions.bounds(&one.motion, &self.extents[one.tree as usize].parts, over, 1.0)
+        self.motions.bounds(&one.motion, &self.extents[one.tree as usize].subtrees, over, 1.0)
     }
 
     /// The padding for rounding of an instance's bounds, for rays from near the scene.

@@ -13,7 +13,7 @@
 use super::leaf_block::{WideSource, write_list};
 use super::statistics::Statistics;
 use super::tree_box::TreeBox;
-use super::wide_builder::{most_in_part, step};
+use super::wide_builder::{most_in_subtree, step};
 use super::wide_node::ChildRef;
 use super::wide_tree::WideTree;
 use super::write::Nodes;
@@ -52,7 +52,7 @@ impl LazyTree {
         let mut references: Vec<Reference> = huge_vec(set.len());
         parallel::fill(&mut references, set.len(), |id| Reference::new(set.bounds(id as u32, over), id as u32));
         step(progress, 0.5)?;
-        let most = params.subtree.min(most_in_part(set));
+        let most = params.subtree.min(most_in_subtree(set));
         let (binary, ids) = coarse_tree(&references, most);
         drop(references);
         // In preorder, the leaves are in the order of their primitives.
@@ -109,7 +109,7 @@ impl LazyTree {
             all.nodes += of.nodes;
             all.leaves += of.leaves;
             all.references += of.references;
-            all.still_references += of.still_references;
+            all.static_references += of.static_references;
             all.time_nodes += of.time_nodes;
             all.bytes += of.bytes;
         }

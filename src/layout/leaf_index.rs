@@ -113,10 +113,10 @@ impl WideTree {
         blocks: &[AtomicU32],
         check: impl Fn(ChildRef) -> Result<(), E> + Sync,
     ) -> Result<Counts, E> {
-        let (references, still_references) = self.find_blocks(set, found, blocks, check)?;
+        let (references, static_references) = self.find_blocks(set, found, blocks, check)?;
         let &Found { depth, nodes, moving_nodes, time_nodes, .. } = found;
         let leaves = found.leaves.len();
-        Ok(Counts { depth, nodes, moving_nodes, time_nodes, leaves, references, still_references })
+        Ok(Counts { depth, nodes, moving_nodes, time_nodes, leaves, references, static_references })
     }
 
     /// The counts of all nodes, and all leaf blocks.
@@ -189,7 +189,7 @@ impl WideTree {
         let several = self.presplit || found.time_nodes > 0;
         let references = parallel::chunks(found.leaves.len(), |range| {
             let leaves = &found.leaves[range];
-            let (mut references, mut still) = (0, 0);
+            let (mut references, mut of_static) = (0, 0);
             for (i, &leaf) in leaves.iter().enumerate() {
                 if let Some(&soon) = leaves.get(i + SOON) {
                     self.prefetch_ids(soon);
@@ -199,7 +199,7 @@ impl WideTree {
                 let ids = self.ids::<S>(leaf).unwrap_or(&[]);
                 references += ids.len();
                 if matches!(leaf.kind(), Kind::StaticLeaf | Kind::SharedStaticLeaf) {
-                    still += ids.len();
+                    of_static += ids.len();
                 }
                 let located = !blocks.is_empty() && !self.is_list::<S>(leaf);
                 let Some(triangles) = set.triangles().filter(|_| located) else { continue };
@@ -215,7 +215,7 @@ impl WideTree {
                     }
                 }
             }
-            Ok((references, still))
+            Ok((references, of_static))
         });
         references.into_iter().try_fold((0, 0), |a, b| b.map(|b: (usize, usize)| (a.0 + b.0, a.1 + b.1)))
     }
@@ -233,7 +233,7 @@ impl WideTree {
 
     /// The statistics of the tree.
     pub fn statistics<S: WideSource>(&self, set: &S) -> Statistics {
-        let Counts { depth, nodes, leaves, references, time_nodes, still_references, .. } = self.counts;
+        let Counts { depth, nodes, leaves, references, time_nodes, static_references, .. } = self.counts;
         let duplicates = references - set.len().min(references);
         Statistics {
             primitives: set.len(),
@@ -244,7 +244,7 @@ impl WideTree {
             duplicates: duplicates as f64 / references.max(1) as f64,
             positions: set.positions()[0],
             kept_positions: set.positions()[1],
-            still_references,
+            static_references,
             time_nodes,
             cost: 1.0,
             bytes: self.arena.bytes(),

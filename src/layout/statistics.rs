@@ -33,7 +33,7 @@ pub struct Statistics {
     /// vertices.
     pub kept_positions: usize,
     /// References to static triangles, in leaf blocks without motion (wide trees).
-    pub still_references: usize,
+    pub static_references: usize,
     /// Temporal splits: nodes that select a child by the time of the query (wide trees).
     pub time_nodes: usize,
     /// Subtrees that are built when a query first enters them ([`Policy::Lazy`](crate::Policy::Lazy)); 0 in other trees.

@@ -35,7 +35,7 @@ pub(crate) struct Counts {
     pub time_nodes: usize,
     pub references: usize,
     /// Those of them in leaf blocks of static triangles.
-    pub still_references: usize,
+    pub static_references: usize,
 }
 
 impl WideTree {

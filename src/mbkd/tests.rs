@@ -146,7 +146,7 @@ fn every_point_is_in_one_leaf_at_every_time() {
     assert!(times.len() > 50);
     for time in times {
         let mut counts = vec![0; points.len()];
-        tree.references.iter().filter(|r| r.lives_at(time)).for_each(|r| counts[r.id as usize] += 1);
+        tree.references.iter().filter(|r| r.is_active_at(time)).for_each(|r| counts[r.id as usize] += 1);
         for (point, count) in points.iter().zip(counts) {
             assert_eq!(count, usize::from(point.interval.contains(time)), "{} at {time}", point.id);
         }

@@ -248,7 +248,7 @@ impl<P: Primitive> Shapes<P> {
     }
 
     /// Active intervals as bounds; empty if all shapes exist throughout the shutter.
-    pub(crate) fn lives(&self) -> Vec<[f32; 2]> {
+    pub(crate) fn active_bounds(&self) -> Vec<[f32; 2]> {
         self.active.iter().map(|active| active.to_bounds()).collect()
     }
 

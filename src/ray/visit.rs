@@ -134,7 +134,7 @@ impl<G: Geometry> Hierarchy for KdAt<'_, G> {
             }
             KdView::Leaf { first, count } => {
                 let references = &self.tree.references[first as usize..][..count as usize];
-                let ids = references.iter().filter(|r| r.lives_at(self.time)).map(|r| r.id);
+                let ids = references.iter().filter(|r| r.is_active_at(self.time)).map(|r| r.id);
                 items.extend(primitives(self.set, self.time, ids));
             }
         }
