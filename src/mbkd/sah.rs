@@ -274,11 +274,11 @@ struct Lines {
     upper: [Vec3; 2],
 }
 
-/// The bounds of a reference, shrunk to the clipped ones at its representative time `voted`.
+/// The bounds of a reference, shrunk to the clipped ones at its representative time `time`.
 #[inline(always)]
-fn lines(r: &BoxReference, voted: f32) -> Lines {
+fn lines(r: &BoxReference, time: f32) -> Lines {
     let (begin, end) = (r.interval.begin(), r.interval.end());
-    let w = if end > begin { (voted - begin) / (end - begin) } else { 0.0 };
+    let w = if end > begin { (time - begin) / (end - begin) } else { 0.0 };
     let (b, e) = (r.bounds.whole.begin, r.bounds.whole.end);
     // The difference between the clipped bounds and those of the whole primitive, at the representative time.
     let raise = r.bounds.clipped.min - (b.min + (e.min - b.min) * w);
