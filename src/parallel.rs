@@ -2,7 +2,7 @@
 
 use core::cell::Cell;
 use core::ops::Range;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 thread_local! {
     /// Whether this thread must not share its work.
@@ -53,7 +53,7 @@ fn map_into<T: Send>(first: usize, results: &mut [Option<T>], f: &(dyn Fn(usize)
 pub(crate) fn each<I: Send, T: Send>(items: &mut [I], f: impl Fn(&mut I) -> T + Sync) -> Vec<T> {
     let items: Vec<Mutex<&mut I>> = items.iter_mut().map(Mutex::new).collect();
     // No other thread locks the same item.
-    map(items.len(), |i| f(&mut items[i].lock().unwrap_or_else(PoisonError::into_inner)))
+    map(items.len(), |i| f(&mut lock(&items[i])))
 }
 
 /// Runs both, concurrently if there are threads for it.
@@ -106,4 +106,9 @@ pub(crate) fn fill<T: Send>(items: &mut Vec<T>, n: usize, f: impl Fn(usize) -> T
         }
     }
     items.extend((0..n).map(f));
+}
+
+/// Locks a mutex, also after a panic of another thread, which is propagated there.
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -18,14 +18,14 @@ pub(crate) mod wide {
     pub const LEAF_COST: f32 = 1.0;
     pub const PRIMITIVE_COST: f32 = 0.07;
     pub const STILL_COST: f32 = 0.7;
-    /// The leaf size of the binary tree: the lower limit, and the upper limit for crowded references; the collapse merges
+    /// The leaf size of the binary tree: the lower limit, and the upper limit for overlapping references; the collapse merges
     /// leaves again.
     pub const BINARY_LEAF: RangeInclusive<usize> = 8..=16;
     /// An approximate upper limit of the bytes of a reference in nodes and leaf blocks together.
     pub const BYTES_PER_REFERENCE: f32 = 110.0;
     /// If both sides of a split together have this many times the area of the node, further splits are unlikely to be much
     /// better: needles and hair. A single leaf block of sixteen costs a query no more there.
-    pub const CROWDED: f32 = 1.4;
+    pub const MIN_OVERLAP: f32 = 1.4;
     /// Nodes of few references are split further if they are visited by more than this fraction of the rays that enter the tree,
     /// or of the visits to all primitives if those are fewer. There are few such nodes: at most the leaves that a ray visits,
     /// divided by this fraction. Doing this with every leaf would take longer than a level of the build. Half the value finds
@@ -100,7 +100,8 @@ pub(crate) mod slices {
     pub const LEVELS: usize = 3;
     pub const FEW: usize = 16;
     /// The latency of a ray is mostly that of nodes. So hierarchies with shared leaf blocks count as this fraction of
-    /// separate trees in this respect: two cost 7 to 30 % more than their counted steps and tests, four 20 to 60 % (coherent, debris, tornado, hairball).
+    /// separate trees in this respect: two cost 7 to 30 % more than their counted steps and tests, four 20 to 60 %
+    /// (coherent, debris, tornado, hairball).
     pub const NODE_LATENCY_SHARE: f32 = 0.8;
     /// A temporal split is used if it costs less than this fraction of the unsplit tree: it takes memory and time to build.
     pub const MAX_SPLIT_COST: f32 = 0.87;
@@ -144,9 +145,9 @@ pub(crate) mod points {
     /// The cost of a structure in samples, relative to another one in the whole set, below which a tree of it is built and
     /// measured. Samples underestimate costs by a few percent.
     pub const MAX_PREDICTED_COST: f64 = 0.87;
-    /// A point is fast if it moves farther, relative to its neighbours, than this many times the size of
-    /// a leaf: the one that they share in the middle of the slice, or the median of all leaves if that is smaller. (A point that has left the
-    /// others by then shares a large leaf with few points.)
+    /// A point is fast if it moves farther, relative to its neighbours, than this many times the size of a leaf: the
+    /// one that they share in the middle of the slice, or the median of all leaves if that is smaller. (A point that
+    /// has left the others by then shares a large leaf with few points.)
     pub const FAST: f64 = 2.0;
     /// A set is divided into static and moving points if at least this fraction is static.
     pub const MIN_STATIC_SHARE: f64 = 0.5;

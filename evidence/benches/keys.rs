@@ -144,7 +144,7 @@ fn measure(args: &Args, row: &Row) -> Result<(), BuildError> {
             if of.whole { ", whole" } else { "" },
             of.keys,
             100.0 * s.kept_positions as f64 / s.positions as f64,
-            100.0 * s.still_references as f64 / s.references as f64,
+            100.0 * s.static_references as f64 / s.references as f64,
             s.time_nodes,
             s.bytes as f64 / s.primitives as f64,
             s.bytes as f64 / (s.kept_positions * size_of::<Vec3>()) as f64,

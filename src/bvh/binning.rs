@@ -225,18 +225,18 @@ impl Sides {
 }
 
 /// Finds the split of least cost by binned SAH; `None` if all centres coincide. `centres` is the box of the centres, in
-/// the units of [`Reference::centre`]. In small `crowded` nodes only planes across the widest axis are tried: there no
+/// the units of [`Reference::centre`]. In small `overlapping` nodes only planes across the widest axis are tried: there no
 /// split gains much.
 pub(super) fn find_split(
     simd: SimdLevel,
     references: &[Reference],
     centres: Box3,
-    crowded: bool,
+    overlapping: bool,
     table: &mut Table,
 ) -> Option<Split> {
     let bins = bins_for(references.len());
     let mut binning = Binning::new(centres, bins);
-    let only = (crowded && references.len() <= SMALL).then(|| binning.keep_widest(centres));
+    let only = (overlapping && references.len() <= SMALL).then(|| binning.keep_widest(centres));
     let (mut chunk, mut chunks) = (references.len(), Vec::new());
     if references.len() < PARALLEL || parallel::threads() == 1 {
         dispatch(simd, Count { references, binning, bins, only, axes: &mut table.axes });

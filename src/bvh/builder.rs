@@ -12,7 +12,7 @@ use super::visits::{SurfaceDensity, mean_half_area};
 use crate::geometry::{Box3, LinearBox3};
 use crate::parallel;
 use crate::simd::{SimdLevel, concat, huge_vec};
-use crate::tuning::wide::{CROWDED, LARGE_LEAF};
+use crate::tuning::wide::{LARGE_LEAF, MIN_OVERLAP};
 use core::ops::RangeInclusive;
 
 /// A node of the binary tree, in preorder: the left child follows its parent.
@@ -52,7 +52,7 @@ const PARALLEL: usize = 4096;
 const SUBTREES: usize = 32;
 
 /// Builds over references, which are reordered. Nodes of at most `leaf.start` references become leaves, and those of at
-/// most `leaf.end` if they overlap so much that splitting hardly pays (see [`CROWDED`]). With a `density`, which
+/// most `leaf.end` if they overlap so much that splitting hardly pays (see [`MIN_OVERLAP`]). With a `density`, which
 /// predicts how often boxes are visited, the largest of such nodes are split further (see [`LARGE_LEAF`]). Leaves hold
 /// references of one kind.
 pub(crate) fn build_binary(
@@ -76,8 +76,8 @@ pub(crate) fn build_binary(
         let rays = density.visits(&bounds).min(density.visits_of_all(references));
         (density, LARGE_LEAF * rays)
     });
-    let builder = Builder { simd, leaf: *leaf.start().max(&1), crowded_leaf: *leaf.end(), large, alone, kinds };
-    let mut subtrees = builder.subtrees(references, Task { first: 0, depth: 0, crowded: false, bounds, centres });
+    let builder = Builder { simd, leaf: *leaf.start().max(&1), overlapping_leaf: *leaf.end(), large, alone, kinds };
+    let mut subtrees = builder.subtrees(references, Task { first: 0, depth: 0, overlapping: false, bounds, centres });
     match subtrees.len() {
         1 => subtrees.remove(0),
         _ => concat(&subtrees),
@@ -148,7 +148,7 @@ fn isolate(mut references: &mut [Reference], mut at: usize, most: usize) -> &mut
 struct Builder<'a> {
     simd: SimdLevel,
     leaf: usize,
-    crowded_leaf: usize,
+    overlapping_leaf: usize,
     /// The number of visits above which a leaf counts as large, and the density that predicts them; `None` if no leaf
     /// does.
     large: Option<(SurfaceDensity, f32)>,
@@ -165,7 +165,7 @@ struct Task {
     first: u32,
     depth: u32,
     /// Whether the split that made it gained little.
-    crowded: bool,
+    overlapping: bool,
     bounds: LinearBox3,
     /// The box of the references' centres.
     centres: Box3,
@@ -197,7 +197,7 @@ impl Builder<'_> {
     fn subtree(&self, references: &mut [Reference], task: Task, nodes: &mut BinaryTree, table: &mut Table) -> bool {
         let (at, n) = (nodes.len(), references.len());
         nodes.push(BinaryNode::new(&task, n));
-        let few = n <= self.leaf || task.crowded && n <= self.crowded_leaf;
+        let few = n <= self.leaf || task.overlapping && n <= self.overlapping_leaf;
         let sides = if few && (n == 1 || !self.is_large(&task.bounds)) {
             let middle = self.kinds.and_then(|kind| by_kind(references, kind));
             middle.map(|middle| self.split_at(references, &task, middle))
@@ -225,22 +225,22 @@ impl Builder<'_> {
 
     /// Partitions the references of a node; returns both sides and the number on the low side.
     fn divide(&self, references: &mut [Reference], task: &Task, table: &mut Table) -> (Task, Task, usize) {
-        let side = |begin: usize, crowded: bool, bounds: LinearBox3, centres: Box3| Task {
+        let side = |begin: usize, overlapping: bool, bounds: LinearBox3, centres: Box3| Task {
             first: task.first + begin as u32,
             depth: task.depth + 1,
-            crowded,
+            overlapping,
             bounds,
             centres,
         };
         // Two references can be partitioned in one way only.
         if references.len() > 2
             && task.depth < SAH_DEPTH
-            && let Some(split) = find_split(self.simd, references, task.centres, task.crowded, table)
+            && let Some(split) = find_split(self.simd, references, task.centres, task.overlapping, table)
         {
             let Partitioned { middle, low, high } = partition(self.simd, references, &split);
             let areas = mean_half_area(&split.low) + mean_half_area(&split.high);
-            let crowded = areas >= CROWDED * mean_half_area(&task.bounds);
-            return (side(0, crowded, split.low, low), side(middle, crowded, split.high, high), middle);
+            let overlapping = areas >= MIN_OVERLAP * mean_half_area(&task.bounds);
+            return (side(0, overlapping, split.low, low), side(middle, overlapping, split.high, high), middle);
         }
         self.split_at(references, task, references.len() / 2)
     }
@@ -249,7 +249,7 @@ impl Builder<'_> {
     fn split_at(&self, references: &[Reference], task: &Task, middle: usize) -> (Task, Task, usize) {
         let of = |begin: usize, references: &[Reference]| {
             let (bounds, centres) = summary(self.simd, references);
-            Task { first: task.first + begin as u32, depth: task.depth + 1, crowded: false, bounds, centres }
+            Task { first: task.first + begin as u32, depth: task.depth + 1, overlapping: false, bounds, centres }
         };
         (of(0, &references[..middle]), of(middle, &references[middle..]), middle)
     }

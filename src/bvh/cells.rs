@@ -50,9 +50,9 @@ pub(crate) fn coarse_tree(references: &[Reference], most: usize) -> (BinaryTree,
     let tree = build_binary(&mut cell_references, 1..=1, None, None);
     let cells: Vec<&[u32]> = cell_references.iter().map(|r| &sorted[cells[r.id() as usize].clone()]).collect();
     let ids = huge_vec(references.len());
-    let mut cut = Cut { references, tree: &tree, cells: &cells, most, binary: BinaryTree::new(), ids };
-    cut.node(0);
-    (cut.binary, cut.ids)
+    let mut builder = CoarseBuilder { references, tree: &tree, cells: &cells, most, binary: BinaryTree::new(), ids };
+    builder.node(0);
+    (builder.binary, builder.ids)
 }
 
 /// A grid over a box.
@@ -107,7 +107,7 @@ impl Grid {
 }
 
 /// Turns the tree over cells into the tree of references: subtrees with few enough references become leaves.
-struct Cut<'a> {
+struct CoarseBuilder<'a> {
     references: &'a [Reference],
     tree: &'a [BinaryNode],
     /// The ids in each cell, in the order of the tree.
@@ -117,7 +117,7 @@ struct Cut<'a> {
     ids: Vec<u32>,
 }
 
-impl Cut<'_> {
+impl CoarseBuilder<'_> {
     /// Appends a node of the tree over cells, and its subtree.
     fn node(&mut self, x: usize) {
         let node = self.tree[x];

@@ -158,11 +158,11 @@ impl Kernel for Exchange<'_> {
 
 /// Partitions a large node, by several threads if it was counted in chunks.
 fn exchanged(simd: SimdLevel, references: &mut [Reference], split: &Split) -> Packed {
-    let cuts = cuts(references, split, parallel::threads());
+    let borders = borders(references, split, parallel::threads());
     let (mut front, mut back) = references.split_at_mut(split.middle);
     let (mut done_front, mut done_back) = (0, split.middle);
-    let mut tasks = Vec::with_capacity(cuts.len() + 1);
-    for (at_front, at_back) in cuts {
+    let mut tasks = Vec::with_capacity(borders.len() + 1);
+    for (at_front, at_back) in borders {
         let own;
         (own, front) = front.split_at_mut(at_front - done_front);
         let own_back;
@@ -177,7 +177,7 @@ fn exchanged(simd: SimdLevel, references: &mut [Reference], split: &Split) -> Pa
 
 /// The boundaries of the threads' shares: indices in front of and behind the middle with equally many references on the
 /// wrong side before them.
-fn cuts(references: &[Reference], split: &Split, threads: usize) -> Vec<(usize, usize)> {
+fn borders(references: &[Reference], split: &Split, threads: usize) -> Vec<(usize, usize)> {
     let (n, middle, chunk) = (references.len(), split.middle, split.chunk);
     let sides = split.sides();
     let is_low = |r: &Reference| sides.is_low(r);
@@ -196,19 +196,19 @@ fn cuts(references: &[Reference], split: &Split, threads: usize) -> Vec<(usize, 
         let chunks = (inside + 1..low.len()).rev().map(|c| (begin(c), low[c] - low_in_front));
         chunks.chain([(middle, 0)]).find(|&(_, lows)| lows <= wrong).unwrap_or((middle, 0))
     };
-    let mut cuts = Vec::new();
+    let mut borders = Vec::new();
     for (c, low_before) in low.iter().enumerate().take(inside + 1).skip(1) {
         let wrong = begin(c) - low_before;
         let (mut at, mut lows) = behind(wrong);
-        if cuts.len() + 1 < threads && begin(c) + (at - middle) >= n * (cuts.len() + 1) / threads {
+        if borders.len() + 1 < threads && begin(c) + (at - middle) >= n * (borders.len() + 1) / threads {
             while lows < wrong && at < n {
                 lows += usize::from(is_low(&references[at]));
                 at += 1;
             }
-            cuts.push((begin(c), at));
+            borders.push((begin(c), at));
         }
     }
-    cuts
+    borders
 }
 
 #[cfg(all(test, feature = "rayon"))]

@@ -119,7 +119,7 @@ fn gains(references: &[Reference], ends: &(impl Fn(u32) -> Option<Ends> + Sync))
     let total = areas.into_iter().fold(0.0, |a, b| a + b);
     let least = (f64::from(MIN_SAVING) * total / references.len().max(1) as f64) as f32;
     // A positive threshold, even if no reference has an area.
-    let enough = worth(2, least).max(f32::MIN_POSITIVE);
+    let enough = required_saving(2, least).max(f32::MIN_POSITIVE);
     let gains = parallel::chunks(references.len(), |range| {
         let mut gains = Vec::with_capacity(range.len());
         for (at, r) in (0..).zip(&references[range]) {
@@ -142,13 +142,13 @@ fn gains(references: &[Reference], ends: &(impl Fn(u32) -> Option<Ends> + Sync))
 }
 
 /// The total saving at which an `m`-th part pays, if a part must save `least`.
-fn worth(m: usize, least: f32) -> f32 {
+fn required_saving(m: usize, least: f32) -> f32 {
     (m * (m - 1)) as f32 * least
 }
 
 /// The number of parts for a total saving.
 fn split_count(gain: f32, least: f32) -> usize {
-    (2..=BINS).take_while(|&m| gain >= worth(m, least)).count() + 1
+    (2..=BINS).take_while(|&m| gain >= required_saving(m, least)).count() + 1
 }
 
 /// The smallest threshold, at least `least`, for which at most `most` parts are added.
@@ -165,7 +165,7 @@ fn raised(gains: &[Vec<Gain>], least: f32, most: usize) -> f32 {
     for c in (1..above.len()).rev() {
         above[c - 1] += above[c];
     }
-    let made = |least: f32| (2..=BINS).map(|m| above[class(worth(m, least))]).sum::<usize>();
+    let made = |least: f32| (2..=BINS).map(|m| above[class(required_saving(m, least))]).sum::<usize>();
     let mut raised = least;
     while made(raised) > most {
         raised = f32::from_bits((class(raised) as u32 + 1) << BITS);

@@ -108,9 +108,9 @@ mod tests {
         replaced: &[ReplacedSubtree],
         met: &mut Vec<u32>,
     ) -> f64 {
-        if let Some(graft) = replaced.iter().find(|g| g.node == x) {
+        if let Some(subtree) = replaced.iter().find(|r| r.node == x) {
             met.push(x);
-            return f64::from(graft.cost);
+            return f64::from(subtree.cost);
         }
         let node = &nodes[x as usize];
         let area = f64::from(COST_MODEL.density.visits(&node.bounds));

@@ -7,6 +7,7 @@
 //! are translated relative to the centre of their bounds and rounded there.
 
 use super::aabb::Aabb;
+use super::box3::Box3;
 use crate::limits::MAX_COORDINATE;
 use glam::{DVec3, Vec3};
 
@@ -111,10 +112,13 @@ impl Frame {
     ///
     /// `p - origin` is rounded once in f64, the scaling is exact, and the conversion to f32 is corrected
     /// outward by a whole f32 step, 2^29 times the f64 rounding.
-    pub fn outward(self, b: Aabb) -> (Vec3, Vec3) {
-        let low = self.point(b.min);
-        let high = self.point(b.max);
-        (low.map(f32::next_down), high.map(f32::next_up))
+    pub fn outward(self, b: Aabb) -> Box3 {
+        Box3 { min: self.point(b.min).map(f32::next_down), max: self.point(b.max).map(f32::next_up) }
+    }
+
+    /// A box in tree space in the world.
+    pub fn box_to_world(self, b: Box3) -> Aabb {
+        Aabb { min: self.to_world(b.min), max: self.to_world(b.max) }
     }
 }
 
@@ -143,8 +147,7 @@ mod tests {
                 let (low, high) = (frame.point(b.min), frame.point(b.max));
                 assert!(low.abs().max_element() <= 1.0 && high.abs().max_element() <= 1.0, "{size} {at}");
                 assert!(high.max_element() > 0.2, "{size} {at}: {high}");
-                let (low, high) = frame.outward(b);
-                let back = Aabb { min: frame.to_world(low), max: frame.to_world(high) };
+                let back = frame.box_to_world(frame.outward(b));
                 assert!(back.contains(b.min) && back.contains(b.max));
             }
         }

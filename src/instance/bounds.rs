@@ -2,9 +2,9 @@
 //!
 //! The placed tree lies in boxes that move linearly in its own space. At a time, each corner `x` of the box of that
 //! time is mapped to a corner `T + M x` in the outer space, and the image of the tree lies in the box around all of
-//! them. Between two successive breaks ([`Motions::breaks`]) every corner stays within a known distance of its chord
-//! ([`Bend::bulge`]), and the chord stays inside the linear interpolation of the boxes at both breaks. So the linear
-//! interpolation between the boxes at the ends of an interval, moved outward until it holds the boxes at all breaks,
+//! them. Between two successive breakpoints ([`Motions::breakpoints`]) every corner stays within a known distance of its chord
+//! ([`Bend::bulge`]), and the chord stays inside the linear interpolation of the boxes at both breakpoints. So the linear
+//! interpolation between the boxes at the ends of an interval, moved outward until it holds the boxes at all breakpoints,
 //! and then by the greatest of the distances, holds the image.
 //!
 //! [`Bend::bulge`]: super::motion::Bend::bulge
@@ -14,7 +14,7 @@ use crate::geometry::{Aabb, LinearBounds, TimeInterval};
 use glam::{DAffine3, DVec3};
 
 impl Motions {
-    /// Linear bounds over an interval of a placed tree whose parts have the bounds `of` over the shutter in its own
+    /// Linear bounds over an interval of a placed tree whose subtrees have the bounds `of` over the shutter in its own
     /// space. `bulge` scales the distances from chords: 1, or less in tests.
     pub fn bounds(&self, motion: &Motion, of: &[LinearBounds], over: TimeInterval, bulge: f64) -> LinearBounds {
         let (begin, end) = (f64::from(over.begin()), f64::from(over.end()));
@@ -29,9 +29,9 @@ impl Motions {
             return bounds;
         }
         let mut beyond = DVec3::ZERO;
-        if moves || !matches!(motion, Motion::Still { .. }) {
+        if moves || !matches!(motion, Motion::Static { .. }) {
             bounds.end = at(end);
-            let times = self.breaks(motion, begin, end);
+            let times = self.breakpoints(motion, begin, end);
             for &time in &times[1..times.len() - 1] {
                 bounds.include((time - begin) / (end - begin), at(time));
             }
@@ -44,13 +44,13 @@ impl Motions {
         LinearBounds { begin: grow(bounds.begin, beyond), end: grow(bounds.end, beyond) }
     }
 
-    /// The greatest distance per axis between any point of the parts and the chords of its path between successive
+    /// The greatest distance per axis between any point of the subtrees and the chords of its path between successive
     /// times.
     fn beyond_chords(&self, motion: &Motion, of: &[LinearBounds], times: &[f64]) -> DVec3 {
         let moves = of.iter().any(|of| of.begin != of.end);
         let farthest = |time: f64| {
-            let parts = of.iter().map(|of| of.at(time));
-            parts.map(|b| b.min.abs().max(b.max.abs())).fold(DVec3::ZERO, DVec3::max)
+            let boxes = of.iter().map(|of| of.at(time));
+            boxes.map(|b| b.min.abs().max(b.max.abs())).fold(DVec3::ZERO, DVec3::max)
         };
         let (mut from, mut beyond) = (farthest(times[0]), DVec3::ZERO);
         for pair in times.windows(2) {

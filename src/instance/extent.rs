@@ -6,9 +6,9 @@ use crate::geometry::LinearBounds;
 pub(super) struct Extent {
     /// Linear bounds over the shutter.
     pub bounds: LinearBounds,
-    /// Bounds of its parts: boxes around a rotated tree are tighter if they hold the corners of several small boxes
+    /// Bounds of its subtrees: boxes around a rotated tree are tighter if they hold the corners of several small boxes
     /// instead of one.
-    pub parts: Vec<LinearBounds>,
+    pub subtrees: Vec<LinearBounds>,
     /// The greatest distance from the middle of its space.
     pub reach: f64,
     /// By how many ULP of the distance to a ray's origin its hits may lie outside of its box; not 0 for trees of

@@ -13,7 +13,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Motion {
     /// A static transform: the key, with the inverse of its matrix and its translation.
-    Still { key: u32, inverse: DMat3, translation: DVec3 },
+    Static { key: u32, inverse: DMat3, translation: DVec3 },
     /// Matrices, interpolated linearly.
     Matrices { first: u32, keys: u32 },
     /// Poses, interpolated.
@@ -24,13 +24,13 @@ pub(super) enum Motion {
 #[derive(Default)]
 pub(super) struct Motions {
     matrices: Vec<DAffine3>,
-    poses: Vec<Turn>,
+    poses: Vec<PoseKey>,
 }
 
 /// A pose and the rotation from it to the next: `rotation cos(angle w) + across sin(angle w)` for `w` in [0, 1], with
 /// orthogonal quaternions `rotation` and `across`.
 #[derive(Clone, Copy)]
-struct Turn {
+struct PoseKey {
     scale: DVec3,
     translation: DVec3,
     rotation: DQuat,
@@ -41,19 +41,19 @@ struct Turn {
 
 /// A time as a segment between two keys, with the weight within it.
 #[derive(Clone, Copy)]
-struct Place {
+struct KeyPhase {
     segment: usize,
     w: f64,
 }
 
-impl Place {
+impl KeyPhase {
     /// The place of a time in [0, 1] among at least two keys.
     #[inline]
-    fn new(time: f64, keys: u32) -> Place {
+    fn new(time: f64, keys: u32) -> KeyPhase {
         let segments = f64::from(keys - 1);
         let at = time * segments;
         let segment = (at as usize).min(keys as usize - 2);
-        Place { segment, w: at - segment as f64 }
+        KeyPhase { segment, w: at - segment as f64 }
     }
 }
 
@@ -93,7 +93,7 @@ impl Motions {
         if keys.iter().all(|&key| key == begin) {
             self.matrices.push(begin);
             let (inverse, translation) = (begin.matrix3.inverse(), begin.translation);
-            return Ok((Motion::Still { key: first, inverse, translation }, distortion));
+            return Ok((Motion::Static { key: first, inverse, translation }, distortion));
         }
         for (key, pair) in keys.windows(2).enumerate() {
             let between = Distortion::between(pair[0].matrix3, pair[1].matrix3);
@@ -127,7 +127,7 @@ impl Motions {
         }
         let first = self.poses.len() as u32;
         for (i, pose) in keys.iter().enumerate() {
-            self.poses.push(Turn::new(pose, keys.get(i + 1).unwrap_or(pose)));
+            self.poses.push(PoseKey::new(pose, keys.get(i + 1).unwrap_or(pose)));
         }
         Ok((Motion::Poses { first, keys: keys.len() as u32 }, Distortion::of_scale(least, greatest)))
     }
@@ -140,15 +140,15 @@ impl Motions {
 
     /// Bytes allocated.
     pub fn bytes(&self) -> usize {
-        self.matrices.capacity() * size_of::<DAffine3>() + self.poses.capacity() * size_of::<Turn>()
+        self.matrices.capacity() * size_of::<DAffine3>() + self.poses.capacity() * size_of::<PoseKey>()
     }
 
     #[inline(always)]
     fn at(&self, motion: &Motion, time: f64) -> At {
         match *motion {
-            Motion::Still { key, .. } => At::Matrix(self.matrices[key as usize]),
+            Motion::Static { key, .. } => At::Matrix(self.matrices[key as usize]),
             Motion::Matrices { first, keys } => {
-                let Place { segment, w } = Place::new(time, keys);
+                let KeyPhase { segment, w } = KeyPhase::new(time, keys);
                 let [a, b] = [0, 1].map(|key| &self.matrices[first as usize + segment + key]);
                 At::Matrix(DAffine3 {
                     matrix3: DMat3::from_cols(
@@ -160,7 +160,7 @@ impl Motions {
                 })
             }
             Motion::Poses { first, keys } => {
-                let Place { segment, w } = Place::new(time, keys);
+                let KeyPhase { segment, w } = KeyPhase::new(time, keys);
                 let [a, b] = [0, 1].map(|key| &self.poses[first as usize + segment + key]);
                 At::Pose {
                     scale: lerp(a.scale, b.scale, w),
@@ -190,7 +190,7 @@ impl Motions {
     pub fn inward(&self, motion: &Motion, ray: &Ray) -> Option<(DVec3, Vec3)> {
         let dir = ray.dir.as_dvec3();
         let (origin, dir) = match *motion {
-            Motion::Still { ref inverse, translation, .. } => (*inverse * (ray.origin - translation), *inverse * dir),
+            Motion::Static { ref inverse, translation, .. } => (*inverse * (ray.origin - translation), *inverse * dir),
             _ => match self.at(motion, f64::from(ray.time)) {
                 At::Matrix(matrix) => solved(matrix.matrix3, ray.origin - matrix.translation, dir),
                 At::Pose { scale, rotation, translation } => {
@@ -203,11 +203,11 @@ impl Motions {
         (SHORTEST..=SHORTEST.recip()).contains(&longest).then(|| (origin, dir.as_vec3()))
     }
 
-    /// The breaks of a motion: times at which its velocity may jump, or the rotation has advanced by [`ARC`]. Between
+    /// The breakpoints of a motion: times at which its velocity may jump, or the rotation has advanced by [`ARC`]. Between
     /// two of them it is smooth. Returns those strictly inside an interval, with its ends.
-    pub fn breaks(&self, motion: &Motion, begin: f64, end: f64) -> Vec<f64> {
-        let (first, keys, turns) = match *motion {
-            Motion::Still { .. } => return vec![begin, end],
+    pub fn breakpoints(&self, motion: &Motion, begin: f64, end: f64) -> Vec<f64> {
+        let (first, keys, rotates) = match *motion {
+            Motion::Static { .. } => return vec![begin, end],
             Motion::Matrices { first, keys } => (first, keys, false),
             Motion::Poses { first, keys } => (first, keys, true),
         };
@@ -215,10 +215,10 @@ impl Motions {
         let mut times = vec![begin];
         let from = ((begin * segments as f64) as usize).min(segments - 1);
         for segment in from..segments {
-            let angle = if turns { 2.0 * self.poses[first as usize + segment].angle } else { 0.0 };
-            let parts = (angle / ARC).ceil().max(1.0);
-            for part in 0..parts as usize {
-                let time = (segment as f64 + part as f64 / parts) / segments as f64;
+            let angle = if rotates { 2.0 * self.poses[first as usize + segment].angle } else { 0.0 };
+            let steps = (angle / ARC).ceil().max(1.0);
+            for step in 0..steps as usize {
+                let time = (segment as f64 + step as f64 / steps) / segments as f64;
                 if begin < time && time < end {
                     times.push(time);
                 }
@@ -231,22 +231,22 @@ impl Motions {
         times
     }
 
-    /// The curvature of a motion during an interval without breaks.
+    /// The curvature of a motion during an interval without breakpoints.
     pub fn bend(&self, motion: &Motion, [begin, end]: [f64; 2]) -> Bend {
         match *motion {
-            Motion::Still { .. } => Bend::Straight,
+            Motion::Static { .. } => Bend::Straight,
             Motion::Matrices { .. } => {
                 let by = self.matrix(motion, end).matrix3 - self.matrix(motion, begin).matrix3;
                 Bend::Matrices([by.x_axis.abs(), by.y_axis.abs(), by.z_axis.abs()])
             }
             Motion::Poses { first, keys } => {
                 // The segment is found by the midpoint, since an end may belong to the segment before.
-                let segment = Place::new(0.5 * (begin + end), keys).segment;
-                let turn = &self.poses[first as usize + segment];
-                let angle = 2.0 * turn.angle * (end - begin) * f64::from(keys - 1);
+                let segment = KeyPhase::new(0.5 * (begin + end), keys).segment;
+                let pose = &self.poses[first as usize + segment];
+                let angle = 2.0 * pose.angle * (end - begin) * f64::from(keys - 1);
                 // Without the rotation, which takes far longer.
                 let [s0, s1] = [begin, end].map(|time| {
-                    let Place { segment, w } = Place::new(time, keys);
+                    let KeyPhase { segment, w } = KeyPhase::new(time, keys);
                     let [a, b] = [0, 1].map(|key| &self.poses[first as usize + segment + key]);
                     lerp(a.scale, b.scale, w)
                 });
@@ -256,7 +256,7 @@ impl Motions {
     }
 }
 
-/// The curvature of a motion during an interval without breaks.
+/// The curvature of a motion during an interval without breakpoints.
 pub(super) enum Bend {
     /// No curvature.
     Straight,
@@ -272,7 +272,7 @@ impl Bend {
     /// `moved`, between places whose coordinates are at most `far`.
     ///
     /// A function `f` is at most `h^2 / 8 |f''|` away from its chord over `h`. With matrices `f = T + M x`, of which
-    /// `T`, `M` and `x` are linear: `h^2 f'' = 2 ΔM Δx`. With poses `f = T + R y` and `y = S x`, where `R` turns at a
+    /// `T`, `M` and `x` are linear: `h^2 f'' = 2 ΔM Δx`. With poses `f = T + R y` and `y = S x`, where `R` rotates at a
     /// uniform rate, by `φ` in all: `h^2 |f''| <= φ^2 |y| + 2 φ |h y'| + |h^2 y''|`, with `|h y'| <= |ΔS x| + |S Δx|`
     /// and `h^2 y'' = 2 ΔS Δx`.
     pub fn bulge(&self, far: DVec3, moved: DVec3) -> DVec3 {
@@ -309,8 +309,8 @@ const ARC: f64 = 0.125;
 /// moves every component by at most 2^-24 of itself, or by 2^-49 of the longest.
 const SHORTEST: f64 = 1.0 / (1u128 << 100) as f64;
 
-impl Turn {
-    fn new(pose: &Pose, next: &Pose) -> Turn {
+impl PoseKey {
+    fn new(pose: &Pose, next: &Pose) -> PoseKey {
         let rotation = pose.rotation.normalize();
         let mut to = next.rotation.normalize();
         if rotation.dot(to) < 0.0 {
@@ -322,7 +322,7 @@ impl Turn {
         let across = to - rotation * rotation.dot(to);
         let length = across.length();
         let across = if length > 0.0 { across * length.recip() } else { DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0) };
-        Turn { scale: pose.scale, translation: pose.translation, rotation, across, angle }
+        PoseKey { scale: pose.scale, translation: pose.translation, rotation, across, angle }
     }
 
     #[inline]

@@ -41,7 +41,7 @@ impl Outline {
         let half = self.half + self.grown * time;
         let from = ray.origin - (self.middle + self.moved * time);
         let dir = ray.dir.as_dvec3();
-        let apart = dir.cross(from).abs();
+        let distance = dir.cross(from).abs();
         let along = dir.abs();
         let reach = DVec3::new(
             half.y * along.z + half.z * along.y,
@@ -49,7 +49,7 @@ impl Outline {
             half.x * along.y + half.y * along.x,
         );
         // Comparisons in this form treat NaN as not separated.
-        apart.cmpgt(reach).any()
+        distance.cmpgt(reach).any()
     }
 }
 
@@ -69,7 +69,7 @@ mod tests {
                 Aabb { min: a.min(b), max: a.max(b) }
             };
             let bounds = LinearBounds { begin: corners(), end: corners() };
-            let outline = Outline::new(&Extent { bounds, parts: vec![bounds], reach: 1.0, deviation: 0.0 }, 1.0);
+            let outline = Outline::new(&Extent { bounds, subtrees: vec![bounds], reach: 1.0, deviation: 0.0 }, 1.0);
             let time = random.unit();
             let now = bounds.at(f64::from(time));
             // Corners among them, and directions along axes.

@@ -6,7 +6,7 @@ use super::error::InstanceError;
 use super::extent::{Extent, INNER_ULPS};
 use super::motion::{Motion, Motions};
 use super::outline::Outline;
-use crate::geometry::{Aabb, Box3, Frame, LinearBounds, LinearBox3, TimeInterval, ULP};
+use crate::geometry::{Aabb, Frame, LinearBounds, LinearBox3, TimeInterval, ULP};
 use crate::layout::WideSource;
 use crate::limits::MAX_COORDINATE;
 use crate::parallel;
@@ -118,7 +118,7 @@ impl Placements {
     /// Linear bounds in world space, without padding for rounding.
     fn exact_bounds(&self, id: u32, over: TimeInterval) -> LinearBounds {
         let one = &self.placed[id as usize];
-        self.motions.bounds(&one.motion, &self.extents[one.tree as usize].parts, over, 1.0)
+        self.motions.bounds(&one.motion, &self.extents[one.tree as usize].subtrees, over, 1.0)
     }
 
     /// The padding for rounding of an instance's bounds, for rays from near the scene.
@@ -188,10 +188,7 @@ impl PrimitiveSet for Placements {
         let over_shutter = over == TimeInterval::FULL;
         let bounds = if over_shutter { self.whole[id as usize] } else { self.exact_bounds(id, over) };
         let padding = self.padding(id);
-        let outward = |b: Aabb| {
-            let (min, max) = self.frame.outward(grow(b, padding));
-            Box3 { min, max }
-        };
+        let outward = |b: Aabb| self.frame.outward(grow(b, padding));
         LinearBox3 { begin: outward(bounds.begin), end: outward(bounds.end) }
     }
 

@@ -58,17 +58,17 @@ impl InstanceOf {
 
     /// Its extent in its own space.
     fn extent(&self) -> Extent {
-        let (bounds, parts, frame, deviation) = match self {
-            InstanceOf::Tree(tree) => (tree.linear_bounds(), tree.linear_bounds_of_parts(), tree.frame(), 0.0),
+        let (bounds, subtrees, frame, deviation) = match self {
+            InstanceOf::Tree(tree) => (tree.linear_bounds(), tree.linear_bounds_of_subtrees(), tree.frame(), 0.0),
             InstanceOf::Instances(tree) => {
                 let frame = tree.placements.frame();
                 let swept = LinearBounds::fixed(frame.bounds);
                 let bounds = tree.wide.linear_bounds(frame).unwrap_or(swept);
-                let parts = tree.wide.bounds_of_children(frame).unwrap_or_else(|| vec![bounds]);
-                (bounds, parts, frame, tree.placements.deviation)
+                let subtrees = tree.wide.bounds_of_children(frame).unwrap_or_else(|| vec![bounds]);
+                (bounds, subtrees, frame, tree.placements.deviation)
             }
         };
-        Extent { bounds, parts, reach: f64::from(frame.reach) / frame.scale, deviation }
+        Extent { bounds, subtrees, reach: f64::from(frame.reach) / frame.scale, deviation }
     }
 }
 

@@ -163,8 +163,8 @@ impl KdTree {
                 }
                 KdView::Leaf { first, count } => {
                     let references = &self.references[first as usize..][..count as usize];
-                    let there = references.iter().any(|r| r.id == id && r.lives_at(time));
-                    if !there && !set.clipped(id, time, shrunk).is_empty() {
+                    let listed = references.iter().any(|r| r.id == id && r.is_active_at(time));
+                    if !listed && !set.clipped(id, time, shrunk).is_empty() {
                         return Err(ValidationError::Missing { primitive: id, time, node });
                     }
                 }

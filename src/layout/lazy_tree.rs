@@ -10,13 +10,12 @@
 //! **Why no two threads wait for each other.** The thread that builds a subtree does so alone ([`parallel::alone`]) and does not query
 //! the tree. All other threads that need the same subtree wait for this one build, and hold no subtree of their own meanwhile.
 
-use super::keyed_leaf::KeyedRows;
 use super::leaf_block::{WideSource, write_list};
 use super::statistics::Statistics;
 use super::tree_box::TreeBox;
-use super::wide_builder::{most_in_part, step};
+use super::wide_builder::{most_in_subtree, step};
 use super::wide_node::ChildRef;
-use super::wide_tree::{Counts, WideTree};
+use super::wide_tree::WideTree;
 use super::write::Nodes;
 use crate::bvh::{BinaryNode, Collapse, Reference, coarse_tree};
 use crate::error::BuildError;
@@ -53,7 +52,7 @@ impl LazyTree {
         let mut references: Vec<Reference> = huge_vec(set.len());
         parallel::fill(&mut references, set.len(), |id| Reference::new(set.bounds(id as u32, over), id as u32));
         step(progress, 0.5)?;
-        let most = params.subtree.min(most_in_part(set));
+        let most = params.subtree.min(most_in_subtree(set));
         let (binary, ids) = coarse_tree(&references, most);
         drop(references);
         // In preorder, the leaves are in the order of their primitives.
@@ -110,7 +109,7 @@ impl LazyTree {
             all.nodes += of.nodes;
             all.leaves += of.leaves;
             all.references += of.references;
-            all.still_references += of.still_references;
+            all.static_references += of.static_references;
             all.time_nodes += of.time_nodes;
             all.bytes += of.bytes;
         }
@@ -132,9 +131,7 @@ impl LazyTree {
 
 /// The tree above the subtrees, which are the leaves of a binary tree.
 fn top(binary: &[BinaryNode], subtrees: &[Subtree], over: TimeInterval) -> Result<WideTree, BuildError> {
-    let (arena, root, counts) = (Arena::default(), ChildRef::NOTHING, Counts::default());
-    let (keyed_rows, blocks) = (KeyedRows::default(), Vec::new());
-    let mut top = WideTree { arena, root, lists: 0, presplit: false, slices: 1, keyed_rows, blocks, counts };
+    let mut top = WideTree::empty(0);
     if binary.is_empty() {
         return Ok(top);
     }

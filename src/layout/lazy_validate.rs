@@ -14,13 +14,13 @@ impl LazyTree {
     /// hold its triangles at a number of times, and the subtrees built so far.
     pub fn validate<S: WideSource>(&self, set: &S) -> Result<(), ValidationError> {
         let subtrees: Vec<u32> = (0..self.len() as u32).collect();
-        self.top.validate_part(set, &subtrees)?;
+        self.top.validate_ids(set, &subtrees)?;
         let mut all = Vec::new();
         for &subtree in &subtrees {
             let mut ids = self.primitives(subtree).to_vec();
             ids.sort_unstable();
             if let Some(tree) = self.built(subtree) {
-                tree.validate_part(set, &ids)?;
+                tree.validate_ids(set, &ids)?;
             }
             all.extend(ids);
         }

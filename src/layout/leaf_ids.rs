@@ -1,7 +1,7 @@
 //! The position of the ids in leaf blocks of all kinds.
 
 use super::keyed_leaf::KeyedLeaf;
-use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS, shared_count};
+use super::wide_node::{ChildRef, Kind, shared_count};
 
 /// The position of the ids of a leaf block.
 pub(crate) struct Ids {
@@ -19,19 +19,16 @@ impl Ids {
             let keyed = KeyedLeaf::of(words.get(..3)?, len);
             return (keyed.words() <= words.len()).then(|| Ids { first: keyed.ids(), count: keyed.count });
         }
-        // Behind the rows and the sizes.
-        let loose = |rows: usize| Ids { first: rows * len + 1, count: len };
-        let shared = |rows: usize| {
-            let corners = rows * len;
-            let count = shared_count(*words.get(corners)?);
-            Some(Ids { first: corners + count, count })
-        };
+        let rows = leaf.kind().leaf_rows() * len;
         let ids = match leaf.kind() {
             Kind::Node | Kind::StaticNode | Kind::Time => return None,
-            Kind::Leaf => loose(2 * CORNER_ROWS),
-            Kind::StaticLeaf => loose(CORNER_ROWS),
-            Kind::SharedLeaf => shared(2 * VERTEX_ROWS)?,
-            Kind::SharedStaticLeaf => shared(VERTEX_ROWS)?,
+            // Behind the rows and the sizes.
+            Kind::Leaf | Kind::StaticLeaf => Ids { first: rows + 1, count: len },
+            // Behind the rows and the numbers of vertices.
+            Kind::SharedLeaf | Kind::SharedStaticLeaf => {
+                let count = shared_count(*words.get(rows)?);
+                Ids { first: rows + count, count }
+            }
             Kind::OtherLeaf => Ids { first: 0, count: len },
         };
         (ids.first + ids.count <= words.len()).then_some(ids)

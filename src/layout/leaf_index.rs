@@ -3,7 +3,7 @@
 use super::keyed_leaf::KeyedLeaf;
 use super::leaf_block::WideSource;
 use super::statistics::Statistics;
-use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS, node_rows};
+use super::wide_node::{ChildRef, Kind, node_rows};
 use super::wide_tree::{Counts, WideTree};
 use crate::parallel;
 use crate::simd::{LANES, huge_vec};
@@ -67,7 +67,7 @@ fn unchecked(_: ChildRef) -> Result<(), Infallible> {
 impl WideTree {
     /// Counts, and returns for each triangle the leaf block that holds it.
     pub(crate) fn index_leaves<S: WideSource>(&self, set: &S) -> (Counts, Vec<u32>) {
-        let (found, blocks) = parallel::both(|| self.walked(), || self.nowhere(set));
+        let (found, blocks) = parallel::both(|| self.traversed(), || self.empty_index(set));
         let Ok(counts) = self.count(set, &found, &blocks, unchecked);
         (counts, blocks.into_iter().map(AtomicU32::into_inner).collect())
     }
@@ -80,13 +80,13 @@ impl WideTree {
         found: &Found,
         check: impl Fn(ChildRef) -> Result<(), E> + Sync,
     ) -> Result<(Counts, Vec<u32>), E> {
-        let blocks = self.nowhere(set);
+        let blocks = self.empty_index(set);
         let counts = self.count(set, found, &blocks, check)?;
         Ok((counts, blocks.into_iter().map(AtomicU32::into_inner).collect()))
     }
 
     /// The table of leaf blocks by triangle and slice, without entries.
-    fn nowhere<S: WideSource>(&self, set: &S) -> Vec<AtomicU32> {
+    fn empty_index<S: WideSource>(&self, set: &S) -> Vec<AtomicU32> {
         let entries = set.triangles().map_or(0, |triangles| triangles.entries(self.slices));
         let mut blocks = huge_vec(entries);
         parallel::fill(&mut blocks, entries, |_| AtomicU32::new(ChildRef::NOTHING.0));
@@ -95,13 +95,13 @@ impl WideTree {
 
     /// Counts without reading leaves.
     pub(super) fn counted_nodes(&self) -> Counts {
-        let Found { depth, nodes, moving_nodes, leaves, .. } = self.walked();
+        let Found { depth, nodes, moving_nodes, leaves, .. } = self.traversed();
         Counts { depth, nodes, moving_nodes, leaves: leaves.len(), ..Counts::default() }
     }
 
     /// Counts only.
     pub(crate) fn counted<S: WideSource>(&self, set: &S) -> Counts {
-        let Ok(counts) = self.count(set, &self.walked(), &[], unchecked);
+        let Ok(counts) = self.count(set, &self.traversed(), &[], unchecked);
         counts
     }
 
@@ -113,17 +113,17 @@ impl WideTree {
         blocks: &[AtomicU32],
         check: impl Fn(ChildRef) -> Result<(), E> + Sync,
     ) -> Result<Counts, E> {
-        let (references, still_references) = self.find_blocks(set, found, blocks, check)?;
+        let (references, static_references) = self.find_blocks(set, found, blocks, check)?;
         let &Found { depth, nodes, moving_nodes, time_nodes, .. } = found;
         let leaves = found.leaves.len();
-        Ok(Counts { depth, nodes, moving_nodes, time_nodes, leaves, references, still_references })
+        Ok(Counts { depth, nodes, moving_nodes, time_nodes, leaves, references, static_references })
     }
 
     /// The counts of all nodes, and all leaf blocks.
-    fn walked(&self) -> Found {
+    fn traversed(&self) -> Found {
         let mut all = Found::default();
         let mut visits = Vec::new();
-        self.meet(Visit { at: self.root, depth: 0 }, &mut all, &mut visits);
+        self.reach(Visit { at: self.root, depth: 0 }, &mut all, &mut visits);
         // Breadth first, until there are enough subtrees.
         while visits.len() < SUBTREES && !visits.is_empty() {
             let mut below = Vec::new();
@@ -152,12 +152,12 @@ impl WideTree {
     fn visit(&self, Visit { at, depth }: Visit, found: &mut Found, below: &mut Vec<Visit>) {
         found.add_node(at.kind());
         for &child in self.children(at) {
-            self.meet(Visit { at: ChildRef(child), depth: depth + 1 }, found, below);
+            self.reach(Visit { at: ChildRef(child), depth: depth + 1 }, found, below);
         }
     }
 
     /// Records a leaf block, without reading it, or adds a node to be visited.
-    fn meet(&self, visit: Visit, found: &mut Found, below: &mut Vec<Visit>) {
+    fn reach(&self, visit: Visit, found: &mut Found, below: &mut Vec<Visit>) {
         let Visit { at, depth } = visit;
         if at == ChildRef::NOTHING {
             return;
@@ -171,17 +171,9 @@ impl WideTree {
     }
 
     /// Prefetches the ids of a leaf block, or the header that locates them: in large trees they come from memory.
-    fn expect_ids(&self, block: u32) {
+    fn prefetch_ids(&self, block: u32) {
         let block = ChildRef(block);
-        let rows = match block.kind() {
-            Kind::Leaf => 2 * CORNER_ROWS,
-            Kind::StaticLeaf => CORNER_ROWS,
-            Kind::SharedLeaf => 2 * VERTEX_ROWS,
-            Kind::SharedStaticLeaf => VERTEX_ROWS,
-            Kind::OtherLeaf => 0,
-            Kind::Node | Kind::StaticNode | Kind::Time => return,
-        };
-        self.arena.prefetch(block.at() + rows * block.len(), 2);
+        self.arena.prefetch(block.at() + block.kind().leaf_rows() * block.len(), 2);
     }
 
     /// Records a leaf block for each triangle, and returns the number of references in all blocks together, and in
@@ -197,17 +189,17 @@ impl WideTree {
         let several = self.presplit || found.time_nodes > 0;
         let references = parallel::chunks(found.leaves.len(), |range| {
             let leaves = &found.leaves[range];
-            let (mut references, mut still) = (0, 0);
+            let (mut references, mut of_static) = (0, 0);
             for (i, &leaf) in leaves.iter().enumerate() {
                 if let Some(&soon) = leaves.get(i + SOON) {
-                    self.expect_ids(soon);
+                    self.prefetch_ids(soon);
                 }
                 let leaf = ChildRef(leaf);
                 check(leaf)?;
                 let ids = self.ids::<S>(leaf).unwrap_or(&[]);
                 references += ids.len();
                 if matches!(leaf.kind(), Kind::StaticLeaf | Kind::SharedStaticLeaf) {
-                    still += ids.len();
+                    of_static += ids.len();
                 }
                 let located = !blocks.is_empty() && !self.is_list::<S>(leaf);
                 let Some(triangles) = set.triangles().filter(|_| located) else { continue };
@@ -223,7 +215,7 @@ impl WideTree {
                     }
                 }
             }
-            Ok((references, still))
+            Ok((references, of_static))
         });
         references.into_iter().try_fold((0, 0), |a, b| b.map(|b: (usize, usize)| (a.0 + b.0, a.1 + b.1)))
     }
@@ -241,28 +233,23 @@ impl WideTree {
 
     /// The statistics of the tree.
     pub fn statistics<S: WideSource>(&self, set: &S) -> Statistics {
-        let Counts { depth, nodes, leaves, references, time_nodes, still_references, .. } = self.counts;
+        let Counts { depth, nodes, leaves, references, time_nodes, static_references, .. } = self.counts;
         let duplicates = references - set.len().min(references);
         Statistics {
             primitives: set.len(),
             nodes,
             leaves,
-            empty_leaves: 0,
             depth,
             references,
             duplicates: duplicates as f64 / references.max(1) as f64,
-            timed: 0.0,
-            duplication_time: 0.0,
-            propagation_time: 0.0,
             positions: set.positions()[0],
             kept_positions: set.positions()[1],
-            still_references,
+            static_references,
             time_nodes,
-            subtrees: 0,
-            built_subtrees: 0,
             cost: 1.0,
             bytes: self.arena.bytes(),
             primitive_bytes: set.bytes() + self.blocks.capacity() * size_of::<u32>(),
+            ..Statistics::default()
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::wide_node::{ChildRef, Kind};
 use super::wide_tree::WideTree;
-use crate::geometry::{Aabb, Box3, Frame, LinearBounds};
+use crate::geometry::{Box3, Frame, LinearBounds};
 
 impl WideTree {
     /// Linear bounds of all primitives over the shutter, in world space, as wide as queries see them; `None` if the
@@ -34,12 +34,8 @@ impl WideTree {
         if self.root == ChildRef::NOTHING || !matches!(self.root.kind(), Kind::Node | Kind::StaticNode) {
             return None;
         }
-        let lanes = self.children(self.root).iter().enumerate().filter(|(_, child)| **child != ChildRef::NOTHING.0);
-        let at = |lane: usize, time: f32| {
-            let [min, max] = self.lane_box(self.root, lane, time);
-            Aabb { min: frame.to_world(min), max: frame.to_world(max) }
-        };
-        Some(lanes.map(|(lane, _)| LinearBounds { begin: at(lane, 0.0), end: at(lane, 1.0) }).collect())
+        let at = |lane: usize, time: f32| frame.box_to_world(self.lane_box(self.root, lane, time));
+        Some(self.lanes(self.root).map(|(lane, _)| LinearBounds { begin: at(lane, 0.0), end: at(lane, 1.0) }).collect())
     }
 
     fn node_bounds(&self, node: ChildRef, over: [f32; 2], frame: &Frame) -> Option<LinearBounds> {
@@ -47,10 +43,8 @@ impl WideTree {
             return None;
         }
         let at = |time: f32| {
-            let lanes = self.children(node).iter().enumerate().filter(|(_, child)| **child != ChildRef::NOTHING.0);
-            let boxes = lanes.map(|(lane, _)| self.lane_box(node, lane, time));
-            let all = boxes.fold(Box3::EMPTY, |all, [min, max]| all.union(Box3 { min, max }));
-            Aabb { min: frame.to_world(all.min), max: frame.to_world(all.max) }
+            let boxes = self.lanes(node).map(|(lane, _)| self.lane_box(node, lane, time));
+            frame.box_to_world(boxes.fold(Box3::EMPTY, Box3::union))
         };
         Some(LinearBounds { begin: at(over[0]), end: at(over[1]) })
     }

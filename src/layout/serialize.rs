@@ -6,10 +6,10 @@
 
 use super::wide_node::{ChildRef, NODE_ROWS, children_mut};
 use crate::error::BuildError;
-use crate::parallel;
+use crate::parallel::{self, lock};
 use crate::simd::{Arena, LANES};
 use core::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 /// The number of tasks, at most, and no more than every fourth, that are written first to estimate the size of all of
 /// them. The fewer they are, the more blocks are copied while they are in the cache.
@@ -56,9 +56,9 @@ impl InOrder<'_> {
     /// already.
     fn put(&mut self, waiting: &Mutex<Waiting>, inside: &dyn Fn(ChildRef) -> bool) -> Result<(), BuildError> {
         loop {
-            let ready = locked(waiting).done.get_mut(self.next).and_then(Option::take);
-            let Some(mut apart) = ready else { return Ok(()) };
-            let words = apart.arena.len() + LANES;
+            let ready = lock(waiting).done.get_mut(self.next).and_then(Option::take);
+            let Some(mut fragment) = ready else { return Ok(()) };
+            let words = fragment.arena.len() + LANES;
             self.words += words;
             self.placed += f64::from(self.sizes[self.next]);
             if self.arena.room() < words {
@@ -66,9 +66,9 @@ impl InOrder<'_> {
                 let rest = total(&self.sizes[self.next + 1..]) * (self.words as f64 / self.placed.max(1.0));
                 self.arena.reserve_exact(words + (rest * SPARE) as usize + above(self.sizes.len()));
             }
-            let by = self.arena.append(&apart.arena);
+            let by = self.arena.append(&fragment.arena);
             let moved = |child: ChildRef| child.moved(by).ok_or(BuildError::TooLargeTree);
-            for &node in &apart.nodes {
+            for &node in &fragment.nodes {
                 for word in children_mut(self.arena, moved(node)?) {
                     let child = ChildRef(*word);
                     if child != ChildRef::NOTHING && inside(child) {
@@ -76,12 +76,12 @@ impl InOrder<'_> {
                     }
                 }
             }
-            for &top in &apart.tops {
+            for &top in &fragment.tops {
                 self.tops.push(moved(top)?);
             }
             self.next += 1;
-            apart.clear();
-            locked(waiting).spare.push(apart);
+            fragment.clear();
+            lock(waiting).spare.push(fragment);
         }
     }
 }
@@ -99,11 +99,6 @@ fn above(subtrees: usize) -> usize {
     (subtrees / 4 + 1) * NODE_ROWS * LANES
 }
 
-fn locked<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
-    // A panic in another thread is propagated there.
-    of.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 /// Writes tasks separately and appends them in order; returns the top blocks. `sizes` are the relative sizes of the
 /// tasks, and `inside` tells which children of nodes are written with them.
 ///
@@ -118,16 +113,16 @@ pub(crate) fn write_in_order(
     let n = sizes.len();
     let step = n.div_ceil(FIRST).max(4);
     let first = parallel::map(n.div_ceil(step), |i| {
-        let mut apart = Fragment::default();
-        write(i * step, &mut apart).map(|()| apart)
+        let mut fragment = Fragment::default();
+        write(i * step, &mut fragment).map(|()| fragment)
     });
     let first = first.into_iter().collect::<Result<Vec<Fragment>, BuildError>>()?;
-    let words: usize = first.iter().map(|apart| apart.arena.len() + LANES).sum();
+    let words: usize = first.iter().map(|fragment| fragment.arena.len() + LANES).sum();
     let expected = words as f64 * (total(sizes) / total(sizes.iter().step_by(step)).max(1.0));
     arena.reserve((expected * SPARE) as usize + above(n));
 
     let mut done: Vec<Option<Fragment>> = core::iter::repeat_with(|| None).take(n).collect();
-    done.iter_mut().step_by(step).zip(first).for_each(|(place, apart)| *place = Some(apart));
+    done.iter_mut().step_by(step).zip(first).for_each(|(place, fragment)| *place = Some(fragment));
     let waiting = Mutex::new(Waiting { done, spare: Vec::new() });
     let in_order = InOrder { arena, sizes, next: 0, tops: Vec::with_capacity(n), words: 0, placed: 0.0 };
     let in_order = Mutex::new(in_order);
@@ -139,10 +134,10 @@ pub(crate) fn write_in_order(
                 return Ok(());
             }
             if !task.is_multiple_of(step) {
-                let spare = locked(&waiting).spare.pop();
-                let mut apart = spare.unwrap_or_default();
-                write(task, &mut apart)?;
-                locked(&waiting).done[task] = Some(apart);
+                let spare = lock(&waiting).spare.pop();
+                let mut fragment = spare.unwrap_or_default();
+                write(task, &mut fragment)?;
+                lock(&waiting).done[task] = Some(fragment);
             }
             if let Ok(mut in_order) = in_order.try_lock() {
                 in_order.put(&waiting, inside)?;
@@ -164,10 +159,10 @@ mod tests {
     fn tasks_larger_than_those_written_first_follow_in_order() {
         for n in [1, 2, 5, 64, 301] {
             let lines = |i: usize| if i.is_multiple_of(4) { 1 } else { 1 + i };
-            let write = |i: usize, apart: &mut Fragment| {
-                let at = apart.arena.grow(lines(i) * LANES);
-                apart.arena.ints_mut()[at..].fill(i as u32);
-                apart.tops.push(ChildRef::new(Kind::OtherLeaf, at, 1).ok_or(BuildError::TooLargeTree)?);
+            let write = |i: usize, fragment: &mut Fragment| {
+                let at = fragment.arena.grow(lines(i) * LANES);
+                fragment.arena.ints_mut()[at..].fill(i as u32);
+                fragment.tops.push(ChildRef::new(Kind::OtherLeaf, at, 1).ok_or(BuildError::TooLargeTree)?);
                 Ok(())
             };
             let mut arena = Arena::default();

@@ -4,7 +4,7 @@ use crate::mbkd::{BuildTimes, KdReference, KdTree, KdView};
 use crate::primitive::PrimitiveSet;
 
 /// Sizes and counts of a finished tree ([`RayTree::statistics`](crate::RayTree::statistics)).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Statistics {
     /// Primitives in the tree.
     pub primitives: usize,
@@ -33,7 +33,7 @@ pub struct Statistics {
     /// vertices.
     pub kept_positions: usize,
     /// References to static triangles, in leaf blocks without motion (wide trees).
-    pub still_references: usize,
+    pub static_references: usize,
     /// Temporal splits: nodes that select a child by the time of the query (wide trees).
     pub time_nodes: usize,
     /// Subtrees that are built when a query first enters them ([`Policy::Lazy`](crate::Policy::Lazy)); 0 in other trees.
@@ -87,17 +87,12 @@ impl KdTree {
             references,
             duplicates: share(references - set.len().min(references)),
             timed: share(timed),
-            duplication_time: 0.0,
-            propagation_time: 0.0,
             positions: set.positions()[0],
             kept_positions: set.positions()[1],
-            still_references: 0,
-            time_nodes: 0,
-            subtrees: 0,
-            built_subtrees: 0,
             cost: 1.0,
             bytes: self.bytes(),
             primitive_bytes: set.bytes(),
+            ..Statistics::default()
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::wide_node::{ChildRef, Kind};
 use super::wide_tree::WideTree;
-use crate::geometry::{Aabb, Frame, KeyTime};
+use crate::geometry::{Aabb, Box3, Frame, KeyTime};
 use crate::simd::LANES;
 use glam::Vec3;
 
@@ -31,25 +31,21 @@ impl WideTree {
                 stack.push((ChildRef(children[KeyTime::new(time, children.len() + 1).segment]), level));
                 continue;
             }
-            for (lane, &child) in children.iter().enumerate() {
-                let child = ChildRef(child);
-                if child == ChildRef::NOTHING {
-                    continue;
-                }
-                let [min, max] = self.lane_box(at, lane, time).map(|p| frame.to_world(p));
-                visitor(TreeBox { level, leaf: child.kind().is_leaf(), bounds: Aabb { min, max } }, child);
+            for (lane, child) in self.lanes(at) {
+                let bounds = frame.box_to_world(self.lane_box(at, lane, time));
+                visitor(TreeBox { level, leaf: child.kind().is_leaf(), bounds }, child);
                 stack.push((child, level + 1));
             }
         }
     }
 
     /// Both corners of a node's box at a time, in tree space.
-    pub fn lane_box(&self, node: ChildRef, lane: usize, time: f32) -> [Vec3; 2] {
+    pub fn lane_box(&self, node: ChildRef, lane: usize, time: f32) -> Box3 {
         let words = &self.arena.floats()[node.at()..];
         let face = |row: usize| {
             let at = words[row * LANES + lane];
             if node.kind() == Kind::Node { at + words[(row + 6) * LANES + lane] * time } else { at }
         };
-        [Vec3::new(face(0), face(2), face(4)), Vec3::new(face(1), face(3), face(5))]
+        Box3 { min: Vec3::new(face(0), face(2), face(4)), max: Vec3::new(face(1), face(3), face(5)) }
     }
 }

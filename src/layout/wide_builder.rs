@@ -8,7 +8,7 @@
 use super::keyed_leaf::KeyedRows;
 use super::leaf_block::WideSource;
 use super::wide_node::ChildRef;
-use super::wide_tree::{Counts, WideTree};
+use super::wide_tree::WideTree;
 use super::write::{Nodes, set_children, write_blocks, write_node, write_time};
 use crate::bvh::{BinaryNode, ReplacedSubtree};
 use crate::error::BuildError;
@@ -39,7 +39,7 @@ impl WideTree {
         let mut held = huge_vec(set.len());
         parallel::fill(&mut held, set.len(), |id| id as u32);
         let listed: Vec<u32> = held.extract_if(.., |id| set.is_listed(*id)).collect();
-        let [named, others] = apart(set, &listed);
+        let [named, others] = split_listed(set, &listed);
         let budget = allowed_bytes(params, set.len(), set.further_key_bytes());
         let mut tree = WideTree::fitted(set, [&held, named, others], params, budget, progress)?;
         let bytes = tree.arena.bytes();
@@ -53,7 +53,7 @@ impl WideTree {
     /// Builds over some primitives, mostly in spatial order, on one thread; the leaf blocks of single triangles are not
     /// recorded.
     ///
-    /// The tree may be larger than the parameters allow. Fails only beyond the size of [`most_in_part`].
+    /// The tree may be larger than the parameters allow. Fails only beyond the size of [`most_in_subtree`].
     pub(super) fn subtree<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> Result<WideTree, BuildError> {
         parallel::alone(|| {
             let division = match params.division {
@@ -63,14 +63,14 @@ impl WideTree {
             // Several ascending runs, of which a merge sort is made.
             let mut ids = ids.to_vec();
             ids.sort();
-            WideTree::sorted_part(set, &ids, &WideParams { division, ..*params })
+            WideTree::sorted_subtree(set, &ids, &WideParams { division, ..*params })
         })
     }
 
     /// [`WideTree::subtree`] over sorted ids.
-    fn sorted_part<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> Result<WideTree, BuildError> {
+    fn sorted_subtree<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> Result<WideTree, BuildError> {
         let (listed, held): (Vec<u32>, Vec<u32>) = ids.iter().partition(|&&id| set.is_listed(id));
-        let [named, others] = apart(set, &listed);
+        let [named, others] = split_listed(set, &listed);
         let bent = held.iter().map(|&id| further_key_bytes(set, id)).sum();
         let budget = allowed_bytes(params, ids.len(), bent);
         let mut tree = WideTree::fitted(set, [&held, named, others], params, budget, &Progress::new(None))?;
@@ -112,11 +112,7 @@ impl WideTree {
         params: &WideParams,
         progress: &Progress,
     ) -> Result<WideTree, BuildError> {
-        let (arena, blocks, counts) = (Arena::default(), Vec::new(), Counts::default());
-        let lists = if S::TRIANGLES { usize::MAX } else { 0 };
-        let root = ChildRef::NOTHING;
-        let keyed_rows = KeyedRows::default();
-        let mut tree = WideTree { arena, root, lists, presplit: false, slices: 1, keyed_rows, blocks, counts };
+        let mut tree = WideTree::empty(if S::TRIANGLES { usize::MAX } else { 0 });
         let all = ids.iter().map(|ids| ids.len()).sum::<usize>() as f64;
         let mut subtrees = Vec::new();
         for (group, ids) in ids.into_iter().enumerate().filter(|(_, ids)| !ids.is_empty()) {
@@ -288,7 +284,7 @@ impl WideTree {
 }
 
 /// Splits sorted ids of listed primitives: triangles, and others.
-fn apart<'a, S: WideSource>(set: &S, listed: &'a [u32]) -> [&'a [u32]; 2] {
+fn split_listed<'a, S: WideSource>(set: &S, listed: &'a [u32]) -> [&'a [u32]; 2] {
     let triangles = set.triangles().map_or(0, Triangles::len);
     let (named, others) = listed.split_at(listed.partition_point(|&id| (id as usize) < triangles));
     [named, others]
@@ -328,7 +324,7 @@ fn further_key_bytes<S: WideSource>(set: &S, id: u32) -> usize {
 
 /// A number of primitives that certainly fits one tree ([`WideTree::subtree`]), whatever the parameters are: each split
 /// into as many references as are allowed, with as many separate trees as there can be, of 256 bytes and the keys each.
-pub(super) fn most_in_part<S: WideSource>(set: &S) -> usize {
+pub(super) fn most_in_subtree<S: WideSource>(set: &S) -> usize {
     const REFERENCES: usize = 8 * MAX_TIME_SLICES;
     let bent = if set.bent() { (0..set.len() as u32).map(|id| further_key_bytes(set, id)).max() } else { None };
     ((1 << 31) / REFERENCES / (256 + bent.unwrap_or(0))).max(1)

@@ -10,7 +10,7 @@ use super::keyed_leaf::KeyedLeaf;
 use super::leaf_block::WideSource;
 use super::leaf_ids::Ids;
 use super::leaf_index::Found;
-use super::wide_node::{ChildRef, Kind, VERTEX_ROWS, node_rows, shared_count};
+use super::wide_node::{ChildRef, Kind, node_rows, shared_count};
 use super::wide_tree::{Counts, WideTree};
 use super::write::NOWHERE;
 use crate::file::{FileError, broken, require};
@@ -118,8 +118,10 @@ impl<S: WideSource> Leaves<'_, S> {
         };
         let keys = match leaf.kind() {
             Kind::OtherLeaf => Some(self.check_keyed(leaf, block)?),
-            Kind::SharedLeaf => self.check_shared(leaf, block, 2 * VERTEX_ROWS * leaf.len()).map(|()| None)?,
-            Kind::SharedStaticLeaf => self.check_shared(leaf, block, VERTEX_ROWS * leaf.len()).map(|()| None)?,
+            Kind::SharedLeaf | Kind::SharedStaticLeaf => {
+                self.check_shared(leaf, block, leaf.kind().leaf_rows() * leaf.len())?;
+                None
+            }
             // These have no vertex numbers or keys to check.
             _ => None,
         };

@@ -3,7 +3,7 @@
 use super::keyed_leaf::KeyedRows;
 use super::leaf_block::WideSource;
 use super::wide_node::ChildRef;
-use super::wide_tree::{Counts, WideTree};
+use super::wide_tree::WideTree;
 use crate::file::{Decoder, Encoder, FileError};
 use crate::simd::{Arena, LANES};
 
@@ -29,8 +29,7 @@ impl WideTree {
         arena.reserve_exact((from.room::<Words>(count) + LANES) * LANES);
         from.items::<Words>(count, &mut arena)?;
         let (root, presplit, slices) = (ChildRef(root), presplit != 0, slices as usize);
-        let (keyed_rows, blocks, counts) = (KeyedRows::default(), Vec::new(), Counts::default());
-        Ok(WideTree { arena, root, lists, presplit, slices, keyed_rows, blocks, counts })
+        Ok(WideTree { arena, root, presplit, slices, ..WideTree::empty(lists) })
     }
 
     /// Returns the tree, indexed, if queries can traverse it safely.

@@ -58,6 +58,17 @@ impl Kind {
     pub fn is_leaf(self) -> bool {
         !matches!(self, Kind::Node | Kind::StaticNode | Kind::Time)
     }
+
+    /// Rows of coordinates at the begin of a leaf block of at most two keys; 0 for everything else.
+    pub fn leaf_rows(self) -> usize {
+        match self {
+            Kind::Leaf => 2 * CORNER_ROWS,
+            Kind::StaticLeaf => CORNER_ROWS,
+            Kind::SharedLeaf => 2 * VERTEX_ROWS,
+            Kind::SharedStaticLeaf => VERTEX_ROWS,
+            Kind::Node | Kind::StaticNode | Kind::Time | Kind::OtherLeaf => 0,
+        }
+    }
 }
 
 /// Rows of a node; a time node counts as one.
@@ -198,8 +209,7 @@ pub(crate) const LANES_OF_NODE: Lanes<u32> = {
 
 /// The row of a node's children.
 pub(crate) fn children_mut(arena: &mut Arena, node: ChildRef) -> &mut [u32] {
-    let rows = if node.kind() == Kind::Node { NODE_ROWS } else { STATIC_NODE_ROWS };
-    let row = node.at() + (rows - 1) * LANES;
+    let row = node.at() + (node_rows(node.kind()) - 1) * LANES;
     &mut arena.ints_mut()[row..row + LANES]
 }
 

@@ -3,7 +3,7 @@
 use super::keyed_leaf::KeyedRows;
 use super::leaf_block::WideSource;
 use super::leaf_ids::Ids;
-use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS};
+use super::wide_node::{ChildRef, Kind, node_rows};
 use crate::simd::{Arena, LANES};
 
 /// A built tree: the arena and the root.
@@ -35,10 +35,24 @@ pub(crate) struct Counts {
     pub time_nodes: usize,
     pub references: usize,
     /// Those of them in leaf blocks of static triangles.
-    pub still_references: usize,
+    pub static_references: usize,
 }
 
 impl WideTree {
+    /// A tree without nodes, whose blocks are lists of ids from word `lists` on.
+    pub(super) fn empty(lists: usize) -> WideTree {
+        WideTree {
+            arena: Arena::default(),
+            root: ChildRef::NOTHING,
+            lists,
+            presplit: false,
+            slices: 1,
+            keyed_rows: KeyedRows::default(),
+            blocks: Vec::new(),
+            counts: Counts::default(),
+        }
+    }
+
     /// The number of time slices with a hierarchy of their own for all primitives; 1 without a temporal split at the
     /// root.
     pub fn time_slices(&self) -> usize {
@@ -48,13 +62,17 @@ impl WideTree {
     /// The children of a block: the sixteen of a node, one per slice of a time node, none of a leaf.
     pub fn children(&self, of: ChildRef) -> &[u32] {
         let words = self.arena.ints();
-        let row = |rows: usize| &words[of.at() + (rows - 1) * LANES..][..LANES];
         match of.kind() {
-            Kind::Node => row(NODE_ROWS),
-            Kind::StaticNode => row(STATIC_NODE_ROWS),
+            Kind::Node | Kind::StaticNode => &words[of.at() + (node_rows(of.kind()) - 1) * LANES..][..LANES],
             Kind::Time => &words[of.at() + 1..][..words[of.at()] as usize],
             _ => &[],
         }
+    }
+
+    /// The lanes of a node that have a child, with the children.
+    pub fn lanes(&self, node: ChildRef) -> impl Iterator<Item = (usize, ChildRef)> {
+        let children = self.children(node).iter().map(|&child| ChildRef(child)).enumerate();
+        children.filter(|&(_, child)| child != ChildRef::NOTHING)
     }
 
     /// Whether a leaf block is a list of ids.

@@ -21,7 +21,7 @@ impl WideTree {
     /// pre-split each of their boxes holds a part only.)
     pub fn validate<S: WideSource>(&self, set: &S) -> Result<(), ValidationError> {
         let all: Vec<u32> = (0..set.len() as u32).collect();
-        self.validate_part(set, &all)?;
+        self.validate_ids(set, &all)?;
         // The recorded leaf block of each triangle holds it, and so does the block of each time slice where there are
         // several.
         let triangles = set.triangles();
@@ -59,7 +59,7 @@ impl WideTree {
     }
 
     /// Checks everything except the recorded blocks, for a tree over these primitives, sorted.
-    pub(super) fn validate_part<S: WideSource>(&self, set: &S, ids: &[u32]) -> Result<(), ValidationError> {
+    pub(super) fn validate_ids<S: WideSource>(&self, set: &S, ids: &[u32]) -> Result<(), ValidationError> {
         TIMES.into_iter().try_for_each(|time| self.validate_at(set, ids, time))
     }
 
@@ -96,8 +96,7 @@ impl WideTree {
                 stack.push((ChildRef(slices[KeyTime::new(time, slices.len() + 1).segment]), bounds));
             } else {
                 for (lane, &child) in self.children(at).iter().enumerate() {
-                    let [min, max] = self.lane_box(at, lane, time);
-                    stack.push((ChildRef(child), bounds.intersection(Box3 { min, max })));
+                    stack.push((ChildRef(child), bounds.intersection(self.lane_box(at, lane, time))));
                 }
             }
         }

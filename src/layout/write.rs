@@ -154,7 +154,7 @@ pub(crate) fn write_time(arena: &mut Arena, slices: &[ChildRef]) -> Result<Child
 }
 
 /// Subtrees with fewer references are written separately. Fixed, so that the arena does not depend on threads.
-const APART: u32 = 4096;
+const MAX_FRAGMENT: u32 = 4096;
 
 /// Gives the leaf blocks of binary nodes. Called through `dyn`, so that the code that writes nodes is compiled once.
 pub(crate) type LeafWriter<'a> =
@@ -170,9 +170,9 @@ pub(crate) fn write_blocks(
     leaves: LeafWriter<'_>,
 ) -> Result<Vec<ChildRef>, BuildError> {
     let tasks: Vec<&[BinaryNode]> = of.chunks(BLOCKS).collect();
-    let write = |task: usize, apart: &mut Fragment| {
-        apart.tops.resize(tasks[task].len(), ChildRef::NOTHING);
-        leaves(&mut apart.arena, tasks[task], &mut apart.tops)
+    let write = |task: usize, fragment: &mut Fragment| {
+        fragment.tops.resize(tasks[task].len(), ChildRef::NOTHING);
+        leaves(&mut fragment.arena, tasks[task], &mut fragment.tops)
     };
     write_in_order(arena, &vec![1; tasks.len()], &|_| true, &write)
 }
@@ -197,15 +197,15 @@ impl Nodes<'_> {
             return Ok(block);
         }
         let mut roots = Vec::new();
-        self.find_apart(0, &mut roots);
+        self.find_fragments(0, &mut roots);
         // Moving subtrees take about twice as much.
         let size = |node: &BinaryNode| node.count * (1 + u32::from(node.moving));
         let sizes: Vec<u32> = roots.iter().map(|&root| size(&self.binary[root as usize])).collect();
         // Time nodes are not written here: they are in the final arena already.
         let inside = |child: ChildRef| child.kind() != Kind::Time && (self.writes || !child.kind().is_leaf());
-        let write = |i: usize, apart: &mut Fragment| {
-            let root = self.node(&mut apart.arena, roots[i], &mut apart.nodes, &mut None)?;
-            apart.tops.push(root);
+        let write = |i: usize, fragment: &mut Fragment| {
+            let root = self.node(&mut fragment.arena, roots[i], &mut fragment.nodes, &mut None)?;
+            fragment.tops.push(root);
             Ok(())
         };
         let done = write_in_order(arena, &sizes, &inside, &write)?;
@@ -213,13 +213,13 @@ impl Nodes<'_> {
     }
 
     /// The subtrees to be written separately, in the order in which [`Nodes::node`] reaches them.
-    fn find_apart(&self, of: u32, roots: &mut Vec<u32>) {
-        if self.binary[of as usize].count <= APART {
+    fn find_fragments(&self, of: u32, roots: &mut Vec<u32>) {
+        if self.binary[of as usize].count <= MAX_FRAGMENT {
             roots.push(of);
             return;
         }
         for child in self.children(of).iter().filter(|c| !c.leaf) {
-            self.find_apart(child.node, roots);
+            self.find_fragments(child.node, roots);
         }
     }
 
@@ -238,17 +238,17 @@ impl Nodes<'_> {
         children
     }
 
-    /// Writes a node and its subtree; the subtrees in `apart` are in place already. The recursion is as deep as the
+    /// Writes a node and its subtree; the subtrees in `written` are in place already. The recursion is as deep as the
     /// wide tree, which the binary build bounds.
     fn node(
         &self,
         arena: &mut Arena,
         of: u32,
         nodes: &mut Vec<ChildRef>,
-        apart: &mut Option<std::vec::IntoIter<ChildRef>>,
+        written: &mut Option<std::vec::IntoIter<ChildRef>>,
     ) -> Result<ChildRef, BuildError> {
-        if self.binary[of as usize].count <= APART
-            && let Some(done) = apart.as_mut().and_then(Iterator::next)
+        if self.binary[of as usize].count <= MAX_FRAGMENT
+            && let Some(done) = written.as_mut().and_then(Iterator::next)
         {
             return Ok(done);
         }
@@ -264,7 +264,7 @@ impl Nodes<'_> {
         for child in &children {
             let below = match child.leaf {
                 true => blocks.next().unwrap_or(ChildRef::NOTHING),
-                false => self.node(arena, child.node, nodes, apart)?,
+                false => self.node(arena, child.node, nodes, written)?,
             };
             refs.push(below);
         }

@@ -76,7 +76,7 @@ impl KdReference {
     }
 
     #[inline(always)]
-    pub fn lives_at(&self, t: f32) -> bool {
+    pub fn is_active_at(&self, t: f32) -> bool {
         self.begin <= t && t < self.end
     }
 }

@@ -73,7 +73,7 @@ pub(crate) fn best_split(
     let least = LEAST_MARGIN * low.abs().max(high.abs()).max_element();
     let margin = MARGIN.min(MARGIN_OF_SIZE * (high - low).max_element()).max(least);
     let sweep = |axis: usize| Sweep::new(low[axis], high[axis], margin);
-    let mut still = [0, 1, 2].map(sweep);
+    let mut fixed = [0, 1, 2].map(sweep);
     let mut moving = [0, 1, 2].map(|axis| (velocity[axis] != 0.0).then(|| sweep(axis)));
     let mut total = 0.0;
     for r in references.iter().filter(|r| r.in_sah) {
@@ -83,7 +83,7 @@ pub(crate) fn best_split(
         let since = [r.interval.begin(), r.interval.end()].map(|t| t - params.plane_time);
         for axis in 0..3 {
             let (lower, upper) = (lower.map(|p| p[axis]), upper.map(|p| p[axis]));
-            still[axis].add(lower, upper, weight, params.time_weighted);
+            fixed[axis].add(lower, upper, weight, params.time_weighted);
             if let Some(sweep) = &mut moving[axis] {
                 let [s0, s1] = since.map(|t| velocity[axis] * t);
                 let ([l0, l1], [u0, u1]) = (lower, upper);
@@ -93,7 +93,7 @@ pub(crate) fn best_split(
     }
     let mut best: Option<Split> = None;
     for axis in 0..3 {
-        for (sweep, velocity) in [(Some(&still[axis]), 0.0), (moving[axis].as_ref(), velocity[axis])] {
+        for (sweep, velocity) in [(Some(&fixed[axis]), 0.0), (moving[axis].as_ref(), velocity[axis])] {
             if let Some((at, cost)) = sweep.and_then(|sweep| sweep.cheapest(axis, cell, total, params))
                 && best.is_none_or(|b| cost < b.cost)
             {
@@ -274,11 +274,11 @@ struct Lines {
     upper: [Vec3; 2],
 }
 
-/// The bounds of a reference, shrunk to the clipped ones at its representative time `voted`.
+/// The bounds of a reference, shrunk to the clipped ones at its representative time `time`.
 #[inline(always)]
-fn lines(r: &BoxReference, voted: f32) -> Lines {
+fn lines(r: &BoxReference, time: f32) -> Lines {
     let (begin, end) = (r.interval.begin(), r.interval.end());
-    let w = if end > begin { (voted - begin) / (end - begin) } else { 0.0 };
+    let w = if end > begin { (time - begin) / (end - begin) } else { 0.0 };
     let (b, e) = (r.bounds.whole.begin, r.bounds.whole.end);
     // The difference between the clipped bounds and those of the whole primitive, at the representative time.
     let raise = r.bounds.clipped.min - (b.min + (e.min - b.min) * w);

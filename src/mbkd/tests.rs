@@ -19,7 +19,7 @@ const POINTS: Trajectories = Trajectories { segments: 1, segment: 0, middle: 0.5
 /// Points that move within the cube, every third active for a part of the shutter only, and the same as spheres.
 fn both_kinds(count: usize) -> (Vec<PointReference>, Shapes<MovingSphere>) {
     let mut random = Random(17);
-    let ways: Vec<[Vec3; 2]> = (0..count)
+    let paths: Vec<[Vec3; 2]> = (0..count)
         .map(|i| {
             let p = random.vec();
             // Still, slow, and far.
@@ -33,13 +33,13 @@ fn both_kinds(count: usize) -> (Vec<PointReference>, Shapes<MovingSphere>) {
     let sphere = |(i, way): (usize, &[Vec3; 2])| {
         MovingSphere::new(way.map(|p| (p.as_dvec3(), 0.0)).to_vec()).with_active(active(i))
     };
-    let spheres = Shapes::new(ways.iter().enumerate().map(sphere).collect()).unwrap();
+    let spheres = Shapes::new(paths.iter().enumerate().map(sphere).collect()).unwrap();
     let frame = spheres.frame();
     let point = |(i, way): (usize, &[Vec3; 2])| {
         let [open, close] = way.map(|p| frame.point(p.as_dvec3()).to_array());
         PointReference { id: i as u32, interval: active(i), bounds: Trajectory { open, close }, in_sah: true }
     };
-    (ways.iter().enumerate().map(point).collect(), spheres)
+    (paths.iter().enumerate().map(point).collect(), spheres)
 }
 
 /// The children of a plane, with the references distributed to them.
@@ -146,7 +146,7 @@ fn every_point_is_in_one_leaf_at_every_time() {
     assert!(times.len() > 50);
     for time in times {
         let mut counts = vec![0; points.len()];
-        tree.references.iter().filter(|r| r.lives_at(time)).for_each(|r| counts[r.id as usize] += 1);
+        tree.references.iter().filter(|r| r.is_active_at(time)).for_each(|r| counts[r.id as usize] += 1);
         for (point, count) in points.iter().zip(counts) {
             assert_eq!(count, usize::from(point.interval.contains(time)), "{} at {time}", point.id);
         }

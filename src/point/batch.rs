@@ -8,6 +8,7 @@ use super::neighbor::Neighbor;
 use super::query::{NeighborBuffer, NeighborQuery};
 use super::tree::PointTree;
 use crate::geometry::morton_code;
+use crate::parallel;
 use crate::primitive::Position;
 use crate::tuning::points::NEAR;
 use glam::Vec3;
@@ -189,13 +190,7 @@ impl PointTree {
 
 /// Answers the runs of an order in parallel; returns the results in the order of the runs.
 pub(super) fn in_runs<R: Send>(order: &[usize], one: impl Fn(&[usize]) -> R + Send + Sync) -> Vec<R> {
-    #[cfg(feature = "rayon")]
-    {
-        use rayon::prelude::*;
-        order.par_chunks(RUN).map(one).collect()
-    }
-    #[cfg(not(feature = "rayon"))]
-    order.chunks(RUN).map(one).collect()
+    parallel::map(order.len().div_ceil(RUN), |run| one(&order[run * RUN..order.len().min((run + 1) * RUN)]))
 }
 
 /// Answers one query of a batch, given its index, and appends the results.

@@ -25,7 +25,8 @@ const KEYS_PER: usize = 32;
 
 /// Writes the points of `from` to `to` so that no coordinate of the first `count` along the widest axis is above one of the others.
 ///
-/// Both consist of whole vectors, and `count` is less than their length. There may be infinite coordinates behind, on all axes at once.
+/// Both consist of whole vectors, and `count` is less than their length. There may be infinite coordinates behind, on
+/// all axes at once.
 pub(super) fn divide(from: &PointRows, count: usize, to: &mut PointRows) {
     let level = SimdLevel::best();
     let axis = widest_axis(from.len(), |i| from.get(i).at);

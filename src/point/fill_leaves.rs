@@ -1,13 +1,13 @@
 //! From points below bottom nodes to leaf blocks and boxes.
 
 use super::bottom_order::{MOST, Rows, SPARE};
-use super::order::join;
 use super::snapshot::Boxes;
+use crate::parallel;
 use crate::simd::{Kernel, LANES, PointBlock, Simd, SimdLevel, dispatch};
 
 /// Where the points of bottom nodes come from.
 pub(super) trait Points: Sync {
-    /// Takes the points from number `first` on, as many as are asked for, with their indices. `blocks` are those that they will be in.
+    /// Takes the points from number `first` on, as many as `count`, with their indices. `blocks` are those that they will be in.
     fn take(&self, first: usize, count: usize, blocks: &[PointBlock], to: &mut Rows<MOST>);
     /// Prefetches the points that will be in these blocks soon; a hint.
     #[inline(always)]
@@ -39,13 +39,14 @@ pub(super) fn fill(bottoms: BottomNodes<'_>, points: &impl Points) {
         let (nodes, more_nodes) = nodes.split_at_mut(half);
         let (blocks, more_blocks) = blocks.split_at_mut(half * LANES * leaf_blocks);
         let left = (half * LANES * LANES * leaf_blocks).min(count);
-        return join(
+        parallel::both(
             || fill(BottomNodes { first, count: left, nodes, blocks, leaf_blocks }, points),
             || {
                 let (first, count) = (first + left, count - left);
                 fill(BottomNodes { first, count, nodes: more_nodes, blocks: more_blocks, leaf_blocks }, points)
             },
         );
+        return;
     }
     // What is written does not depend on the instruction set.
     dispatch(SimdLevel::best(), Fill { bottoms: BottomNodes { first, count, nodes, blocks, leaf_blocks }, points });

@@ -10,6 +10,7 @@ use super::bottom_order::Bottom;
 use super::complete_tree::{left_part, subtree, subtrees_of};
 use super::divide::divide;
 use super::point_rows::PointRows;
+use crate::parallel;
 use crate::progress::Progress;
 pub(super) use crate::simd::Item;
 use crate::simd::{LANES, SimdLevel, dispatch};
@@ -39,7 +40,8 @@ fn finish(items: &mut [Item], from: &mut PointRows, leaf: usize) {
         let half = (items.len() / 2).next_multiple_of(LANES * leaf);
         let (items, more_items) = items.split_at_mut(half);
         let (mut from, mut more) = from.borrow().split_at(half);
-        return join(|| finish(items, &mut from, leaf), || finish(more_items, &mut more, leaf));
+        parallel::both(|| finish(items, &mut from, leaf), || finish(more_items, &mut more, leaf));
+        return;
     }
     for (i, item) in items.iter_mut().enumerate() {
         *item = from.get(i);
@@ -89,21 +91,8 @@ fn order_blocks(
         order_low();
         order_high();
     } else {
-        join(order_low, order_high);
+        parallel::both(order_low, order_high);
     }
-}
-
-/// Runs both, on two threads where there are.
-#[cfg(feature = "rayon")]
-pub(super) fn join(a: impl FnOnce() + Send, b: impl FnOnce() + Send) {
-    rayon::join(a, b);
-}
-
-/// Runs both.
-#[cfg(not(feature = "rayon"))]
-pub(super) fn join(a: impl FnOnce() + Send, b: impl FnOnce() + Send) {
-    a();
-    b();
 }
 
 #[cfg(test)]

@@ -159,8 +159,8 @@ impl Source {
     }
 }
 
-/// The number of points of a set of f32 positions with one key, without active intervals and ids of its own, and the points in rows for
-/// [`StaticTree::build`]; `None` for other sets.
+/// The number of points of a set of f32 positions with one key, without active intervals and ids of its own, and the
+/// points in rows for [`StaticTree::build`]; `None` for other sets.
 pub(super) fn read_static<P: PointSet + ?Sized>(points: &P) -> Result<Option<(usize, Vec<PointBlock>)>, PointError> {
     let (len, keys) = sizes(points)?;
     if P::WIDE || keys != 1 || !is_plain(points, len) {

@@ -87,6 +87,26 @@ impl Shape {
     pub(super) fn nodes(&self) -> usize {
         self.begin[self.levels]
     }
+
+    /// Level and number of the root.
+    #[inline(always)]
+    pub(super) fn root(&self) -> (usize, usize) {
+        (self.levels - 1, self.nodes() - 1)
+    }
+
+    /// The node, or block on level 0, of lane 0 of a node, and the stride from lane to lane.
+    pub(super) fn children(&self, level: usize, node: usize) -> (usize, usize) {
+        match level {
+            0 => (node * LANES * self.leaf_blocks, self.leaf_blocks),
+            _ => (self.first_child(level, node), 1),
+        }
+    }
+
+    /// The first child of a node above level 0.
+    #[inline(always)]
+    pub(super) fn first_child(&self, level: usize, node: usize) -> usize {
+        self.begin[level - 1] + (node - self.begin[level]) * LANES
+    }
 }
 
 impl StaticTree {
@@ -270,11 +290,11 @@ impl View for &StaticTree {
 
     #[inline(always)]
     fn root(&self) -> (usize, usize) {
-        (self.shape.levels - 1, self.shape.nodes() - 1)
+        self.shape.root()
     }
     #[inline(always)]
     fn first_child(&self, level: usize, node: usize) -> usize {
-        self.shape.begin[level - 1] + (node - self.shape.begin[level]) * LANES
+        self.shape.first_child(level, node)
     }
     #[inline(always)]
     fn first_block(&self, node: usize) -> usize {
@@ -316,7 +336,7 @@ impl BoxTree for StaticTree {
         View::root(&self)
     }
     fn children(&self, level: usize, node: usize) -> (usize, usize) {
-        if level == 0 { (self.first_block(node), self.shape.leaf_blocks) } else { (self.first_child(level, node), 1) }
+        self.shape.children(level, node)
     }
     #[inline(always)]
     fn times(&self, node: usize) -> [Lanes<f64>; 2] {

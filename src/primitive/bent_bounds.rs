@@ -88,7 +88,7 @@ impl Window {
 /// The bounds of a vertex: the line between its positions at both ends, shifted down and up.
 struct Tube {
     begin: Vec3A,
-    way: Vec3A,
+    displacement: Vec3A,
     end: Vec3A,
     below: Vec3A,
     above: Vec3A,
@@ -102,22 +102,22 @@ impl Tube {
         let (low, high) = (window.begin.segment, window.end.segment);
         let begin = Vec3A::from(window.begin.position(keys[low], keys[low + 1]));
         let end = Vec3A::from(window.end.position(keys[high], keys[high + 1]));
-        Tube { begin, way: end - begin, end, below: Vec3A::ZERO, above: Vec3A::ZERO, size: Vec3A::ZERO }
+        Tube { begin, displacement: end - begin, end, below: Vec3A::ZERO, above: Vec3A::ZERO, size: Vec3A::ZERO }
     }
 
     /// Includes the position at a key, at a fraction of the interval.
     #[inline(always)]
-    fn include(&mut self, place: Vec3, w: f32) {
-        let place = Vec3A::from(place);
-        let off = place - (self.begin + self.way * w);
-        self.below = self.below.min(off);
-        self.above = self.above.max(off);
-        self.size = self.size.max(place.abs());
+    fn include(&mut self, position: Vec3, w: f32) {
+        let position = Vec3A::from(position);
+        let offset = position - (self.begin + self.displacement * w);
+        self.below = self.below.min(offset);
+        self.above = self.above.max(offset);
+        self.size = self.size.max(position.abs());
     }
 
     #[inline(always)]
     fn bounds(&self) -> LinearBox3 {
-        let at = |place: Vec3A| Box3 { min: (place + self.below).into(), max: (place + self.above).into() };
+        let at = |center: Vec3A| Box3 { min: (center + self.below).into(), max: (center + self.above).into() };
         LinearBox3 { begin: at(self.begin), end: at(self.end) }
     }
 }

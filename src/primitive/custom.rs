@@ -248,7 +248,7 @@ impl<P: Primitive> Shapes<P> {
     }
 
     /// Active intervals as bounds; empty if all shapes exist throughout the shutter.
-    pub(crate) fn lives(&self) -> Vec<[f32; 2]> {
+    pub(crate) fn active_bounds(&self) -> Vec<[f32; 2]> {
         self.active.iter().map(|active| active.to_bounds()).collect()
     }
 
@@ -278,10 +278,7 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
 
     /// For a primitive with contradictory bounds the bounds of all primitives: these hold its first bounds.
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {
-        let outward = |b: Aabb| {
-            let (min, max) = self.frame.outward(b);
-            Box3 { min, max }
-        };
+        let outward = |b: Aabb| self.frame.outward(b);
         let everything = || outward(self.frame.bounds);
         let bounds = self.shapes[id as usize].bounds(over);
         if !are_boxes(bounds) {

@@ -101,11 +101,11 @@ impl Scene {
 
     fn of(triangles: Triangles, shapes: Vec<Shape>, extent: ShapesExtent) -> Result<Scene, BuildError> {
         let shapes = Shapes::within(shapes, extent, *triangles.frame());
-        Scene::of_parts(triangles, shapes)
+        Scene::of_sets(triangles, shapes)
     }
 
     /// A scene of triangles and shapes that are in one tree space already.
-    pub(super) fn of_parts(triangles: Triangles, shapes: Shapes<Shape>) -> Result<Scene, BuildError> {
+    pub(super) fn of_sets(triangles: Triangles, shapes: Shapes<Shape>) -> Result<Scene, BuildError> {
         let found = triangles.len() + shapes.len();
         if found >= u32::MAX as usize {
             return Err(BuildError::TooManyPrimitives { found });

@@ -15,7 +15,7 @@ pub(crate) struct SceneRecord {
     triangles: TrianglesRecord,
     /// The number of keys and the active interval of each sphere, and the centers and radii at all keys.
     key_counts: Vec<u32>,
-    lives: Vec<[f32; 2]>,
+    active: Vec<[f32; 2]>,
     keys: Vec<[f64; 4]>,
     frame: Frame,
 }
@@ -23,16 +23,16 @@ pub(crate) struct SceneRecord {
 impl Scene {
     /// Writes everything; an error if a shape has a caller-defined type.
     pub(crate) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
-        let (mut key_counts, mut lives, mut keys) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut key_counts, mut active, mut keys) = (Vec::new(), Vec::new(), Vec::new());
         for (i, shape) in self.shapes.shapes().iter().enumerate() {
             let Shape::Sphere(sphere) = shape else { return Err(FileError::OwnShape { shape: i }) };
             key_counts.push(sphere.keys.len() as u32);
-            lives.push(sphere.active.to_bounds());
+            active.push(sphere.active.to_bounds());
             keys.extend(sphere.keys.iter().map(|(center, radius)| [center.x, center.y, center.z, *radius]));
         }
         self.triangles.encode(to)?;
         to.array(&key_counts)?;
-        to.array(&lives)?;
+        to.array(&active)?;
         to.array(&keys)
     }
 }
@@ -42,25 +42,25 @@ impl SceneRecord {
     pub(crate) fn decode(from: &mut Decoder<'_>) -> Result<SceneRecord, FileError> {
         let triangles = TrianglesRecord::decode(from)?;
         let frame = triangles.frame;
-        Ok(SceneRecord { triangles, frame, key_counts: from.array()?, lives: from.array()?, keys: from.array()? })
+        Ok(SceneRecord { triangles, frame, key_counts: from.array()?, active: from.array()?, keys: from.array()? })
     }
 
     /// The scene, with at most `most` triangles, whose vertices are in leaf blocks or here.
     pub(crate) fn checked(self, most: usize, in_leaves: bool) -> Result<Scene, FileError> {
         let triangles = self.triangles.checked(most, in_leaves)?;
         let all: u64 = self.key_counts.iter().map(|&keys| u64::from(keys)).sum();
-        let fits = self.lives.len() == self.key_counts.len() && all == self.keys.len() as u64;
+        let fits = self.active.len() == self.key_counts.len() && all == self.keys.len() as u64;
         require(fits, "the numbers of keys of spheres are wrong")?;
         let mut keys = self.keys.iter().map(|&[x, y, z, radius]| (DVec3::new(x, y, z), radius));
-        let mut shapes = Vec::with_capacity(self.lives.len());
-        for (&count, &life) in self.key_counts.iter().zip(&self.lives) {
+        let mut shapes = Vec::with_capacity(self.active.len());
+        for (&count, &bounds) in self.key_counts.iter().zip(&self.active) {
             let keys = keys.by_ref().take(count as usize).collect();
-            shapes.push(Shape::Sphere(MovingSphere { keys, active: TimeInterval::of_bounds(life)? }));
+            shapes.push(Shape::Sphere(MovingSphere { keys, active: TimeInterval::of_bounds(bounds)? }));
         }
         let wrong = |_: BuildError| FileError::Broken { what: "a sphere has invalid coordinates" };
         let extent = ShapesExtent::of(&shapes).map_err(wrong)?;
         let wrong = |_: BuildError| FileError::Broken { what: "there are too many primitives" };
-        Scene::of_parts(triangles, Shapes::within(shapes, extent, self.frame)).map_err(wrong)
+        Scene::of_sets(triangles, Shapes::within(shapes, extent, self.frame)).map_err(wrong)
     }
 }
 
@@ -68,7 +68,7 @@ impl SceneRecord {
 pub(crate) struct ShapesRecord {
     frame: Frame,
     len: u64,
-    lives: Vec<[f32; 2]>,
+    active: Vec<[f32; 2]>,
 }
 
 impl<P: Primitive> Shapes<P> {
@@ -76,14 +76,14 @@ impl<P: Primitive> Shapes<P> {
     pub(crate) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
         self.frame().encode(to)?;
         to.put(self.len() as u64)?;
-        to.array(&self.lives())
+        to.array(&self.active_bounds())
     }
 }
 
 impl ShapesRecord {
     /// Reads a record that [`Shapes::encode`] wrote.
     pub(crate) fn decode(from: &mut Decoder<'_>) -> Result<ShapesRecord, FileError> {
-        Ok(ShapesRecord { frame: Frame::decode(from)?, len: from.get()?, lives: from.array()? })
+        Ok(ShapesRecord { frame: Frame::decode(from)?, len: from.get()?, active: from.array()? })
     }
 
     /// The primitives, if their number, bounds and intervals are those of the file.
@@ -92,7 +92,7 @@ impl ShapesRecord {
         let what = match () {
             () if shapes.len() as u64 != self.len => "their number",
             () if *shapes.frame() != self.frame => "their bounds",
-            () if shapes.lives() != self.lives => "their active intervals",
+            () if shapes.active_bounds() != self.active => "their active intervals",
             () => return Ok(shapes),
         };
         Err(FileError::OtherPrimitives { what })

@@ -254,8 +254,8 @@ impl Triangles {
     fn bounds_in_f32(&self, id: u32, over: TimeInterval) -> LinearBox3 {
         let keys = self.keys(id);
         if keys == 1 {
-            let still = box_of(self.corners_at_key(id, 0));
-            return LinearBox3 { begin: still, end: still };
+            let bounds = box_of(self.corners_at_key(id, 0));
+            return LinearBox3 { begin: bounds, end: bounds };
         }
         if keys > 2 {
             return self.bent_bounds(id, keys, over);

@@ -51,25 +51,25 @@ enum Coming {
     Scattered,
 }
 
-/// Answers a batch: rays of similar direction by `together`, all others by `led`. Incoherent rays on a tree larger than
+/// Answers a batch: rays of similar direction by `together`, all others by `incoherent`. Incoherent rays on a tree larger than
 /// the cache are sorted first.
 pub(crate) fn answer_in_order<T: Copy + Send>(
     rays: &[Ray],
     answers: &mut [T],
     space: Space,
     together: impl Fn(&[Ray], &mut [T]) + Sync,
-    led: impl Fn(&[Ray], &mut [T]) + Sync,
+    incoherent: impl Fn(&[Ray], &mut [T]) + Sync,
 ) {
     for (rays, answers) in rays.chunks(WINDOW).zip(answers.chunks_mut(WINDOW)) {
         match coming(rays, space) {
             Coming::Together => in_parallel(rays, answers, &together),
-            Coming::Scattered if space.cached => in_parallel(rays, answers, &led),
-            Coming::Near => in_parallel(rays, answers, &led),
+            Coming::Scattered if space.cached => in_parallel(rays, answers, &incoherent),
+            Coming::Near => in_parallel(rays, answers, &incoherent),
             Coming::Scattered => {
                 let order = sorted(rays, space);
                 let in_order: Vec<Ray> = order.iter().map(|&i| rays[i as usize]).collect();
                 let mut found = answers.to_vec();
-                in_parallel(&in_order, &mut found, &led);
+                in_parallel(&in_order, &mut found, &incoherent);
                 for (&i, answer) in order.iter().zip(found) {
                     answers[i as usize] = answer;
                 }

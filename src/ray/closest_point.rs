@@ -252,7 +252,7 @@ fn search_kd<G: ClosestPointSource, F: Filter<ClosestPoint>>(
                 KdView::Leaf { first, count } => {
                     observer.leaf();
                     for reference in &tree.references[first as usize..][..count as usize] {
-                        if !reference.lives_at(time) {
+                        if !reference.is_active_at(time) {
                             observer.time_skip();
                             continue;
                         }

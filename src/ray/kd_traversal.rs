@@ -158,7 +158,7 @@ impl RayLayout for &KdTree {
                 KdView::Leaf { first, count } => {
                     observer.leaf();
                     for reference in &self.references[first as usize..][..count as usize] {
-                        if !reference.lives_at(ray.time()) {
+                        if !reference.is_active_at(ray.time()) {
                             observer.time_skip();
                             continue;
                         }

@@ -299,14 +299,14 @@ impl<G: Geometry> RayTree<G> {
         }
     }
 
-    /// Linear bounds of several parts of the tree, which together hold all primitives.
-    pub(crate) fn linear_bounds_of_parts(&self) -> Vec<LinearBounds> {
-        let parts = match &self.layout {
+    /// Linear bounds of several subtrees, which together hold all primitives.
+    pub(crate) fn linear_bounds_of_subtrees(&self) -> Vec<LinearBounds> {
+        let subtrees = match &self.layout {
             Layout::Wide(tree) => tree.bounds_of_children(self.geometry.frame()),
             Layout::Lazy(tree) => tree.top.bounds_of_children(self.geometry.frame()),
             Layout::Kd(_) => None,
         };
-        parts.unwrap_or_else(|| vec![self.linear_bounds()])
+        subtrees.unwrap_or_else(|| vec![self.linear_bounds()])
     }
 
     /// The map between world and tree space.

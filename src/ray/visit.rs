@@ -3,7 +3,7 @@
 use super::compiled::Layout;
 use super::kd_traversal::KERNEL_ROUNDING;
 use super::ray_tree::{Geometry, RayTree};
-use crate::geometry::{Aabb, Box3, Frame, KeyTime, ULP};
+use crate::geometry::{Aabb, Box3, KeyTime, ULP};
 use crate::layout::{ChildRef, Kind, LazyTree, WideTree};
 use crate::mbkd::{KdTree, KdView};
 use crate::primitive::PrimitiveSet;
@@ -31,10 +31,6 @@ fn primitives<'a>(
     })
 }
 
-fn to_world(frame: Frame, b: Box3) -> Aabb {
-    Aabb { min: frame.to_world(b.min), max: frame.to_world(b.max) }
-}
-
 /// The wide layout at a time.
 struct WideAt<'a, G> {
     tree: &'a WideTree,
@@ -53,18 +49,16 @@ impl<G: Geometry> Hierarchy for WideAt<'_, G> {
     fn expand(&self, node: ChildRef, children: &mut Vec<(Aabb, ChildRef)>, items: &mut Vec<TreePrimitive>) {
         let mut at = node;
         while at.kind() == Kind::Time {
-            let parts = self.tree.children(at);
-            at = ChildRef(parts[KeyTime::new(self.time, parts.len() + 1).segment]);
+            let slices = self.tree.children(at);
+            at = ChildRef(slices[KeyTime::new(self.time, slices.len() + 1).segment]);
         }
         if let Some(ids) = self.tree.ids::<G>(at) {
             items.extend(primitives(self.set, self.time, ids.iter().copied()));
         }
-        for (lane, child) in self.tree.children(at).iter().map(|&child| ChildRef(child)).enumerate() {
-            if child != ChildRef::NOTHING {
-                let [min, max] = self.tree.lane_box(at, lane, self.time);
-                children.push((to_world(*self.set.frame(), Box3 { min, max }), child));
-            }
-        }
+        let frame = self.set.frame();
+        let lanes = self.tree.lanes(at);
+        children
+            .extend(lanes.map(|(lane, child)| (frame.box_to_world(self.tree.lane_box(at, lane, self.time)), child)));
     }
 }
 
@@ -135,12 +129,12 @@ impl<G: Geometry> Hierarchy for KdAt<'_, G> {
                     // The far side of a plane that has left the cell is empty but for rounding.
                     let bounds = Box3 { min: cell.min.min(cell.max), max: cell.max.max(cell.min) };
                     let bounds = bounds.pad(self.slack + 16.0 * ULP * bounds.magnitude());
-                    children.push((to_world(*self.set.frame(), bounds), (child, cell)));
+                    children.push((self.set.frame().box_to_world(bounds), (child, cell)));
                 }
             }
             KdView::Leaf { first, count } => {
                 let references = &self.tree.references[first as usize..][..count as usize];
-                let ids = references.iter().filter(|r| r.lives_at(self.time)).map(|r| r.id);
+                let ids = references.iter().filter(|r| r.is_active_at(self.time)).map(|r| r.id);
                 items.extend(primitives(self.set, self.time, ids));
             }
         }

@@ -160,8 +160,8 @@ fn draft_with<S: PrimitiveSet>(
 ) -> Draft {
     let kind = |id: u32| set.leaf_kind(id);
     let kinds: Option<&LeafKind<'_>> = if set.bent() { Some(&kind) } else { None };
-    let [stop, crowded] = [*BINARY_LEAF.start(), *BINARY_LEAF.end()].map(|most| most.min(S::PER_LEAF));
-    let binary = build_binary(&mut references, stop..=crowded, kinds, Some(cost_model.density));
+    let [stop, overlapping] = [*BINARY_LEAF.start(), *BINARY_LEAF.end()].map(|most| most.min(S::PER_LEAF));
+    let binary = build_binary(&mut references, stop..=overlapping, kinds, Some(cost_model.density));
     let collapse = Collapse::new(&binary, cost_model, |node| {
         if node.count as usize > S::PER_LEAF {
             return None;

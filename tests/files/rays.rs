@@ -156,7 +156,7 @@ fn trees_come_back_bit_for_bit() {
         let (new, old) = (again.statistics(), tree.statistics());
         let counts = |s: mbkd::ray::Statistics| {
             let parts = [s.primitives, s.nodes, s.leaves, s.references, s.positions, s.kept_positions, s.time_nodes];
-            (parts, s.still_references, s.depth, s.duplicates.to_bits(), s.timed.to_bits())
+            (parts, s.static_references, s.depth, s.duplicates.to_bits(), s.timed.to_bits())
         };
         assert_eq!(counts(new), counts(old), "{name}");
     }

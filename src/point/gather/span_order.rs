@@ -7,8 +7,8 @@
 //!
 //! The tree is that of [`Shape`](crate::point::static_tree::Shape): all subtrees full but the last of each level.
 
+use crate::parallel;
 use crate::point::complete_tree::{left_part, subtree, subtrees_of};
-use crate::point::order::join;
 use crate::simd::LANES;
 
 /// Channels of an item: x, y, z, time, radius.
@@ -59,7 +59,7 @@ fn divide(items: &mut [Item], block: usize, queries: &Queries) {
         divide(low, block, queries);
         divide(high, block, queries);
     } else {
-        join(|| divide(low, block, queries), || divide(high, block, queries));
+        parallel::both(|| divide(low, block, queries), || divide(high, block, queries));
     }
 }
 

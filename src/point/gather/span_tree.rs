@@ -161,16 +161,10 @@ impl<B> SpanTree<B> {
         self.nodes.capacity() * size_of::<SpanNode>() + self.blocks.capacity() * size_of::<B>()
     }
 
-    /// Level and number of the root.
+    /// The number and arrangement of nodes.
     #[inline(always)]
-    pub(super) fn root(&self) -> (usize, usize) {
-        (self.shape.levels - 1, self.shape.nodes() - 1)
-    }
-
-    /// First child of a node above the bottom.
-    #[inline(always)]
-    pub(super) fn first_child(&self, level: usize, node: usize) -> usize {
-        self.shape.begin[level - 1] + (node - self.shape.begin[level]) * LANES
+    pub(super) fn shape(&self) -> &Shape {
+        &self.shape
     }
 
     /// A node.

@@ -59,11 +59,11 @@ impl<B: SpanBlock, L: Measure<B>> View for SpanView<'_, B, L> {
 
     #[inline(always)]
     fn root(&self) -> (usize, usize) {
-        self.tree.root()
+        self.tree.shape().root()
     }
     #[inline(always)]
     fn first_child(&self, level: usize, node: usize) -> usize {
-        self.tree.first_child(level, node)
+        self.tree.shape().first_child(level, node)
     }
     #[inline(always)]
     fn first_block(&self, node: usize) -> usize {

@@ -1,7 +1,7 @@
 //! Lists of points in f64: for each of them a search of its own.
 //!
-//! Groups of leaves are searched together where all positions are f32 ones relative to one origin. Here each point is a query of the tree as any
-//! query does, with the same arithmetic, and what it finds goes to the same columns.
+//! Groups of leaves are searched together where all positions are f32 ones relative to one origin. Here each point is a
+//! query of the tree as any query does, with the same arithmetic, and what it finds goes to the same columns.
 
 use super::candidates::write;
 use super::columns::Columns;

@@ -6,9 +6,9 @@
 //! further groups meanwhile. A thread waits only if all slots are made and not copied. Ranges depend on nothing but the
 //! lists before.
 
-use crate::parallel;
+use crate::parallel::{self, lock};
 use core::ops::Range;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 /// Slots for each thread: enough that no thread waits for another that is late by a group or two, and few enough to stay
 /// in a near cache together.
@@ -112,10 +112,6 @@ impl<P> Drop for StopAfterPanic<'_, P> {
             lock(self.0).stop = true;
         }
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

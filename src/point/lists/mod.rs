@@ -1,13 +1,14 @@
 //! Neighbour lists: for every point of a tree all others within a radius. Particle methods need them in every step.
 //!
 //! Candidates are culled in three steps, from coarse to fine. Sixteen neighbouring leaves, the lanes of a bottom node,
-//! traverse the tree together and collect the leaves that any of their points can reach ([`candidates`]). Of these, each of the sixteen
-//! keeps the leaves that its own points can reach. Each point tests the boxes of those, and then the points of the few
-//! blocks that are left ([`row`]). So boxes are compared with boxes, a point with boxes, and a point with points, always
-//! sixteen at a time.
+//! traverse the tree together and collect the leaves that any of their points can reach ([`candidates`]). Of these,
+//! each of the sixteen keeps the leaves that its own points can reach. Each point tests the boxes of those, and then
+//! the points of the few blocks that are left ([`row`]). So boxes are compared with boxes, a point with boxes, and a
+//! point with points, always sixteen at a time.
 //!
-//! Data flows `query` (the request) → `prepare` (groups of leaves) → `candidates` (the leaves that a group can reach) → `row` (the list
-//! of a point) → `worker` (a share of the groups) → `in_order` and `run` (all threads) → `csr` (all lists in one array).
+//! Data flows `query` (the request) → `prepare` (groups of leaves) → `candidates` (the leaves that a group can reach) →
+//! `row` (the list of a point) → `worker` (a share of the groups) → `in_order` and `run` (all threads) → `csr` (all
+//! lists in one array).
 //!
 //! [`bulk`] makes lists for positions that are not points of a tree. [`swept`] makes lists over an interval of time.
 //! [`double`] makes the lists of points in f64, with one search for each.

@@ -1,7 +1,7 @@
 //! Ordering f64 points for a complete tree: [`crate::point::order`] in f64.
 
+use crate::parallel;
 use crate::point::complete_tree::{left_part, subtree, subtrees_of};
-use crate::point::order::join;
 use crate::point::widest_axis::SAMPLE;
 use crate::progress::Progress;
 use glam::DVec3;
@@ -37,7 +37,7 @@ fn blocks(items: &mut [Item], block: usize, leaf: usize, progress: &Progress) {
         blocks(low, block, leaf, progress);
         blocks(high, block, leaf, progress);
     } else if !progress.cancelled() {
-        join(|| blocks(low, block, leaf, progress), || blocks(high, block, leaf, progress));
+        parallel::both(|| blocks(low, block, leaf, progress), || blocks(high, block, leaf, progress));
     }
 }
 

@@ -276,12 +276,11 @@ impl<const MOVING: bool> View for PreciseView<'_, MOVING> {
 
     #[inline(always)]
     fn root(&self) -> (usize, usize) {
-        (self.tree.shape.levels - 1, self.tree.nodes.len() - 1)
+        self.tree.shape.root()
     }
     #[inline(always)]
     fn first_child(&self, level: usize, node: usize) -> usize {
-        let begin = &self.tree.shape.begin;
-        begin[level - 1] + (node - begin[level]) * LANES
+        self.tree.shape.first_child(level, node)
     }
     #[inline(always)]
     fn first_block(&self, node: usize) -> usize {
@@ -322,15 +321,10 @@ impl BoxTree for PreciseTree {
         (self.slice.keys, self.slice.segment, times)
     }
     fn root_node(&self) -> (usize, usize) {
-        (self.shape.levels - 1, self.nodes.len() - 1)
+        self.shape.root()
     }
     fn children(&self, level: usize, node: usize) -> (usize, usize) {
-        let Shape { begin, leaf_blocks, .. } = &self.shape;
-        if level == 0 {
-            (node * LANES * leaf_blocks, *leaf_blocks)
-        } else {
-            (begin[level - 1] + (node - begin[level]) * LANES, 1)
-        }
+        self.shape.children(level, node)
     }
     fn times(&self, node: usize) -> [Lanes<f64>; 2] {
         // An interval that begins with the slice begins at its exact begin, and likewise at the end.
