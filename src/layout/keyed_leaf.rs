@@ -32,7 +32,7 @@ pub(crate) struct KeyedLeaf {
     /// Number of triangles.
     pub count: usize,
     /// The number of floats in a row: vertices, or triangles.
-    width: usize,
+    pub width: usize,
 }
 
 /// Words of the header.
@@ -87,13 +87,13 @@ impl KeyedLeaf {
 
     /// The number of words in front of the rows.
     #[inline(always)]
-    fn front(&self) -> usize {
+    pub fn front(&self) -> usize {
         front(self.width).max(HEADER + 2 * self.count)
     }
 
     /// The number of words of one key.
     #[inline(always)]
-    fn key_words(&self) -> usize {
+    pub fn key_words(&self) -> usize {
         self.width * if self.shared { VERTEX_ROWS } else { CORNER_ROWS }
     }
 
@@ -174,21 +174,14 @@ impl Triangles {
         }
         words[leaf.ids()..][..count].copy_from_slice(ids);
         self.fill_keyed(words, &leaf, ids, shared.as_ref());
+        // The lower half of this word holds the vertices of the first triangle, or zero.
+        set_sizes(&mut words[leaf.vertices()], self.sizes(ids, first..first + held));
         ChildRef::new(Kind::OtherLeaf, at, width)
     }
 
-    /// Rewrites the coordinates of such a block; returns whether any of them changed.
-    pub(super) fn rewrite_keyed(&self, words: &mut [u32], leaf: ChildRef, ids: &[u32]) -> bool {
-        let leaf = KeyedLeaf::of(words, leaf.len());
-        let shared = leaf.shared.then(|| Shared::again(self, ids, &words[leaf.vertices()..], leaf.width));
-        self.fill_keyed(words, &leaf, ids, shared.as_ref())
-    }
-
-    /// Writes the coordinates and sizes of a block; returns whether any coordinate changed.
-    fn fill_keyed(&self, words: &mut [u32], leaf: &KeyedLeaf, ids: &[u32], shared: Option<&Shared>) -> bool {
+    /// Writes the coordinates of a block; returns whether any changed.
+    pub(super) fn fill_keyed(&self, words: &mut [u32], leaf: &KeyedLeaf, ids: &[u32], shared: Option<&Shared>) -> bool {
         let keys = leaf.first..leaf.first + leaf.keys;
-        // The lower half of this word holds the vertices of the first triangle, or zero.
-        set_sizes(&mut words[leaf.vertices()], self.sizes(ids, keys.clone()));
         let mut changed = 0;
         for (rows, key) in words[leaf.front()..].chunks_exact_mut(leaf.key_words()).zip(keys) {
             match shared {

@@ -1,8 +1,9 @@
 //! Writing leaf blocks: the data of primitives in the arena.
 
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, Sizes, VERTEX_ROWS};
+use crate::geometry::{LinearBox3, TimeInterval};
 use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes, Triangles};
-use crate::simd::{Arena, LANES, Lanes};
+use crate::simd::{Arena, LANES, Lanes, SimdLevel};
 use crate::time::TimeSlice;
 use core::ops::Range;
 use glam::Vec3;
@@ -28,12 +29,35 @@ pub(crate) trait WideSource: PrimitiveSet {
         let _ = slice;
         write_list(arena, ids)
     }
-    /// Rewrites the coordinates of a leaf block that begins at `words[0]`; returns whether any of them changed. `ids`
-    /// are those in the block. All primitives of a list of ids count as changed.
-    fn rewrite_leaf(&self, words: &mut [u32], leaf: ChildRef, ids: &[u32]) -> bool {
-        let _ = (words, leaf, ids);
-        true
+    /// Rewrites the coordinates of a leaf block that begins at `words[0]`, and returns the bounds of its primitives, which
+    /// are `ids`, over an interval; `None` if no coordinate changed. All primitives of a list of ids count as changed.
+    fn rewrite_leaf(
+        &self,
+        words: &mut [u32],
+        leaf: ChildRef,
+        ids: &[u32],
+        over: TimeInterval,
+        level: SimdLevel,
+    ) -> Option<LinearBox3> {
+        Some(self.leaf_bounds(words, leaf, ids, over, level))
     }
+    /// The bounds of the primitives `ids` of a leaf block that begins at `words[0]` and has been rewritten.
+    fn leaf_bounds(
+        &self,
+        words: &[u32],
+        leaf: ChildRef,
+        ids: &[u32],
+        over: TimeInterval,
+        level: SimdLevel,
+    ) -> LinearBox3 {
+        let _ = (words, leaf, level);
+        bounds_of(self, ids, over)
+    }
+}
+
+/// The bounds of some primitives, one by one.
+pub(super) fn bounds_of<S: PrimitiveSet + ?Sized>(set: &S, ids: &[u32], over: TimeInterval) -> LinearBox3 {
+    ids.iter().fold(LinearBox3::EMPTY, |all, &id| all.union(set.bounds(id, over)))
 }
 
 impl WideSource for Scene {
@@ -61,8 +85,32 @@ impl WideSource for Scene {
         }
     }
 
-    fn rewrite_leaf(&self, words: &mut [u32], leaf: ChildRef, ids: &[u32]) -> bool {
-        ids.first().is_some_and(|&id| self.is_listed(id)) || self.triangles.rewrite_leaf(words, leaf, ids)
+    fn rewrite_leaf(
+        &self,
+        words: &mut [u32],
+        leaf: ChildRef,
+        ids: &[u32],
+        over: TimeInterval,
+        level: SimdLevel,
+    ) -> Option<LinearBox3> {
+        match ids.first().is_some_and(|&id| self.is_listed(id)) {
+            false => self.triangles.rewrite_leaf(words, leaf, ids, over, level),
+            true => Some(bounds_of(self, ids, over)),
+        }
+    }
+
+    fn leaf_bounds(
+        &self,
+        words: &[u32],
+        leaf: ChildRef,
+        ids: &[u32],
+        over: TimeInterval,
+        level: SimdLevel,
+    ) -> LinearBox3 {
+        match ids.first().is_some_and(|&id| self.is_listed(id)) {
+            false => self.triangles.measured(words, leaf, ids, over, level).bounds,
+            true => bounds_of(self, ids, over),
+        }
     }
 }
 
@@ -86,24 +134,12 @@ impl Triangles {
         let words = &mut arena.ints_mut()[at..];
         words[rows * n + 1..][..n].copy_from_slice(ids);
         self.fill_own(words, ids, rows / CORNER_ROWS);
+        words[rows * n] = self.sizes(ids, 0..rows / CORNER_ROWS);
         ChildRef::new(kind, at, n)
     }
 
-    /// Rewrites the coordinates of a block; returns whether any of them changed.
-    fn rewrite_leaf(&self, words: &mut [u32], leaf: ChildRef, ids: &[u32]) -> bool {
-        let shared = |rows: usize| Shared::again(self, ids, &words[rows * leaf.len()..], leaf.len());
-        match leaf.kind() {
-            Kind::StaticLeaf => self.fill_own(words, ids, 1),
-            Kind::Leaf => self.fill_own(words, ids, 2),
-            Kind::SharedStaticLeaf => shared(VERTEX_ROWS).fill(self, words, ids, 1),
-            Kind::SharedLeaf => shared(2 * VERTEX_ROWS).fill(self, words, ids, 2),
-            Kind::OtherLeaf => self.rewrite_keyed(words, leaf, ids),
-            Kind::Node | Kind::StaticNode | Kind::Time => false,
-        }
-    }
-
-    /// Writes the corners and sizes of a block without shared vertices; returns whether any corner changed.
-    fn fill_own(&self, words: &mut [u32], ids: &[u32], keys: usize) -> bool {
+    /// Writes the corners of a block without shared vertices; returns whether any changed.
+    pub(super) fn fill_own(&self, words: &mut [u32], ids: &[u32], keys: usize) -> bool {
         let n = ids.len();
         let (first_key, others) = words.split_at_mut(CORNER_ROWS * n);
         let mut changed = 0;
@@ -114,7 +150,6 @@ impl Triangles {
                 changed |= write_corners(&mut others[..CORNER_ROWS * n], n, lane, last);
             }
         }
-        words[keys * CORNER_ROWS * n] = self.sizes(ids, 0..keys);
         changed != 0
     }
 }
@@ -181,10 +216,18 @@ impl Shared {
     pub(super) fn again(set: &Triangles, ids: &[u32], numbers: &[u32], count: usize) -> Shared {
         let mut shared = Shared { vertices: [0; LANES], strides: [0; LANES], count, corners: [0; LANES] };
         for (&id, &corners) in ids.iter().zip(numbers) {
-            let stride = set.stride(id) as u32;
-            for (i, vertex) in set.vertices(id).into_iter().enumerate() {
-                let place = (corners >> (4 * i)) as usize % LANES;
-                (shared.vertices[place], shared.strides[place]) = (vertex, stride);
+            let [a, b, c] = set.vertices(id);
+            let place = |i: usize| (corners >> (4 * i)) as usize % LANES;
+            (shared.vertices[place(0)], shared.vertices[place(1)], shared.vertices[place(2)]) = (a, b, c);
+        }
+        match set.common_stride(ids) {
+            Some(stride) => shared.strides = [stride; LANES],
+            None => {
+                for ((&corners, stride), _) in numbers.iter().zip(set.strides(ids)).zip(ids) {
+                    for i in 0..3 {
+                        shared.strides[(corners >> (4 * i)) as usize % LANES] = stride;
+                    }
+                }
             }
         }
         shared
@@ -200,28 +243,27 @@ impl Shared {
         numbers[..n].copy_from_slice(&self.corners[..n]);
         numbers[0] |= (n as u32 - 1) << 12;
         numbers[n..].copy_from_slice(ids);
-        self.fill(set, words, ids, keys);
+        self.fill(set, words, keys);
+        set_sizes(&mut words[row], set.sizes(ids, 0..keys));
         ChildRef::new(if keys == 1 { Kind::SharedStaticLeaf } else { Kind::SharedLeaf }, at, v)
     }
 
-    /// Writes the vertices and sizes of such a block; returns whether any vertex changed.
-    fn fill(&self, set: &Triangles, words: &mut [u32], ids: &[u32], keys: usize) -> bool {
-        let (rows, numbers) = words.split_at_mut(keys * VERTEX_ROWS * self.count);
-        let each = rows.chunks_exact_mut(VERTEX_ROWS * self.count).enumerate();
-        let changed = each.fold(0, |changed, (key, words)| changed | self.write_key(set, words, key));
-        set_sizes(&mut numbers[0], set.sizes(ids, 0..keys));
-        changed != 0
+    /// Writes the vertices of such a block; returns whether any changed.
+    pub(super) fn fill(&self, set: &Triangles, words: &mut [u32], keys: usize) -> bool {
+        let each = words.chunks_exact_mut(VERTEX_ROWS * self.count).take(keys).enumerate();
+        each.fold(0, |changed, (key, words)| changed | self.write_key(set, words, key)) != 0
     }
 
     /// Writes the rows of one key; returns the bits that changed.
     #[inline(always)]
     pub(super) fn write_key(&self, set: &Triangles, words: &mut [u32], key: usize) -> u32 {
         let mut changed = 0;
-        for lane in 0..self.count {
-            let position = set.position(self.vertices[lane], key * self.strides[lane] as usize);
-            for axis in 0..3 {
-                changed |= replace(&mut words[axis * self.count + lane], position[axis]);
-            }
+        let (x, others) = words.split_at_mut(self.count);
+        let (y, z) = others.split_at_mut(self.count);
+        let vertices = self.vertices.iter().zip(&self.strides);
+        for (((x, y), z), (&vertex, &stride)) in x.iter_mut().zip(y).zip(z).zip(vertices) {
+            let position = set.position(vertex, key * stride as usize);
+            changed |= replace(x, position.x) | replace(y, position.y) | replace(z, position.z);
         }
         changed
     }

@@ -13,6 +13,7 @@ pub(crate) struct Ids {
 impl Ids {
     /// The position in a block that begins at `words[0]`; `lists` tells whether leaves of kind `OtherLeaf` are lists of
     /// ids. `None` if the block is incomplete.
+    #[inline]
     pub fn of(leaf: ChildRef, words: &[u32], lists: bool) -> Option<Ids> {
         let len = leaf.len();
         if leaf.kind() == Kind::OtherLeaf && !lists {

@@ -11,14 +11,15 @@
 
 use super::leaf_block::WideSource;
 use super::leaf_ids::Ids;
+use super::node_boxes::{BoxRows, MeasuredBoxes};
 use super::refit_plan::{Above, Plan, SharedLeaves, Unit, mesh_bit};
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS};
 use super::wide_tree::WideTree;
-use super::write::{read_box, write_box};
+use super::write::read_box;
 use crate::bvh::mean_half_area;
 use crate::geometry::{Aabb, Box3, LinearBounds, LinearBox3, TimeInterval, ULP};
 use crate::parallel;
-use crate::simd::{LANES, Lanes};
+use crate::simd::{LANES, Lanes, Mask, SimdLevel, first_lanes, lanes_at};
 use crate::time::{COST_MODEL, time_slice};
 use core::ops::Range;
 use std::collections::HashMap;
@@ -84,17 +85,18 @@ impl WideTree {
 
     /// Refits the units of a plan, and then the nodes above them. Returns the work done, and the cost per area of the root.
     fn refit_by<S: WideSource>(&mut self, set: &S, moved: &Moved, plan: &mut Plan) -> (Done, f64) {
-        let mut pass = Pass { set, moved, lists: self.lists, changed: Vec::new(), known: HashMap::new() };
+        let (lists, level) = (self.lists, SimdLevel::best());
+        let places = &plan.places;
+        let mut pass = Pass { set, moved, lists, level, changed: Vec::new(), places, known: Vec::new() };
         let words = self.arena.ints_mut();
         // Leaf blocks that several hierarchies share come first, since the hierarchies read them.
         let mut done = pass.shared_leaves(words, &plan.shared);
         let units = pass.units(words, plan);
-        for (i, subtree, of_unit) in &units {
-            plan.units[*i].cost = subtree.cost;
-            done = done.add(*of_unit);
+        pass.known = plan.units.iter().map(|unit| Subtree { bounds: None, cost: unit.cost }).collect();
+        for (i, subtree, of_unit) in units {
+            (plan.units[i].cost, pass.known[i]) = (subtree.cost, subtree);
+            done = done.add(of_unit);
         }
-        pass.known = plan.units.iter().map(|u| (u.root.0, Subtree { bounds: None, cost: u.cost })).collect();
-        pass.known.extend(units.iter().map(|(i, subtree, _)| (plan.units[*i].root.0, *subtree)));
         let mut place = Place { words, begin: 0, shared: 0..0, shared_words: None, done };
         for &Above { at, over, shared } in &plan.above {
             place.shared = shared.map_or(0..0, |shared| plan.shared[shared].words.clone());
@@ -102,14 +104,17 @@ impl WideTree {
                 Kind::Time => pass.time_node(&mut place, at, over),
                 _ => pass.node(&mut place, at, over),
             };
-            pass.known.insert(at.0, subtree);
+            pass.known.push(subtree);
         }
         if self.root == ChildRef::NOTHING {
             return (done, 0.0);
         }
         let cost = match self.root.kind().is_leaf() {
             true => pass.leaf(&mut place, self.root, TimeInterval::FULL).1,
-            false => pass.known[&self.root.0].cost / area(&pass.bounds(&place, self.root, TimeInterval::FULL)),
+            false => {
+                pass.known(self.root).map_or(0.0, |root| root.cost)
+                    / area(&pass.bounds(&place, self.root, TimeInterval::FULL))
+            }
         };
         (place.done, cost)
     }
@@ -130,10 +135,12 @@ struct Pass<'a, S> {
     moved: &'a Moved,
     /// The word at which lists of ids begin.
     lists: usize,
+    level: SimdLevel,
     /// The shared leaf blocks that changed, sorted.
     changed: Vec<u32>,
-    /// The results for subtrees that are done.
-    known: HashMap<u32, Subtree>,
+    places: &'a HashMap<u32, usize>,
+    /// The results for the first of the subtrees in `places`, as many as are done.
+    known: Vec<Subtree>,
 }
 
 /// A section of the arena that one thread alone writes.
@@ -186,8 +193,11 @@ impl<S: WideSource> Pass<'_, S> {
             let places: Vec<Range<usize>> = runs.iter().zip(ends).map(|(run, end)| run[0].at()..end).collect();
             let mut tasks: Vec<_> = cut(words, &places).zip(runs).collect();
             let found = parallel::each(&mut tasks, |(place, run)| {
-                let changed: Vec<u32> =
-                    run.iter().filter(|&&leaf| self.rewrite(place, leaf)).map(|leaf| leaf.0).collect();
+                let mut changed = |leaf: ChildRef| {
+                    let held = self.held(place, leaf);
+                    self.rewrite(place, leaf, &held, TimeInterval::FULL).is_some()
+                };
+                let changed: Vec<u32> = run.iter().filter(|&&leaf| changed(leaf)).map(|leaf| leaf.0).collect();
                 (changed, place.done)
             });
             for (changed, of_run) in found {
@@ -228,64 +238,81 @@ impl<S: WideSource> Pass<'_, S> {
         })
     }
 
+    /// The result for a subtree if it is done already.
+    fn known(&self, root: ChildRef) -> Option<Subtree> {
+        // Most nodes are below units, where nothing is known.
+        if self.known.is_empty() { None } else { self.known.get(*self.places.get(&root.0)?).copied() }
+    }
+
     /// Refits a node and everything below it whose result is not known yet. The recursion is as deep as the tree.
     fn node(&self, place: &mut Place<'_>, at: ChildRef, over: TimeInterval) -> Subtree {
         place.done.visited += 1;
         let kind = at.kind();
         let rows = if kind == Kind::Node { NODE_ROWS } else { STATIC_NODE_ROWS };
-        let (mut all, mut cost, mut changed) = (LinearBox3::EMPTY, 0.0, false);
-        for lane in 0..LANES {
-            let child = ChildRef(place.block(at)[(rows - 1) * LANES + lane]);
+        let children = *lanes_at(place.block(at), (rows - 1) * LANES);
+        let (mut boxes, mut prices) = (BoxRows::NONE, [0.0f64; LANES]);
+        let (mut cost, mut changed): (f64, Mask) = (0.0, 0);
+        for (lane, child) in children.map(ChildRef).into_iter().enumerate() {
             if child == ChildRef::NOTHING {
                 continue;
             }
-            let (bounds, price) = if child.kind().is_leaf() {
-                self.leaf(place, child, over)
+            let bounds = if child.kind().is_leaf() {
+                let (bounds, price) = self.leaf(place, child, over);
+                prices[lane] = price;
+                bounds
             } else {
-                let known = self.known.get(&child.0).copied();
-                let Subtree { bounds, cost: below } = known.unwrap_or_else(|| self.node(place, child, over));
+                let Subtree { bounds, cost: below } =
+                    self.known(child).unwrap_or_else(|| self.node(place, child, over));
                 cost += below;
-                (bounds, 0.0)
+                bounds
             };
             let bounds = match bounds {
                 Some(bounds) => {
-                    changed = true;
+                    changed |= 1 << lane;
                     // A static node has no rows for motion.
                     let swept = bounds.swept();
-                    let bounds = if kind == Kind::Node { bounds } else { LinearBox3 { begin: swept, end: swept } };
-                    write_box(place.block_mut(at), kind, lane, Some(&bounds), over);
-                    bounds
+                    if kind == Kind::Node { bounds } else { LinearBox3 { begin: swept, end: swept } }
                 }
                 None => read_box(place.block(at), kind, lane, over),
             };
-            let still = if bounds.begin == bounds.end { COST_MODEL.still } else { 1.0 };
-            cost += price * f64::from(still) * area(&bounds);
-            all = all.union(bounds);
+            boxes.set(lane, &bounds);
         }
-        place.done.nodes += usize::from(changed);
+        if changed != 0 {
+            boxes.write(place.block_mut(at), kind, changed, over, self.level);
+        }
+        let MeasuredBoxes { areas, still, all } = boxes.measured(self.level);
+        for lane in 0..LANES {
+            let still = if still >> lane & 1 != 0 { COST_MODEL.still } else { 1.0 };
+            cost += prices[lane] * f64::from(still * areas[lane]);
+        }
+        place.done.nodes += usize::from(changed != 0);
         let still = if kind == Kind::Node { 1.0 } else { COST_MODEL.still };
         cost += f64::from(COST_MODEL.node * still) * area(&all);
-        Subtree { bounds: changed.then_some(all), cost }
+        Subtree { bounds: (changed != 0).then_some(all), cost }
     }
 
     /// Refits a leaf block unless that is done already. Returns its bounds if it changed, and the price of a visit.
     fn leaf(&self, place: &mut Place<'_>, leaf: ChildRef, over: TimeInterval) -> (Option<LinearBox3>, f64) {
-        let changed = match place.shared.contains(&leaf.at()) {
-            true => self.changed.binary_search(&leaf.0).is_ok(),
-            false => self.rewrite(place, leaf),
-        };
         let held = self.held(place, leaf);
-        (changed.then(|| self.bounds_of(&held, over)), f64::from(COST_MODEL.leaf_of(held.count)))
+        let bounds = match place.shared.contains(&leaf.at()) {
+            true => {
+                let changed = self.changed.binary_search(&leaf.0).is_ok();
+                changed.then(|| self.set.leaf_bounds(place.block(leaf), leaf, held.ids(), over, self.level))
+            }
+            false => self.rewrite(place, leaf, &held, over),
+        };
+        (bounds, f64::from(COST_MODEL.leaf_of(held.count)))
     }
 
-    /// Rewrites the coordinates of a leaf block; returns whether any of them changed.
-    fn rewrite(&self, place: &mut Place<'_>, leaf: ChildRef) -> bool {
+    /// Rewrites the coordinates of a leaf block; returns its bounds if any of them changed.
+    fn rewrite(&self, place: &mut Place<'_>, leaf: ChildRef, held: &InLeaf, over: TimeInterval) -> Option<LinearBox3> {
         place.done.visited += 1;
-        let held = self.held(place, leaf);
-        let moved = self.moved.any(self.set, held.ids());
-        let changed = moved && self.set.rewrite_leaf(place.block_mut(leaf), leaf, held.ids());
-        place.done.leaves += usize::from(changed);
-        changed
+        if !self.moved.any(self.set, held.ids()) {
+            return None;
+        }
+        let bounds = self.set.rewrite_leaf(place.block_mut(leaf), leaf, held.ids(), over, self.level);
+        place.done.leaves += usize::from(bounds.is_some());
+        bounds
     }
 
     fn held(&self, place: &Place<'_>, leaf: ChildRef) -> InLeaf {
@@ -293,14 +320,9 @@ impl<S: WideSource> Pass<'_, S> {
         let lists = !S::TRIANGLES || leaf.at() >= self.lists;
         let mut held = InLeaf { ids: [0; LANES], count: 0 };
         if let Some(Ids { first, count }) = Ids::of(leaf, block, lists) {
-            held.ids[..count].copy_from_slice(&block[first..first + count]);
-            held.count = count;
+            held = InLeaf { ids: first_lanes(&block[first..], count), count };
         }
         held
-    }
-
-    fn bounds_of(&self, held: &InLeaf, over: TimeInterval) -> LinearBox3 {
-        held.ids().iter().fold(LinearBox3::EMPTY, |all, &id| all.union(self.set.bounds(id, over)))
     }
 
     /// The result for a time node above subtrees whose results are known.
@@ -314,7 +336,7 @@ impl<S: WideSource> Pass<'_, S> {
                 let (bounds, price) = self.leaf(place, slice, over);
                 changed |= bounds.is_some();
                 cost += price * area(&self.bounds(place, slice, over));
-            } else if let Some(slice) = self.known.get(&slice.0) {
+            } else if let Some(slice) = self.known(slice) {
                 changed |= slice.bounds.is_some();
                 cost += slice.cost;
             }
@@ -329,7 +351,7 @@ impl<S: WideSource> Pass<'_, S> {
             Kind::Node => NODE_ROWS,
             Kind::StaticNode => STATIC_NODE_ROWS,
             Kind::Time => return self.bounds_of_slices(place, at, over),
-            _ => return self.bounds_of(&self.held(place, at), over),
+            _ => return self.set.leaf_bounds(place.block(at), at, self.held(place, at).ids(), over, self.level),
         };
         let block = place.block(at);
         let lanes = (0..LANES).filter(|lane| block[(rows - 1) * LANES + lane] != ChildRef::NOTHING.0);

@@ -12,6 +12,7 @@ use crate::geometry::TimeInterval;
 use crate::simd::LANES;
 use crate::time::time_slice;
 use core::ops::Range;
+use std::collections::HashMap;
 
 /// A subtree that is contiguous in the arena.
 pub(crate) struct Unit {
@@ -49,6 +50,8 @@ pub(crate) struct Plan {
     /// Children before their parents.
     pub above: Vec<Above>,
     pub shared: Vec<SharedLeaves>,
+    /// The position of each of these subtrees by its root: the units, and then the nodes above.
+    pub places: HashMap<u32, usize>,
     /// Cost of the tree per area of its root when it was built.
     pub built: f64,
 }
@@ -81,6 +84,8 @@ impl Plan {
             let whole = plan.explore(tree, set, tree.root, TimeInterval::FULL, None);
             plan.close(tree.root, whole, TimeInterval::FULL, None);
         }
+        let roots = plan.units.iter().map(|unit| unit.root).chain(plan.above.iter().map(|above| above.at));
+        plan.places = roots.zip(0..).map(|(root, place)| (root.0, place)).collect();
         plan
     }
 

@@ -104,9 +104,14 @@ impl Sizes {
 
     /// Both sizes in the upper half of a word.
     pub fn word(self) -> u32 {
+        Sizes::word_of(self.size.max_element(), self.extent.max_element())
+    }
+
+    /// The largest coordinate and the largest extent in the upper half of a word.
+    pub fn word_of(size: f32, extent: f32) -> u32 {
         // The next power of two, which is above the rounding of the difference as well.
         let exponent = |x: f32| (x.to_bits() >> 23) + 1;
-        exponent(self.size.max_element()) << 24 | exponent(self.extent.max_element()) << 16
+        exponent(size) << 24 | exponent(extent) << 16
     }
 }
 

@@ -3,73 +3,14 @@
 //! Subtrees up to a fixed size are written separately by any thread and concatenated ([`super::serialize`]). The few
 //! nodes above them follow.
 
+use super::node_boxes::BoxRows;
 use super::serialize::{Fragment, write_in_order};
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS, children_mut};
 use crate::bvh::{BinaryNode, Collapse, WideChild, mean_half_area};
 use crate::error::BuildError;
-use crate::geometry::{Box3, KERNEL_ULPS, LinearBox3, TimeInterval, ULP};
-use crate::simd::{Arena, LANES};
+use crate::geometry::{Box3, LinearBox3, TimeInterval};
+use crate::simd::{Arena, LANES, Mask, SimdLevel};
 use glam::Vec3;
-
-/// A face at time 0 and its velocity: the line that a query evaluates as `at + velocity * t`.
-#[derive(Clone, Copy)]
-struct Face {
-    at: f32,
-    velocity: f32,
-}
-
-/// The line through a bound at both ends of an interval, moved toward `side` (+1 up, -1 down) until the *computed*
-/// `at + velocity * t` holds the bound at every time of the interval.
-///
-/// Proof: the computed value differs from `at + velocity * t` by at most two roundings of sizes below
-/// |at| + |velocity| (one where it is fused), that is by less than 2^-23 (|at| + |velocity|); `at` is moved by
-/// twice that and then by one float. Both the bound and the line are linear in t, so it is enough that the line lies
-/// beyond the bound at both ends; this is ensured in f64, whose own rounding (2^-53) is negligible beside the float
-/// step. A static face is moved by `pad` and rounded outward.
-fn face(begin: f32, end: f32, over: TimeInterval, side: f64, pad: f64) -> Face {
-    face_by(begin, end, over, side, pad, ROUNDINGS)
-}
-
-/// By how many times the rounding of the query a face is moved.
-const ROUNDINGS: f64 = 2.0;
-
-/// [`face`] with another multiple of the rounding of the query.
-#[inline(always)]
-fn face_by(begin: f32, end: f32, over: TimeInterval, side: f64, pad: f64, roundings: f64) -> Face {
-    let outward = |x: f64| {
-        let at = x as f32;
-        // The nearest float may lie inside of the bound.
-        if side * (f64::from(at) - x) >= 0.0 {
-            at
-        } else if side > 0.0 {
-            at.next_up()
-        } else {
-            at.next_down()
-        }
-    };
-    if begin == end {
-        return Face { at: outward(f64::from(begin) + side * pad), velocity: 0.0 };
-    }
-    let (t0, t1) = (f64::from(over.begin()), f64::from(over.end()));
-    let (b0, b1) = (f64::from(begin), f64::from(end));
-    let velocity = if t1 > t0 { ((b1 - b0) / (t1 - t0)) as f32 } else { 0.0 };
-    let v = f64::from(velocity);
-    let line = side * (side * (b0 - v * t0)).max(side * (b1 - v * t1));
-    let slack = f64::from(f32::EPSILON) * roundings * (line.abs() + v.abs());
-    let at = (line + side * (slack + pad)) as f32;
-    Face { at: if side > 0.0 { at.next_up() } else { at.next_down() }, velocity }
-}
-
-/// The padding of the faces of a box, so that a ray that hits a primitive in it also meets the box: the part of the
-/// kernel's rounding that grows with the coordinates of the primitive. The other part, which grows with those of the
-/// origin, is added to the ray. Sums and products of f32 are exact in f64 here.
-fn kernel_pad(b: &LinearBox3) -> f64 {
-    f64::from(KERNEL_ULPS * ULP) * f64::from(b.begin.magnitude().max(b.end.magnitude()))
-}
-
-/// Bounds that no ray meets, for the lanes without a child: from far on one side to far on the other. Scaled by the
-/// reciprocal of any direction it stays finite.
-pub(super) const NOWHERE: f32 = 1e30;
 
 /// Writes the node's boxes and returns its reference; the children follow with [`set_children`].
 pub(crate) fn write_node(arena: &mut Arena, boxes: &[LinearBox3], over: TimeInterval) -> Result<ChildRef, BuildError> {
@@ -80,34 +21,10 @@ pub(crate) fn write_node(arena: &mut Arena, boxes: &[LinearBox3], over: TimeInte
     let kind = if moving { Kind::Node } else { Kind::StaticNode };
     let node = ChildRef::new(kind, at, 1).ok_or(BuildError::TooLargeTree)?;
     let words = &mut arena.ints_mut()[at..at + rows * LANES];
-    for lane in 0..LANES {
-        write_box(words, kind, lane, boxes.get(lane), over);
-    }
+    let mut rows = BoxRows::NONE;
+    boxes.iter().enumerate().for_each(|(lane, of)| rows.set(lane, of));
+    rows.write(words, kind, Mask::MAX, over, SimdLevel::best());
     Ok(node)
-}
-
-/// Writes one of the boxes of the node that begins at `words[0]`; for a static node, `of` must be static.
-///
-/// Not inlined: in the loop over lanes it would be compiled sixteen times, which takes seconds.
-#[inline(never)]
-pub(super) fn write_box(words: &mut [u32], kind: Kind, lane: usize, of: Option<&LinearBox3>, over: TimeInterval) {
-    let pad = of.map_or(0.0, kernel_pad);
-    for axis in 0..3 {
-        let (low, high) = match of {
-            Some(b) => (
-                face(b.begin.min[axis], b.end.min[axis], over, -1.0, pad),
-                face(b.begin.max[axis], b.end.max[axis], over, 1.0, pad),
-            ),
-            None => (Face { at: NOWHERE, velocity: 0.0 }, Face { at: -NOWHERE, velocity: 0.0 }),
-        };
-        let row = 2 * axis;
-        words[row * LANES + lane] = low.at.to_bits();
-        words[(row + 1) * LANES + lane] = high.at.to_bits();
-        if kind == Kind::Node {
-            words[(row + 6) * LANES + lane] = low.velocity.to_bits();
-            words[(row + 7) * LANES + lane] = high.velocity.to_bits();
-        }
-    }
 }
 
 /// Linear bounds of the contents of a box of the node that begins at `words[0]`, slightly wider than those that were
@@ -270,51 +187,5 @@ impl Nodes<'_> {
         }
         set_children(arena, node, &refs);
         Ok(node)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::random::Random;
-
-    /// If the rounding of the query were ignored, one face in a hundred would be computed inside of its bound.
-    #[test]
-    fn faces_lie_beyond_their_bounds_as_the_query_computes_them() {
-        let lost = faces_inside(ROUNDINGS);
-        assert!(lost == 0, "{lost} of 1.8 million");
-        assert!(faces_inside(0.0) > 1000, "the slack is not needed");
-    }
-
-    /// Counts faces, moved by so many roundings, that are computed on the wrong side of their bounds.
-    fn faces_inside(roundings: f64) -> usize {
-        let mut lost = 0;
-        let mut random = Random(1);
-        for i in 0..100_000 {
-            let scale = if i % 3 == 0 { 1e-4 } else { 1.0 };
-            let (a, b) = (random.signed().abs() * scale + 0.5 * random.signed().abs(), random.signed().abs());
-            let Some(over) = TimeInterval::half_open(a.min(b), a.max(b)) else { continue };
-            let (begin, end) = (random.signed(), random.signed() * scale);
-            for side in [-1.0f32, 1.0] {
-                let f = face_by(begin, end, over, f64::from(side), 0.0, roundings);
-                for j in 0..=8 {
-                    let t = (over.begin() + over.duration() * (j as f32 / 8.0)).min(over.end());
-                    let w = f64::from(t - over.begin()) / f64::from(over.end() - over.begin()).max(1e-30);
-                    let bound = f64::from(begin) + (f64::from(end) - f64::from(begin)) * w.min(1.0);
-                    for computed in [f.velocity.mul_add(t, f.at), f.velocity * t + f.at] {
-                        // The bound itself is computed with the rounding of f64 and of t - begin in f32.
-                        let slack = 2.0 * f64::from(f32::EPSILON) * f64::from((end - begin).abs()) * w;
-                        lost += usize::from(f64::from(side) * (f64::from(computed) - bound) < -slack);
-                    }
-                }
-            }
-        }
-        lost
-    }
-
-    #[test]
-    fn a_static_face_is_its_bound() {
-        let still = face(0.1, 0.1, TimeInterval::FULL, 1.0, 0.0);
-        assert_eq!((still.at, still.velocity), (0.1, 0.0));
     }
 }

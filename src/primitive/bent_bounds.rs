@@ -25,7 +25,7 @@ impl Triangles {
         let window = Window::new(over, keys);
         let corners = [self.keys_of_vertex(a, keys), self.keys_of_vertex(b, keys), self.keys_of_vertex(c, keys)];
         let (bounds, magnitude) = window.bounds(corners);
-        let pad = 2.0 * Triangles::slack(keys, magnitude) + 16.0 * ULP * magnitude;
+        let pad = 2.0 * Triangles::slack(keys, magnitude) + TUBE_ULPS * ULP * magnitude;
         let mut bounds = LinearBox3 { begin: bounds.begin.pad(pad), end: bounds.end.pad(pad) };
         if bounds.begin == bounds.end {
             // A motion that returns to its begin is a motion nevertheless, and dividing the shutter may pay.
@@ -35,21 +35,24 @@ impl Triangles {
     }
 }
 
+/// The padding beside twice the slack.
+pub(crate) const TUBE_ULPS: f32 = 16.0;
+
 /// The keys within and around an interval.
-struct Window {
-    begin: KeyTime,
-    end: KeyTime,
+pub(crate) struct Window {
+    pub begin: KeyTime,
+    pub end: KeyTime,
     /// The keys strictly inside.
-    inner: Range<usize>,
+    pub inner: Range<usize>,
     /// The keys of the overlapped segments, and of those next to them: the times of queries are rounded.
-    around: RangeInclusive<usize>,
+    pub around: RangeInclusive<usize>,
     /// The begin of the interval in segments, and the fraction of the interval per segment.
     first: f64,
     per_segment: f64,
 }
 
 impl Window {
-    fn new(over: TimeInterval, keys: usize) -> Window {
+    pub fn new(over: TimeInterval, keys: usize) -> Window {
         let (begin, end) = (KeyTime::new(over.begin(), keys), KeyTime::new(over.end(), keys));
         let segments = (keys - 1) as f64;
         let (first, last) = (f64::from(over.begin()) * segments, f64::from(over.end()) * segments);
@@ -63,6 +66,12 @@ impl Window {
         }
     }
 
+    /// The fraction of the interval at a key inside.
+    #[inline(always)]
+    pub fn fraction(&self, key: usize) -> f32 {
+        ((key as f64 - self.first) * self.per_segment) as f32
+    }
+
     /// Bounds of three vertices, not padded, and the largest coordinate at the keys around the interval.
     #[inline(always)]
     fn bounds(&self, [a, b, c]: [&[Vec3]; 3]) -> (LinearBox3, f32) {
@@ -70,7 +79,7 @@ impl Window {
         let of = |keys: &'_ [Vec3]| -> Range<usize> { self.inner.start..self.inner.end.min(keys.len()) };
         let inner = a[of(a)].iter().zip(&b[of(b)]).zip(&c[of(c)]);
         for (key, ((&a, &b), &c)) in (self.inner.start..).zip(inner) {
-            let w = ((key as f64 - self.first) * self.per_segment) as f32;
+            let w = self.fraction(key);
             tubes[0].include(a, w);
             tubes[1].include(b, w);
             tubes[2].include(c, w);

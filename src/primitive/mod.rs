@@ -15,6 +15,7 @@ mod sphere;
 mod triangles;
 mod triangles_file;
 
+pub(crate) use bent_bounds::{TUBE_ULPS, Window};
 pub use check::{PrimitiveError, check_primitive};
 pub(crate) use custom::PrimitiveSet;
 pub use custom::{Intersection, Primitive, Shapes, SurfacePoint};

@@ -8,7 +8,7 @@ use super::precise_vertices::PreciseVertices;
 use crate::geometry::{
     Box3, Ends, Frame, INSTANTS, Instant, KeyTime, LinearBox3, TimeInterval, ULP, are_disjoint, clip_triangle,
 };
-use crate::simd::{LANES, prefetch};
+use crate::simd::{LANES, Lanes, prefetch};
 use core::ops::Range;
 use glam::{DVec3, Vec3};
 
@@ -127,6 +127,26 @@ impl Triangles {
         self.mesh(id).stride
     }
 
+    /// The stride of some triangles, in ascending order, if they are all of one mesh.
+    #[inline(always)]
+    pub(crate) fn common_stride(&self, ids: &[u32]) -> Option<u32> {
+        let mesh = self.mesh_of(*ids.first()?);
+        (mesh == self.mesh_of(*ids.last()?)).then(|| self.meshes[mesh].stride as u32)
+    }
+
+    /// The strides of up to sixteen triangles in ascending order.
+    #[inline(always)]
+    pub(crate) fn strides(&self, ids: &[u32]) -> Lanes<u32> {
+        if let Some(stride) = self.common_stride(ids) {
+            return [stride; LANES];
+        }
+        let mut strides = [0; LANES];
+        for (stride, &id) in strides.iter_mut().zip(ids) {
+            *stride = self.stride(id) as u32;
+        }
+        strides
+    }
+
     /// The position of a vertex at key `n` of its mesh, where `offset` is `n` times the stride.
     #[inline(always)]
     pub(crate) fn position(&self, vertex: u32, offset: usize) -> Vec3 {
@@ -241,7 +261,7 @@ impl Triangles {
     /// by at most 2 per segment. One ULP more covers the rounding of this bound and of a box that it is added to. (If
     /// numbers are denormal, sums are exact and a product errs by half the least number: queries keep more than that
     /// whatever the magnitude is.)
-    pub(super) fn slack(keys: usize, magnitude: f32) -> f32 {
+    pub(crate) fn slack(keys: usize, magnitude: f32) -> f32 {
         let ulps = match keys {
             1 => 0,
             2 => 4,

@@ -73,6 +73,26 @@ pub(crate) fn lanes_at<T>(from: &[T], at: usize) -> &Lanes<T> {
     from[at..at + LANES].try_into().expect("a slice of sixteen")
 }
 
+/// The first `count` elements, at most sixteen; those of other lanes are unspecified.
+#[inline(always)]
+pub(crate) fn first_lanes(from: &[u32], count: usize) -> Lanes<u32> {
+    if let Some(lanes) = from.first_chunk() {
+        return *lanes;
+    }
+    let mut lanes = [0; LANES];
+    for (lane, &x) in lanes.iter_mut().zip(&from[..count]) {
+        *lane = x;
+    }
+    lanes
+}
+
+/// Words as the floats with these bits.
+#[inline(always)]
+pub(crate) fn as_floats(words: &[u32]) -> &[f32] {
+    // SAFETY: both types have the same size and alignment, and every bit pattern is a float.
+    unsafe { core::slice::from_raw_parts(words.as_ptr().cast(), words.len()) }
+}
+
 /// Sixteen elements of `to`, beginning at `at`, to be written. Panics where they are not all there.
 #[inline(always)]
 pub(crate) fn lanes_at_mut<T>(to: &mut [T], at: usize) -> &mut Lanes<T> {
