@@ -12,9 +12,7 @@ use super::leaf_block::bounds_of;
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, Sizes, VERTEX_ROWS};
 use crate::geometry::{Box3, KeyTime, LinearBox3, TimeInterval, ULP};
 use crate::primitive::{TUBE_ULPS, Triangles, Window};
-use crate::simd::{
-    Kernel, LANES, Lanes, Mask, Rows, Simd, SimdLevel, as_floats, dispatch, first_lanes, greatest_of_each,
-};
+use crate::simd::{Kernel, LANES, Lanes, Mask, Rows, Simd, SimdLevel, as_floats, dispatch, greatest_of_each, lanes_of};
 use glam::Vec3;
 
 /// The bounds of the triangles in a block over an interval, and the sizes at all of its keys ([`Sizes::word`]).
@@ -42,7 +40,7 @@ impl Triangles {
             _ => (false, 2),
         };
         let rows = keys * if shared { VERTEX_ROWS } else { CORNER_ROWS };
-        let numbers = if shared { first_lanes(&words[rows * n..], ids.len()) } else { [0; LANES] };
+        let numbers = if shared { lanes_of(&words[rows * n..], ids.len()) } else { [0; LANES] };
         let rows = Rows::new(as_floats(words), n, rows);
         let triangles = InRows { rows, shared, numbers, count: ids.len() };
         measured_of(dispatch(level, Linear { triangles, keys, strides: &self.strides(ids), over }))
@@ -53,7 +51,7 @@ impl Triangles {
         let leaf = KeyedLeaf::of(words, n);
         let keys = leaf.segments + 1;
         let window = Window::new(over, keys);
-        let numbers = if leaf.shared { first_lanes(&words[leaf.vertices()..], ids.len()) } else { [0; LANES] };
+        let numbers = if leaf.shared { lanes_of(&words[leaf.vertices()..], ids.len()) } else { [0; LANES] };
         // The largest coordinates at the keys around the interval that the block does not hold.
         let mut beyond = [0.0f32; LANES];
         let held = leaf.first..leaf.first + leaf.keys;
@@ -301,20 +299,24 @@ impl Bent<'_> {
         Rows::new(&self.words[(key - self.leaf.first) * words..], self.leaf.width, words / self.leaf.width)
     }
 
+    /// The points whose coordinates are in three successive rows, at a time between keys of the block.
+    #[inline(always)]
+    fn state<S: Simd>(&self, s: S, time: KeyTime, row: usize) -> [S::F; 3] {
+        let (low, high) = (self.rows(time.segment), self.rows(time.segment + 1));
+        let mut state = [s.splat(0.0); 3];
+        for (axis, state) in state.iter_mut().enumerate() {
+            let (a, b) = (s.load_row(&low, row + axis), s.load_row(&high, row + axis));
+            *state = (if time.from_end { b } else { a }) + (b - a) * s.splat(time.s);
+        }
+        state
+    }
+
     /// The tubes of the points whose coordinates are in three successive rows.
     #[inline(always)]
     fn tubes<S: Simd>(&self, s: S, row: usize) -> Tubes<S> {
         let zero = s.splat(0.0);
         let window = &self.window;
-        let end_of = |time: KeyTime| {
-            let (low, high) = (self.rows(time.segment), self.rows(time.segment + 1));
-            let at = |axis: usize| {
-                let (a, b) = (s.load_row(&low, row + axis), s.load_row(&high, row + axis));
-                (if time.from_end { b } else { a }) + (b - a) * s.splat(time.s)
-            };
-            [at(0), at(1), at(2)]
-        };
-        let (begin, end) = (end_of(window.begin), end_of(window.end));
+        let (begin, end) = (self.state(s, window.begin, row), self.state(s, window.end, row));
         let way = [end[0] - begin[0], end[1] - begin[1], end[2] - begin[2]];
         let (mut below, mut above, mut size) = ([zero; 3], [zero; 3], zero);
         for key in window.inner.clone() {
@@ -398,7 +400,7 @@ mod tests {
     fn blocks_measure_as_their_triangles_on_all_instruction_sets() {
         let set = Scene::new(&meshes(), Vec::new()).expect("a scene");
         let mut kinds = Vec::new();
-        for division in [Division::Whole, Division::Segments(3), Division::Copies(4)] {
+        for division in [Division::Whole, Division::SharedLeaves(3), Division::SeparateTrees(4)] {
             let params = WideParams { division, ..WideParams::default() };
             let tree = WideTree::build(&set, &params, &Progress::new(None)).expect("a tree");
             let mut blocks = tree.blocks.clone();

@@ -5,7 +5,7 @@
 //! other boxes hold whole primitives. Subtrees that are contiguous in the arena are refitted by any thread ([`super::refit_plan`]), and
 //! the nodes above them last.
 //!
-//! The answers stay those of brute force, but the tree may become slower. Its cost is the sum over nodes and leaf blocks of price times
+//! The answers stay those of brute force, but the tree may become slower. Its cost is the sum over nodes and leaf blocks of the cost of a visit times
 //! area, per area of the root. This is nearly what the build minimizes (MacDonald and Booth, "Heuristics for ray tracing using space
 //! subdivision", 1990). Its growth tells when a new tree is better (Lauterbach et al., "RT-DEFORM", 2006, use ratios of areas).
 
@@ -19,7 +19,7 @@ use super::write::read_box;
 use crate::bvh::mean_half_area;
 use crate::geometry::{Aabb, Box3, LinearBounds, LinearBox3, TimeInterval, ULP};
 use crate::parallel;
-use crate::simd::{LANES, Lanes, Mask, SimdLevel, first_lanes, lanes_at};
+use crate::simd::{LANES, Lanes, Mask, SimdLevel, lanes_at, lanes_of, prefetch};
 use crate::time::{COST_MODEL, time_slice};
 use core::ops::Range;
 use std::collections::HashMap;
@@ -110,7 +110,10 @@ impl WideTree {
             return (done, 0.0);
         }
         let cost = match self.root.kind().is_leaf() {
-            true => pass.leaf(&mut place, self.root, TimeInterval::FULL).1,
+            true => {
+                let held = pass.held(&place, self.root);
+                pass.leaf(&mut place, self.root, &held, TimeInterval::FULL).1
+            }
             false => {
                 pass.known(self.root).map_or(0.0, |root| root.cost)
                     / area(&pass.bounds(&place, self.root, TimeInterval::FULL))
@@ -125,7 +128,7 @@ impl WideTree {
 struct Subtree {
     /// Its bounds; `None` if nothing in it changed.
     bounds: Option<LinearBox3>,
-    /// The sum over its nodes and leaf blocks of price times area.
+    /// The sum over its nodes and leaf blocks of the cost of a visit times area.
     cost: f64,
 }
 
@@ -163,10 +166,26 @@ impl Place<'_> {
         }
     }
 
+    /// Prefetches the ids of a leaf block.
+    fn prefetch_ids(&self, leaf: ChildRef) {
+        if leaf != ChildRef::NOTHING && leaf.kind().is_leaf() {
+            let ids = leaf.kind().leaf_rows() * leaf.len();
+            self.block(leaf)[ids..].chunks(LANES).take(2).for_each(|line| prefetch(&line[0]));
+        }
+    }
+
+    /// Prefetches the first rows of a leaf block.
+    fn prefetch_block(&self, leaf: ChildRef) {
+        self.block(leaf).chunks(LANES).take(ROWS_AHEAD).for_each(|line| prefetch(&line[0]));
+    }
+
     fn block_mut(&mut self, at: ChildRef) -> &mut [u32] {
         &mut self.words[at.at() - self.begin..]
     }
 }
+
+/// The lines of a leaf block that are prefetched: most blocks have twelve rows or fewer, of half a line each.
+const ROWS_AHEAD: usize = 6;
 
 /// The primitives of a leaf block.
 struct InLeaf {
@@ -175,6 +194,8 @@ struct InLeaf {
 }
 
 impl InLeaf {
+    const NONE: InLeaf = InLeaf { ids: [0; LANES], count: 0 };
+
     fn ids(&self) -> &[u32] {
         &self.ids[..self.count]
     }
@@ -249,16 +270,24 @@ impl<S: WideSource> Pass<'_, S> {
         place.done.visited += 1;
         let kind = at.kind();
         let rows = if kind == Kind::Node { NODE_ROWS } else { STATIC_NODE_ROWS };
-        let children = *lanes_at(place.block(at), (rows - 1) * LANES);
-        let (mut boxes, mut prices) = (BoxRows::NONE, [0.0f64; LANES]);
+        let children = lanes_at(place.block(at), (rows - 1) * LANES).map(ChildRef);
+        // In large trees leaf blocks come from memory: first their ids, then the vertex numbers of their triangles, and the
+        // coordinates, old and new, while the block before is rewritten.
+        children.iter().for_each(|&child| place.prefetch_ids(child));
+        let held = children.map(|child| self.held_ahead(place, child));
+        let (mut boxes, mut visits) = (BoxRows::NONE, [0.0f64; LANES]);
         let (mut cost, mut changed): (f64, Mask) = (0.0, 0);
-        for (lane, child) in children.map(ChildRef).into_iter().enumerate() {
+        for (lane, child) in children.into_iter().enumerate() {
             if child == ChildRef::NOTHING {
                 continue;
             }
             let bounds = if child.kind().is_leaf() {
-                let (bounds, price) = self.leaf(place, child, over);
-                prices[lane] = price;
+                if let Some(next) = held.get(lane + 1).filter(|next| next.count > 0) {
+                    place.prefetch_block(children[lane + 1]);
+                    next.ids().iter().for_each(|&id| self.set.prefetch_vertices(id));
+                }
+                let (bounds, visit) = self.leaf(place, child, &held[lane], over);
+                visits[lane] = visit;
                 bounds
             } else {
                 let Subtree { bounds, cost: below } =
@@ -283,7 +312,7 @@ impl<S: WideSource> Pass<'_, S> {
         let MeasuredBoxes { areas, still, all } = boxes.measured(self.level);
         for lane in 0..LANES {
             let still = if still >> lane & 1 != 0 { COST_MODEL.still } else { 1.0 };
-            cost += prices[lane] * f64::from(still * areas[lane]);
+            cost += visits[lane] * f64::from(still * areas[lane]);
         }
         place.done.nodes += usize::from(changed != 0);
         let still = if kind == Kind::Node { 1.0 } else { COST_MODEL.still };
@@ -291,15 +320,20 @@ impl<S: WideSource> Pass<'_, S> {
         Subtree { bounds: (changed != 0).then_some(all), cost }
     }
 
-    /// Refits a leaf block unless that is done already. Returns its bounds if it changed, and the price of a visit.
-    fn leaf(&self, place: &mut Place<'_>, leaf: ChildRef, over: TimeInterval) -> (Option<LinearBox3>, f64) {
-        let held = self.held(place, leaf);
+    /// Refits a leaf block unless that is done already. Returns its bounds if it changed, and the cost of a visit.
+    fn leaf(
+        &self,
+        place: &mut Place<'_>,
+        leaf: ChildRef,
+        held: &InLeaf,
+        over: TimeInterval,
+    ) -> (Option<LinearBox3>, f64) {
         let bounds = match place.shared.contains(&leaf.at()) {
             true => {
                 let changed = self.changed.binary_search(&leaf.0).is_ok();
                 changed.then(|| self.set.leaf_bounds(place.block(leaf), leaf, held.ids(), over, self.level))
             }
-            false => self.rewrite(place, leaf, &held, over),
+            false => self.rewrite(place, leaf, held, over),
         };
         (bounds, f64::from(COST_MODEL.leaf_of(held.count)))
     }
@@ -318,9 +352,21 @@ impl<S: WideSource> Pass<'_, S> {
     fn held(&self, place: &Place<'_>, leaf: ChildRef) -> InLeaf {
         let block = place.block(leaf);
         let lists = !S::TRIANGLES || leaf.at() >= self.lists;
-        let mut held = InLeaf { ids: [0; LANES], count: 0 };
+        let mut held = InLeaf::NONE;
         if let Some(Ids { first, count }) = Ids::of(leaf, block, lists) {
-            held = InLeaf { ids: first_lanes(&block[first..], count), count };
+            held = InLeaf { ids: lanes_of(&block[first..], count), count };
+        }
+        held
+    }
+
+    /// The primitives of a child that is a leaf block. Their vertex numbers are prefetched.
+    fn held_ahead(&self, place: &Place<'_>, child: ChildRef) -> InLeaf {
+        if child == ChildRef::NOTHING || !child.kind().is_leaf() {
+            return InLeaf::NONE;
+        }
+        let held = self.held(place, child);
+        if !place.shared.contains(&child.at()) {
+            held.ids().iter().for_each(|&id| self.set.prefetch(id));
         }
         held
     }
@@ -333,9 +379,10 @@ impl<S: WideSource> Pass<'_, S> {
         for (i, &slice) in slices.iter().enumerate() {
             if slice.kind().is_leaf() {
                 let over = time_slice(i, slices.len());
-                let (bounds, price) = self.leaf(place, slice, over);
+                let held = self.held(place, slice);
+                let (bounds, visit) = self.leaf(place, slice, &held, over);
                 changed |= bounds.is_some();
-                cost += price * area(&self.bounds(place, slice, over));
+                cost += visit * area(&self.bounds(place, slice, over));
             } else if let Some(slice) = self.known(slice) {
                 changed |= slice.bounds.is_some();
                 cost += slice.cost;

@@ -75,7 +75,7 @@ pub(crate) fn lanes_at<T>(from: &[T], at: usize) -> &Lanes<T> {
 
 /// The first `count` elements, at most sixteen; those of other lanes are unspecified.
 #[inline(always)]
-pub(crate) fn first_lanes(from: &[u32], count: usize) -> Lanes<u32> {
+pub(crate) fn lanes_of(from: &[u32], count: usize) -> Lanes<u32> {
     if let Some(lanes) = from.first_chunk() {
         return *lanes;
     }

@@ -43,7 +43,7 @@ pub(crate) use dispatch::{dispatch, dispatch_or};
 pub(crate) use greatest::greatest_of_each;
 pub(crate) use huge_pages::{concat, huge_vec, huge_vec_of};
 pub(crate) use instructions::{Kernel, Simd};
-pub(crate) use lanes::{LANES, Lanes, Mask, Rows, as_floats, first_lanes, lanes_at, lanes_at_mut};
+pub(crate) use lanes::{LANES, Lanes, Mask, Rows, as_floats, first_lanes, lanes_at, lanes_at_mut, lanes_of};
 pub(crate) use network::merge_lanes;
 pub(crate) use points::{Item, PointBlock};
 pub(crate) use portable::Portable;
