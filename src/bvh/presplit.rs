@@ -271,7 +271,9 @@ const OTHER_END: Lanes<u32> = [3, 4, 5, 0, 1, 2, 6, 7, 11, 12, 13, 8, 9, 10, 14,
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::primitive::{PrimitiveSet, TriangleMesh, Triangles};
     use crate::random::Random;
+    use crate::time::time_slice;
     use glam::Vec3;
 
     #[test]
@@ -411,5 +413,53 @@ mod tests {
     fn the_padding_of_parts_is_enough_and_needed() {
         assert_eq!(points_lost(ClipBetweenPlanes::pad), 0);
         assert!(points_lost(|_| 0.0) > 100);
+    }
+
+    /// Counts corners, as the kernel computes them at times of a slice, that are in no part. They move far in other segments,
+    /// into which the slice reaches.
+    fn corners_lost(pad_of: impl Fn(&Ends) -> f32) -> usize {
+        let (mut random, mut lost) = (Random(31), 0);
+        for round in 0..600 {
+            let keys = [3, 9, 100][round % 3];
+            let segment = (random.unit() * (keys - 1) as f32) as usize;
+            let near = [(); 3].map(|()| random.vec() * 0.9);
+            let mut at = |key: usize| {
+                let here = (segment..segment + 2).contains(&key);
+                near.map(|p| if here { p + random.vec() * 0.01 } else { random.vec() }).to_vec()
+            };
+            let mesh = TriangleMesh::new(vec![[0, 1, 2]], (0..keys).map(&mut at).collect::<Vec<_>>());
+            let (set, over) = (Triangles::new(&[mesh]).unwrap(), time_slice(segment, keys - 1));
+            let (bounds, ends) = (set.bounds(0, over), PrimitiveSet::ends(&set, 0, over).unwrap());
+            let Some(planes) = Planes::across(&bounds, BINS) else { continue };
+            let mut parts = [Packed::EMPTY; BINS];
+            let (whole, pad) = (Packed::new(&bounds), pad_of(&ends));
+            let level = SimdLevel::available()[round % SimdLevel::available().len()];
+            dispatch(level, ClipBetweenPlanes { ends: &ends, whole: &whole, planes, pad, parts: &mut parts });
+            let parts = parts.map(|part| part.bounds());
+            for step in 0..=64 {
+                let t = (over.begin() + over.duration() * (step as f32 / 64.0)).min(over.end());
+                let w = f64::from(t - over.begin()) / over.fine_duration();
+                let face = |a: Vec3, b: Vec3| a.as_dvec3().lerp(b.as_dvec3(), w);
+                lost += set
+                    .corners(0, t)
+                    .into_iter()
+                    .map(Vec3::as_dvec3)
+                    .filter(|p| {
+                        let holds = |part: &LinearBox3| {
+                            let (LinearBox3 { begin, end }, p) = (part, *p);
+                            (p.cmpge(face(begin.min, end.min)) & p.cmple(face(begin.max, end.max))).all()
+                        };
+                        !parts.iter().any(holds)
+                    })
+                    .count();
+            }
+        }
+        lost
+    }
+
+    #[test]
+    fn parts_hold_corners_that_leave_their_line_and_would_not_without_its_slack() {
+        assert_eq!(corners_lost(ClipBetweenPlanes::pad), 0);
+        assert!(corners_lost(|ends| ClipBetweenPlanes::pad(ends) - ends.slack) > 100);
     }
 }

@@ -289,8 +289,8 @@ impl Triangles {
     }
 
     /// The largest distance of a kernel's vertex from the line between [`Triangles::ends`], over an interval of one segment
-    /// that may reach 4 ULP of the shutter beyond it. There corners already move differently, by at most twice their
-    /// magnitude per segment, at either end.
+    /// that may reach [`WIDENED`], 5 ULP of the shutter, beyond it. There corners already move differently, by at most twice
+    /// their magnitude per segment, at either end: 20 (n - 1) ULP. The vertex and an end of the line add their own rounding.
     #[inline(always)]
     pub(crate) fn slack_of_line(&self, id: u32, over: TimeInterval) -> f32 {
         let slack = match self.keys(id) {
@@ -381,7 +381,7 @@ impl PrimitiveSet for Triangles {
     #[inline(always)]
     fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends> {
         let keys = self.keys(id);
-        if keys > 2 && !within_segment(over, keys) {
+        if keys > 2 && !within_segment(over, keys, WIDENED) {
             return None;
         }
         let [begin, end] = Triangles::ends(self, id, over);
@@ -458,10 +458,10 @@ fn inner_keys(over: TimeInterval, keys: usize) -> Range<usize> {
     first..((over.end() * segments).ceil() as usize).min(keys - 1)
 }
 
-/// Whether no key lies within an interval and farther from its ends than the widening of time slices.
-fn within_segment(over: TimeInterval, keys: usize) -> bool {
+/// Whether no key lies within an interval and farther from its ends than time slices are widened.
+fn within_segment(over: TimeInterval, keys: usize, widened: f64) -> bool {
     let segments = (keys - 1) as f64;
-    let (begin, end) = (f64::from(over.begin()) + WIDENED, f64::from(over.end()) - WIDENED);
+    let (begin, end) = (f64::from(over.begin()) + widened, f64::from(over.end()) - widened);
     (begin * segments).floor() >= (end * segments).ceil() - 1.0
 }
 
@@ -473,6 +473,7 @@ mod tests {
     use super::*;
     use crate::primitive::TriangleMesh;
     use crate::random::Random;
+    use crate::time::time_slice;
 
     #[test]
     fn bounds_hold_the_kernels_corners_at_every_time() {
@@ -577,6 +578,51 @@ mod tests {
                 }
             }
             assert!(lost[0] == 0 && lost[1] > 100, "{keys} keys: {lost:?}");
+        }
+    }
+
+    #[test]
+    fn time_slices_of_one_segment_are_within_it_and_only_if_they_may_be_wider() {
+        let slices = || (2..500).chain([65_535]).flat_map(|n| (0..n).map(move |i| (i, n)));
+        let within = |widened: f64| slices().filter(move |&(i, n)| within_segment(time_slice(i, n), n + 1, widened));
+        assert_eq!(within(WIDENED).count(), slices().count());
+        assert_eq!(within(0.0).count(), 0);
+        // Slices with a key inside.
+        let inside = slices().filter(|&(_, n)| n < 500);
+        assert!(inside.clone().all(|(i, n)| !within_segment(time_slice(i, n), n + 2, WIDENED)));
+    }
+
+    /// The largest distance of a kernel's vertex, at any time of a widened slice, from the line between the ends, in ULP of its
+    /// largest coordinate. The motion is the opposite one in the next segments.
+    fn largest_distance_from_the_line(keys: usize) -> f64 {
+        let (mut random, mut worst) = (Random(37), 0.0f64);
+        for _ in 0..300 {
+            let mut point =
+                |key: usize| Vec3::splat(if key.is_multiple_of(2) { 1.0 } else { -1.0 }) * (1.0 - 0.1 * random.unit());
+            let positions: Vec<_> = (0..keys).map(|key| vec![point(key); 3]).collect();
+            let set = Triangles::new(&[TriangleMesh::new(vec![[0, 1, 2]], positions)]).unwrap();
+            let over = time_slice((random.unit() * (keys - 1) as f32) as usize, keys - 1);
+            let line = PrimitiveSet::ends(&set, 0, over).unwrap();
+            assert_eq!(line.slack, set.slack_of_line(0, over));
+            let magnitude = f64::from(set.magnitude(0, over));
+            for i in 0..=64 {
+                let t = (over.begin() + over.duration() * (i as f32 / 64.0)).min(over.end());
+                let w = f64::from(t - over.begin()) / over.fine_duration();
+                let at = line.begin[0].as_dvec3().lerp(line.end[0].as_dvec3(), w);
+                let off = (set.corners(0, t)[0].as_dvec3() - at).abs().max_element();
+                assert!(off <= f64::from(line.slack), "{keys} keys, {over:?}, t {t}: {off} of {}", line.slack);
+                worst = worst.max(off / magnitude);
+            }
+        }
+        worst / f64::from(ULP)
+    }
+
+    #[test]
+    fn the_slack_of_lines_is_enough_and_has_to_grow_with_the_number_of_keys() {
+        for keys in [3, 4, 9, 65, 200, 1000] {
+            let (off, without_growth) =
+                (largest_distance_from_the_line(keys), f64::from(Triangles::slack(2, 1.0) / ULP));
+            assert!(off > 2.0 * without_growth, "{keys} keys: {off} ULP");
         }
     }
 }
