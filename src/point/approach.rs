@@ -5,15 +5,27 @@
 //! order of these bounds until none can beat the best point.
 //!
 //! A point is evaluated for each segment between keys over its whole interval, never for a part of it, and so is a static
-//! point in a structure without keys; so the answer does not depend on the structure. Bounds are lowered by more than all
-//! rounding before they cull.
+//! point in a structure without keys; so the answer does not depend on the structure.
+//!
+//! **Why no bound of a box excludes the answer.** Let u = 2^-53 and M be the largest coordinate of the query at either end.
+//! - Ends of time ranges are exact as phases in a segment, also where they are keys; so a range of phases has no gap to the
+//!   next segment. A step between may end an ulp early, which is less than 2u of the query's way.
+//! - The fraction of the query's interval is off by at most 7u of itself. With 5u for the rest, the position of the query is
+//!   within 2·7uM + 5uM = 19uM of the exact one per axis; with that end, 23uM.
+//! - Faces of moving boxes are farther out than the points by 2^-24 of the sizes that are rounded there, in f32
+//!   ([`super::linear_bounds`]), or by 2^-49 of the centre (`super::precise`). Rounding the face itself moves it by u of the
+//!   query's coordinate and of the gap.
+//! - So the distance of a box is too large by less than √3·24uM < 0.5e-14 M, and a fraction 2^-50 of itself. But a distance
+//!   is excluded only if it is beyond that of a point as computed, raised by 1.5e-14 M, of which 0.9e-14 remain
+//!   ([`Overlap::estimate`]), and by two ulp of f32, of which one remains.
 
 use super::layers::Layer;
+use super::moving_reference::{TimeSlice, exact_phase};
 use super::over_interval::{BoxTree, PointPath, greater, lesser};
 use super::pair_approach::{Overlap, QueryPath};
-use super::plane_tree::PlaneTree;
+use super::plane_tree::{PlaneTree, plane_error};
 use super::tree::PointTree;
-use crate::geometry::TimeInterval;
+use crate::geometry::{Plane, TimeInterval};
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::mbkd::KdView;
 use crate::primitive::Position;
@@ -102,7 +114,7 @@ impl<T: BoxTree> Kernel for Bounds<'_, T> {
     }
 }
 
-/// Whether a lower bound of squared distances, which has slack for its own rounding, excludes better answers.
+/// Whether a lower bound of squared distances excludes better answers.
 #[inline(always)]
 fn is_beyond(bound: f64, search: &Search) -> bool {
     bound > search.most * search.most
@@ -112,60 +124,46 @@ fn is_beyond(bound: f64, search: &Search) -> bool {
 const STEPS: usize = 4;
 
 impl QueryPath {
-    /// The position of the query at a time.
-    fn at(&self, time: f64) -> DVec3 {
-        let length = self.times[1] - self.times[0];
-        let w = if length > 0.0 { (time - self.times[0]) / length } else { 0.0 };
-        self.from + (self.to - self.from) * w
+    /// The begin and the end of the interval as phases in the segment of a time slice; exact.
+    #[inline(always)]
+    fn phases(&self, slice: &TimeSlice) -> [f64; 2] {
+        self.times.map(|time| exact_phase(time as f32, slice.keys, slice.segment))
     }
 
     /// Lower bounds of the squared distances to the points in each lane's box during the interval; NaN if nothing is
     /// active.
     ///
-    /// Over each step both the box and the query move linearly, so the gap along an axis is least at an
-    /// end of the step. The slack covers f64 rounding and that of f32 phases (2^-23 of all segments).
+    /// Over each step both the box and the query move linearly, so the gap along an axis is least at an end of the step.
     /// (Plain loops over lanes, which the compiler vectorizes, with the same bits on every instruction set.)
     #[inline(always)]
     fn bounds<T: BoxTree>(&self, tree: &T, node: usize) -> Lanes<f64> {
-        let (keys, segment, slice) = tree.slice();
-        let [of_segment, of_size] = T::SLACK;
-        let segments = (keys.max(2) - 1) as f64;
-        let [mut begin, mut end] = tree.times(node);
-        let first = self.times[0].max(slice[0]);
-        let last = self.times[1].min(slice[1]);
+        let slice = tree.slice();
+        let [first, last] = self.phases(&slice);
+        let [begins, ends] = tree.times(node);
+        let (mut begin, mut end) = ([0.0; LANES], [0.0; LANES]);
         for lane in 0..LANES {
-            begin[lane] = greater(begin[lane], first);
-            end[lane] = lesser(end[lane], last);
+            let exists = begins[lane] < f32::INFINITY;
+            begin[lane] = if exists { greater(slice.exact_phase(begins[lane]), first) } else { f64::INFINITY };
+            end[lane] = lesser(slice.exact_phase(ends[lane]), last);
         }
-        let length = self.times[1] - self.times[0];
-        let rate = if length > 0.0 { 1.0 / length } else { 0.0 };
+        let rate = if last > first { 1.0 / (last - first) } else { 0.0 };
         let (from, displacement) = (self.from.to_array(), (self.to - self.from).to_array());
-        let most = self.from.abs().max(self.to.abs()).max_element();
         let mut least = [f64::INFINITY; LANES];
         let (mut low_before, mut high_before) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
         for step in 0..=STEPS {
             let fraction = step as f64 / STEPS as f64;
             let (mut passed, mut phase) = ([0.0; LANES], [0.0; LANES]);
             for lane in 0..LANES {
-                let time = begin[lane] + (end[lane] - begin[lane]) * fraction;
-                passed[lane] = (time - self.times[0]) * rate;
-                phase[lane] = lesser(greater(time * segments - segment as f64, 0.0), 1.0);
+                phase[lane] = begin[lane] + (end[lane] - begin[lane]) * fraction;
+                passed[lane] = (phase[lane] - first) * rate;
             }
             let [lo, hi] = tree.faces(node, &phase);
-            let (mut at, mut size) = ([[0.0; LANES]; 3], [0.0; LANES]);
-            for axis in 0..3 {
-                for lane in 0..LANES {
-                    at[axis][lane] = from[axis] + displacement[axis] * passed[lane];
-                    let faces = greater(lo[axis][lane].abs(), hi[axis][lane].abs());
-                    size[lane] = greater(size[lane], greater(faces, at[axis][lane].abs()));
-                }
-            }
             let mut square = [0.0; LANES];
             for axis in 0..3 {
                 for lane in 0..LANES {
-                    let slack = size[lane] * (segments * of_segment + of_size) + most * of_size;
-                    let low = lo[axis][lane] - at[axis][lane] - slack;
-                    let high = at[axis][lane] - hi[axis][lane] - slack;
+                    let at = from[axis] + displacement[axis] * passed[lane];
+                    let low = lo[axis][lane] - at;
+                    let high = at - hi[axis][lane];
                     let below = lesser(low_before[axis][lane], low);
                     let above = lesser(high_before[axis][lane], high);
                     let outside = greater(greater(below, above), 0.0);
@@ -184,7 +182,7 @@ impl QueryPath {
 
     /// Searches a tree of boxes.
     fn search_boxes<T: BoxTree>(&self, simd: SimdLevel, tree: &T, keep: &impl Fn(u32) -> bool, search: &mut Search) {
-        let (keys, segment, _) = tree.slice();
+        let TimeSlice { keys, segment, .. } = tree.slice();
         let segments = if keys < 2 { self.segments() } else { segment..segment + 1 };
         let (top, root) = tree.root_node();
         let mut open = BinaryHeap::from([Reverse((0, top, root))]);
@@ -225,15 +223,24 @@ impl QueryPath {
     }
 
     /// Searches a k-d tree: both sides of each plane, the nearer one first.
-    fn search_planes(&self, tree: &PlaneTree, keep: &impl Fn(u32) -> bool, search: &mut Search) {
+    fn search_planes(
+        &self,
+        tree: &PlaneTree,
+        slack: impl Fn(&PlaneTree, u32, &Plane) -> f64,
+        keep: &impl Fn(u32) -> bool,
+        search: &mut Search,
+    ) {
         let slice = &tree.slice;
-        let first = self.times[0].max(slice.interval.begin().into());
-        let last = self.times[1].min(slice.interval.end().into());
+        let [start, stop] = self.phases(slice);
+        let (first, last) = (start.max(slice.phases[0]), stop.min(slice.phases[1]));
         if first > last {
             return;
         }
-        let times: [f64; STEPS + 1] = core::array::from_fn(|i| first + (last - first) * (i as f64 / STEPS as f64));
-        let query = times.map(|time| self.at(time).to_array());
+        let segments = (slice.keys.max(2) - 1) as f64;
+        let phases: [f64; STEPS + 1] = core::array::from_fn(|i| first + (last - first) * (i as f64 / STEPS as f64));
+        let times = phases.map(|phase| (phase + slice.segment as f64) / segments);
+        let rate = if stop > start { 1.0 / (stop - start) } else { 0.0 };
+        let query = phases.map(|phase| (self.from + (self.to - self.from) * ((phase - start) * rate)).to_array());
         let mut open = vec![Entry { node: 0, distance: 0.0, gaps: [[0.0; STEPS]; 3] }];
         while let Some(Entry { node, distance, gaps }) = open.pop() {
             if is_beyond(distance, search) {
@@ -250,10 +257,9 @@ impl QueryPath {
                 KdView::Inner { plane, right } => {
                     let axis = plane.axis;
                     let at = times.map(|t| f64::from(plane.position) + f64::from(plane.velocity) * t);
-                    let size = (0..=STEPS).map(|i| at[i].abs() + query[i][axis].abs()).fold(0.0, f64::max);
                     let child = |node: u32, sign: f64| {
                         let mut gaps = gaps;
-                        let slack = tree.slack(node) + size * 1e-12;
+                        let slack = slack(tree, node, &plane);
                         let gap = |i: usize| sign * (at[i] - query[i][axis]) - slack;
                         for (step, least) in gaps[axis].iter_mut().enumerate() {
                             // Linear over the step, so it is least at an end.
@@ -261,7 +267,7 @@ impl QueryPath {
                         }
                         let square = |step: usize| gaps.iter().map(|g| g[step] * g[step]).sum::<f64>();
                         let least = (0..STEPS).map(square).fold(f64::INFINITY, f64::min);
-                        Entry { node, distance: least * (1.0 - 1e-12), gaps }
+                        Entry { node, distance: least, gaps }
                     };
                     let (below, above) = (child(node + 1, -1.0), child(right, 1.0));
                     let above_first = above.distance < below.distance;
@@ -281,6 +287,14 @@ impl QueryPath {
             }
         }
     }
+}
+
+/// How far a point below a node may be outside of the half-space of the plane above the node.
+///
+/// The slack of the tree holds at its times. To the exact begin or end of its segment it is a float at most, in which a
+/// point moves by what that slack allows for the rounding of phases; the plane moves by its error.
+fn plane_slack(tree: &PlaneTree, node: u32, plane: &Plane) -> f64 {
+    tree.slack(node) + plane_error(plane)
 }
 
 /// A subtree of a k-d tree on the stack.
@@ -345,7 +359,9 @@ impl PointTree {
                 Layer::Moving(trees) => {
                     trees.iter().for_each(|tree| path.search_boxes(self.simd, tree, &keep, &mut search))
                 }
-                Layer::Planes(trees) => trees.iter().for_each(|tree| path.search_planes(tree, &keep, &mut search)),
+                Layer::Planes(trees) => {
+                    trees.iter().for_each(|tree| path.search_planes(tree, plane_slack, &keep, &mut search))
+                }
             }
         }
         for tree in self.precise.iter().flat_map(|layer| &layer.trees) {
@@ -353,5 +369,77 @@ impl PointTree {
         }
         search.resolve(&path);
         search.best
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::point::build::time_slices;
+    use crate::point::moving_reference::MovingReference;
+    use crate::progress::Progress;
+    use crate::random::Random;
+
+    const RUNNERS: usize = 100;
+
+    /// Points of a time slice in which the median moves with the velocity `plane` and is at zero at the end, like the plane through
+    /// it, with points on either side; and runners with a velocity of their own that cross the plane about then.
+    fn crossing_at_the_end(
+        slice: &TimeSlice,
+        plane: f32,
+        runners: f32,
+        sides: [usize; 2],
+        random: &mut Random,
+    ) -> Vec<MovingReference> {
+        let [left, right] = sides;
+        let reference = |id: usize| {
+            let (close, velocity) = match id {
+                0..RUNNERS => (3.0 * f32::EPSILON * random.signed() * (plane - runners).abs(), runners),
+                RUNNERS => (0.0, plane),
+                _ => ((0.5 + 0.5 * random.unit()) * if id <= RUNNERS + left { -1.0 } else { 1.0 }, plane),
+            };
+            let (open, close) = ([close - velocity / (slice.keys - 1) as f32, 0.0, 0.0], [close, 0.0, 0.0]);
+            let (interval, active) = (slice.interval, TimeInterval::FULL);
+            MovingReference { open, close, interval, active, id: id as u32, fast: false }
+        };
+        (0..RUNNERS + 1 + left + right).map(reference).collect()
+    }
+
+    /// Counts runners that are not found by queries that meet them at the end of the segment, if something is known that is just as
+    /// near as far as f64 tells. The queries come from beyond the plane.
+    fn lost([plane, runners]: [f32; 2], sides: [usize; 2], slack: impl Fn(&PlaneTree, u32, &Plane) -> f64) -> usize {
+        let (mut random, mut lost) = (Random(43), 0);
+        // The slices that end before the key does, in segments.
+        let slices = (500..540).flat_map(|keys| time_slices(keys, 1));
+        let behind = |slice: &TimeSlice, time: f32| exact_phase(time, slice.keys, slice.segment) - 1.0;
+        let size = |slice: &TimeSlice| (slice.keys - 1) as f64 / 16_777_216.0;
+        for slice in slices.filter(|slice| behind(slice, slice.interval.end()) < -0.7 * size(slice)) {
+            let references = crossing_at_the_end(&slice, plane, runners, sides, &mut random);
+            let tree = PlaneTree::build(&references, slice, 16.0, &Progress::new(None));
+            let times = [slice.interval.end(), slice.interval.end() + f32::EPSILON];
+            for m in &references[..RUNNERS] {
+                let [from, to] = times.map(|time| {
+                    let way = behind(&slice, time) / size(&slice) * f64::from(plane - runners).signum();
+                    DVec3::X * (f64::from(m.close[0]) + way)
+                });
+                let times = times.map(f64::from);
+                let path = QueryPath { from, to, times, keys: slice.keys };
+                let mut search = Search { most: 1.5e-14, pending: Vec::new(), best: None };
+                path.search_planes(&tree, &slack, &|id| id == m.id, &mut search);
+                lost += usize::from(search.pending.is_empty() && search.best.is_none());
+            }
+        }
+        lost
+    }
+
+    #[test]
+    fn planes_at_the_end_of_a_segment_exclude_no_answer_and_would_with_less_slack() {
+        let fast_runners = ([0.0, 1.0], [RUNNERS, 2 * RUNNERS - 1]);
+        let fast_plane = ([1.0, 0.0], [RUNNERS + 1, 0]);
+        for (velocities, sides) in [fast_runners, fast_plane] {
+            assert_eq!(lost(velocities, sides, plane_slack), 0, "{velocities:?}");
+            assert!(lost(velocities, sides, |_, _, plane| plane_error(plane)) > 100, "{velocities:?}");
+        }
+        assert!(lost(fast_plane.0, fast_plane.1, |tree, node, _| tree.slack(node)) > 100);
     }
 }

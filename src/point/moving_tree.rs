@@ -258,9 +258,8 @@ impl<const TIMED: bool> CoordinateView for MovingView<'_, TIMED> {
 }
 
 impl BoxTree for MovingTree {
-    fn slice(&self) -> (usize, usize, [f64; 2]) {
-        let times = [self.slice.interval.begin(), self.slice.interval.end()];
-        (self.slice.keys, self.slice.segment, times.map(f64::from))
+    fn slice(&self) -> TimeSlice {
+        self.slice
     }
     fn root_node(&self) -> (usize, usize) {
         (self.levels - 1, self.nodes.len() - 1)
@@ -269,11 +268,11 @@ impl BoxTree for MovingTree {
         (self.first[node] as usize, 1)
     }
     #[inline(always)]
-    fn times(&self, node: usize) -> [Lanes<f64>; 2] {
+    fn times(&self, node: usize) -> [Lanes<f32>; 2] {
         if let Some(times) = self.node_times.get(node) {
-            return [times.begin.map(f64::from), times.end.map(f64::from)];
+            return [times.begin, times.end];
         }
-        [self.nodes[node].lo[0].map(|x| if x < f32::INFINITY { 0.0 } else { f64::INFINITY }), [1.0; LANES]]
+        [self.nodes[node].lo[0].map(|x| if x < f32::INFINITY { 0.0 } else { f32::INFINITY }), [1.0; LANES]]
     }
     #[inline(always)]
     fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {

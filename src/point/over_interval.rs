@@ -1,6 +1,6 @@
 //! The interface between trees and searches over a range of times.
 
-use super::moving_reference::phase;
+use super::moving_reference::TimeSlice;
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::simd::{LANES, Lanes};
 use glam::{DVec3, Vec3};
@@ -66,19 +66,16 @@ pub(super) trait BlockTree: BoxTree {
     fn has_active_intervals(&self) -> bool;
 }
 
-/// A tree whose boxes can be evaluated over a range of times. Times are f64 within the shutter.
+/// A tree whose boxes can be evaluated over a range of times.
 pub(super) trait BoxTree {
-    /// Bounds of the rounding of faces, relative to their size: per segment between keys, because of rounded times, and
-    /// independent of segments.
-    const SLACK: [f64; 2] = [1e-6, 1e-12];
-    /// Number of keys, the segment between two of them, and the times that the tree covers.
-    fn slice(&self) -> (usize, usize, [f64; 2]);
+    /// The time slice that the tree covers.
+    fn slice(&self) -> TimeSlice;
     /// Level and number of the root.
     fn root_node(&self) -> (usize, usize);
     /// The node, or block on level 0, of lane 0, and the stride from lane to lane.
     fn children(&self, level: usize, node: usize) -> (usize, usize);
     /// Begin and end of the active interval of each lane; absent lanes have an infinite begin.
-    fn times(&self, node: usize) -> [Lanes<f64>; 2];
+    fn times(&self, node: usize) -> [Lanes<f32>; 2];
     /// Lower and upper faces, each lane at a phase of its own.
     fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2];
     /// Whether a lane of a block is active at a time.
@@ -87,12 +84,11 @@ pub(super) trait BoxTree {
     fn point_path(&self, block: usize, lane: usize) -> Option<PointPath>;
     /// The position of a point at a time, as queries compute it.
     fn position(&self, point: &PointPath, time: f32) -> DVec3 {
-        point.position(KeyTime::new(time, self.slice().0)).as_dvec3()
+        point.position(KeyTime::new(time, self.slice().keys)).as_dvec3()
     }
     /// The phase of a time between the keys.
     fn phase(&self, time: f32) -> f64 {
-        let (keys, segment, _) = self.slice();
-        phase(KeyTime::new(time, keys), segment).into()
+        self.slice().phase(time).into()
     }
 }
 

@@ -7,6 +7,7 @@
 
 use super::bottom_order::{MOST, Rows};
 use super::fill_leaves::{BottomNodes, Points, fill};
+use super::moving_reference::TimeSlice;
 use super::order::{Item, ORDERING, order_rows};
 use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath};
 use super::point_rows::PointRows;
@@ -329,8 +330,8 @@ impl CoordinateView for &StaticTree {
 }
 
 impl BoxTree for StaticTree {
-    fn slice(&self) -> (usize, usize, [f64; 2]) {
-        (1, 0, [0.0, 1.0])
+    fn slice(&self) -> TimeSlice {
+        TimeSlice { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] }
     }
     fn root_node(&self) -> (usize, usize) {
         View::root(&self)
@@ -339,8 +340,8 @@ impl BoxTree for StaticTree {
         self.shape.children(level, node)
     }
     #[inline(always)]
-    fn times(&self, node: usize) -> [Lanes<f64>; 2] {
-        [self.nodes[node].lo[0].map(|x| if x < f32::INFINITY { 0.0 } else { f64::INFINITY }), [1.0; LANES]]
+    fn times(&self, node: usize) -> [Lanes<f32>; 2] {
+        [self.nodes[node].lo[0].map(|x| if x < f32::INFINITY { 0.0 } else { f32::INFINITY }), [1.0; LANES]]
     }
     #[inline(always)]
     fn faces(&self, node: usize, _phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {

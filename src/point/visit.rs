@@ -70,10 +70,7 @@ impl LayersAt<'_> {
         let (first, stride) = tree.children(level, entry.at);
         let [begin, end] = tree.times(entry.at);
         let [min, max] = tree.faces(entry.at, &[tree.phase(self.time); LANES]);
-        // The time may be a float next to a key, and so just outside the exact interval of the tree.
-        let ((_, _, slice), time) = (tree.slice(), f64::from(self.time));
-        let (early, late) = (time.min(slice[1]), time.max(slice[0]));
-        for lane in (0..LANES).filter(|&lane| begin[lane] <= late && early <= end[lane]) {
+        for lane in (0..LANES).filter(|&lane| begin[lane] <= self.time && self.time <= end[lane]) {
             let (level, blocks) = (level.checked_sub(1), if level == 0 { stride } else { 0 });
             let child = Entry { level, at: first + lane * stride, blocks, ..entry };
             let corner = |faces: [[f64; LANES]; 3]| DVec3::from_array(faces.map(|row| row[lane])) + origin;

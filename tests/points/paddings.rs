@@ -231,3 +231,77 @@ fn closest_approaches_that_are_equal_as_rounded_go_to_the_lower_id() {
         }
     }
 }
+
+/// A motion by one along x that passes zero between a key, which is no float, and the float next to it: coordinates at the key
+/// before, at the key, and at the key after. The time, the float and the key are given in segments.
+fn passing_beside_a_key(time: f64, float: f64, key: f64) -> [f32; 3] {
+    let (late, early) = ((key + 1.0 - time) as f32, (key - time) as f32);
+    if float < key { [early - 1.0, early, early + 1.0] } else { [late - 2.0, late - 1.0, late] }
+}
+
+/// A crowd that passes the query just there, in a tree that ends or begins with the float; a crowd that stands still not quite as
+/// near is found before.
+#[test]
+fn closest_approaches_beside_keys_that_are_no_floats_are_found() {
+    const CROWD: usize = 16;
+    const SEGMENTS: usize = 599;
+    for key in (300..SEGMENTS - 1).step_by(3) {
+        let exact = key as f64 / SEGMENTS as f64;
+        let float = f64::from(exact as f32) * SEGMENTS as f64;
+        let time = 0.5 * (float + key as f64);
+        let near = passing_beside_a_key(time, float, key as f64);
+        let at = |k: usize| if k + 1 < key { near[0] } else { near[(k + 1 - key).min(2)] };
+        let apart = 0.1 * (time - key as f64).abs() as f32;
+        let keys = (0..=SEGMENTS).map(|k| [[Vec3::Y * apart; CROWD], [Vec3::X * at(k); CROWD]].concat()).collect();
+        let cloud = Cloud { keys, active: vec![TimeInterval::FULL; 2 * CROWD] };
+        let interval = TimeInterval::new(exact as f32 - 1e-5, exact as f32 + 1e-5).unwrap();
+        for structure in STRUCTURES {
+            let found = build(&cloud, structure, SimdLevel::best());
+            let found = found.closest_approach(Vec3::ZERO, Vec3::ZERO, interval).unwrap();
+            assert_eq!(found.id, CROWD as u32, "key {key}, {structure:?}: {found:?}, the other at {apart}");
+        }
+    }
+}
+
+/// The same for a fast query, within two floats around the key, that passes points which move little.
+#[test]
+fn fast_queries_beside_keys_that_are_no_floats_find_what_they_pass() {
+    const SEGMENTS: usize = 599;
+    for key in (300..SEGMENTS - 1).step_by(3) {
+        let exact = key as f64 / SEGMENTS as f64;
+        let float = exact as f32;
+        let time = exact + 0.25 * (f64::from(float) - exact);
+        let times = [float.next_down(), float.next_up()];
+        let [from, to] = times.map(|t| Vec3::X * ((f64::from(t) - time) * 2f64.powi(24)) as f32);
+        let keys = (0..=SEGMENTS).map(|k| vec![Vec3::Y * k.abs_diff(key) as f32 * 1e-3; 32]).collect();
+        let cloud = Cloud { keys, active: vec![TimeInterval::FULL; 32] };
+        let interval = TimeInterval::new(times[0], times[1]).unwrap();
+        for structure in STRUCTURES {
+            let found = build(&cloud, structure, SimdLevel::best()).closest_approach(from, to, interval).unwrap();
+            assert!(found.distance < 1e-5, "key {key}, {structure:?}: {found:?}");
+        }
+    }
+}
+
+/// A runner that crosses the plane through a crowd just before its life ends, nearer to that than half a float, and so is in no leaf
+/// behind the plane: there the query stands. Another point is almost as near.
+#[test]
+fn a_runner_that_crosses_a_plane_when_it_ends_is_approached() {
+    const CROWD: usize = 40;
+    let mut rng = Rng(71);
+    for round in 0..100 {
+        let speed = 1e3 * (1.0 + rng.unit());
+        let plane = -speed * 2f32.powi(-27);
+        let still = (0..2 * CROWD).map(|i| Vec3::new(if i < CROWD { -1.0 } else { plane }, 0.01 * rng.unit(), 0.0));
+        let still: Vec<Vec3> = still.chain([Vec3::Y * 1e-6]).collect();
+        let key = |at: f32| [&still[..], &[Vec3::X * at * speed]].concat();
+        let active = [vec![TimeInterval::FULL; still.len()], vec![TimeInterval::new(0.0, 0.5).unwrap()]].concat();
+        let cloud = Cloud { keys: vec![key(-0.5), key(0.5)], active };
+        let interval = TimeInterval::new(0.25, 0.5).unwrap();
+        for structure in STRUCTURES {
+            let tree = build(&cloud, structure, SimdLevel::best());
+            let found = tree.closest_approach(Vec3::ZERO, Vec3::ZERO, interval).unwrap();
+            assert_eq!((found.id, found.distance), (2 * CROWD as u32 + 1, 0.0), "round {round}, {structure:?}");
+        }
+    }
+}

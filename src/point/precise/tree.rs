@@ -312,13 +312,8 @@ impl<const MOVING: bool> View for PreciseView<'_, MOVING> {
 }
 
 impl BoxTree for PreciseTree {
-    /// Times are off by at most 2^-53 of the shutter.
-    const SLACK: [f64; 2] = [1e-14, 1e-14];
-
-    fn slice(&self) -> (usize, usize, [f64; 2]) {
-        let segments = (self.slice.keys.max(2) - 1) as f64;
-        let times = self.slice.phases.map(|phase| (phase + self.slice.segment as f64) / segments);
-        (self.slice.keys, self.slice.segment, times)
+    fn slice(&self) -> TimeSlice {
+        self.slice
     }
     fn root_node(&self) -> (usize, usize) {
         self.shape.root()
@@ -326,20 +321,11 @@ impl BoxTree for PreciseTree {
     fn children(&self, level: usize, node: usize) -> (usize, usize) {
         self.shape.children(level, node)
     }
-    fn times(&self, node: usize) -> [Lanes<f64>; 2] {
-        // An interval that begins with the slice begins at its exact begin, and likewise at the end.
-        let (_, _, [first, last]) = BoxTree::slice(self);
-        let interval = self.slice.interval;
-        let Some(times) = self.node_times.get(node) else {
-            return [
-                self.nodes[node].boxes.lo[0].map(|x| if x < f32::INFINITY { first } else { f64::INFINITY }),
-                [last; LANES],
-            ];
-        };
-        [
-            times.begin.map(|t| if t <= interval.begin() { first } else { t.into() }),
-            times.end.map(|t| if t >= interval.end_bound() { last } else { t.into() }),
-        ]
+    fn times(&self, node: usize) -> [Lanes<f32>; 2] {
+        if let Some(times) = self.node_times.get(node) {
+            return [times.begin, times.end];
+        }
+        [self.nodes[node].boxes.lo[0].map(|x| if x < f32::INFINITY { 0.0 } else { f32::INFINITY }), [1.0; LANES]]
     }
     #[inline(always)]
     fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {

@@ -19,9 +19,9 @@ const UNDERFLOW: f64 = 1e-18;
 /// The phases of two times in a tree's segment. They are widened by what a time near a key, rounded to f32, may lie on
 /// the wrong side of it.
 pub(super) fn phases<T: BoxTree>(tree: &T, times: [f32; 2]) -> [f64; 2] {
-    let (keys, segment, _) = tree.slice();
+    let slice = tree.slice();
     let [begin, end] = times.map(f64::from);
-    let window = Window::of_segment(keys, segment, [begin, end]);
+    let window = Window::of_segment(slice.keys, slice.segment, [begin, end]);
     [window.phase(begin - ROUNDING), window.phase(end + ROUNDING)]
 }
 
@@ -168,9 +168,8 @@ impl Group {
 
 /// Lanes of a node that are active at some time of a range, both ends included.
 #[inline(always)]
-fn active_lanes<T: BoxTree>(tree: &T, node: usize, times: [f32; 2]) -> Mask {
+fn active_lanes<T: BoxTree>(tree: &T, node: usize, [first, last]: [f32; 2]) -> Mask {
     let [begin, end] = tree.times(node);
-    let [first, last] = times.map(f64::from);
     (0..LANES).fold(0, |mask, lane| mask | Mask::from(begin[lane] <= last && first <= end[lane]) << lane)
 }
 

@@ -107,7 +107,7 @@ fn bottom_nodes<T: BoxTree>(tree: &T) -> Vec<usize> {
         let children = |&node: &usize| {
             let first = tree.children(level, node).0;
             let begins = tree.times(node)[0];
-            (0..LANES).filter(move |&lane| begins[lane] < f64::INFINITY).map(move |lane| first + lane)
+            (0..LANES).filter(move |&lane| begins[lane] < f32::INFINITY).map(move |lane| first + lane)
         };
         nodes = nodes.iter().flat_map(children).collect();
     }
@@ -120,7 +120,7 @@ fn magnitude<T: BoxTree>(tree: &T) -> f64 {
     let keys = [0.0, 1.0].map(|phase| tree.faces(root, &[phase; LANES]));
     let rows = keys.iter().flatten().flatten();
     let largest = |row: &Lanes<f64>| {
-        let lanes = (0..LANES).filter(|&lane| begins[lane] < f64::INFINITY);
+        let lanes = (0..LANES).filter(|&lane| begins[lane] < f32::INFINITY);
         lanes.fold(0.0f64, |most, lane| most.max(row[lane].abs()))
     };
     rows.map(largest).fold(0.0, f64::max)
