@@ -32,6 +32,7 @@ mod ray_layout;
 mod ray_traversal;
 mod ray_tree;
 mod refit;
+mod root_box;
 mod shear;
 mod slabs;
 mod traverser;

@@ -8,6 +8,7 @@ use super::batch::{Batch, BatchQuery, Member};
 use super::filter::Everything;
 use super::intersect::RaySource;
 use super::packet::Packet;
+use super::root_box::RootBox;
 use super::traverser::Traverser;
 use super::tree_ray::TreeRay;
 use crate::layout::{ChildRef, Kind, LANES_OF_NODE, NODE_ROWS, STATIC_NODE_ROWS, WideTree};
@@ -51,6 +52,7 @@ impl<G: RaySource, Q: BatchQuery> Kernel for Packets<'_, G, Q> {
             stack: memory.stack(tree.max_stack()),
             cursor: Cursor::new(tree.root, own_memory.stack(tree.max_stack())),
         };
+        let root_box = RootBox::of(s, tree);
         let mut next = 0;
         loop {
             let mut count = 0;
@@ -59,6 +61,10 @@ impl<G: RaySource, Q: BatchQuery> Kernel for Packets<'_, G, Q> {
             {
                 // The ray is constructed in place. Moving it would copy it by wide loads, which stall on the preceding narrow stores.
                 let (of, regular) = TreeRay::of(ray, set.frame());
+                if regular & root_box.is_missed_by(&of) {
+                    next += 1;
+                    continue;
+                }
                 let member = &mut traversal.members[count];
                 *member = Member::new(next, of);
                 if !regular {

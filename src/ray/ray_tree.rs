@@ -14,9 +14,6 @@ use crate::tuning::wide::CACHED;
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
 
-/// The number of rays of a task that are answered one by one before the rest is traversed in packets.
-const FIRST: usize = 16;
-
 /// The contents of a [`RayTree`]: [`Scene`] or [`Shapes`]. Sealed; a bound for code that is generic over both.
 ///
 /// ```
@@ -222,18 +219,9 @@ impl<G: Geometry> RayTree<G> {
                 let turns = !cached && tree.moves() && Q::ORDERED == (space.slices > 1);
                 // With one hierarchy per time slice, rays of several times diverge at the root.
                 let packets = packets.filter(|_| space.slices == 1);
-                // If the first rays hit nothing, the others likely miss as well, and a single ray finds that out
-                // faster.
-                let together = |rays: &[Ray], answers: &mut [Q::Answer]| {
-                    let (first, others) = answers.split_at_mut(FIRST.min(rays.len()));
-                    let (first_rays, other_rays) = rays.split_at(first.len());
-                    singly(first_rays, first);
-                    match packets {
-                        Some(packets) if first.iter().any(|answer| *answer != Q::NOTHING) => {
-                            packets(self.target(), other_rays, others);
-                        }
-                        _ => singly(other_rays, others),
-                    }
+                let together = |rays: &[Ray], answers: &mut [Q::Answer]| match packets {
+                    Some(packets) => packets(self.target(), rays, answers),
+                    None => singly(rays, answers),
                 };
                 answer_in_order(rays, answers, space, together, |rays, answers| match turns {
                     true => interleaved(self.target(), rays, answers),
