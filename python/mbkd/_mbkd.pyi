@@ -22,7 +22,7 @@ class Points:
     def __new__(
         cls,
         keys: Sequence[_Floats],
-        lifetimes: _F32 | None,
+        active: _F32 | None,
         boxsize: Sequence[float],
         structure: str,
         max_references: float,
@@ -94,7 +94,7 @@ class Instances:
         which: _I64,
         transforms: _F64,
         masks: NDArray[np.uint32],
-        lifetimes: _F32,
+        active: _F32,
         workers: int,
     ) -> Instances: ...
     @property

@@ -56,7 +56,7 @@ class InstanceTree(Traced[InstanceHits]):
         These three replace `matrices`. The defaults are 0, no rotation, and 1.
     masks : (n,) of 32 bits, optional
         A query sees an instance if their masks share a bit, and in it the meshes whose masks share a bit.
-    lifetimes : (n, 2), optional
+    active : (n, 2), optional
         The interval in which each instance exists: begin <= t < end (an end of 1 includes 1).
     workers : int
         Threads for the build; -1 for all processors.
@@ -91,7 +91,7 @@ class InstanceTree(Traced[InstanceHits]):
         rotations: ArrayLike | None = None,
         scales: ArrayLike | None = None,
         masks: ArrayLike | None = None,
-        lifetimes: ArrayLike | None = None,
+        active: ArrayLike | None = None,
         workers: int = 1,
     ) -> None:
         for tree in trees:
@@ -111,15 +111,15 @@ class InstanceTree(Traced[InstanceHits]):
         masks = np.full(n, EVERYTHING) if masks is None else np.asarray(masks)
         if masks.size and (masks.min() < 0 or masks.max() > EVERYTHING):
             raise ValueError("masks must have 32 bits")
-        lifetimes = np.tile(np.float32([0, 1]), (n, 1)) if lifetimes is None else floats(lifetimes, "lifetimes")
-        if lifetimes.shape != (n, 2) or masks.shape != (n,) or which.ndim != 1:
-            raise ValueError(f"{n} instances, masks {masks.shape} and lifetimes {lifetimes.shape}")
+        active = np.tile(np.float32([0, 1]), (n, 1)) if active is None else floats(active, "active")
+        if active.shape != (n, 2) or masks.shape != (n,) or which.ndim != 1:
+            raise ValueError(f"{n} instances, masks {masks.shape} and active intervals {active.shape}")
         self._tree = _mbkd.Instances(
             [tree._tree for tree in trees],
             np.ascontiguousarray(which, dtype=np.int64),
             transforms,
             np.ascontiguousarray(masks, dtype=np.uint32),
-            np.ascontiguousarray(lifetimes, dtype=np.float32),
+            np.ascontiguousarray(active, dtype=np.float32),
             workers,
         )
 

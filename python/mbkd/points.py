@@ -29,7 +29,7 @@ class PointTree:
         C-contiguous arrays are read in place.
     keys : (n, 3) or (K - 1, n, 3), optional
         Positions at the later keys, if `points` has those at the first key.
-    lifetimes : (n, 2), optional
+    active : (n, 2), optional
         When each point exists: begin <= t < end (an end of 1 includes 1).
     boxsize : float or (3,), optional
         Periodic box [0, L) as in scipy; 0 for axes that are not periodic. Distances are to the nearest image. Static
@@ -60,7 +60,7 @@ class PointTree:
     Raises
     ------
     ValueError
-        If positions are not finite or beyond 1e18, lifetimes are not intervals in [0, 1], arrays differ in length, points
+        If positions are not finite or beyond 1e18, active intervals do not lie in [0, 1], arrays differ in length, points
         lie outside the box, or parameters are out of range.
     TypeError
         If an argument is not an array of numbers.
@@ -81,7 +81,7 @@ class PointTree:
         self,
         points: ArrayLike,
         keys: ArrayLike | None = None,
-        lifetimes: ArrayLike | None = None,
+        active: ArrayLike | None = None,
         *,
         boxsize: ArrayLike | None = None,
         structure: str = "automatic",
@@ -91,12 +91,12 @@ class PointTree:
         progress: Progress | None = None,
     ) -> None:
         arrays = keys_of(points, keys, "points")
-        if lifetimes is not None:
-            lifetimes = np.ascontiguousarray(floats(lifetimes, "lifetimes"), dtype=np.float32)
-            if lifetimes.ndim != 2 or lifetimes.shape[1] != 2:
-                raise ValueError(f"lifetimes must have the shape (n, 2), not {lifetimes.shape}")
-            if len(lifetimes) != len(arrays[0]):
-                raise ValueError(f"{len(lifetimes)} lifetimes of {len(arrays[0])} points")
+        if active is not None:
+            active = np.ascontiguousarray(floats(active, "active"), dtype=np.float32)
+            if active.ndim != 2 or active.shape[1] != 2:
+                raise ValueError(f"active must have the shape (n, 2), not {active.shape}")
+            if len(active) != len(arrays[0]):
+                raise ValueError(f"{len(active)} active intervals of {len(arrays[0])} points")
         box = np.zeros(3) if boxsize is None else np.asarray(boxsize, dtype=np.float64)
         if box.shape not in ((), (1,), (3,)):
             raise ValueError(f"boxsize must be one number or have the shape (3,), not {box.shape}")
@@ -106,7 +106,7 @@ class PointTree:
             if outside.any():
                 raise ValueError("points must lie inside of the periodic box: at least 0 and less than boxsize")
         self._tree = _mbkd.Points(
-            arrays, lifetimes, box.tolist(), structure, max_references, round_to_f32, workers, progress
+            arrays, active, box.tolist(), structure, max_references, round_to_f32, workers, progress
         )
         self.data = arrays[0]
         self.boxsize = None if boxsize is None else box.copy()

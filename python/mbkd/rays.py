@@ -24,7 +24,7 @@ class RayTree(Traced[Hits]):
         scene.
     faces : (F, 3) of integers
         The vertex indices of each triangle.
-    lifetime : (begin, end), optional
+    active : (begin, end), optional
         The interval in which the mesh exists.
     workers : int
         Threads for the build; -1 for all processors.
@@ -56,36 +56,36 @@ class RayTree(Traced[Hits]):
         vertices: ArrayLike,
         faces: ArrayLike,
         *,
-        lifetime: Sequence[float] = (0.0, 1.0),
+        active: Sequence[float] = (0.0, 1.0),
         workers: int = 1,
         progress: Progress | None = None,
     ) -> None:
-        self._tree = _mbkd.Rays([_mesh(vertices, faces, lifetime, EVERYTHING)], workers, progress)
+        self._tree = _mbkd.Rays([_mesh(vertices, faces, active, EVERYTHING)], workers, progress)
 
     @classmethod
     def from_meshes(
         cls,
         meshes: Sequence[tuple[ArrayLike, ArrayLike]],
         *,
-        lifetimes: Sequence[Sequence[float]] | None = None,
+        active: Sequence[Sequence[float]] | None = None,
         masks: Sequence[int] | None = None,
         workers: int = 1,
         progress: Progress | None = None,
     ) -> RayTree:
         """Build a tree of several meshes, given as pairs (vertices, faces).
 
-        `lifetimes` has the interval in which each mesh exists. `masks` has 32 bits for each mesh: a query sees the mesh if
+        `active` has the interval in which each mesh exists. `masks` has 32 bits for each mesh: a query sees the mesh if
         their masks share a bit.
         """
-        lifetimes = [(0.0, 1.0)] * len(meshes) if lifetimes is None else lifetimes
+        active = [(0.0, 1.0)] * len(meshes) if active is None else active
         masks = [EVERYTHING] * len(meshes) if masks is None else masks
-        if not len(meshes) == len(lifetimes) == len(masks):
-            raise ValueError(f"{len(meshes)} meshes, {len(lifetimes)} lifetimes and {len(masks)} masks")
+        if not len(meshes) == len(active) == len(masks):
+            raise ValueError(f"{len(meshes)} meshes, {len(active)} active intervals and {len(masks)} masks")
         for i, mesh in enumerate(meshes):
             if not isinstance(mesh, (tuple, list)) or len(mesh) != 2:
                 raise TypeError(f"mesh {i} must be a pair (vertices, faces), not {type(mesh).__name__}")
-        parts = zip(meshes, lifetimes, masks)
-        return cls._of(_mbkd.Rays([_mesh(*mesh, life, mask) for mesh, life, mask in parts], workers, progress))
+        checked = [_mesh(*mesh, between, mask) for mesh, between, mask in zip(meshes, active, masks)]
+        return cls._of(_mbkd.Rays(checked, workers, progress))
 
     def save(self, path: str | os.PathLike) -> None:
         """Write the tree to a file. `RayTree.load` reads it, in Python and in Rust, on any machine."""
@@ -209,7 +209,7 @@ def _restored(bytes_of_file: bytes) -> RayTree:
     return RayTree._of(_mbkd.Rays.from_bytes(bytes_of_file))
 
 
-def _mesh(vertices: ArrayLike, faces: ArrayLike, lifetime: Sequence[float], mask: int) -> tuple:
+def _mesh(vertices: ArrayLike, faces: ArrayLike, active: Sequence[float], mask: int) -> tuple:
     corners = np.asarray(faces)
     if corners.size == 0:
         corners = np.empty((0, 3), np.uint32)
@@ -221,4 +221,4 @@ def _mesh(vertices: ArrayLike, faces: ArrayLike, lifetime: Sequence[float], mask
         if corners.min() < 0 or corners.max() > 0xFFFF_FFFF:
             raise ValueError("faces must be indices of vertices: at least 0 and less than 2^32")
     corners = np.ascontiguousarray(corners, dtype=np.uint32)
-    return keys_of(vertices, None, "vertices"), corners, interval(lifetime), mask_of(mask)
+    return keys_of(vertices, None, "vertices"), corners, interval(active), mask_of(mask)

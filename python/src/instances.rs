@@ -48,18 +48,18 @@ impl Instances {
         which: PyReadonlyArray1<'_, i64>,
         transforms: PyReadonlyArray3<'_, f64>,
         masks: PyReadonlyArray1<'_, u32>,
-        lifetimes: PyReadonlyArray2<'_, f32>,
+        active: PyReadonlyArray2<'_, f32>,
         workers: isize,
     ) -> PyResult<Instances> {
         let trees: Vec<InstanceOf> = trees.iter().map(Placed::of).collect();
         let (which, masks) = (slice(&which)?, slice(&masks)?);
-        let lives = intervals(slice(&lifetimes)?.as_chunks().0)?;
+        let active = intervals(slice(&active)?.as_chunks().0)?;
         let [_, n, numbers] = *transforms.as_array().shape() else {
             return Err(PyValueError::new_err("no transforms"));
         };
         let transforms = slice(&transforms)?;
-        if [n, masks.len(), lives.len()] != [which.len(); 3] {
-            return Err(PyValueError::new_err("instances, transforms, masks and lifetimes differ in number"));
+        if [n, masks.len(), active.len()] != [which.len(); 3] {
+            return Err(PyValueError::new_err("instances, transforms, masks and active intervals differ in number"));
         }
         let mut instances = Vec::with_capacity(n);
         for i in 0..n {
@@ -73,7 +73,7 @@ impl Instances {
                 10 => Transform::Poses(keys.map(pose).collect()),
                 _ => return Err(PyValueError::new_err(format!("a transform has 12 or 10 numbers, not {numbers}"))),
             };
-            instances.push(Instance::new(of.clone(), transform).with_mask(masks[i]).with_active(lives[i]));
+            instances.push(Instance::new(of.clone(), transform).with_mask(masks[i]).with_active(active[i]));
         }
         let tree = on(py, workers, || InstanceTree::build(instances, &WideParams::default()))?;
         Ok(Instances { tree: Arc::new(tree.map_err(value_error)?) })

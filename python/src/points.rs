@@ -45,7 +45,7 @@ impl Points {
     fn new(
         py: Python<'_>,
         keys: Vec<Bound<'_, PyAny>>,
-        lifetimes: Option<PyReadonlyArray2<'_, f32>>,
+        active: Option<PyReadonlyArray2<'_, f32>>,
         boxsize: [f64; 3],
         structure: &str,
         max_references: f32,
@@ -58,7 +58,7 @@ impl Points {
         if keys.iter().any(|key| key.len() > i32::MAX as usize) {
             return Err(PyValueError::new_err("more than 2^31 - 1 points"));
         }
-        let active = match &lifetimes {
+        let active = match &active {
             Some(rows) => intervals(slice(rows)?.as_chunks().0)?,
             None => Vec::new(),
         };

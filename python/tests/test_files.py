@@ -16,7 +16,7 @@ TIMES = RNG.random(50)
 @pytest.mark.parametrize("structure", ["automatic", "linear", "time_slices:3", "mbkd"])
 def test_point_trees_come_back(structure, tmp_path):
     trees = [PointTree(POINTS), PointTree(POINTS.astype(np.float64) + 0.1)]
-    trees += [PointTree(POINTS, keys=MOVED, structure=structure, lifetimes=np.tile([0.0, 0.9], (500, 1)))]
+    trees += [PointTree(POINTS, keys=MOVED, structure=structure, active=np.tile([0.0, 0.9], (500, 1)))]
     for tree in trees:
         tree.save(tmp_path / "tree")
         for again in (PointTree.load(tmp_path / "tree"), PointTree.load(str(tmp_path / "tree")), pickle.loads(pickle.dumps(tree))):

@@ -54,7 +54,7 @@ def test_matrices_place_meshes(workers):
     assert np.isnan(placed.matrices([[7]])[:, :3]).all()
 
 
-def test_poses_masks_lifetimes_and_nesting():
+def test_poses_masks_active_intervals_and_nesting():
     tree = RayTree(VERTICES, FACES)
     half = np.sqrt(0.5)
     turned = InstanceTree([tree], [0, 0], translations=[[0, 0, 0], [3, 0, 0]], rotations=[[0, 0, half, half]] * 2, scales=[1, 2])
@@ -63,7 +63,7 @@ def test_poses_masks_lifetimes_and_nesting():
     hits = turned.closest_hits(ORIGINS, DIRECTIONS)
     compare(hits, RayTree.from_meshes(flat).closest_hits(ORIGINS, DIRECTIONS), hits.instance)
 
-    nested = InstanceTree([turned, tree], [1, 0], np.stack([np.eye(4)] * 2), masks=[1, 2], lifetimes=[[0, 1], [0, 0.5]])
+    nested = InstanceTree([turned, tree], [1, 0], np.stack([np.eye(4)] * 2), masks=[1, 2], active=[[0, 1], [0, 0.5]])
     inner = nested.closest_hits(ORIGINS, DIRECTIONS, mask=2)
     np.testing.assert_array_equal(inner.t, hits.t)
     some = inner.instance >= 0
@@ -127,7 +127,7 @@ def test_what_can_not_be_placed_is_an_error():
         lambda: InstanceTree([tree], [0], rotations=[[0, 0, 0, 2]]),
         lambda: InstanceTree([tree], [0], translations=[[0, 0]]),
         lambda: InstanceTree([tree], [0], one, masks=[-1]),
-        lambda: InstanceTree([tree], [0], one, lifetimes=[[1, 0]]),
+        lambda: InstanceTree([tree], [0], one, active=[[1, 0]]),
     ):
         with pytest.raises(ValueError):
             wrong()

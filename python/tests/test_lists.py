@@ -88,9 +88,9 @@ def test_lists_with_a_skin_miss_nothing_until_they_say():
 
 
 def test_lists_of_points_that_do_not_exist_are_empty():
-    lives = np.tile(np.float32([0, 1]), (400, 1))
-    lives[::2] = [0, 0.5]
-    tree = PointTree(OPEN, lifetimes=lives)
+    active = np.tile(np.float32([0, 1]), (400, 1))
+    active[::2] = [0, 0.5]
+    tree = PointTree(OPEN, active=active)
     lists = tree.neighbor_lists(0.2, time=0.75)
     assert len(lists) == 400 and not lists.counts[::2].any() and (lists.ids % 2 == 1).all()
     assert repr(lists).startswith("<NeighborLists") and lists[-1].tolist() == lists[399].tolist()

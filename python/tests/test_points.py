@@ -64,18 +64,18 @@ def test_moving_points_are_those_of_a_snapshot(structure):
         np.testing.assert_array_equal(near, distances[0])
 
 
-def test_many_keys_and_lifetimes():
+def test_many_keys_and_active_intervals():
     keys = np.stack([SINGLE, CLOSE, SINGLE[::-1], CLOSE[::-1]])
-    lives = np.sort(RNG.random((500, 2)), axis=1).astype(np.float32)
-    tree = PointTree(keys, lifetimes=lives)
+    active = np.sort(RNG.random((500, 2)), axis=1).astype(np.float32)
+    tree = PointTree(keys, active=active)
     for time in (0.0, 0.2, 0.5, 1.0):
-        exist = (lives[:, 0] <= time) & ((time < lives[:, 1]) | ((time == 1) & (lives[:, 1] == 1)))
+        exist = (active[:, 0] <= time) & ((time < active[:, 1]) | ((time == 1) & (active[:, 1] == 1)))
         np.testing.assert_array_equal(~np.isnan(tree.positions(time)[:, 0]), exist)
         d, i = tree.query(QUERIES, 400, time=time)
         assert set(i[0][np.isfinite(d[0])]) == set(np.flatnonzero(exist)[: (d[0] < np.inf).sum()]) or exist.sum() > 400
         assert ((i == 500) == np.isinf(d)).all()
         assert len(tree.query_ball_point(QUERIES, 9, time=time).ids) == exist.sum() * len(QUERIES)
-    same = PointTree(keys[0], keys=keys[1:], lifetimes=lives)
+    same = PointTree(keys[0], keys=keys[1:], active=active)
     np.testing.assert_array_equal(same.positions(0.3), tree.positions(0.3))
 
 
@@ -182,13 +182,13 @@ WRONG = [
     (lambda: PointTree([[np.nan, 0, 0]]), ValueError, "not finite"),
     (lambda: PointTree(np.float32([[1e30, 0, 0]])), ValueError, "1e18"),
     (lambda: PointTree(SINGLE, keys=CLOSE[1:]), ValueError, "499 points"),
-    (lambda: PointTree(SINGLE, lifetimes=[[0, 1]]), ValueError, "1 lifetimes of 500 points"),
-    (lambda: PointTree(SINGLE, lifetimes=[0, 1]), ValueError, "lifetimes must have the shape"),
+    (lambda: PointTree(SINGLE, active=[[0, 1]]), ValueError, "1 active intervals of 500 points"),
+    (lambda: PointTree(SINGLE, active=[0, 1]), ValueError, "active must have the shape"),
     (lambda: PointTree(None), TypeError, "numbers"),
     (lambda: PointTree(np.empty((0, 500, 3))), ValueError, "at least one key"),
     (lambda: PointTree(np.ma.masked_greater(SINGLE, 0.5)), ValueError, "masked"),
     (lambda: PointTree(SINGLE, boxsize=[1, 1]), ValueError, "boxsize"),
-    (lambda: PointTree(SINGLE, lifetimes=np.full((500, 2), 0.5)), ValueError, "time interval"),
+    (lambda: PointTree(SINGLE, active=np.full((500, 2), 0.5)), ValueError, "time interval"),
     (lambda: PointTree(SINGLE, structure="best"), ValueError, "structure"),
     (lambda: PointTree(SINGLE, structure="time_slices:0"), ValueError, "structure"),
     (lambda: PointTree(SINGLE, max_references=0), ValueError, "max_references"),

@@ -73,10 +73,10 @@ def test_many_rays_are_as_few():
     assert told[-1] == 1
 
 
-def test_meshes_masks_lifetimes_and_ranges():
+def test_meshes_masks_active_intervals_and_ranges():
     square = np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
     meshes = [(square, [[0, 1, 2]]), (square + np.float32([0, 0, 1]), [[0, 1, 2]])]
-    tree = RayTree.from_meshes(meshes, masks=[1, 2], lifetimes=[(0, 1), (0, 0.5)])
+    tree = RayTree.from_meshes(meshes, masks=[1, 2], active=[(0, 1), (0, 0.5)])
     down = ([[0.2, 0.2, 3]], [0, 0, -1])
     assert tree.closest_hits(*down).mesh == 1
     assert tree.closest_hits(*down, time=0.5).mesh == 0
@@ -115,7 +115,7 @@ WRONG = [
     (lambda: RayTree(OPEN, [[0.5, 1, 2]]), TypeError, "whole"),
     (lambda: RayTree([[0, 0, np.nan]] * 3, [[0, 1, 2]]), ValueError, "NaN"),
     (lambda: RayTree(OPEN[:, :2], FACES), ValueError, "coordinates"),
-    (lambda: RayTree(OPEN, FACES, lifetime=(1, 0)), ValueError, "interval"),
+    (lambda: RayTree(OPEN, FACES, active=(1, 0)), ValueError, "interval"),
     (lambda: RayTree.from_meshes([(OPEN, FACES)], masks=[]), ValueError, "masks"),
     (lambda: RayTree.from_meshes([(OPEN, FACES)], masks=[2**32]), ValueError, "mask"),
     (lambda: RayTree.from_meshes([OPEN]), TypeError, "pair"),
