@@ -17,7 +17,7 @@ pub(crate) mod wide {
     pub const NODE_COST: f32 = 2.0;
     pub const LEAF_COST: f32 = 1.0;
     pub const PRIMITIVE_COST: f32 = 0.07;
-    pub const STILL_COST: f32 = 0.7;
+    pub const STATIC_FACTOR: f32 = 0.7;
     /// The leaf size of the binary tree: the lower limit, and the upper limit for overlapping references; the collapse merges
     /// leaves again.
     pub const BINARY_LEAF: RangeInclusive<usize> = 8..=16;
@@ -120,7 +120,7 @@ pub(crate) mod slices {
 
 /// Trees over points: the choice of a structure, and the sizes from which on memory latency matters.
 ///
-/// `cargo bench --bench neighbor_tables`; costs are the least squares of `cargo bench --bench neighbor_tables -- prices`
+/// `cargo bench --bench neighbor_tables`; costs are the least squares of `cargo bench --bench neighbor_tables -- costs`
 pub(crate) mod points {
     /// Number of samples; the smallest and the largest number of points of each; points of the set per sampled point.
     pub const SAMPLES: usize = 4;

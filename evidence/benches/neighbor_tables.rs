@@ -1,6 +1,6 @@
 //! Prints the tables that compare neighbour queries with kiddo, interleaved in one run, on one thread.
 //!
-//! `cargo bench --bench neighbor_tables -- static moving lives --points 1000000`
+//! `cargo bench --bench neighbor_tables -- static moving active --points 1000000`
 //!
 //! Times are medians over interleaved repetitions, in nanoseconds per query; only their ratios are meaningful on
 //! another machine. kiddo is measured in two configurations (its default, arena leaves, and flat leaves) and the faster
@@ -36,7 +36,7 @@ struct Args {
     /// Repetitions; the median is reported.
     #[arg(long, default_value_t = 5, value_parser = at_least::<1>)]
     repeat: usize,
-    /// Measure every forced structure in the moving tables and in that of lives, not just the automatic choice, and
+    /// Measure every forced structure in the moving tables and in that of active intervals, not just the automatic choice, and
     /// compare it with the best.
     #[arg(long)]
     structures: bool,
@@ -56,9 +56,9 @@ enum Table {
     /// Moving points
     Moving,
     /// Points with short active intervals
-    Lives,
+    Active,
     /// The costs of nodes, blocks and memory: fits the cost model by which structures are chosen (only if named)
-    Prices,
+    Costs,
 }
 
 /// A sufficiently large number: with fewer points or queries there is nothing to measure.
@@ -238,7 +238,7 @@ fn moving_set(row: &str, n: usize) -> Vec<MovingPoint> {
         .map(|_| {
             let p = if row == "clustered" { rng.surface() } else { rng.vec() };
             let random = rng.signed() * spacing;
-            let way = match row {
+            let displacement = match row {
                 "coherent 10%" => Vec3::new(p.y - 0.5, 0.5 - p.x, 0.3 * p.z) * 0.14,
                 "random 0.5x" => random * 0.5,
                 "random 1x" => random,
@@ -255,7 +255,7 @@ fn moving_set(row: &str, n: usize) -> Vec<MovingPoint> {
                 "clustered" => random * 0.5,
                 _ => unreachable!("{row}"),
             };
-            MovingPoint::new(p, p + way)
+            MovingPoint::new(p, p + displacement)
         })
         .collect()
 }
@@ -394,7 +394,7 @@ fn race_trees(
     race(repeat, at.len(), &mut contestants)
 }
 
-fn lives_tables(args: &Args) {
+fn active_tables(args: &Args) {
     let n = *args.points.last().unwrap();
     println!("\nPoints that exist for 2-10 % of the shutter, {n} of them: ns per query");
     let mut rng = Lcg(5);
@@ -445,7 +445,7 @@ fn lives_tables(args: &Args) {
 
 /// Fits the time of searches for eight neighbours as a function of visited nodes and blocks and of the bytes of the
 /// tree, for searches in spatial order and in random order, over forced structures of sets of all the sizes.
-fn prices(args: &Args) {
+fn fit_costs(args: &Args) {
     // Nodes, blocks, bytes and time.
     let mut rows: Vec<[f64; 4]> = Vec::new();
     for &n in &args.points {
@@ -484,9 +484,9 @@ fn prices(args: &Args) {
         // Least squares of relative errors.
         let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
         let (squares, sum) = rows.iter().map(terms).fold((DMat3::ZERO, DVec3::ZERO), |s, v| (s.0 + outer(v), s.1 + v));
-        let price = squares.inverse() * sum;
-        let errors = rows.iter().map(|row| (terms(row).dot(price) - 1.0).powi(2)).sum::<f64>();
-        let [node, block, cold] = price.to_array();
+        let cost = squares.inverse() * sum;
+        let errors = rows.iter().map(|row| (terms(row).dot(cost) - 1.0).powi(2)).sum::<f64>();
+        let [node, block, cold] = cost.to_array();
         let error = (errors / rows.len() as f64).sqrt();
         println!("  {half_cold:5.0e}: {node:.1}; {:.2} {:.0}; {error:.3}", block / node, cold / node);
     }
@@ -510,11 +510,11 @@ fn main() {
         if wants(Table::Moving) {
             moving_tables(&args);
         }
-        if wants(Table::Lives) {
-            lives_tables(&args);
+        if wants(Table::Active) {
+            active_tables(&args);
         }
-        if args.tables.contains(&Table::Prices) {
-            prices(&args);
+        if args.tables.contains(&Table::Costs) {
+            fit_costs(&args);
         }
     });
 }

@@ -57,14 +57,14 @@ pub fn moving_points(motion: Motion, n: usize, seed: u64) -> Vec<MovingPoint> {
         let at = in_cube(&mut random);
         let aside = (in_cube(&mut random) * 2.0 - 1.0) * spacing;
         let chance = unit(&mut random);
-        let way = match motion {
+        let displacement = match motion {
             Motion::Still | Motion::ShortLived => Vec3::ZERO,
             Motion::Coherent => Vec3::new(at.y - 0.5, 0.5 - at.x, 0.3 * at.z) * 0.14,
             Motion::Random(spacings) => aside * spacings,
             Motion::Mixed if chance < 0.05 => aside * 20.0,
             Motion::Mixed => aside * 0.1,
         };
-        let point = MovingPoint::new(at, at + way);
+        let point = MovingPoint::new(at, at + displacement);
         if motion != Motion::ShortLived {
             return point;
         }
@@ -77,8 +77,8 @@ pub fn moving_points(motion: Motion, n: usize, seed: u64) -> Vec<MovingPoint> {
 
 /// The position of a point, in f32 and interpolated from the nearer end, as in trees of f32 points.
 pub fn place(point: &MovingPoint, time: f32) -> Vec3 {
-    let way = point.close - point.open;
-    if time < 0.5 { point.open + way * time } else { point.close + way * (time - 1.0) }
+    let displacement = point.close - point.open;
+    if time < 0.5 { point.open + displacement * time } else { point.close + displacement * (time - 1.0) }
 }
 
 /// The position of a point, rounded in f64 only.

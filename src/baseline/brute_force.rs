@@ -70,7 +70,7 @@ impl<G: Geometry> BruteForce<G> {
                 && filter.sees(|| self.geometry.mask(id))
                 && let Some(hit) = self.geometry.intersect(id, &ray, &sheared)
             {
-                let hit = hit.answer(self.geometry.name(id));
+                let hit = hit.answer(self.geometry.mesh_and_primitive(id));
                 if filter.accepts(|| hit) {
                     visitor(hit);
                 }

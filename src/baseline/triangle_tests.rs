@@ -107,7 +107,7 @@ impl TriangleTests {
 #[inline(always)]
 fn test<G: Geometry>(geometry: &G, index: u32, ray: &PreparedRay, limit: f32) -> Option<Hit> {
     let hit = geometry.intersect(index, &ray.ray, &ray.sheared)?;
-    (hit.t <= limit).then(|| hit.answer(geometry.name(index)))
+    (hit.t <= limit).then(|| hit.answer(geometry.mesh_and_primitive(index)))
 }
 
 /// A ray in tree space, for [`TriangleTests::hit`] and for slab tests: a point of it is `origin + direction * distance`, where the

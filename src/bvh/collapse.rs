@@ -20,7 +20,7 @@ pub(crate) struct CostModel {
     /// Testing each primitive in it.
     pub primitive: f32,
     /// Factor for static nodes and leaves.
-    pub still: f32,
+    pub static_factor: f32,
     /// The greatest number of primitives in one leaf block; 1 if the references are whole blocks already.
     pub most: usize,
     /// Predicts how often boxes are visited.
@@ -176,9 +176,9 @@ impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Solver<L> {
             share = s.select_u(better, s.splat_u(i as u32 + 1), share);
         }
         let visits = self.cost_model.density.visits(&node.bounds);
-        let still = if node.moving { 1.0 } else { self.cost_model.still };
-        let as_leaf = (self.leaf_cost)(node).map_or(f32::INFINITY, |c| c * visits * still);
-        let as_node = self.cost_model.node * still * visits + s.lane(best, LANES - 1);
+        let factor = if node.moving { 1.0 } else { self.cost_model.static_factor };
+        let as_leaf = (self.leaf_cost)(node).map_or(f32::INFINITY, |c| c * visits * factor);
+        let as_node = self.cost_model.node * factor * visits + s.lane(best, LANES - 1);
         *one = as_leaf.min(as_node);
         // More slots never cost more, so a single child at most ties; a tie goes to it: fewer boxes.
         let single = s.splat(*one);
@@ -229,9 +229,9 @@ impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Kernel for Sweep<'_, L> {
         let mut waiting: Vec<Costs> = Vec::with_capacity(64);
         for ((node, left), one) in self.nodes.iter().zip(self.left).zip(self.one).rev() {
             let costs = if node.right == 0 {
-                let still = if node.moving { 1.0 } else { self.solver.cost_model.still };
+                let factor = if node.moving { 1.0 } else { self.solver.cost_model.static_factor };
                 let cost = (self.solver.leaf_cost)(node).unwrap_or(f32::INFINITY);
-                *one = cost * self.solver.cost_model.density.visits(&node.bounds) * still;
+                *one = cost * self.solver.cost_model.density.visits(&node.bounds) * factor;
                 Costs { by_places: [*one; LANES], enough: 1 }
             } else {
                 let l = waiting.pop().unwrap_or(nothing);
@@ -254,7 +254,7 @@ mod tests {
     use glam::Vec3;
 
     const COST_MODEL: CostModel =
-        CostModel { node: 2.0, leaf: 1.0, primitive: 0.15, still: 0.7, most: 16, density: SurfaceDensity(9.0) };
+        CostModel { node: 2.0, leaf: 1.0, primitive: 0.15, static_factor: 0.7, most: 16, density: SurfaceDensity(9.0) };
 
     fn leaf_cost(node: &BinaryNode) -> Option<f32> {
         (node.count as usize <= COST_MODEL.most).then_some(COST_MODEL.leaf + COST_MODEL.primitive * node.count as f32)

@@ -55,8 +55,8 @@ impl Collapse {
                 }
             }
         }
-        let still = if node.moving { 1.0 } else { cost_model.still };
-        let one = cost_model.node * still * cost_model.density.visits(&node.bounds) + best[LANES - 1];
+        let factor = if node.moving { 1.0 } else { cost_model.static_factor };
+        let one = cost_model.node * factor * cost_model.density.visits(&node.bounds) + best[LANES - 1];
         // As one child it is a wide node, whose sixteen slots are divided.
         share[0] = share[LANES - 1];
         for places in 1..LANES {
@@ -94,7 +94,7 @@ mod tests {
     use glam::Vec3;
 
     const COST_MODEL: CostModel =
-        CostModel { node: 2.0, leaf: 1.0, primitive: 0.07, still: 0.7, most: 16, density: SurfaceDensity(9.0) };
+        CostModel { node: 2.0, leaf: 1.0, primitive: 0.07, static_factor: 0.7, most: 16, density: SurfaceDensity(9.0) };
 
     fn leaf_cost(node: &BinaryNode) -> Option<f32> {
         (node.count as usize <= COST_MODEL.most).then_some(COST_MODEL.leaf + COST_MODEL.primitive * node.count as f32)

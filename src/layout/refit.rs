@@ -42,7 +42,7 @@ impl Moved {
     }
 
     fn any<S: WideSource>(&self, set: &S, ids: &[u32]) -> bool {
-        self.all || ids.iter().any(|&id| self.meshes.get(set.name(id).0 as usize) == Some(&true))
+        self.all || ids.iter().any(|&id| self.meshes.get(set.mesh_and_primitive(id).0 as usize) == Some(&true))
     }
 }
 
@@ -311,11 +311,11 @@ impl<S: WideSource> Pass<'_, S> {
         }
         let MeasuredBoxes { areas, still, all } = boxes.measured(self.level);
         for lane in 0..LANES {
-            let still = if still >> lane & 1 != 0 { COST_MODEL.still } else { 1.0 };
+            let still = if still >> lane & 1 != 0 { COST_MODEL.static_factor } else { 1.0 };
             cost += visits[lane] * f64::from(still * areas[lane]);
         }
         place.done.nodes += usize::from(changed != 0);
-        let still = if kind == Kind::Node { 1.0 } else { COST_MODEL.still };
+        let still = if kind == Kind::Node { 1.0 } else { COST_MODEL.static_factor };
         cost += f64::from(COST_MODEL.node * still) * area(&all);
         Subtree { bounds: (changed != 0).then_some(all), cost }
     }

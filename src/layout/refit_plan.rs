@@ -164,7 +164,7 @@ impl Plan {
 
     fn leaf<S: WideSource>(&self, tree: &WideTree, set: &S, leaf: ChildRef, shared: Option<usize>) -> Extent {
         let ids = tree.ids::<S>(leaf).unwrap_or(&[]);
-        let meshes = ids.iter().fold(0, |meshes, &id| meshes | mesh_bit(set.name(id).0 as usize));
+        let meshes = ids.iter().fold(0, |meshes, &id| meshes | mesh_bit(set.mesh_and_primitive(id).0 as usize));
         if shared.is_some_and(|shared| self.shared[shared].words.contains(&leaf.at())) {
             return Extent { begin: usize::MAX, end: 0, lines: 0, meshes, open: true };
         }

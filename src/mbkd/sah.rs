@@ -110,18 +110,18 @@ struct Span {
     low: Vec3,
     high: Vec3,
     /// The sums of the displacements of their centres, and of their durations.
-    way: DVec3,
+    displacement: DVec3,
     time: f64,
 }
 
 impl Span {
     fn of(references: &[BoxReference]) -> Span {
-        let mut span = Span { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY, way: DVec3::ZERO, time: 0.0 };
+        let mut span = Span { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY, displacement: DVec3::ZERO, time: 0.0 };
         for r in references.iter().filter(|r| r.in_sah) {
             span.low = span.low.min(r.bounds.clipped.min);
             span.high = span.high.max(r.bounds.clipped.max);
             let (b, e) = (r.bounds.whole.begin, r.bounds.whole.end);
-            span.way += ((e.min - b.min) + (e.max - b.max)).as_dvec3() * 0.5;
+            span.displacement += ((e.min - b.min) + (e.max - b.max)).as_dvec3() * 0.5;
             span.time += f64::from(r.interval.duration());
         }
         span
@@ -130,7 +130,7 @@ impl Span {
     /// The mean velocity of the references, weighted by duration.
     fn mean_velocity(&self) -> Vec3 {
         if self.time > 0.0 {
-            (self.way / self.time).as_vec3().clamp(Vec3::splat(-4.0), Vec3::splat(4.0))
+            (self.displacement / self.time).as_vec3().clamp(Vec3::splat(-4.0), Vec3::splat(4.0))
         } else {
             Vec3::ZERO
         }

@@ -30,13 +30,13 @@ fn both_kinds(count: usize) -> (Vec<PointReference>, Shapes<MovingSphere>) {
         0 => TimeInterval::new(0.1, 0.7).unwrap(),
         _ => TimeInterval::FULL,
     };
-    let sphere = |(i, way): (usize, &[Vec3; 2])| {
-        MovingSphere::new(way.map(|p| (p.as_dvec3(), 0.0)).to_vec()).with_active(active(i))
+    let sphere = |(i, keys): (usize, &[Vec3; 2])| {
+        MovingSphere::new(keys.map(|p| (p.as_dvec3(), 0.0)).to_vec()).with_active(active(i))
     };
     let spheres = Shapes::new(paths.iter().enumerate().map(sphere).collect()).unwrap();
     let frame = spheres.frame();
-    let point = |(i, way): (usize, &[Vec3; 2])| {
-        let [open, close] = way.map(|p| frame.point(p.as_dvec3()).to_array());
+    let point = |(i, keys): (usize, &[Vec3; 2])| {
+        let [open, close] = keys.map(|p| frame.point(p.as_dvec3()).to_array());
         PointReference { id: i as u32, interval: active(i), bounds: Trajectory { open, close }, in_sah: true }
     };
     (paths.iter().enumerate().map(point).collect(), spheres)

@@ -152,7 +152,7 @@ impl Boxes {
     }
 
     /// The box around all sixteen.
-    pub(super) fn hull(&self) -> ([f32; 3], [f32; 3]) {
+    pub(super) fn bounds(&self) -> ([f32; 3], [f32; 3]) {
         let least = |row: &Lanes<f32>| row.iter().copied().fold(f32::INFINITY, f32::min);
         let most = |row: &Lanes<f32>| row.iter().copied().fold(f32::NEG_INFINITY, f32::max);
         (core::array::from_fn(|a| least(&self.lo[a])), core::array::from_fn(|a| most(&self.hi[a])))

@@ -154,7 +154,7 @@ impl StaticTree {
                 let first = View::first_child(&&tree, level, node);
                 let mut boxes = Boxes::NONE;
                 for (lane, child) in (first..shape.begin[level]).take(LANES).enumerate() {
-                    let (lo, hi) = tree.nodes[child].hull();
+                    let (lo, hi) = tree.nodes[child].bounds();
                     boxes.include(lane, lo, hi);
                 }
                 tree.nodes[node] = boxes;

@@ -166,7 +166,7 @@ pub(crate) trait PrimitiveSet: Send + Sync {
         u32::MAX
     }
     /// Mesh and primitive in the caller's numbering.
-    fn name(&self, id: u32) -> (u32, u32) {
+    fn mesh_and_primitive(&self, id: u32) -> (u32, u32) {
         (0, id)
     }
     /// The map between world and tree space.

@@ -189,9 +189,9 @@ impl PrimitiveSet for Scene {
     }
 
     #[inline]
-    fn name(&self, id: u32) -> (u32, u32) {
+    fn mesh_and_primitive(&self, id: u32) -> (u32, u32) {
         match self.shape(id) {
-            None => self.triangles.name(id),
+            None => self.triangles.mesh_and_primitive(id),
             Some(shape) => (self.meshes, shape),
         }
     }

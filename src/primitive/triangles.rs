@@ -432,7 +432,7 @@ impl PrimitiveSet for Triangles {
     }
 
     #[inline]
-    fn name(&self, id: u32) -> (u32, u32) {
+    fn mesh_and_primitive(&self, id: u32) -> (u32, u32) {
         // Called for each hit; for a single mesh no lookup is needed.
         let mesh = if self.meshes.len() == 1 { 0 } else { self.mesh_of(id) };
         (mesh as u32, id - self.meshes[mesh].first)
@@ -507,7 +507,10 @@ mod tests {
         let moved = TriangleMesh::new(vec![[0, 1, 2]; 2], vec![corners.clone(), vec![Vec3::ONE; 3]]);
         let set = Triangles::new(&[still, empty, moved]).unwrap();
         assert_eq!((set.len(), set.keys(2), set.keys(3)), (5, 1, 2));
-        assert_eq!((set.name(2), set.name(3), set.name(4)), ((0, 2), (2, 0), (2, 1)));
+        assert_eq!(
+            (set.mesh_and_primitive(2), set.mesh_and_primitive(3), set.mesh_and_primitive(4)),
+            ((0, 2), (2, 0), (2, 1))
+        );
         // Meshes that begin and end anywhere, many of them in a block, with empty ones before, between and behind.
         let mut random = Random(3);
         let meshes: Vec<TriangleMesh> = (0..200)
@@ -519,8 +522,8 @@ mod tests {
             })
             .collect();
         let set = Triangles::new(&meshes).unwrap();
-        let names = meshes.iter().enumerate().flat_map(|(i, mesh)| (0..mesh.len()).map(move |t| (i as u32, t as u32)));
-        assert!(names.eq((0..set.len() as u32).map(|id| set.name(id))));
+        let pairs = meshes.iter().enumerate().flat_map(|(i, mesh)| (0..mesh.len()).map(move |t| (i as u32, t as u32)));
+        assert!(pairs.eq((0..set.len() as u32).map(|id| set.mesh_and_primitive(id))));
     }
 
     /// The largest error of a kernel's vertex, in ULP of the largest coordinate around its time.

@@ -122,7 +122,7 @@ impl<G: PrimitiveSet, F: Filter<ClosestPoint>> Best<'_, G, F> {
     }
 
     fn answer(&self, Candidate { distance, point, u, v }: Candidate, id: u32) -> ClosestPoint {
-        let (mesh, primitive) = self.set.name(id);
+        let (mesh, primitive) = self.set.mesh_and_primitive(id);
         ClosestPoint { distance, point, u, v, mesh, primitive }
     }
 

@@ -17,7 +17,7 @@ impl Found {
     /// The hit in the form of an answer.
     #[inline(always)]
     pub fn answer(&self, set: &impl PrimitiveSet) -> Hit {
-        self.hit.answer(set.name(self.id))
+        self.hit.answer(set.mesh_and_primitive(self.id))
     }
 }
 

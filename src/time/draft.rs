@@ -17,14 +17,14 @@ use crate::simd::{LANES, huge_vec};
 use crate::tuning::presplit::{
     MAX_PRESPLIT_COST, MIN_AREA_RATIO, PRESPLIT_SAMPLE, PRESPLIT_SAMPLES, UNCERTAIN_PRESPLIT_COST,
 };
-use crate::tuning::wide::{BINARY_LEAF, BYTES_PER_REFERENCE, LEAF_COST, NODE_COST, PRIMITIVE_COST, STILL_COST};
+use crate::tuning::wide::{BINARY_LEAF, BYTES_PER_REFERENCE, LEAF_COST, NODE_COST, PRIMITIVE_COST, STATIC_FACTOR};
 
 /// Relative costs of the steps of a query, for rays from outside.
 pub(crate) const COST_MODEL: CostModel = CostModel {
     node: NODE_COST,
     leaf: LEAF_COST,
     primitive: PRIMITIVE_COST,
-    still: STILL_COST,
+    static_factor: STATIC_FACTOR,
     most: LANES,
     density: SurfaceDensity::NONE,
 };

@@ -9,7 +9,7 @@ use mbkd::{
     TreePoint, Visitor,
 };
 
-fn still(n: usize, random: &mut Random) -> Vec<Vec3> {
+fn fixed(n: usize, random: &mut Random) -> Vec<Vec3> {
     (0..n).map(|_| random.vec()).collect()
 }
 
@@ -24,7 +24,7 @@ fn moving(n: usize, random: &mut Random) -> Vec<MovingPoint> {
 }
 
 /// Points with active intervals.
-fn mortal(n: usize, random: &mut Random) -> Vec<MovingPoint> {
+fn with_active_intervals(n: usize, random: &mut Random) -> Vec<MovingPoint> {
     let mut points = moving(n, random);
     for point in &mut points {
         let (a, b) = (random.unit(), random.unit());
@@ -45,8 +45,8 @@ fn trees() -> Vec<(String, PointTree)> {
     let of = |structure| PointParams { structure, ..PointParams::default() };
     let mut trees = Vec::new();
     for n in [0, 1, 16, 17, 300, 6000] {
-        let tree = PointTree::build(&still(n, &mut random), &PointParams::default()).unwrap();
-        trees.push((format!("{n} still"), tree));
+        let tree = PointTree::build(&fixed(n, &mut random), &PointParams::default()).unwrap();
+        trees.push((format!("{n} static"), tree));
     }
     let structures =
         [PointStructure::Automatic, PointStructure::Linear, PointStructure::TimeSlices(3), PointStructure::Mbkd];
@@ -54,10 +54,10 @@ fn trees() -> Vec<(String, PointTree)> {
         for n in [1, 20, 700] {
             let tree = PointTree::build(&moving(n, &mut random), &of(structure)).unwrap();
             trees.push((format!("{n} moving, {structure:?}"), tree));
-            let tree = PointTree::build(&mortal(n, &mut random), &of(structure)).unwrap();
-            trees.push((format!("{n} mortal, {structure:?}"), tree));
+            let tree = PointTree::build(&with_active_intervals(n, &mut random), &of(structure)).unwrap();
+            trees.push((format!("{n} with active intervals, {structure:?}"), tree));
         }
-        let keys: Vec<Vec<Vec3>> = (0..4).map(|_| still(200, &mut random)).collect();
+        let keys: Vec<Vec<Vec3>> = (0..4).map(|_| fixed(200, &mut random)).collect();
         let keys: Vec<&[Vec3]> = keys.iter().map(Vec::as_slice).collect();
         let ids: Vec<u32> = (0..200).map(|i| 1_000_000_007u32.wrapping_mul(i / 2)).collect();
         let set = PointArrays { keys: &keys, active: &[], ids: &ids };
@@ -65,7 +65,7 @@ fn trees() -> Vec<(String, PointTree)> {
     }
     // Static points in a layer of their own.
     let mut some = moving(100, &mut random);
-    some.extend(still(600, &mut random).into_iter().map(MovingPoint::fixed));
+    some.extend(fixed(600, &mut random).into_iter().map(MovingPoint::fixed));
     trees.push(("some moving".into(), PointTree::build(&some, &PointParams::default()).unwrap()));
     for (keys, speed) in [(1, 0.0), (2, 0.1), (4, 0.1), (2, 1e-9)] {
         for structure in [PointStructure::Automatic, PointStructure::TimeSlices(2)] {
@@ -76,7 +76,7 @@ fn trees() -> Vec<(String, PointTree)> {
                 .collect();
             for active in [&active[..], &[]] {
                 let set = PointArrays { keys: &keys, active, ids: &[] };
-                let name = format!("f64, {} keys, {} lives, {structure:?}", keys.len(), active.len());
+                let name = format!("f64, {} keys, {} active intervals, {structure:?}", keys.len(), active.len());
                 trees.push((name, PointTree::build(&set, &of(structure)).unwrap()));
             }
         }
@@ -87,7 +87,7 @@ fn trees() -> Vec<(String, PointTree)> {
 /// A large static tree with a few points far from the others.
 fn large() -> PointTree {
     let mut random = Random(5);
-    let mut points = still(270_000, &mut random);
+    let mut points = fixed(270_000, &mut random);
     for (i, point) in points.iter_mut().enumerate() {
         *point *= if i % 3000 == 0 { 1e6 } else { 1.0 };
     }
@@ -202,7 +202,7 @@ fn files_are_the_same_for_any_number_of_threads_and_instruction_set() {
 #[test]
 fn trees_go_on_from_step_to_step_after_loading() {
     let mut random = Random(9);
-    let mut points = still(5000, &mut random);
+    let mut points = fixed(5000, &mut random);
     let mut tree = PointTree::build(&points, &PointParams::default()).unwrap();
     for step in 0..6 {
         points.iter_mut().for_each(|p| *p += random.vec() * 0.02);

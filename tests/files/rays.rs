@@ -30,13 +30,13 @@ fn mesh(n: usize, keys: usize, shared: bool, random: &mut Random) -> TriangleMes
 
 /// A scene with all kinds of primitives.
 fn everything(random: &mut Random) -> (Vec<TriangleMesh>, Vec<Shape>) {
-    let life = TimeInterval::new(0.25, 0.75).unwrap();
+    let half = TimeInterval::new(0.25, 0.75).unwrap();
     let meshes = vec![
         mesh(70, 1, true, random),
         mesh(40, 1, false, random),
         TriangleMesh::fixed(vec![], vec![]),
         mesh(60, 2, true, random).with_mask(6),
-        mesh(40, 2, false, random).with_active(life),
+        mesh(40, 2, false, random).with_active(half),
         mesh(60, 4, true, random),
         mesh(30, 5, false, random),
     ];
@@ -44,7 +44,7 @@ fn everything(random: &mut Random) -> (Vec<TriangleMesh>, Vec<Shape>) {
     let spheres = (0..20).map(|i| match i % 3 {
         0 => MovingSphere::new(vec![key()]),
         1 => MovingSphere::new(vec![key(), key()]),
-        _ => MovingSphere::new(vec![key(), key(), key()]).with_active(life),
+        _ => MovingSphere::new(vec![key(), key(), key()]).with_active(half),
     });
     let shapes = spheres.map(Shape::from).collect();
     (meshes, shapes)

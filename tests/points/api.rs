@@ -97,7 +97,7 @@ fn batches_equal_single_queries_for_any_number_of_threads() {
 
 #[test]
 fn filtered_batches_are_single_filtered_queries() {
-    for (kind, count) in [("random", 4000), ("short lives", 1000)] {
+    for (kind, count) in [("random", 4000), ("short intervals", 1000)] {
         let mut rng = Rng(9);
         let cloud = cloud(kind, count, &mut rng);
         // Every query has a predicate of its own.
@@ -129,9 +129,9 @@ fn approach(cloud: &Cloud, from: Vec3, to: Vec3, interval: TimeInterval) -> Opti
     for i in 0..cloud.len() {
         for segment in 0..segments {
             let ends = [segment as f64 / segments as f64, (segment + 1) as f64 / segments as f64];
-            let life = cloud.active[i];
-            let begin = f64::from(interval.begin()).max(ends[0]).max(life.begin().into());
-            let end = f64::from(interval.end()).min(ends[1]).min(life.end().into());
+            let active = cloud.active[i];
+            let begin = f64::from(interval.begin()).max(ends[0]).max(active.begin().into());
+            let end = f64::from(interval.end()).min(ends[1]).min(active.end().into());
             if begin > end {
                 continue;
             }
@@ -212,8 +212,8 @@ fn closest_approaches_of_static_points_do_not_depend_on_the_structure() {
         for key in [0.25, 0.5, 0.75] {
             // Passes just before or after a key, or exactly through the point.
             let beside = rng.vec() * [0.0, 1.0][i % 2];
-            let (time, way) = (key + rng.signed() * 1e-4, rng.vec());
-            let [from, to] = [0.0, 1.0].map(|at: f32| cloud.keys[0][i] + beside + way * (at - time));
+            let (time, velocity) = (key + rng.signed() * 1e-4, rng.vec());
+            let [from, to] = [0.0, 1.0].map(|at: f32| cloud.keys[0][i] + beside + velocity * (at - time));
             let nearest = |tree: &PointTree, id: Option<u32>| {
                 tree.closest_approach_if(from, to, TimeInterval::FULL, |other| id.is_none_or(|id| id == other)).unwrap()
             };
@@ -359,7 +359,7 @@ fn bad_queries_find_nothing() {
 
 #[test]
 fn trees_and_choices_do_not_depend_on_threads() {
-    for kind in ["uniform", "fast few", "short lives", "random"] {
+    for kind in ["uniform", "fast few", "short intervals", "random"] {
         let cloud = cloud(kind, 60_000, &mut Rng(2));
         let build = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -400,7 +400,7 @@ const GOLDEN: [(&str, PointStructure, (u64, u64)); 5] = [
     ("coherent", PointStructure::Linear, (6199, 8566)),
     ("random", PointStructure::TimeSlices(4), (5676, 8294)),
     ("fast few", PointStructure::Mbkd, (50400, 20661)),
-    ("short lives", PointStructure::Mbkd, (135364, 88664)),
+    ("short intervals", PointStructure::Mbkd, (135364, 88664)),
 ];
 
 #[test]
@@ -426,9 +426,9 @@ fn automatic_if_few_or_no_points_are_active() {
             let mut cloud = cloud("random", 5000, &mut Rng(12));
             let third = cloud.keys[0].iter().map(|p| *p * 0.5).collect();
             cloud.keys.push(third);
-            for (i, life) in cloud.active.iter_mut().enumerate() {
+            for (i, active) in cloud.active.iter_mut().enumerate() {
                 let all_the_time = some && cloud.keys[0][i].x > 0.5;
-                *life = if all_the_time { TimeInterval::FULL } else { TimeInterval::new(begin, end).unwrap() };
+                *active = if all_the_time { TimeInterval::FULL } else { TimeInterval::new(begin, end).unwrap() };
             }
             let tree = tree_of(&cloud, PointStructure::Automatic);
             let why = &tree.statistics().layers[0].why;
@@ -455,9 +455,9 @@ fn automatic_accounts_for_points_from_far_away() {
     };
     let clusters: Vec<(Vec3, Vec3)> = (0..40).map(|_| (place(&mut rng), place(&mut rng) - 0.5)).collect();
     let crossing = |rng: &mut Rng, i: usize| {
-        let (at, way) = clusters[i % 40];
+        let (at, displacement) = clusters[i % 40];
         let p = at + place(rng) * 0.04;
-        MovingPoint::new(p, p + way)
+        MovingPoint::new(p, p + displacement)
     };
     let sets: [(&str, Vec<MovingPoint>); 2] = [
         ("whirl", (0..count).map(|i| whirl(&mut rng, i)).collect()),
@@ -496,14 +496,16 @@ fn automatic_accounts_for_points_from_far_away() {
 fn closest_approaches_are_told_apart_that_f64_takes_for_equal() {
     let mut rng = Rng(33);
     for round in 0..60 {
-        let ways: Vec<Vec3> = (0..48).map(|_| (rng.vec() * 1e3).round()).filter(|way| *way != Vec3::ZERO).collect();
+        let directions: Vec<Vec3> =
+            (0..48).map(|_| (rng.vec() * 1e3).round()).filter(|direction| *direction != Vec3::ZERO).collect();
         let mut times = || (rng.unit() * 5e3 + 5e3).round();
         let points: Vec<MovingPoint> =
-            ways.iter().map(|way| MovingPoint::new(*way * times(), *way * -times())).collect();
+            directions.iter().map(|direction| MovingPoint::new(*direction * times(), *direction * -times())).collect();
         let q = rng.vec() * 1e-7;
         // From a line through zero, whose direction is known exactly.
-        let distance = |way: &Vec3| q.as_dvec3().cross(way.as_dvec3()).length() / way.as_dvec3().length();
-        let least = ways.iter().map(distance).fold(f64::INFINITY, f64::min);
+        let distance =
+            |direction: &Vec3| q.as_dvec3().cross(direction.as_dvec3()).length() / direction.as_dvec3().length();
+        let least = directions.iter().map(distance).fold(f64::INFINITY, f64::min);
         for structure in STRUCTURES {
             let params = PointParams { structure, ..PointParams::default() };
             let tree = PointTree::build(&points, &params).unwrap();

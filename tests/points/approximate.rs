@@ -109,10 +109,10 @@ proptest! {
         part in 0.5f32..1.5,
     ) {
         let mut rng = Rng(seed);
-        let way = [0.0, 0.01, 0.3, 2.0][spread];
+        let length = [0.0, 0.01, 0.3, 2.0][spread];
         let points: Vec<MovingPoint> = (0..count).map(|_| {
             let p = rng.vec();
-            MovingPoint::new(p, p + rng.vec() * way)
+            MovingPoint::new(p, p + rng.vec() * length)
         }).collect();
         let tree = PointTree::build(&points, &PointParams::default()).unwrap();
         let cloud = Cloud::moving(&points);

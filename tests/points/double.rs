@@ -20,7 +20,13 @@ fn vec(rng: &mut Rng) -> DVec3 {
 
 impl Cloud {
     /// Two clusters of this size, at this distance.
-    fn new(count: usize, keys: usize, (size, apart, speed): (f64, f64, f64), mortal: bool, rng: &mut Rng) -> Cloud {
+    fn new(
+        count: usize,
+        keys: usize,
+        (size, apart, speed): (f64, f64, f64),
+        partly_active: bool,
+        rng: &mut Rng,
+    ) -> Cloud {
         let mut cloud = Cloud { keys: vec![Vec::new(); keys], active: Vec::new() };
         for i in 0..count {
             let mut at = vec(rng) * size + DVec3::new(0.7, 1.0, -0.3) * (apart * (i % 2) as f64);
@@ -30,7 +36,7 @@ impl Cloud {
             }
             let begin = rng.unit() * 0.8;
             let part = TimeInterval::new(begin, begin + 0.2).unwrap();
-            cloud.active.push(if mortal && i % 3 == 0 { part } else { TimeInterval::FULL });
+            cloud.active.push(if partly_active && i % 3 == 0 { part } else { TimeInterval::FULL });
         }
         cloud
     }
@@ -111,8 +117,8 @@ fn every_query_equals_brute_force() {
     for (size, apart, speed) in
         [(1.0, 1e7, 0.0), (1e-3, 1e7, 1e-4), (1.0, 0.0, 2.0), (1e-3, 1e7, 1e3), (1e-20, 1e-3, 0.0)]
     {
-        for (keys, mortal) in [(1, false), (2, false), (2, true), (4, true)] {
-            let cloud = Cloud::new(700, keys, (size, apart, speed), mortal, &mut rng);
+        for (keys, partly_active) in [(1, false), (2, false), (2, true), (4, true)] {
+            let cloud = Cloud::new(700, keys, (size, apart, speed), partly_active, &mut rng);
             for structure in STRUCTURES {
                 for simd in SimdLevel::available() {
                     let tree = cloud.tree(structure, simd).unwrap();
@@ -204,9 +210,9 @@ fn lists_equal_comparing_all_pairs() {
     let mut rng = Rng(23);
     let mut lists = NeighborCsr::new();
     for (size, apart, speed) in [(1.0, 1e7, 0.0), (1e-3, 1e7, 1e-4), (1.0, 0.0, 2.0), (1e-20, 1e-3, 0.0)] {
-        for (keys, mortal) in [(1, false), (2, true), (4, false)] {
-            let cloud = Cloud::new(600, keys, (size, apart, speed), mortal, &mut rng);
-            let other = Cloud::new(100, keys, (size, apart, speed), mortal, &mut rng);
+        for (keys, partly_active) in [(1, false), (2, true), (4, false)] {
+            let cloud = Cloud::new(600, keys, (size, apart, speed), partly_active, &mut rng);
+            let other = Cloud::new(100, keys, (size, apart, speed), partly_active, &mut rng);
             let radius = (0.4 * size) as f32;
             let equal = vec![radius; 600];
             let expected = |time| Expected::new(&cloud, &other, &equal, time);

@@ -67,8 +67,8 @@ fn check(tree: &PointTree, cloud: &Cloud, q: Vec3, time: f32, buffer: &mut Neigh
 
 fn times(cloud: &Cloud, rng: &mut Rng) -> Vec<f32> {
     let mut times = vec![0.0, 1.0, 0.5, 0.5f32.next_down(), 1.0 / 3.0, rng.unit()];
-    let life = cloud.active[rng.bits() as usize % cloud.len()];
-    times.extend([life.begin(), life.end(), life.end().next_down()]);
+    let active = cloud.active[rng.bits() as usize % cloud.len()];
+    times.extend([active.begin(), active.end(), active.end().next_down()]);
     times
 }
 
@@ -100,7 +100,7 @@ fn every_query_equals_comparing_all_points() {
 #[test]
 fn larger_sets_reach_every_level_of_the_tree() {
     let seed = 77;
-    for kind in ["uniform", "surface", "random", "coherent", "fast few", "short lives", "wild speeds"] {
+    for kind in ["uniform", "surface", "random", "coherent", "fast few", "short intervals", "wild speeds"] {
         let mut rng = Rng(seed);
         let cloud = cloud(kind, 30_000, &mut rng);
         for structure in STRUCTURES {
@@ -158,8 +158,8 @@ fn many_keys_are_interpolated_exactly() {
             all.push(next);
         }
         let mut cloud = Cloud { keys: all, active: vec![TimeInterval::FULL; count] };
-        for lives in [false, true] {
-            if lives {
+        for active in [false, true] {
+            if active {
                 for active in &mut cloud.active {
                     let begin = rng.unit() * 0.7;
                     *active = TimeInterval::new(begin, begin + 0.3 * (1.0 - rng.unit())).unwrap();
@@ -178,7 +178,7 @@ fn many_keys_are_interpolated_exactly() {
                     assert_eq!(
                         found,
                         &all[..all.len().min(12)],
-                        "{keys} keys, lives {lives}, {structure:?}, time {time}"
+                        "{keys} keys, active {active}, {structure:?}, time {time}"
                     );
                 }
             }

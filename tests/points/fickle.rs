@@ -13,7 +13,7 @@ enum Fickle {
     NaN,
     Infinite,
     Huge,
-    Alive,
+    Active,
     Id,
     ReservedId,
     SameId,
@@ -21,7 +21,7 @@ enum Fickle {
 
 const KINDS: [Fickle; 10] = {
     use Fickle::*;
-    [Length, Keys, Position, NaN, Infinite, Huge, Alive, Id, ReservedId, SameId]
+    [Length, Keys, Position, NaN, Infinite, Huge, Active, Id, ReservedId, SameId]
 };
 
 /// 3000 points whose answers change after a number of calls.
@@ -61,7 +61,7 @@ impl PointSet for Set {
         }
     }
     fn active(&self, point: usize) -> TimeInterval {
-        match self.changed(Fickle::Alive) {
+        match self.changed(Fickle::Active) {
             Some(call) => TimeInterval::new((call % 9) as f32 / 10.0, 1.0 - (point % 2) as f32 * 0.05).unwrap(),
             None => TimeInterval::FULL,
         }
@@ -92,8 +92,8 @@ fn contradictions_never_panic() {
                         Ok(tree) => {
                             trees += 1;
                             let found = tree.within([0.0f32; 3], 1.0, f32::INFINITY).len();
-                            let lives = kind == Fickle::Alive;
-                            assert!(found == tree.len() || lives, "{kind:?}, {structure:?}, after {after}: {found}");
+                            let interval = kind == Fickle::Active;
+                            assert!(found == tree.len() || interval, "{kind:?}, {structure:?}, after {after}: {found}");
                         }
                     }
                 }

@@ -50,7 +50,7 @@ impl GatherCase {
         for (id, photon) in (0..).zip(photons) {
             let (seen, at) = match photon.time {
                 PhotonTime::At(stamp) => ((stamp - self.time).abs() <= self.window, photon.position),
-                PhotonTime::During(life) => (life.contains(self.time), photon.position),
+                PhotonTime::During(active) => (active.contains(self.time), photon.position),
                 PhotonTime::Carried { time, velocity } => {
                     let open = photon.position - velocity * time;
                     let close = photon.position + velocity * (1.0 - time);
@@ -90,7 +90,7 @@ impl GatherCase {
                     let x = (time - self.time) / self.window;
                     clock.weight(x * x) * (1.0 / duration)
                 }
-                PhotonTime::During(life) => 1.0 / life.duration(),
+                PhotonTime::During(active) => 1.0 / active.duration(),
             };
             (id, space.weight(distance / squared) * in_time * per_area)
         };
@@ -269,8 +269,8 @@ proptest! {
         let case = random_case(&photons, 1.0, &mut rng);
         let metric = |photon: &Photon<f32>| {
             let PhotonTime::At(time) = photon.time else { unreachable!() };
-            let (d, way) = (photon.position - case.at, (time - case.time).abs() * speed);
-            ((d.x * d.x + d.y * d.y) + d.z * d.z) + way * way
+            let (d, moved) = (photon.position - case.at, (time - case.time).abs() * speed);
+            ((d.x * d.x + d.y * d.y) + d.z * d.z) + moved * moved
         };
         let mut all: Vec<(f32, u32)> = photons.iter().map(metric).zip(0..).collect();
         all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));

@@ -45,7 +45,7 @@ impl<'a> ListCase<'a> {
     }
 }
 
-/// A neighbour: id, squared distance, way.
+/// A neighbour: id, squared distance, displacement.
 type Entry = (u32, u32, [u32; 3]);
 
 fn along(d: f32, period: Option<f32>) -> f32 {
@@ -68,11 +68,12 @@ fn compare_all(own: &Cloud, among: &Cloud, case: &ListCase) -> Vec<Vec<Entry>> {
                 Radii::Larger { own, others } => square(own[i]).max(square(others[j])),
             };
             let d = places[j] - p;
-            let way = [0, 1, 2].map(|axis| along(d[axis], case.periods[axis]));
-            let distance = (way[0] * way[0] + way[1] * way[1]) + way[2] * way[2];
+            let displacement = [0, 1, 2].map(|axis| along(d[axis], case.periods[axis]));
+            let distance = (displacement[0] * displacement[0] + displacement[1] * displacement[1])
+                + displacement[2] * displacement[2];
             let wanted = if case.once { j > i } else { case.other || j != i };
             if wanted && distance <= bound {
-                list.push((j as u32, distance.to_bits(), way.map(|x| (x + 0.0).to_bits())));
+                list.push((j as u32, distance.to_bits(), displacement.map(|x| (x + 0.0).to_bits())));
             }
         }
     }
@@ -99,8 +100,8 @@ fn check_against(
         let range = lists.offsets()[i]..lists.offsets()[i + 1];
         let found: Vec<Entry> = range
             .map(|n| {
-                let way = [x[n], y[n], z[n]].map(|x| (x + 0.0).to_bits());
-                (lists.ids()[n], lists.distances_squared()[n].to_bits(), way)
+                let displacement = [x[n], y[n], z[n]].map(|x| (x + 0.0).to_bits());
+                (lists.ids()[n], lists.distances_squared()[n].to_bits(), displacement)
             })
             .collect();
         assert_eq!(&found, list, "{what}: point {i}, {case:?}");
@@ -167,7 +168,7 @@ fn lists_equal_comparing_all_pairs() {
 
 #[test]
 fn larger_sets_and_all_numbers_of_threads() {
-    for kind in ["uniform", "random", "short lives"] {
+    for kind in ["uniform", "random", "short intervals"] {
         let mut rng = Rng(7);
         let cloud = cloud(kind, 3_000, &mut rng);
         let time = rng.unit();
@@ -402,7 +403,7 @@ fn rebuilt_trees_answer_like_new_ones() {
 
 #[test]
 fn orders_of_moving_trees_name_each_point_once() {
-    for kind in ["random", "fast few", "short lives"] {
+    for kind in ["random", "fast few", "short intervals"] {
         let cloud = cloud(kind, 500, &mut Rng(2));
         for structure in STRUCTURES {
             let mut tree = build(&cloud, structure, SimdLevel::best());
@@ -421,7 +422,7 @@ fn orders_of_moving_trees_name_each_point_once() {
 
 #[test]
 fn bulk_queries_equal_single_ones() {
-    for kind in ["uniform", "surface", "lattice", "random", "short lives", "huge"] {
+    for kind in ["uniform", "surface", "lattice", "random", "short intervals", "huge"] {
         let mut rng = Rng(77);
         let cloud = cloud(kind, 2_000, &mut rng);
         let size = cloud.keys.iter().flatten().fold(0.0f32, |most, p| most.max(p.abs().max_element()));

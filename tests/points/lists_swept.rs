@@ -13,13 +13,13 @@ pub fn meet(cloud: &Cloud, (i, j): (usize, usize), times: [f64; 2], square: f64)
     let mut all: Option<Encounter> = None;
     for segment in 0..segments as usize {
         let ends = [segment as f64 / segments, (segment + 1) as f64 / segments];
-        let lives = [i, j].map(|k| cloud.active[k]);
-        let begin = lives.iter().fold(times[0].max(ends[0]), |t, life| t.max(life.begin().into()));
-        let end = lives.iter().fold(times[1].min(ends[1]), |t, life| t.min(life.end().into()));
+        let intervals = [i, j].map(|k| cloud.active[k]);
+        let begin = intervals.iter().fold(times[0].max(ends[0]), |t, active| t.max(active.begin().into()));
+        let end = intervals.iter().fold(times[1].min(ends[1]), |t, active| t.min(active.end().into()));
         if begin > end {
             continue;
         }
-        let over = |time: f64| lives.iter().any(|life| life.end() < 1.0 && time >= life.end().into());
+        let over = |time: f64| intervals.iter().any(|active| active.end() < 1.0 && time >= active.end().into());
         let place = |k: usize, time: f64| {
             let key = |number: usize| cloud.keys[number.min(cloud.keys.len() - 1)][k].as_dvec3();
             let phase = (time * segments - segment as f64).clamp(0.0, 1.0);
@@ -27,10 +27,10 @@ pub fn meet(cloud: &Cloud, (i, j): (usize, usize), times: [f64; 2], square: f64)
         };
         let dot = |a: DVec3, b: DVec3| (a.x * b.x + a.y * b.y) + a.z * b.z;
         let (first, last) = (place(j, begin) - place(i, begin), place(j, end) - place(i, end));
-        let way = last - first;
-        let (speed, approach) = (dot(way, way), -dot(first, way));
+        let displacement = last - first;
+        let (speed, approach) = (dot(displacement, displacement), -dot(first, displacement));
         let w = if speed > 0.0 { (approach / speed).clamp(0.0, 1.0) } else { 0.0 };
-        let nearest = first + way * w;
+        let nearest = first + displacement * w;
         let distance = dot(nearest, nearest);
         if distance > square {
             continue;
@@ -122,7 +122,7 @@ fn swept_lists_equal_comparing_all_pairs() {
 #[test]
 fn lists_longer_than_one_gather() {
     let mut lists = EncounterLists::new();
-    for (kind, radius) in [("random", 9.0), ("fast few", 0.6), ("short lives", 0.9)] {
+    for (kind, radius) in [("random", 9.0), ("fast few", 0.6), ("short intervals", 0.9)] {
         let cloud = cloud(kind, 2500, &mut Rng(11));
         let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
         let interval = TimeInterval::new(0.1, 0.8).unwrap();
@@ -147,7 +147,7 @@ fn lists_longer_than_one_gather() {
 
 #[test]
 fn larger_sets_swept_on_all_numbers_of_threads() {
-    for kind in ["random", "coherent", "fast few", "wild speeds", "short lives"] {
+    for kind in ["random", "coherent", "fast few", "wild speeds", "short intervals"] {
         let cloud = cloud(kind, 800, &mut Rng(5));
         let interval = TimeInterval::new(0.2, 0.7).unwrap();
         let expected = meet_all(&cloud, interval, 0.2);
@@ -194,9 +194,9 @@ fn lists_of_many_points_are_the_same_on_two_threads_as_on_one() {
 fn intervals_that_touch_at_splits_of_the_shutter() {
     let mut rng = Rng(77);
     let mut cloud = cloud("random", 160, &mut rng);
-    for (i, life) in cloud.active.iter_mut().enumerate() {
+    for (i, active) in cloud.active.iter_mut().enumerate() {
         let (begin, end) = [(0.0, 0.5), (0.5, 1.0), (0.25, 0.5), (0.5, 0.625), (0.0, 1.0), (0.375, 0.875)][i % 6];
-        *life = TimeInterval::new(begin, end).unwrap();
+        *active = TimeInterval::new(begin, end).unwrap();
     }
     // Some are static, so that there may be layers; a few are fast.
     for i in (0..160).filter(|i| i % 6 == 4) {
@@ -369,15 +369,15 @@ fn a_pair_that_just_touches_the_radius_and_points_in_the_same_place() {
 }
 
 /// Lives that begin and end at a key, at which paths have a bend: only the motion on the one side of the key counts, and the
-/// closest time may be the end of a life, at which no encounter begins.
+/// closest time may be the end of a active, at which no encounter begins.
 #[test]
-fn closest_times_of_lives_that_begin_and_end_at_a_key() {
-    let lives = [(0.0, 1.0), (0.0, 0.5), (0.5, 1.0), (0.0, 0.5), (0.5, 1.0), (0.0, 0.5)];
+fn closest_times_of_active_intervals_that_begin_and_end_at_a_key() {
+    let intervals = [(0.0, 1.0), (0.0, 0.5), (0.5, 1.0), (0.0, 0.5), (0.5, 1.0), (0.0, 0.5)];
     // Distances from the first point at the keys.
     let apart = [[0.0; 3], [2.0, 1.0, 0.25], [0.25, 1.0, 2.0], [3.0, 1.5, 0.0], [0.0, 1.0, 0.5], [1.0, 1.0, 0.5]];
-    let way = |i: usize| [Vec3::X, Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::Z, Vec3::NEG_Z][i];
-    let keys = [0, 1, 2].map(|key| (0..6).map(|i| way(i) * apart[i][key]).collect());
-    let active = lives.map(|(begin, end)| TimeInterval::new(begin, end).unwrap());
+    let direction = |i: usize| [Vec3::X, Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::Z, Vec3::NEG_Z][i];
+    let keys = [0, 1, 2].map(|key| (0..6).map(|i| direction(i) * apart[i][key]).collect());
+    let active = intervals.map(|(begin, end)| TimeInterval::new(begin, end).unwrap());
     let cloud = Cloud { keys: keys.to_vec(), active: active.to_vec() };
     let encounter =
         |id, enter, leave, closest, distance_squared| Encounter { id, enter, leave, closest, distance_squared };
@@ -456,13 +456,13 @@ fn crowds_that_just_touch_the_radius_are_met() {
     for round in 0..48 {
         let (far, speed) = [(1e3, 1.0), (0.0, 1.0), (1e3, 1e3), (1.0, 1e4)][round % 4];
         let offset = rng.vec() * far;
-        let mut way = || {
+        let mut trajectory = || {
             let (at, by) = (offset + rng.vec(), rng.vec() * speed);
             [at - by * 0.5, at + by * 0.5]
         };
-        let ways = [way(), way()];
+        let trajectories = [trajectory(), trajectory()];
         let crowds = |count: usize| {
-            let key = |key: usize| ways.iter().flat_map(|way| vec![way[key]; count]).collect();
+            let key = |key: usize| trajectories.iter().flat_map(|keys| vec![keys[key]; count]).collect();
             Cloud { keys: vec![key(0), key(1)], active: vec![TimeInterval::FULL; 2 * count] }
         };
         let (pair, cloud) = (crowds(1), crowds(CROWD));
@@ -491,8 +491,8 @@ fn a_pair_just_beyond_the_skin_is_not_taken_for_a_listed_one() {
     let mut rng = Rng(62);
     for round in 0..400 {
         let at = rng.vec() * [1e3, 10.0, 1e4, 0.0][round % 4];
-        let way = rng.vec().normalize_or(Vec3::X);
-        let points = [MovingPoint::new(at, at + rng.vec() * 0.1), MovingPoint::new(at + way, at)];
+        let direction = rng.vec().normalize_or(Vec3::X);
+        let points = [MovingPoint::new(at, at + rng.vec() * 0.1), MovingPoint::new(at + direction, at)];
         let (cloud, time, radius) = (Cloud::moving(&points), 0.25 * rng.unit(), 0.3);
         let d = cloud.at(1, time) - cloud.at(0, time);
         let squared = (d.x * d.x + d.y * d.y) + d.z * d.z;

@@ -35,8 +35,8 @@ fn compare(points: &[MovingPoint], structure: PointStructure) {
         let tree = PointTree::build(&all, &params).unwrap();
         for (with, without) in work(&tree).into_iter().zip(alone) {
             let [with, without] = [with, without].map(|w| w.nodes + w.blocks);
-            let ways = if structure == PointStructure::Mbkd { 9 } else { 1 };
-            let most = without * 3 / 2 + 300 * (4 + 4 * ways) * outliers.len() as u64;
+            let sides = if structure == PointStructure::Mbkd { 9 } else { 1 };
+            let most = without * 3 / 2 + 300 * (4 + 4 * sides) * outliers.len() as u64;
             assert!(with <= most, "{structure:?}, {} points, {outliers:?}: {with} for {without}", points.len());
         }
     }

@@ -25,8 +25,8 @@ fn a_crowd_far_from_zero_meets_one_that_stands_still_there() {
     let mut rng = Rng(64);
     for round in 0..1500 {
         let (at, by) = (rng.vec() * 1e4, rng.vec() * [1.0, 30.0, 1e-3][round % 3]);
-        let ways = [[rng.vec() * 0.1; 2], [at - by * 0.5, at + by * 0.5]];
-        let key = |key: usize| ways.iter().flat_map(|way| vec![way[key]; CROWD]).collect();
+        let trajectories = [[rng.vec() * 0.1; 2], [at - by * 0.5, at + by * 0.5]];
+        let key = |key: usize| trajectories.iter().flat_map(|keys| vec![keys[key]; CROWD]).collect();
         let cloud = Cloud { keys: vec![key(0), key(1)], active: vec![TimeInterval::FULL; 2 * CROWD] };
         let interval = TimeInterval::new(0.25 * rng.unit(), 0.75 + 0.25 * rng.unit()).unwrap();
         let radius = least_radius(&cloud, (0, CROWD), interval);
@@ -75,7 +75,7 @@ fn still_crowds_meet_where_squares_underflow() {
     }
 }
 
-/// Two points that pass through each other, so slowly that the squares of their ways underflow.
+/// Two points that pass through each other, so slowly that the squares of their displacements underflow.
 #[test]
 fn tiny_points_are_met_where_squares_underflow() {
     for size in [1e-19, 1e-20, 1e-22] {
@@ -120,11 +120,11 @@ fn a_certificate_ends_before_rounding_takes_a_pair_for_near() {
         let keys = [2, 3, 9][round % 3];
         let offset = rng.vec() * [1e3, 30.0, 1e5][round % 3];
         let step = offset.length() * [1e-6, 1e-5, 1e-4][round / 3 % 3];
-        let (radius, way) = (offset.length() * 1e-3, rng.vec().normalize_or(Vec3::X));
+        let (radius, direction) = (offset.length() * 1e-3, rng.vec().normalize_or(Vec3::X));
         let mut cloud = Cloud { keys: Vec::new(), active: vec![TimeInterval::FULL; 2] };
         for key in 0..keys {
             let (at, nearer) = (offset + rng.vec() * step, 2.0 * key as f32 / (keys - 1) as f32);
-            cloud.keys.push(vec![at, at + way * (radius + step * (1.0 - nearer))]);
+            cloud.keys.push(vec![at, at + direction * (radius + step * (1.0 - nearer))]);
         }
         let tree = build(&cloud, PointStructure::Linear, SimdLevel::best());
         let good = tree.neighbor_lists_with_skin(0.0, radius, 0.1 * step, 1.0, &mut lists).unwrap();
@@ -150,8 +150,8 @@ fn a_certificate_ends_before_rounding_takes_a_pair_for_near() {
 fn a_pair_just_outside_the_lists_by_their_rounding_is_not_taken_for_a_listed_one() {
     let (mut rng, mut lists) = (Rng(69), NeighborCsr::new());
     for round in 0..600 {
-        let (at, by, way) = (rng.vec() * 1e3, rng.vec() * 3e3, rng.vec().normalize_or(Vec3::X));
-        let keys = vec![vec![at - by, at - by + way], vec![at + by, at + by + way * 0.1]];
+        let (at, by, direction) = (rng.vec() * 1e3, rng.vec() * 3e3, rng.vec().normalize_or(Vec3::X));
+        let keys = vec![vec![at - by, at - by + direction], vec![at + by, at + by + direction * 0.1]];
         let (cloud, time, radius) = (Cloud { keys, active: vec![TimeInterval::FULL; 2] }, 0.1 + 0.15 * rng.unit(), 0.3);
         let d = cloud.at(1, time) - cloud.at(0, time);
         let squared = (d.x * d.x + d.y * d.y) + d.z * d.z;
@@ -202,8 +202,8 @@ fn a_fast_crowd_is_met_where_its_life_begins() {
         let begin = (0..).map(|_| 1.0 - 0.3 * rng.unit()).find(|t| later(*t) > 2.5e-5).unwrap();
         let segment = (f64::from(begin) * SEGMENTS as f64) as usize;
         let (phase, w, other) = (begin * SEGMENTS as f32 - segment as f32, 1.0 + rng.unit(), 1.0 + rng.unit());
-        let life = TimeInterval::new(begin, 1.0).unwrap();
-        let active = (0..32).map(|i| if i < 8 { life } else { TimeInterval::FULL }).collect();
+        let late = TimeInterval::new(begin, 1.0).unwrap();
+        let active = (0..32).map(|i| if i < 8 { late } else { TimeInterval::FULL }).collect();
         let mut at = |i, key| match i {
             0..8 => Vec3::X * passing_zero(segment, phase, w, key),
             8..16 => Vec3::X * other,

@@ -15,7 +15,7 @@ fn place() -> impl Strategy<Value = Vec3> {
     (coordinate(), coordinate(), coordinate()).prop_map(|(x, y, z)| Vec3::new(x, y, z))
 }
 
-fn life() -> impl Strategy<Value = TimeInterval> {
+fn interval() -> impl Strategy<Value = TimeInterval> {
     prop_oneof![
         Just(TimeInterval::FULL),
         (0u32..16, 1u32..=16).prop_map(|(begin, length)| {
@@ -26,8 +26,9 @@ fn life() -> impl Strategy<Value = TimeInterval> {
 }
 
 fn moving_point() -> impl Strategy<Value = MovingPoint> {
-    let way = prop_oneof![Just(Vec3::ZERO), place(), place().prop_map(|p| p * 0.01)];
-    (place(), way, life()).prop_map(|(p, way, life)| MovingPoint::new(p, p + way).active(life))
+    let displacement = prop_oneof![Just(Vec3::ZERO), place(), place().prop_map(|p| p * 0.01)];
+    (place(), displacement, interval())
+        .prop_map(|(p, displacement, active)| MovingPoint::new(p, p + displacement).active(active))
 }
 
 fn structure() -> impl Strategy<Value = PointStructure> {

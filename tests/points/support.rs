@@ -37,8 +37,8 @@ impl Cloud {
         let segment = (along as usize).min(segments - 1);
         let (a, b) = (self.keys[segment][point], self.keys[segment + 1][point]);
         let s = along - segment as f32;
-        let way = |a: f32, b: f32| if s < 0.5 { a + (b - a) * s } else { b + (b - a) * (s - 1.0) };
-        Vec3::new(way(a.x, b.x), way(a.y, b.y), way(a.z, b.z))
+        let along = |a: f32, b: f32| if s < 0.5 { a + (b - a) * s } else { b + (b - a) * (s - 1.0) };
+        Vec3::new(along(a.x, b.x), along(a.y, b.y), along(a.z, b.z))
     }
 
     /// All points that exist at a time, in order of (distance, id).
@@ -94,7 +94,7 @@ pub const KINDS: [&str; 16] = [
     "random",
     "fast few",
     "wild speeds",
-    "short lives",
+    "short intervals",
     "converging",
     "tiny steps",
 ];
@@ -120,7 +120,7 @@ pub fn cloud(kind: &str, count: usize, rng: &mut Rng) -> Cloud {
             "random" => MovingPoint::new(p, p + rng.vec() * spacing * 2.0),
             "fast few" => MovingPoint::new(p, if i % 17 == 0 { p + rng.vec() * 3.0 } else { p + rng.vec() * 1e-3 }),
             "wild speeds" => MovingPoint::new(p, p + rng.vec() * 10f32.powi((rng.bits() % 12) as i32 - 6)),
-            "short lives" => {
+            "short intervals" => {
                 let begin = rng.unit() * 0.95;
                 let end = (begin + 0.02 + 0.08 * rng.unit()).min(1.0);
                 MovingPoint::new(p, p + rng.vec() * spacing).active(TimeInterval::new(begin, end).unwrap())

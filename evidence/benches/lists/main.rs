@@ -390,10 +390,10 @@ fn skin(args: &Args) {
 /// The encounter of two points in f32, if there is one.
 fn pass(a: &MovingPoint, b: &MovingPoint, id: u32, radius: f32) -> Option<Encounter> {
     let (first, last) = (b.open - a.open, b.close - a.close);
-    let way = last - first;
-    let (speed, approach) = (way.length_squared(), -first.dot(way));
+    let displacement = last - first;
+    let (speed, approach) = (displacement.length_squared(), -first.dot(displacement));
     let closest = if speed > 0.0 { (approach / speed).clamp(0.0, 1.0) } else { 0.0 };
-    let distance_squared = (first + way * closest).length_squared();
+    let distance_squared = (first + displacement * closest).length_squared();
     if distance_squared > radius * radius {
         return None;
     }

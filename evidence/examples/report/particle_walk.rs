@@ -40,7 +40,7 @@ impl Walk {
         // In an order in which near particles are near in memory, as particle codes keep them.
         let mut tree = PointTree::build(&start, &PointParams::default())?;
         let mut at: Vec<Vec3> = tree.take_order().iter().map(|&i| start[i as usize]).collect();
-        let mut way: Vec<Vec3> =
+        let mut velocity: Vec<Vec3> =
             (0..n).map(|_| in_ball(&mut random) * (0.03 * spacing / (random.unit() as f32).max(0.01).sqrt())).collect();
         let most = 0.005 * spacing;
         let radius = 2.1 * spacing;
@@ -51,10 +51,10 @@ impl Walk {
             tree.neighbor_lists(0.0, radius).run(&mut lists)?;
             walk.pairs.push(lists.neighbors());
             walk.positions.push(at.clone());
-            walk.velocities.push(way.clone());
-            for (at, way) in at.iter_mut().zip(&mut way) {
-                *way += in_ball(&mut random) * most;
-                *at += *way;
+            walk.velocities.push(velocity.clone());
+            for (at, velocity) in at.iter_mut().zip(&mut velocity) {
+                *velocity += in_ball(&mut random) * most;
+                *at += *velocity;
             }
         }
         Ok(walk)

@@ -43,11 +43,11 @@ impl Points {
                 Some(away) if i == 0 => DVec3::new(away, -away, 0.5 * away),
                 _ => DVec3::ZERO,
             };
-            let (at, way) = (random.vec() + cluster + outlier, random.vec() * case.speed);
+            let (at, displacement) = (random.vec() + cluster + outlier, random.vec() * case.speed);
             for (k, key) in keys.iter_mut().enumerate() {
                 let passed = k as f64 / (case.keys.max(2) - 1) as f64;
                 let aside = if case.keys > 2 { random.vec() * (0.3 * case.speed) } else { DVec3::ZERO };
-                let p = base + (at + way * passed + aside) * case.scale;
+                let p = base + (at + displacement * passed + aside) * case.scale;
                 key.push(if case.wide { p } else { p.as_vec3().as_dvec3() });
             }
             let short = case.keys > 1 && random.below(4) == 0;

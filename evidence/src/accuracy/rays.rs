@@ -42,14 +42,14 @@ impl SceneUnderTest {
         for _ in 0..TRIANGLES {
             let at = random.vec();
             let (long, wide) = (random.vec() * 0.4, random.vec() * (0.4 / case.aspect));
-            let way = random.vec() * case.speed;
+            let displacement = random.vec() * case.speed;
             for (k, key) in soup.iter_mut().enumerate() {
                 let passed = k as f64 / (case.keys.max(2) - 1) as f64;
                 // Inner keys are off the straight line.
                 let aside = if case.keys > 2 { random.vec() * (0.1 * case.speed) } else { DVec3::ZERO };
                 for corner in [DVec3::ZERO, long, wide] {
                     let own = random.vec() * (0.05 * case.speed / case.aspect);
-                    key.push(center + (at + corner + way * passed + aside + own) * case.scale);
+                    key.push(center + (at + corner + displacement * passed + aside + own) * case.scale);
                 }
             }
         }

@@ -16,11 +16,11 @@ fn spheres(case: &RayCase, random: &mut Random) -> Vec<MovingSphere> {
     let center = DVec3::splat(case.offset * case.scale);
     let mut all = Vec::new();
     for _ in 0..SPHERES {
-        let (at, way, radius) = (random.vec(), random.vec() * case.speed, 0.05 + 0.2 * random.unit());
+        let (at, displacement, radius) = (random.vec(), random.vec() * case.speed, 0.05 + 0.2 * random.unit());
         let key = |k: usize| {
             let passed = k as f64 / (case.keys.max(2) - 1) as f64;
             let aside = random.vec() * (0.05 * case.speed);
-            let place = center + (at + way * passed + aside) * case.scale;
+            let place = center + (at + displacement * passed + aside) * case.scale;
             (place, radius * case.scale * (1.0 + 0.3 * random.signed()))
         };
         all.push(MovingSphere::new((0..case.keys).map(key).collect()));

@@ -127,8 +127,8 @@ fn closed_ball(name: &str, rings: usize, keys: usize, at: (f64, f64), given: In,
     // Small enough that the thin triangles at the poles do not fold over, in addition to a motion of the whole.
     let wobble = 0.1 / (rings * rings) as f64;
     let key = |_| {
-        let (way, stretch) = (random.vec() * 0.3, 1.0 + random.vec() * 0.2);
-        base.iter().map(|p| center + ((*p + random.vec() * wobble) * stretch + way) * scale).collect()
+        let (displacement, stretch) = (random.vec() * 0.3, 1.0 + random.vec() * 0.2);
+        base.iter().map(|p| center + ((*p + random.vec() * wobble) * stretch + displacement) * scale).collect()
     };
     let mut keys: Vec<Vec<DVec3>> = (0..keys).map(key).collect();
     let vertex = |ring: usize, i: usize| match ring {
@@ -168,15 +168,15 @@ fn room(name: &str, keys: usize, random: &mut Random) -> ClosedMesh {
     };
     for cell in 0..CELLS.pow(3) {
         let cell = [cell % CELLS, cell / CELLS % CELLS, cell / CELLS / CELLS];
-        for (axis, way) in [(0, -1), (0, 1), (1, -1), (1, 1), (2, -1), (2, 1)] {
+        for (axis, sign) in [(0, -1), (0, 1), (1, -1), (1, 1), (2, -1), (2, 1)] {
             let mut beyond = cell;
-            beyond[axis] += way;
+            beyond[axis] += sign;
             if !inside(cell) || inside(beyond) {
                 continue;
             }
             let corner = |u: i32, v: i32| {
                 let mut corner = cell;
-                corner[axis] += i32::from(way > 0);
+                corner[axis] += i32::from(sign > 0);
                 corner[(axis + 1) % 3] += u;
                 corner[(axis + 2) % 3] += v;
                 corner

@@ -51,14 +51,14 @@ pub fn approach(
         let (b, e) = (&Dyadic::new(times.begin()) * &scale, &Dyadic::new(times.end()) * &scale);
         (b.clone(), &e - &b)
     };
-    let (begin, way) = (Vector::new(from), &Vector::new(to) - &Vector::new(from));
+    let (begin, displacement) = (Vector::new(from), &Vector::new(to) - &Vector::new(from));
     // Point minus query at a time in segments, times `length` (so that no division is needed).
     let apart = |segment: usize, at: &Dyadic| {
         let a = key(segment.min(keys - 1));
         let b = key((segment + 1).min(keys - 1));
         let inside = at - &Dyadic::new(segment as f64);
         let point = &Vector::new(a) + &(&Vector::new(b) - &Vector::new(a)).times(&inside);
-        let query = &begin.times(&length) + &way.times(&(at - &start));
+        let query = &begin.times(&length) + &displacement.times(&(at - &start));
         &point.times(&length) - &query
     };
     let mut best: Option<(Ratio, Ratio, usize)> = None;

@@ -71,9 +71,9 @@ impl Moving {
             Vector(sum.map(Dyadic::stripped))
         };
         let s = s.to_f64();
-        let way = (b - a).abs() * (keys.max(2) - 1) as f64;
+        let displacement = (b - a).abs() * (keys.max(2) - 1) as f64;
         let near = position.to_dvec3();
-        let doubt = given.doubt(a) * (1.0 - s) + given.doubt(b) * s + way * f64::from(time) * HALF_ULP_F32;
+        let doubt = given.doubt(a) * (1.0 - s) + given.doubt(b) * s + displacement * f64::from(time) * HALF_ULP_F32;
         Moving { position, near, doubt }
     }
 }

@@ -45,8 +45,8 @@ pub fn meet_sphere(ray: &ExactRay, sphere: &MovingSphere) -> SphereHit {
     let w = s.to_f64();
     let half = HALF_ULP_F64;
     let moved = |a: f64, b: f64| {
-        let way = (b - a).abs() * (keys.len().max(2) - 1) as f64 * f64::from(ray.ray.time);
-        (a.abs() * (1.0 - w) + b.abs() * w) * half + way * half
+        let displacement = (b - a).abs() * (keys.len().max(2) - 1) as f64 * f64::from(ray.ray.time);
+        (a.abs() * (1.0 - w) + b.abs() * w) * half + displacement * half
     };
     let radius_doubt = moved(a.1.abs(), b.1.abs());
     let doubt_at = |t: f64| {

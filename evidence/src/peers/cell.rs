@@ -13,7 +13,7 @@
 
 use super::ULP;
 use super::boxes::{Box3, MovingBox};
-use super::subtree::{Content, Life, Subtree};
+use super::subtree::{ActiveInterval, Content, Subtree};
 use mbkd::TimeInterval;
 use mbkd::baseline::TriangleTests;
 use mbkd::glam::Vec3;
@@ -22,13 +22,13 @@ use mbkd::glam::Vec3;
 #[derive(Clone, Copy)]
 pub struct Cell {
     bounds: MovingBox,
-    pub life: Life,
+    pub active: ActiveInterval,
 }
 
 impl Cell {
     /// The root cell: a box around the whole scene.
     pub fn root(bounds: Box3) -> Cell {
-        Cell { bounds: MovingBox { open: bounds, close: bounds }, life: Life::ALWAYS }
+        Cell { bounds: MovingBox { open: bounds, close: bounds }, active: ActiveInterval::ALWAYS }
     }
 
     /// The cells below and above a plane with one position at shutter open and another at shutter close. It may leave
@@ -42,13 +42,16 @@ impl Cell {
 
     /// The cell before a time and from it on.
     pub fn halves(self, at: f32) -> [Cell; 2] {
-        let Life { begin, end } = self.life;
-        [Cell { life: Life { begin, end: at }, ..self }, Cell { life: Life { begin: at, end }, ..self }]
+        let ActiveInterval { begin, end } = self.active;
+        [
+            Cell { active: ActiveInterval { begin, end: at }, ..self },
+            Cell { active: ActiveInterval { begin: at, end }, ..self },
+        ]
     }
 
     /// The box that the cell sweeps during a time.
-    fn swept(self, life: Life) -> Box3 {
-        [life.begin, life.end.min(1.0)].map(|time| at(self.bounds, time)).into_iter().fold(Box3::EMPTY, Box3::union)
+    fn swept(self, active: ActiveInterval) -> Box3 {
+        [active.begin, active.end.min(1.0)].map(|time| at(self.bounds, time)).into_iter().fold(Box3::EMPTY, Box3::union)
     }
 }
 
@@ -64,24 +67,29 @@ impl Cells {
     ///
     /// The library computes positions of planes within 4 ULP of it, and moving planes have other roundings when they
     /// are interpolated between both ends: boxes are padded as the k-d traversals pad their planes.
-    pub fn leaf(tests: &TriangleTests, cell: Cell, references: &[(u32, Life)], magnitude: f32) -> Option<Cells> {
-        let (&(_, life), _) = references.split_first()?;
-        let (mut moving, mut still, mut life) = (MovingBox::EMPTY, Box3::EMPTY, life);
+    pub fn leaf(
+        tests: &TriangleTests,
+        cell: Cell,
+        references: &[(u32, ActiveInterval)],
+        magnitude: f32,
+    ) -> Option<Cells> {
+        let (&(_, active), _) = references.split_first()?;
+        let (mut moving, mut still, mut active) = (MovingBox::EMPTY, Box3::EMPTY, active);
         let mut sorted = references.to_vec();
         sorted.sort_unstable_by_key(|(index, _)| *index);
         for &(index, of) in &sorted {
             moving = moving.union(bounds(tests, index, TimeInterval::FULL));
             let during = TimeInterval::new(of.begin, of.end.min(1.0)).unwrap_or(TimeInterval::FULL);
             still = still.union(bounds(tests, index, during).swept().intersection(cell.swept(of)));
-            life = life.union(of);
+            active = active.union(of);
         }
         let magnitude = magnitude.max(cell.bounds.swept().magnitude());
         let by = TriangleTests::padding(magnitude) + 8.0 * ULP * magnitude;
         let still = still.pad(by);
         let candidates = [moving, cell.bounds].map(|b| MovingBox { open: b.open.pad(by), close: b.close.pad(by) });
-        let bounds = tightest([candidates[0], candidates[1], standing(still)], life);
-        let (indices, lives) = sorted.into_iter().unzip();
-        Some(Cells { subtree: Subtree { bounds, life, content: Content::Leaf { indices, lives } }, still })
+        let bounds = tightest([candidates[0], candidates[1], standing(still)], active);
+        let (indices, intervals) = sorted.into_iter().unzip();
+        Some(Cells { subtree: Subtree { bounds, active, content: Content::Leaf { indices, intervals } }, still })
     }
 
     /// Joins both sides of a plane or of a time; returns the other side if one is empty.
@@ -90,7 +98,7 @@ impl Cells {
             [Some(a), Some(b)] => {
                 let still = a.still.union(b.still);
                 let mut subtree = Subtree::inner([a.subtree, b.subtree]);
-                subtree.bounds = tightest([subtree.bounds, standing(still)], subtree.life);
+                subtree.bounds = tightest([subtree.bounds, standing(still)], subtree.active);
                 Some(Cells { subtree, still })
             }
             [one, other] => one.or(other),
@@ -120,8 +128,8 @@ fn at(moving: MovingBox, time: f32) -> Box3 {
 }
 
 /// Each face from the box in which it is tightest at the middle of a time.
-fn tightest<const N: usize>(boxes: [MovingBox; N], life: Life) -> MovingBox {
-    let time = life.middle();
+fn tightest<const N: usize>(boxes: [MovingBox; N], active: ActiveInterval) -> MovingBox {
+    let time = active.middle();
     let mut best = boxes[0];
     for other in boxes {
         let (now, then) = (at(best, time), at(other, time));
@@ -157,36 +165,37 @@ mod tests {
             let tests = TriangleTests::new(&[TriangleMesh::new(indices, keys)]).unwrap();
             let all = Box3::of((0..TRIANGLES).flat_map(|i| [0.0, 0.5, 1.0].map(|t| tests.corners(i, t))).flatten());
             let mut number = || random.unit() as f32 - 0.5;
-            let (x, y, way) = (number(), number(), number());
-            let [below, above] = Cell::root(all).sides(0, x, x + way);
+            let (x, y, displacement) = (number(), number(), number());
+            let [below, above] = Cell::root(all).sides(0, x, x + displacement);
             let [_, above] = above.sides(1, y, y);
             let [first, second] = above.halves(0.25 + 0.5 * (number() + 0.5));
-            let mut lives = [below, first, second].map(|cell| {
+            let mut leaves = [below, first, second].map(|cell| {
                 let of = |index| {
-                    let Life { begin, end } = cell.life;
+                    let ActiveInterval { begin, end } = cell.active;
                     let length = end.min(1.0) - begin;
                     let begin = begin + length * 0.3 * (number() + 0.5);
-                    let of = Life { begin, end: begin + length * 0.5 * (number() + 0.6) };
-                    (index, if index == 0 { cell.life } else { of })
+                    let of = ActiveInterval { begin, end: begin + length * 0.5 * (number() + 0.6) };
+                    (index, if index == 0 { cell.active } else { of })
                 };
-                (cell, (0..TRIANGLES).map(of).collect::<Vec<(u32, Life)>>())
+                (cell, (0..TRIANGLES).map(of).collect::<Vec<(u32, ActiveInterval)>>())
             });
-            lives.sort_by_key(|(cell, _)| cell.life.begin.to_bits());
-            let leaf = |of: &(Cell, Vec<(u32, Life)>)| Cells::leaf(&tests, of.0, &of.1, all.magnitude()).unwrap();
-            let joined = lives.each_ref().map(leaf);
+            leaves.sort_by_key(|(cell, _)| cell.active.begin.to_bits());
+            let leaf =
+                |of: &(Cell, Vec<(u32, ActiveInterval)>)| Cells::leaf(&tests, of.0, &of.1, all.magnitude()).unwrap();
+            let joined = leaves.each_ref().map(leaf);
             let whole = {
-                let [a, b, c] = lives.each_ref().map(leaf);
+                let [a, b, c] = leaves.each_ref().map(leaf);
                 Cells::join([Some(a), Cells::join([Some(b), Some(c)])]).unwrap()
             };
             let mut check = |point: Vec3, time: f32, of: &Cells| {
                 let now = at(of.subtree.bounds, time);
                 assert!(point.cmpge(now.min).all() && point.cmple(now.max).all(), "{point} at {time}: {now:?}");
-                assert!(of.subtree.life.holds(time));
+                assert!(of.subtree.active.holds(time));
                 held += 1;
             };
-            for ((cell, references), leaf) in lives.iter().zip(&joined) {
-                for &(index, life) in references {
-                    for time in (0..=32).map(|i| i as f32 / 32.0).filter(|time| life.holds(*time)) {
+            for ((cell, references), leaf) in leaves.iter().zip(&joined) {
+                for &(index, active) in references {
+                    for time in (0..=32).map(|i| i as f32 / 32.0).filter(|time| active.holds(*time)) {
                         let [a, b, c] = tests.corners(index, time);
                         let now = at(cell.bounds, time);
                         for (i, j) in (0..=8).flat_map(|i| (0..=8 - i).map(move |j| (i, j))) {

@@ -2,7 +2,7 @@
 
 use super::boxes::Box3;
 use super::cell::{Cell, Cells};
-use super::subtree::{Life, Subtree};
+use super::subtree::{ActiveInterval, Subtree};
 use super::{DEPTH, Nearest, ULP};
 use mbkd::baseline::TriangleTests;
 use mbkd::{Hit, Observer, Ray};
@@ -91,7 +91,8 @@ impl FourD {
         let (sides, right) = match *self.nodes.get(node as usize)? {
             Node::Leaf { first, count } => {
                 let indices = &self.indices[first as usize..][..count as usize];
-                let references: Vec<(u32, Life)> = indices.iter().map(|&index| (index, cell.life)).collect();
+                let references: Vec<(u32, ActiveInterval)> =
+                    indices.iter().map(|&index| (index, cell.active)).collect();
                 return Cells::leaf(tests, cell, &references, self.root.magnitude());
             }
             Node::Space { axis, at, right } => (cell.sides(usize::from(axis), at, at), right),

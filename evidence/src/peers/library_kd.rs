@@ -3,7 +3,7 @@
 
 use super::boxes::Box3;
 use super::cell::{Cell, Cells};
-use super::subtree::{Life, Subtree};
+use super::subtree::{ActiveInterval, Subtree};
 use mbkd::baseline::TriangleTests;
 use mbkd::glam::Vec3;
 use mbkd::{FileError, RayTree};
@@ -47,9 +47,11 @@ impl LibraryKd {
     fn cells(&self, tests: &TriangleTests, node: usize, cell: Cell) -> Option<Cells> {
         let [a, b, link] = *self.nodes.get(node)?;
         if link & 3 == LEAF {
-            let of =
-                |&[index, begin, end]: &Words| (index, Life { begin: f32::from_bits(begin), end: f32::from_bits(end) });
-            let references: Vec<(u32, Life)> = self.references[a as usize..][..b as usize].iter().map(of).collect();
+            let of = |&[index, begin, end]: &Words| {
+                (index, ActiveInterval { begin: f32::from_bits(begin), end: f32::from_bits(end) })
+            };
+            let references: Vec<(u32, ActiveInterval)> =
+                self.references[a as usize..][..b as usize].iter().map(of).collect();
             return Cells::leaf(tests, cell, &references, self.root.magnitude());
         }
         let (position, velocity) = (f32::from_bits(a), f32::from_bits(b));

@@ -3,7 +3,7 @@
 use super::Nearest;
 use super::boxes::SlabRay;
 use super::collapse::children;
-use super::subtree::{Content, Life, Subtree};
+use super::subtree::{ActiveInterval, Content, Subtree};
 use super::wide_node::{Row, WideNode};
 use mbkd::baseline::TriangleTests;
 use mbkd::{Hit, Observer, Ray};
@@ -25,11 +25,11 @@ pub struct WideTree {
     root: Option<u32>,
     nodes: Vec<WideNode>,
     /// The active intervals of each node's children: beginnings and ends. Empty if all are active throughout.
-    node_lives: Vec<[Row; 2]>,
+    node_active: Vec<[Row; 2]>,
     leaves: Vec<Leaf>,
     indices: Vec<u32>,
     /// The active interval of each index; empty if all are active throughout.
-    lives: Vec<Life>,
+    intervals: Vec<ActiveInterval>,
 }
 
 thread_local! {
@@ -43,49 +43,51 @@ impl WideTree {
         let mut tree = WideTree {
             root: None,
             nodes: Vec::new(),
-            node_lives: Vec::new(),
+            node_active: Vec::new(),
             leaves: Vec::new(),
             indices: Vec::new(),
-            lives: Vec::new(),
+            intervals: Vec::new(),
         };
         if !root.is_empty() {
             tree.root = Some(tree.place(root));
         }
-        let always =
-            |[begin, end]: &[Row; 2]| begin.iter().zip(end).all(|(&begin, &end)| Life { begin, end }.is_always());
-        if tree.node_lives.iter().all(always) {
-            tree.node_lives = Vec::new();
+        let always = |[begin, end]: &[Row; 2]| {
+            begin.iter().zip(end).all(|(&begin, &end)| ActiveInterval { begin, end }.is_always())
+        };
+        if tree.node_active.iter().all(always) {
+            tree.node_active = Vec::new();
         }
-        if tree.lives.iter().all(|life| life.is_always()) {
-            tree.lives = Vec::new();
+        if tree.intervals.iter().all(|active| active.is_always()) {
+            tree.intervals = Vec::new();
         }
         tree.nodes.shrink_to_fit();
-        tree.node_lives.shrink_to_fit();
+        tree.node_active.shrink_to_fit();
         tree.leaves.shrink_to_fit();
         tree.indices.shrink_to_fit();
-        tree.lives.shrink_to_fit();
+        tree.intervals.shrink_to_fit();
         tree
     }
 
     /// Writes a subtree and returns its index. The recursion is as deep as the tree, which the build bounds.
     fn place(&mut self, subtree: &Subtree) -> u32 {
         match &subtree.content {
-            Content::Leaf { indices, lives } => {
+            Content::Leaf { indices, intervals } => {
                 let leaf = Leaf { first: self.indices.len() as u32, count: indices.len() as u32 };
                 self.indices.extend_from_slice(indices);
-                self.lives.extend((0..indices.len()).map(|i| lives.get(i).copied().unwrap_or(Life::ALWAYS)));
+                self.intervals
+                    .extend((0..indices.len()).map(|i| intervals.get(i).copied().unwrap_or(ActiveInterval::ALWAYS)));
                 self.leaves.push(leaf);
                 (self.leaves.len() - 1) as u32 | LEAF
             }
             Content::Inner(halves) => {
                 let at = self.nodes.len();
                 self.nodes.push(WideNode::EMPTY);
-                self.node_lives.push([[Life::ALWAYS.begin; _], [Life::ALWAYS.end; _]]);
+                self.node_active.push([[ActiveInterval::ALWAYS.begin; _], [ActiveInterval::ALWAYS.end; _]]);
                 for (lane, child) in children(halves).into_iter().enumerate() {
                     let place = self.place(child);
                     self.nodes[at].set(lane, child.bounds.padded(), place);
-                    let [begin, end] = &mut self.node_lives[at];
-                    (begin[lane], end[lane]) = (child.life.begin, child.life.end);
+                    let [begin, end] = &mut self.node_active[at];
+                    (begin[lane], end[lane]) = (child.active.begin, child.active.end);
                 }
                 at as u32
             }
@@ -100,10 +102,10 @@ impl WideTree {
     /// Bytes allocated.
     pub fn bytes(&self) -> usize {
         self.nodes.capacity() * size_of::<WideNode>()
-            + self.node_lives.capacity() * size_of::<[Row; 2]>()
+            + self.node_active.capacity() * size_of::<[Row; 2]>()
             + self.leaves.capacity() * size_of::<Leaf>()
             + self.indices.capacity() * size_of::<u32>()
-            + self.lives.capacity() * size_of::<Life>()
+            + self.intervals.capacity() * size_of::<ActiveInterval>()
     }
 
     /// The closest hit. Misses none for the reasons of
@@ -130,7 +132,7 @@ impl WideTree {
             observer.leaf();
             let Leaf { first, count } = self.leaves[(place & !LEAF) as usize];
             for at in first as usize..(first + count) as usize {
-                if self.lives.get(at).is_some_and(|life| !life.holds(slabs.time)) {
+                if self.intervals.get(at).is_some_and(|active| !active.holds(slabs.time)) {
                     observer.time_skip();
                     continue;
                 }
@@ -149,7 +151,7 @@ impl WideTree {
     #[inline(always)]
     fn enter(&self, node: usize, ray: &SlabRay, reach: f32, waiting: &mut Vec<(u32, f32)>) {
         let (begin, mut hits) = self.nodes[node].enter(ray, reach);
-        if let Some([from, to]) = self.node_lives.get(node) {
+        if let Some([from, to]) = self.node_active.get(node) {
             let mut live = 0;
             for (lane, (from, to)) in from.iter().zip(to).enumerate() {
                 live |= u32::from(*from <= ray.time && ray.time < *to) << lane;

@@ -26,11 +26,11 @@ impl Set {
         let full = vec![TimeInterval::FULL; first.len()];
         if let Some(t) = self.0.names.iter().position(|n| n == "t") {
             let last = self.0.frames[0].iter().map(|row| row[t]).fold(f32::MIN_POSITIVE, f32::max);
-            let life = |row: &Vec<f32>| {
+            let interval = |row: &Vec<f32>| {
                 let begin = (row[t] / last).clamp(0.0, 0.95);
                 TimeInterval::new(begin, begin + 0.05).expect("within the shutter")
             };
-            return Cloud { active: self.0.frames[0].iter().map(life).collect(), keys: vec![first] };
+            return Cloud { active: self.0.frames[0].iter().map(interval).collect(), keys: vec![first] };
         }
         if self.0.frames.len() > 1 {
             let keys = (0..self.0.frames.len()).filter_map(|f| self.columns(f, ["x", "y", "z"])).collect();

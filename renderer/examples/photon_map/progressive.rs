@@ -85,7 +85,7 @@ impl Progressive {
             let all: Vec<_> = photons.caustic.into_iter().chain(photons.indirect).collect();
             let at = |photon: &mbkd::point::Photon<Vec3>| match photon.time {
                 PhotonTime::At(time) | PhotonTime::Carried { time, .. } => (photon.position, time),
-                PhotonTime::During(life) => (photon.position, life.begin()),
+                PhotonTime::During(active) => (photon.position, active.begin()),
             };
             let deposit = |(point, state): &mut (usize, &mut Gathering), photon: &mbkd::point::Photon<Vec3>, _: f32| {
                 let (_, normal, color, time) = owners[*point];
