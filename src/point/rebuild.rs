@@ -46,7 +46,7 @@ impl PointTree {
         params.validate()?;
         let source = Source::read(points, params.round_to_f32)?;
         if source.is_precise() || !source.is_plain() || !self.has_ids_of(source.len) {
-            *self = PointTree::build(points, params)?;
+            *self = PointTree::of(&source, params, &Progress::new(None))?;
             return Ok(false);
         }
         let Some(Layer::Static(tree)) = self.layers.pop() else { unreachable!("the layer was looked at") };

@@ -38,6 +38,15 @@ impl Source {
     /// dropped.
     pub(super) fn read<P: PointSet + ?Sized>(points: &P, round_to_f32: bool) -> Result<Source, PointError> {
         let (len, keys) = sizes(points)?;
+        Source::of(points, (len, keys), is_plain(points, len), round_to_f32)
+    }
+
+    fn of<P: PointSet + ?Sized>(
+        points: &P,
+        (len, keys): (usize, usize),
+        is_plain: bool,
+        round_to_f32: bool,
+    ) -> Result<Source, PointError> {
         let (origin, mut positions, mut exact) =
             if P::WIDE { relative(points, len, keys)? } else { narrow(points, len, keys)? };
         if round_to_f32 {
@@ -46,7 +55,7 @@ impl Source {
         let keys = if exact.is_empty() { merge_keys(&mut positions, len, keys) } else { keys };
         let mut active = Vec::new();
         let mut ids = Vec::new();
-        for point in 0..if is_plain(points, len) { 0 } else { len } {
+        for point in 0..if is_plain { 0 } else { len } {
             let (own, id) = (points.active(point), points.id(point));
             if id == u32::MAX {
                 return Err(PointError::ReservedId { point });
@@ -159,20 +168,31 @@ impl Source {
     }
 }
 
-/// The number of points of a set of f32 positions with one key, without active intervals and ids of its own, and the
-/// points in rows for [`StaticTree::build`]; `None` for other sets.
-pub(super) fn read_static<P: PointSet + ?Sized>(points: &P) -> Result<Option<(usize, Vec<PointBlock>)>, PointError> {
-    let (len, keys) = sizes(points)?;
-    if P::WIDE || keys != 1 || !is_plain(points, len) {
-        return Ok(None);
+/// What a build reads a set into.
+pub(super) enum Input {
+    /// A set of f32 positions with one key, without active intervals and ids of its own: the number of points, and the
+    /// points in rows for [`StaticTree::build`].
+    Static(usize, Vec<PointBlock>),
+    /// Any other set.
+    Other(Source),
+}
+
+impl Input {
+    /// Reads a set; see [`Source::read`].
+    pub(super) fn read<P: PointSet + ?Sized>(points: &P, round_to_f32: bool) -> Result<Input, PointError> {
+        let (len, keys) = sizes(points)?;
+        let is_plain = is_plain(points, len);
+        if P::WIDE || keys != 1 || !is_plain {
+            return Source::of(points, (len, keys), is_plain, round_to_f32).map(Input::Other);
+        }
+        let (mut blocks, reader) = (StaticTree::room(len), Reader::new(points, len));
+        let mut chunks = PointRows::in_blocks(&mut blocks, len).chunks(CHUNK);
+        parallel::each(&mut chunks, |(first, rows)| {
+            rows.take((*first..len).map(|point| Item { at: reader.read(point, 0), index: point as u32 }));
+        });
+        reader.finish()?;
+        Ok(Input::Static(len, blocks))
     }
-    let (mut blocks, reader) = (StaticTree::room(len), Reader::new(points, len));
-    let mut chunks = PointRows::in_blocks(&mut blocks, len).chunks(CHUNK);
-    parallel::each(&mut chunks, |(first, rows)| {
-        rows.take((*first..len).map(|point| Item { at: reader.read(point, 0), index: point as u32 }));
-    });
-    reader.finish()?;
-    Ok(Some((len, blocks)))
 }
 
 /// The numbers of points and keys of a set, if a tree can have so many.
@@ -193,7 +213,7 @@ fn sizes<P: PointSet + ?Sized>(points: &P) -> Result<(usize, usize), PointError>
     Ok((len, keys))
 }
 
-/// Whether all points live throughout, and ids are indices.
+/// Whether all points exist throughout the shutter, and ids are indices.
 fn is_plain<P: PointSet + ?Sized>(points: &P, len: usize) -> bool {
     let plain = |point: usize| points.active(point) == TimeInterval::FULL && points.id(point) == point as u32;
     let all = parallel::chunks(len, |range| range.fold(true, |all, point| all & plain(point)));

@@ -7,7 +7,7 @@ use super::layers::{Layer, LayerView};
 use super::moving_reference::TimeSlice;
 use super::plane_tree::PlaneTree;
 use super::precise::{PreciseLayer, PreciseTree};
-use super::source::{Source, read_static};
+use super::source::{Input, Source};
 use super::static_tree::StaticTree;
 use super::statistics::{PointLayerKind, PointLayerStatistics, PointStatistics};
 use crate::geometry::TimeInterval;
@@ -169,11 +169,9 @@ impl PointTree {
             if progress.cancelled() { Err(PointError::Cancelled) } else { Ok(progress.subtask(1.0 - READING)) }
         };
         // A cancelled build ends early, with an incomplete tree.
-        let tree = if let Some((len, rows)) = read_static(points)? {
-            PointTree::of_static(len, rows, params, &read()?)
-        } else {
-            let source = Source::read(points, params.round_to_f32)?;
-            PointTree::of(&source, params, &read()?)?
+        let tree = match Input::read(points, params.round_to_f32)? {
+            Input::Static(len, rows) => PointTree::of_static(len, rows, params, &read()?),
+            Input::Other(source) => PointTree::of(&source, params, &read()?)?,
         };
         if progress.cancelled() { Err(PointError::Cancelled) } else { Ok(tree) }
     }
@@ -193,7 +191,7 @@ impl PointTree {
     }
 
     /// Builds the tree of a set that was read.
-    fn of(source: &Source, params: &PointParams, progress: &Progress) -> Result<PointTree, PointError> {
+    pub(super) fn of(source: &Source, params: &PointParams, progress: &Progress) -> Result<PointTree, PointError> {
         let (len, origin) = (source.len, source.origin);
         let mut tree = PointTree::without_layers(len, origin, params.simd, source.ids_are_indices());
         if source.is_precise() {

@@ -368,8 +368,8 @@ fn a_pair_that_just_touches_the_radius_and_points_in_the_same_place() {
     assert_eq!(row(1.0, TimeInterval::new(0.0, 0.5f32.next_down()).unwrap()).len(), 1);
 }
 
-/// Lives that begin and end at a key, at which paths have a bend: only the motion on the one side of the key counts, and the
-/// closest time may be the end of a active, at which no encounter begins.
+/// Active intervals that begin and end at a key, at which paths have a bend: only the motion on the one side of the key counts, and the
+/// closest time may be the end of an interval, at which no encounter begins.
 #[test]
 fn closest_times_of_active_intervals_that_begin_and_end_at_a_key() {
     let intervals = [(0.0, 1.0), (0.0, 0.5), (0.5, 1.0), (0.0, 0.5), (0.5, 1.0), (0.0, 0.5)];

@@ -78,6 +78,7 @@ fn family<T>(
 /// The cases for triangles.
 pub fn ray_cases() -> Vec<RayCase> {
     let of = RayCase::plain;
+    let crossing = |family, value| RayCase { at_crossings: true, ..RayCase::plain(family, value) };
     let kept = |family, value| RayCase { wide: true, kept: true, ..RayCase::plain(family, value) };
     [
         family("scale", &[1e-12, 1e-6, 1.0, 1e6, 1e12], of, |c, x| c.scale = x),
@@ -105,14 +106,8 @@ pub fn ray_cases() -> Vec<RayCase> {
             c.offset = 1e6;
             c.keys = x as usize;
         }),
-        family("crossing times, speed", &[0.3, 1.0, 1e3], of, |c, x| {
-            c.speed = x;
-            c.at_crossings = true;
-        }),
-        family("crossing times, keys", &[3.0, 17.0], of, |c, x| {
-            c.keys = x as usize;
-            c.at_crossings = true;
-        }),
+        family("crossing times, speed", &[0.3, 1.0, 1e3], crossing, |c, x| c.speed = x),
+        family("crossing times, keys", &[3.0, 17.0], crossing, |c, x| c.keys = x as usize),
     ]
     .concat()
 }
@@ -183,6 +178,7 @@ impl PointCase {
 /// The cases for points.
 pub fn point_cases() -> Vec<PointCase> {
     let of = PointCase::plain;
+    let crossing = |family, value| PointCase { at_crossings: true, ..PointCase::plain(family, value) };
     [
         family("scale", &[1e-12, 1e-6, 1.0, 1e6, 1e12], of, |c, x| c.scale = x),
         family("offset", &[1.0, 1e2, 1e4, 1e6], of, |c, x| c.offset = x),
@@ -203,14 +199,8 @@ pub fn point_cases() -> Vec<PointCase> {
             c.keys = 1;
             c.clusters = Some(x);
         }),
-        family("crossing times, speed", &[0.3, 1.0, 1e3], of, |c, x| {
-            c.speed = x;
-            c.at_crossings = true;
-        }),
-        family("crossing times, keys", &[3.0, 17.0], of, |c, x| {
-            c.keys = x as usize;
-            c.at_crossings = true;
-        }),
+        family("crossing times, speed", &[0.3, 1.0, 1e3], crossing, |c, x| c.speed = x),
+        family("crossing times, keys", &[3.0, 17.0], crossing, |c, x| c.keys = x as usize),
     ]
     .concat()
 }
