@@ -1,12 +1,12 @@
 //! Sixteen lanes in two AVX2 registers.
 
-use super::doubles::Four;
+use super::doubles::{Four, operations_on_four};
 use super::instructions::{Kernel, Simd};
 use super::lanes::{Lanes, Mask, Rows};
 use super::network::sort_network;
+use super::operators::operators;
 use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
-use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 /// Token of AVX2. Private field: only [`run`] makes one.
 #[derive(Clone, Copy)]
@@ -132,53 +132,17 @@ fn permuted(a: F, index: __m256i) -> __m256 {
     intrinsic!(_mm256_blendv_ps(low, high, upper))
 }
 
-impl Add for F {
-    type Output = F;
-    #[inline(always)]
-    fn add(self, b: F) -> F {
-        F(intrinsic!(_mm256_add_ps(self.0, b.0)), intrinsic!(_mm256_add_ps(self.1, b.1)))
-    }
-}
+operators!(F:
+    Add add |a, b| F(intrinsic!(_mm256_add_ps(a.0, b.0)), intrinsic!(_mm256_add_ps(a.1, b.1)));
+    Sub sub |a, b| F(intrinsic!(_mm256_sub_ps(a.0, b.0)), intrinsic!(_mm256_sub_ps(a.1, b.1)));
+    Mul mul |a, b| F(intrinsic!(_mm256_mul_ps(a.0, b.0)), intrinsic!(_mm256_mul_ps(a.1, b.1)));
+    Div div |a, b| F(intrinsic!(_mm256_div_ps(a.0, b.0)), intrinsic!(_mm256_div_ps(a.1, b.1)));
+);
 
-impl Sub for F {
-    type Output = F;
-    #[inline(always)]
-    fn sub(self, b: F) -> F {
-        F(intrinsic!(_mm256_sub_ps(self.0, b.0)), intrinsic!(_mm256_sub_ps(self.1, b.1)))
-    }
-}
-
-impl Mul for F {
-    type Output = F;
-    #[inline(always)]
-    fn mul(self, b: F) -> F {
-        F(intrinsic!(_mm256_mul_ps(self.0, b.0)), intrinsic!(_mm256_mul_ps(self.1, b.1)))
-    }
-}
-
-impl Div for F {
-    type Output = F;
-    #[inline(always)]
-    fn div(self, b: F) -> F {
-        F(intrinsic!(_mm256_div_ps(self.0, b.0)), intrinsic!(_mm256_div_ps(self.1, b.1)))
-    }
-}
-
-impl BitAnd for U {
-    type Output = U;
-    #[inline(always)]
-    fn bitand(self, b: U) -> U {
-        U(intrinsic!(_mm256_and_si256(self.0, b.0)), intrinsic!(_mm256_and_si256(self.1, b.1)))
-    }
-}
-
-impl BitOr for U {
-    type Output = U;
-    #[inline(always)]
-    fn bitor(self, b: U) -> U {
-        U(intrinsic!(_mm256_or_si256(self.0, b.0)), intrinsic!(_mm256_or_si256(self.1, b.1)))
-    }
-}
+operators!(U:
+    BitAnd bitand |a, b| U(intrinsic!(_mm256_and_si256(a.0, b.0)), intrinsic!(_mm256_and_si256(a.1, b.1)));
+    BitOr bitor |a, b| U(intrinsic!(_mm256_or_si256(a.0, b.0)), intrinsic!(_mm256_or_si256(a.1, b.1)));
+);
 
 impl Simd for Avx2 {
     type F = F;
@@ -391,18 +355,8 @@ impl Simd for Avx2 {
         four(behind + 4, intrinsic!(_mm256_extracti128_si256::<1>(high)));
     }
 
-    #[inline(always)]
-    fn splat_d(self, x: f64) -> Four {
-        Four(intrinsic!(_mm256_set1_pd(x)))
-    }
-    #[inline(always)]
-    fn load_d(self, from: &[f64; 4]) -> Four {
-        Four(intrinsic!(_mm256_loadu_pd(from.as_ptr())))
-    }
-    #[inline(always)]
-    fn widen(self, [a, b, c]: [f32; 3]) -> Four {
-        Four(intrinsic!(_mm256_cvtps_pd(_mm_set_ps(0.0, c, b, a))))
-    }
+    operations_on_four!();
+
     #[inline(always)]
     fn pick_four(self, a: F, numbers: u32) -> Four {
         let shifts = intrinsic!(_mm_setr_epi32(0, 4, 8, 12));
@@ -411,53 +365,7 @@ impl Simd for Avx2 {
         Four(intrinsic!(_mm256_cvtps_pd(_mm256_castps256_ps128(picked))))
     }
     #[inline(always)]
-    fn rotate_left(self, a: Four) -> Four {
-        Four(intrinsic!(_mm256_permute4x64_pd::<0b11_00_10_01>(a.0)))
-    }
-    #[inline(always)]
-    fn rotate_right(self, a: Four) -> Four {
-        Four(intrinsic!(_mm256_permute4x64_pd::<0b11_01_00_10>(a.0)))
-    }
-    #[inline(always)]
-    fn lanes_d(self, a: Four) -> [f64; 4] {
-        let mut lanes = [0.0; 4];
-        intrinsic!(_mm256_storeu_pd(lanes.as_mut_ptr(), a.0));
-        lanes
-    }
-    #[inline(always)]
-    fn widen_four(self, from: &[f32; 4]) -> Four {
-        Four(intrinsic!(_mm256_cvtps_pd(_mm_loadu_ps(from.as_ptr()))))
-    }
-    #[inline(always)]
-    fn narrow(self, a: Four) -> [f32; 4] {
-        a.narrowed()
-    }
-    #[inline(always)]
     fn narrow_all(self, [a, b, c, d]: [Four; 4]) -> F {
         F(Four::narrowed_pair(a, b), Four::narrowed_pair(c, d))
-    }
-    #[inline(always)]
-    fn transpose_d(self, rows: [Four; 4]) -> [Four; 4] {
-        Four::transposed(rows)
-    }
-    #[inline(always)]
-    fn sqrt_d(self, a: Four) -> Four {
-        a.sqrt()
-    }
-    #[inline(always)]
-    fn min_d(self, a: Four, b: Four) -> Four {
-        a.min(b)
-    }
-    #[inline(always)]
-    fn max_d(self, a: Four, b: Four) -> Four {
-        a.max(b)
-    }
-    #[inline(always)]
-    fn le_d(self, a: Four, b: Four) -> Mask {
-        a.le(b)
-    }
-    #[inline(always)]
-    fn select_le(self, x: Four, y: Four, a: Four, b: Four) -> Four {
-        x.select_le(y, a, b)
     }
 }

@@ -30,6 +30,7 @@ mod neon;
 #[cfg(target_arch = "aarch64")]
 mod neon_doubles;
 mod network;
+mod operators;
 mod points;
 mod portable;
 mod prefetch;

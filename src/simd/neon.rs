@@ -10,9 +10,9 @@ use super::instructions::{Kernel, Simd};
 use super::lanes::{LANES, Lanes, Mask, Rows};
 use super::neon_doubles::Four;
 use super::network::sort_network;
+use super::operators::operators;
 use core::arch::aarch64::*;
 use core::mem::MaybeUninit;
-use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 /// Token of NEON.
 #[derive(Clone, Copy)]
@@ -223,53 +223,17 @@ fn sort(a: &mut U) {
     *a = sort_network(Neon, *a);
 }
 
-impl Add for F {
-    type Output = F;
-    #[inline(always)]
-    fn add(self, b: F) -> F {
-        self.map(b, |a, b| intrinsic!(vaddq_f32(a, b)))
-    }
-}
+operators!(F:
+    Add add |a, b| a.map(b, |a, b| intrinsic!(vaddq_f32(a, b)));
+    Sub sub |a, b| a.map(b, |a, b| intrinsic!(vsubq_f32(a, b)));
+    Mul mul |a, b| a.map(b, |a, b| intrinsic!(vmulq_f32(a, b)));
+    Div div |a, b| a.map(b, |a, b| intrinsic!(vdivq_f32(a, b)));
+);
 
-impl Sub for F {
-    type Output = F;
-    #[inline(always)]
-    fn sub(self, b: F) -> F {
-        self.map(b, |a, b| intrinsic!(vsubq_f32(a, b)))
-    }
-}
-
-impl Mul for F {
-    type Output = F;
-    #[inline(always)]
-    fn mul(self, b: F) -> F {
-        self.map(b, |a, b| intrinsic!(vmulq_f32(a, b)))
-    }
-}
-
-impl Div for F {
-    type Output = F;
-    #[inline(always)]
-    fn div(self, b: F) -> F {
-        self.map(b, |a, b| intrinsic!(vdivq_f32(a, b)))
-    }
-}
-
-impl BitAnd for U {
-    type Output = U;
-    #[inline(always)]
-    fn bitand(self, b: U) -> U {
-        self.map(b, |a, b| intrinsic!(vandq_u32(a, b)))
-    }
-}
-
-impl BitOr for U {
-    type Output = U;
-    #[inline(always)]
-    fn bitor(self, b: U) -> U {
-        self.map(b, |a, b| intrinsic!(vorrq_u32(a, b)))
-    }
-}
+operators!(U:
+    BitAnd bitand |a, b| a.map(b, |a, b| intrinsic!(vandq_u32(a, b)));
+    BitOr bitor |a, b| a.map(b, |a, b| intrinsic!(vorrq_u32(a, b)));
+);
 
 impl Simd for Neon {
     type F = F;

@@ -1,7 +1,7 @@
 //! Four f64 in two NEON registers.
 
+use super::operators::operators;
 use core::arch::aarch64::*;
-use core::ops::{Add, Div, Mul, Sub};
 
 /// Four f64, low half first.
 #[derive(Clone, Copy)]
@@ -32,34 +32,9 @@ impl Four {
     }
 }
 
-impl Add for Four {
-    type Output = Four;
-    #[inline(always)]
-    fn add(self, b: Four) -> Four {
-        self.map(b, |a, b| intrinsic!(vaddq_f64(a, b)))
-    }
-}
-
-impl Sub for Four {
-    type Output = Four;
-    #[inline(always)]
-    fn sub(self, b: Four) -> Four {
-        self.map(b, |a, b| intrinsic!(vsubq_f64(a, b)))
-    }
-}
-
-impl Mul for Four {
-    type Output = Four;
-    #[inline(always)]
-    fn mul(self, b: Four) -> Four {
-        self.map(b, |a, b| intrinsic!(vmulq_f64(a, b)))
-    }
-}
-
-impl Div for Four {
-    type Output = Four;
-    #[inline(always)]
-    fn div(self, b: Four) -> Four {
-        self.map(b, |a, b| intrinsic!(vdivq_f64(a, b)))
-    }
-}
+operators!(Four:
+    Add add |a, b| a.map(b, |a, b| intrinsic!(vaddq_f64(a, b)));
+    Sub sub |a, b| a.map(b, |a, b| intrinsic!(vsubq_f64(a, b)));
+    Mul mul |a, b| a.map(b, |a, b| intrinsic!(vmulq_f64(a, b)));
+    Div div |a, b| a.map(b, |a, b| intrinsic!(vdivq_f64(a, b)));
+);

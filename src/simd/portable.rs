@@ -5,8 +5,8 @@
 use super::instructions::Kernel;
 use super::instructions::Simd;
 use super::lanes::{LANES, Lanes, Mask, Rows};
+use super::operators::operators;
 use core::mem::MaybeUninit;
-use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 /// Token of the portable lanes; every CPU has them.
 #[derive(Clone, Copy)]
@@ -86,89 +86,24 @@ fn sort(a: &mut Lanes<u32>) {
     a.sort_unstable();
 }
 
-impl Add for F {
-    type Output = F;
-    #[inline]
-    fn add(self, b: F) -> F {
-        F(zip(&self.0, &b.0, |a, b| a + b))
-    }
-}
+operators!(F:
+    Add add |F(a), F(b)| F(zip(&a, &b, |a, b| a + b));
+    Sub sub |F(a), F(b)| F(zip(&a, &b, |a, b| a - b));
+    Mul mul |F(a), F(b)| F(zip(&a, &b, |a, b| a * b));
+    Div div |F(a), F(b)| F(zip(&a, &b, |a, b| a / b));
+);
 
-impl Sub for F {
-    type Output = F;
-    #[inline]
-    fn sub(self, b: F) -> F {
-        F(zip(&self.0, &b.0, |a, b| a - b))
-    }
-}
+operators!(Four:
+    Add add |Four(a), Four(b)| Four([a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]]);
+    Sub sub |Four(a), Four(b)| Four([a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]]);
+    Div div |Four(a), Four(b)| Four([a[0] / b[0], a[1] / b[1], a[2] / b[2], a[3] / b[3]]);
+    Mul mul |Four(a), Four(b)| Four([a[0] * b[0], a[1] * b[1], a[2] * b[2], a[3] * b[3]]);
+);
 
-impl Mul for F {
-    type Output = F;
-    #[inline]
-    fn mul(self, b: F) -> F {
-        F(zip(&self.0, &b.0, |a, b| a * b))
-    }
-}
-
-impl Div for F {
-    type Output = F;
-    #[inline]
-    fn div(self, b: F) -> F {
-        F(zip(&self.0, &b.0, |a, b| a / b))
-    }
-}
-
-impl Add for Four {
-    type Output = Four;
-    #[inline(always)]
-    fn add(self, Four(b): Four) -> Four {
-        let Four(a) = self;
-        Four([a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]])
-    }
-}
-
-impl Sub for Four {
-    type Output = Four;
-    #[inline(always)]
-    fn sub(self, Four(b): Four) -> Four {
-        let Four(a) = self;
-        Four([a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]])
-    }
-}
-
-impl Div for Four {
-    type Output = Four;
-    #[inline(always)]
-    fn div(self, Four(b): Four) -> Four {
-        let Four(a) = self;
-        Four([a[0] / b[0], a[1] / b[1], a[2] / b[2], a[3] / b[3]])
-    }
-}
-
-impl Mul for Four {
-    type Output = Four;
-    #[inline(always)]
-    fn mul(self, Four(b): Four) -> Four {
-        let Four(a) = self;
-        Four([a[0] * b[0], a[1] * b[1], a[2] * b[2], a[3] * b[3]])
-    }
-}
-
-impl BitAnd for U {
-    type Output = U;
-    #[inline]
-    fn bitand(self, b: U) -> U {
-        U(zip(&self.0, &b.0, |a, b| a & b))
-    }
-}
-
-impl BitOr for U {
-    type Output = U;
-    #[inline]
-    fn bitor(self, b: U) -> U {
-        U(zip(&self.0, &b.0, |a, b| a | b))
-    }
-}
+operators!(U:
+    BitAnd bitand |U(a), U(b)| U(zip(&a, &b, |a, b| a & b));
+    BitOr bitor |U(a), U(b)| U(zip(&a, &b, |a, b| a | b));
+);
 
 impl Simd for Portable {
     type F = F;

@@ -7,9 +7,9 @@
 use super::instructions::{Kernel, Simd};
 use super::lanes::{LANES, Lanes, Mask, Rows};
 use super::network::sort_network;
+use super::operators::operators;
 use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
-use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 /// Token of SSE2.
 #[derive(Clone, Copy)]
@@ -196,85 +196,24 @@ fn row(rows: &Rows, i: usize, to: &mut Lanes<f32>) {
     to[..rows.n].copy_from_slice(&rows.words[i * rows.n..(i + 1) * rows.n]);
 }
 
-impl Add for F {
-    type Output = F;
-    #[inline(always)]
-    fn add(self, b: F) -> F {
-        self.map(b, |a, b| intrinsic!(_mm_add_ps(a, b)))
-    }
-}
+operators!(F:
+    Add add |a, b| a.map(b, |a, b| intrinsic!(_mm_add_ps(a, b)));
+    Sub sub |a, b| a.map(b, |a, b| intrinsic!(_mm_sub_ps(a, b)));
+    Mul mul |a, b| a.map(b, |a, b| intrinsic!(_mm_mul_ps(a, b)));
+    Div div |a, b| a.map(b, |a, b| intrinsic!(_mm_div_ps(a, b)));
+);
 
-impl Sub for F {
-    type Output = F;
-    #[inline(always)]
-    fn sub(self, b: F) -> F {
-        self.map(b, |a, b| intrinsic!(_mm_sub_ps(a, b)))
-    }
-}
+operators!(U:
+    BitAnd bitand |a, b| a.map(b, |a, b| intrinsic!(_mm_and_si128(a, b)));
+    BitOr bitor |a, b| a.map(b, |a, b| intrinsic!(_mm_or_si128(a, b)));
+);
 
-impl Mul for F {
-    type Output = F;
-    #[inline(always)]
-    fn mul(self, b: F) -> F {
-        self.map(b, |a, b| intrinsic!(_mm_mul_ps(a, b)))
-    }
-}
-
-impl Div for F {
-    type Output = F;
-    #[inline(always)]
-    fn div(self, b: F) -> F {
-        self.map(b, |a, b| intrinsic!(_mm_div_ps(a, b)))
-    }
-}
-
-impl BitAnd for U {
-    type Output = U;
-    #[inline(always)]
-    fn bitand(self, b: U) -> U {
-        self.map(b, |a, b| intrinsic!(_mm_and_si128(a, b)))
-    }
-}
-
-impl BitOr for U {
-    type Output = U;
-    #[inline(always)]
-    fn bitor(self, b: U) -> U {
-        self.map(b, |a, b| intrinsic!(_mm_or_si128(a, b)))
-    }
-}
-
-impl Add for Four {
-    type Output = Four;
-    #[inline(always)]
-    fn add(self, b: Four) -> Four {
-        Four(intrinsic!(_mm_add_pd(self.0, b.0)), intrinsic!(_mm_add_pd(self.1, b.1)))
-    }
-}
-
-impl Sub for Four {
-    type Output = Four;
-    #[inline(always)]
-    fn sub(self, b: Four) -> Four {
-        Four(intrinsic!(_mm_sub_pd(self.0, b.0)), intrinsic!(_mm_sub_pd(self.1, b.1)))
-    }
-}
-
-impl Div for Four {
-    type Output = Four;
-    #[inline(always)]
-    fn div(self, b: Four) -> Four {
-        Four(intrinsic!(_mm_div_pd(self.0, b.0)), intrinsic!(_mm_div_pd(self.1, b.1)))
-    }
-}
-
-impl Mul for Four {
-    type Output = Four;
-    #[inline(always)]
-    fn mul(self, b: Four) -> Four {
-        Four(intrinsic!(_mm_mul_pd(self.0, b.0)), intrinsic!(_mm_mul_pd(self.1, b.1)))
-    }
-}
+operators!(Four:
+    Add add |a, b| Four(intrinsic!(_mm_add_pd(a.0, b.0)), intrinsic!(_mm_add_pd(a.1, b.1)));
+    Sub sub |a, b| Four(intrinsic!(_mm_sub_pd(a.0, b.0)), intrinsic!(_mm_sub_pd(a.1, b.1)));
+    Div div |a, b| Four(intrinsic!(_mm_div_pd(a.0, b.0)), intrinsic!(_mm_div_pd(a.1, b.1)));
+    Mul mul |a, b| Four(intrinsic!(_mm_mul_pd(a.0, b.0)), intrinsic!(_mm_mul_pd(a.1, b.1)));
+);
 
 impl Simd for Sse2 {
     type F = F;
