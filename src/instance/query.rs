@@ -160,16 +160,10 @@ impl InstanceOf {
 
     #[inline(never)]
     fn any_hit(&self, ray: &Ray, path: InstancePath, guards: &mut InstanceGuards<'_>) -> bool {
-        let tree = match self {
-            InstanceOf::Tree(tree) => tree,
-            InstanceOf::Instances(tree) => return tree.any(ray, path, guards),
-        };
-        match guards {
-            InstanceGuards::Plain => tree.any_hit(ray),
-            InstanceGuards::Filtered { mask, accept } => {
-                tree.any_hit_filtered(ray, *mask, |&hit| accept(&InstanceHit { path, hit }))
-            }
-            InstanceGuards::Observed(observer) => tree.any_hit_observed(ray, observer),
+        match self {
+            // With a filter or an observer, occlusion is the first of all hits in a tree as well.
+            InstanceOf::Tree(_) => self.all_hits(ray, path, guards, &mut |_| ControlFlow::Break(())).is_break(),
+            InstanceOf::Instances(tree) => tree.any(ray, path, guards),
         }
     }
 

@@ -330,7 +330,7 @@ fn fits(at: DVec3) -> bool {
 
 /// A position, if it is finite and not too large.
 #[inline(always)]
-fn checked(at: DVec3, point: usize, key: usize) -> Result<DVec3, PointError> {
+pub(super) fn checked(at: DVec3, point: usize, key: usize) -> Result<DVec3, PointError> {
     if fits(at) {
         return Ok(at);
     }

@@ -11,8 +11,8 @@ use super::photon::{Photon, PhotonTime};
 use super::span_order::{Item, Queries};
 use super::stamped::{StampedBlock, StampedTree};
 use crate::geometry::{KeyTime, TimeInterval};
-use crate::limits::MAX_POINT_COORDINATE;
 use crate::point::error::PointError;
+use crate::point::source;
 use crate::point::tree::{PointParams, PointTree};
 use crate::primitive::PointSet;
 use crate::simd::SimdLevel;
@@ -193,8 +193,5 @@ impl Index {
 
 /// A position, if it is finite and not too large.
 pub(super) fn checked(at: Vec3, point: usize, key: usize) -> Result<Vec3, PointError> {
-    if at.abs().cmple(Vec3::splat(MAX_POINT_COORDINATE as f32)).all() {
-        return Ok(at);
-    }
-    Err(if at.is_finite() { PointError::TooLarge { point, key } } else { PointError::NonFinite { point, key } })
+    source::checked(at.as_dvec3(), point, key).map(|at| at.as_vec3())
 }

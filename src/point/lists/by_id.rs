@@ -40,7 +40,7 @@ pub(super) fn reorder(request: &ListRequest<'_>, lists: &mut NeighborCsr) -> Res
     let moves = RowMoves { rows: &lists.rows, old: &lists.offsets, new: offsets };
     moves.copy(&lists.columns.ids, &mut lists.spare.ids[..end]);
     for (requested, (to, from)) in
-        request.listing.columns().into_iter().zip(lists.spare.floats().into_iter().zip(lists.columns.floats()))
+        request.listing.columns().into_iter().zip(lists.spare.floats.iter_mut().zip(&lists.columns.floats))
     {
         if requested {
             moves.copy(from, &mut to[..end]);

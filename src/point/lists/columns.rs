@@ -7,39 +7,30 @@ use crate::simd::{LANES, huge_vec};
 #[derive(Clone, Debug, Default)]
 pub(super) struct Columns {
     pub(super) ids: Vec<u32>,
-    pub(super) distances: Vec<f32>,
-    pub(super) displacements: [Vec<f32>; 3],
+    /// Squared distances, and displacements along the axes.
+    pub(super) floats: [Vec<f32>; 4],
 }
 
 impl Columns {
-    /// All columns of f32.
-    pub(super) fn floats(&mut self) -> [&mut Vec<f32>; 4] {
-        let [x, y, z] = &mut self.displacements;
-        [&mut self.distances, x, y, z]
-    }
-
     /// The room in the columns from an index on.
     pub(super) fn room(&mut self, begin: usize, requested: [bool; 4]) -> Room<'_> {
-        let [x, y, z] = &mut self.displacements;
-        let floats = [&mut self.distances, x, y, z];
-        let (mut floats, mut from) = (floats.into_iter(), requested.into_iter());
-        let mut next = || match (floats.next(), from.next()) {
-            (Some(column), Some(true)) => column.get_mut(begin..).unwrap_or_default(),
+        let mut from = requested.into_iter();
+        let floats = self.floats.each_mut().map(|column| match from.next() {
+            Some(true) => column.get_mut(begin..).unwrap_or_default(),
             _ => Default::default(),
-        };
-        let floats = [next(), next(), next(), next()];
+        });
         Room { ids: self.ids.get_mut(begin..).unwrap_or_default(), floats, requested }
     }
 
     pub(super) fn bytes(&self) -> usize {
-        let floats = self.distances.capacity() + self.displacements.iter().map(Vec::capacity).sum::<usize>();
+        let floats = self.floats.iter().map(Vec::capacity).sum::<usize>();
         (self.ids.capacity() + floats) * 4
     }
 
     /// Gives the requested columns at least this length.
     pub(super) fn make_room(&mut self, length: usize, requested: [bool; 4]) {
         grow(&mut self.ids, length);
-        for (requested, column) in requested.into_iter().zip(self.floats()) {
+        for (requested, column) in requested.into_iter().zip(&mut self.floats) {
             if requested {
                 grow(column, length);
             }
@@ -70,8 +61,7 @@ impl<'a> Room<'a> {
     pub(super) fn fill(self, from: &Columns) {
         let Room { ids, floats, .. } = self;
         ids.copy_from_slice(&from.ids[..ids.len()]);
-        let columns = [&from.distances, &from.displacements[0], &from.displacements[1], &from.displacements[2]];
-        for (to, from) in floats.into_iter().zip(columns) {
+        for (to, from) in floats.into_iter().zip(&from.floats) {
             to.copy_from_slice(&from[..to.len()]);
         }
     }

@@ -79,13 +79,13 @@ impl NeighborCsr {
     /// The squared distance of each neighbour, as [`Neighbor`](crate::Neighbor) has it; empty unless requested with
     /// [`with_distances`](super::ListQuery::with_distances).
     pub fn distances_squared(&self) -> &[f32] {
-        self.column(self.distances, &self.columns.distances)
+        self.column(self.distances, &self.columns.floats[0])
     }
 
     /// The displacement from the point to each neighbour along the three axes, to the nearest image along periodic ones; empty
     /// unless requested with [`with_displacements`](super::ListQuery::with_displacements).
     pub fn displacements(&self) -> [&[f32]; 3] {
-        [0, 1, 2].map(|axis| self.column(self.displacements, &self.columns.displacements[axis]))
+        [0, 1, 2].map(|axis| self.column(self.displacements, &self.columns.floats[1 + axis]))
     }
 
     fn column<'a>(&self, requested: bool, column: &'a [f32]) -> &'a [f32] {

@@ -55,7 +55,7 @@ impl<S: Simd> Sink<S> for Row<'_, '_> {
         let hits = hits & if listing.once { s.lt_u(own, ids) } else { !s.eq_u(own, ids) };
         lists.reserve(LANES, listing);
         let end = lists.len;
-        let Columns { ids: listed, distances, .. } = &mut lists.columns;
+        let Columns { ids: listed, floats: [distances, ..] } = &mut lists.columns;
         s.store_compressed_u(ids, hits, lanes_at_mut(listed, end));
         if listing.distances {
             write(s, distances, end, distance, hits);

@@ -196,21 +196,12 @@ impl RowBuilder {
                 }
             }
             // Apart from the lists, the end stays in a register.
-            let Columns { ids: listed, distances, displacements: [displacements_x, displacements_y, displacements_z] } =
-                &mut lists.columns;
+            let Columns { ids: listed, floats } = &mut lists.columns;
             let (listed, mut end) = (&mut listed[..], begin);
             for (from, &hits) in hits.iter().enumerate() {
                 s.store_compressed_u(s.load_u(&from_id[from]), hits, lanes_at_mut(listed, end));
                 if !PLAIN {
-                    let (x, y, z, distance) = relative(s, rows, from, point);
-                    if listing.distances {
-                        write(s, distances, end, distance, hits);
-                    }
-                    if listing.displacements {
-                        write(s, displacements_x, end, x, hits);
-                        write(s, displacements_y, end, y, hits);
-                        write(s, displacements_z, end, z, hits);
-                    }
+                    write_requested(s, listing, floats, end, relative(s, rows, from, point), hits);
                 }
                 end += hits.count_ones() as usize;
             }
@@ -243,8 +234,7 @@ impl RowBuilder {
             let own = s.splat_u(if listing.other_set && !ONCE { u32::MAX } else { id });
             let bounds = s.splat(bound);
             // Apart from the lists, the end stays in a register.
-            let Columns { ids: listed, distances, displacements: [displacements_x, displacements_y, displacements_z] } =
-                &mut lists.columns;
+            let Columns { ids: listed, floats } = &mut lists.columns;
             let (listed, mut end) = (&mut listed[..], begin);
             for &index in selected {
                 let block = &candidates.blocks[index as usize];
@@ -261,18 +251,31 @@ impl RowBuilder {
                 let others = if ONCE { s.lt_u(own, ids) } else { !s.eq_u(own, ids) };
                 let hits = s.le(distance, bounds) & others;
                 s.store_compressed_u(ids, hits, lanes_at_mut(listed, end));
-                if listing.distances {
-                    write(s, distances, end, distance, hits);
-                }
-                if listing.displacements {
-                    write(s, displacements_x, end, x, hits);
-                    write(s, displacements_y, end, y, hits);
-                    write(s, displacements_z, end, z, hits);
-                }
+                write_requested(s, listing, floats, end, (x, y, z, distance), hits);
                 end += hits.count_ones() as usize;
             }
             lists.end_list(id, begin, end, listing);
         }
+    }
+}
+
+/// Writes the requested ones of displacements and squared distances to index `end` and on.
+#[inline(always)]
+fn write_requested<S: Simd>(
+    s: S,
+    listing: &Listing,
+    [distances, displacements_x, displacements_y, displacements_z]: &mut [Vec<f32>; 4],
+    end: usize,
+    (x, y, z, distance): (S::F, S::F, S::F, S::F),
+    hits: Mask,
+) {
+    if listing.distances {
+        write(s, distances, end, distance, hits);
+    }
+    if listing.displacements {
+        write(s, displacements_x, end, x, hits);
+        write(s, displacements_y, end, y, hits);
+        write(s, displacements_z, end, z, hits);
     }
 }
 
@@ -305,8 +308,8 @@ impl Lists {
     pub(super) fn reserve(&mut self, more: usize, listing: &Listing) {
         let length = self.len + more + LANES;
         let room = self.columns.ids.len() >= length
-            && (!listing.distances || self.columns.distances.len() >= length)
-            && (!listing.displacements || self.columns.displacements[2].len() >= length);
+            && (!listing.distances || self.columns.floats[0].len() >= length)
+            && (!listing.displacements || self.columns.floats[3].len() >= length);
         if !room {
             self.grow(length, listing);
         }
@@ -341,7 +344,7 @@ impl Lists {
         for (id, key) in self.columns.ids[list.clone()].iter_mut().zip(&self.keys) {
             *id = (key >> 32) as u32;
         }
-        for (requested, column) in listing.columns().into_iter().zip(self.columns.floats()) {
+        for (requested, column) in listing.columns().into_iter().zip(&mut self.columns.floats) {
             if requested {
                 self.column.clear();
                 self.column.extend_from_slice(&column[list.clone()]);

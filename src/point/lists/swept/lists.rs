@@ -102,12 +102,6 @@ impl PointTree {
     /// Cost: a little more than lists at a time while points move less than their spacing relative to their
     /// neighbours; motion that all have in common costs nothing.
     pub fn neighbor_lists_swept(&self, interval: TimeInterval, radius: f32) -> Result<EncounterLists, ListError> {
-        if !self.precise.is_empty() {
-            return Err(ListError::Double);
-        }
-        if radius.is_nan() || radius < 0.0 {
-            return Err(ListError::Radius { id: None });
-        }
         let mut lists = EncounterLists::new();
         self.neighbor_lists_swept_into(interval, radius, &mut lists)?;
         Ok(lists)
