@@ -1,6 +1,6 @@
 //! Random numbers of the unit tests.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// A linear congruential generator: Knuth's for 64 bits.
 pub(crate) struct Random(pub u64);
@@ -30,5 +30,10 @@ impl Random {
     /// In the cube [-1, 1)³.
     pub fn vec(&mut self) -> Vec3 {
         Vec3::new(self.signed(), self.signed(), self.signed())
+    }
+
+    /// The same with all bits of f64.
+    pub fn dvec(&mut self) -> DVec3 {
+        DVec3::new(self.signed_f64(), self.signed_f64(), self.signed_f64())
     }
 }

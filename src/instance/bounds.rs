@@ -95,35 +95,23 @@ fn image(matrix: DAffine3, of: Aabb) -> Aabb {
 mod tests {
     use super::*;
     use crate::instance::{Pose, Transform};
+    use crate::random::Random;
     use glam::DQuat;
 
-    /// A small generator (splitmix64), in [-1, 1).
-    fn next(state: &mut u64) -> f64 {
-        *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = *state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (z ^ (z >> 31)) as i64 as f64 / (1u64 << 63) as f64
-    }
-
-    fn vec(state: &mut u64) -> DVec3 {
-        DVec3::new(next(state), next(state), next(state))
-    }
-
-    fn transforms(state: &mut u64, keys: usize) -> [Transform; 2] {
+    fn transforms(random: &mut Random, keys: usize) -> [Transform; 2] {
         let poses: Vec<Pose> = (0..keys)
             .map(|_| Pose {
-                scale: (vec(state) * 0.5 + 1.0) * 10f64.powf(3.0 * next(state)),
-                rotation: DQuat::from_axis_angle(vec(state).normalize(), 3.1 * next(state)),
-                translation: vec(state) * 5.0,
+                scale: (random.dvec() * 0.5 + 1.0) * 10f64.powf(3.0 * random.signed_f64()),
+                rotation: DQuat::from_axis_angle(random.dvec().normalize(), 3.1 * random.signed_f64()),
+                translation: random.dvec() * 5.0,
             })
             .collect();
         let begin = poses[0].matrix();
         let matrices = (0..keys).map(|_| {
             let mut matrix = begin;
-            matrix.matrix3.x_axis += vec(state) * 0.1 * matrix.matrix3.x_axis.length();
-            matrix.matrix3.z_axis += vec(state) * 0.1 * matrix.matrix3.z_axis.length();
-            matrix.translation += vec(state);
+            matrix.matrix3.x_axis += random.dvec() * 0.1 * matrix.matrix3.x_axis.length();
+            matrix.matrix3.z_axis += random.dvec() * 0.1 * matrix.matrix3.z_axis.length();
+            matrix.translation += random.dvec();
             matrix
         });
         [matrices.collect::<Vec<_>>().into(), poses.into()]
@@ -131,19 +119,19 @@ mod tests {
 
     /// Counts points of moving boxes outside of their bounds, with this share of the bulge: for matrices, for poses.
     fn outside(bulge: f64) -> [usize; 2] {
-        let (mut outside, mut state) = ([0, 0], 1);
+        let (mut outside, mut random) = ([0, 0], Random(1));
         for round in 0..1500 {
-            for (kind, transform) in transforms(&mut state, 2 + round % 4).into_iter().enumerate() {
+            for (kind, transform) in transforms(&mut random, 2 + round % 4).into_iter().enumerate() {
                 let mut motions = Motions::default();
                 let (motion, _) = motions.add(&transform, 0).unwrap();
-                let (low, size, by) = (vec(&mut state), vec(&mut state).abs(), vec(&mut state) * 0.7);
-                let still = Aabb { min: low, max: low + size };
-                let first = LinearBounds { begin: still, end: Aabb { min: low + by, max: low + by + size } };
-                let beside = vec(&mut state);
+                let (low, size, by) = (random.dvec(), random.dvec().abs(), random.dvec() * 0.7);
+                let begin_box = Aabb { min: low, max: low + size };
+                let first = LinearBounds { begin: begin_box, end: Aabb { min: low + by, max: low + by + size } };
+                let beside = random.dvec();
                 let second = Aabb { min: beside, max: beside + size * 0.5 };
                 let of = [first, LinearBounds::fixed(second)];
                 let of = if round % 2 == 0 { &of[..] } else { &of[..1] };
-                let (a, b) = (next(&mut state).abs() as f32, next(&mut state).abs() as f32);
+                let (a, b) = (random.signed_f64().abs() as f32, random.signed_f64().abs() as f32);
                 let over =
                     if round % 3 == 0 { TimeInterval::FULL } else { TimeInterval::new(a.min(b), a.max(b)).unwrap() };
                 let bounds = motions.bounds(&motion, of, over, bulge);

@@ -360,20 +360,8 @@ mod tests {
     use crate::baseline::BruteForce;
     use crate::params::BuildParams;
     use crate::primitive::TriangleMesh;
+    use crate::random::Random;
     use glam::DMat3;
-
-    /// A small generator (splitmix64), in [-1, 1).
-    fn next(state: &mut u64) -> f32 {
-        *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = *state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 40) as f32 / (1 << 23) as f32 - 1.0
-    }
-
-    fn vec(state: &mut u64) -> Vec3 {
-        Vec3::new(next(state), next(state), next(state))
-    }
 
     /// Counts hits of rays at the edges of a cube under sheared matrices, and those that are lost.
     fn lost(padding: f64, away: f32) -> (usize, usize) {
@@ -395,25 +383,25 @@ mod tests {
         let cube = TriangleMesh::fixed(faces.to_vec(), (0..8).map(corner).collect());
         let tree = Arc::new(RayTree::build(core::slice::from_ref(&cube), &BuildParams::default()).expect("a cube"));
         let oracle = BruteForce::new(&[cube]).expect("a cube");
-        let (mut state, mut hits, mut lost) = (5, 0, 0);
+        let (mut random, mut hits, mut lost) = (Random(5), 0, 0);
         for _ in 0..300 {
-            let shear = DVec3::new(f64::from(next(&mut state)) * 3000.0, 1.0, 0.0);
-            let matrix3 = DMat3::from_cols(DVec3::X, shear, vec(&mut state).as_dvec3() + DVec3::Z * 2.0);
-            let matrix = DAffine3 { matrix3, translation: vec(&mut state).as_dvec3() };
+            let shear = DVec3::new(f64::from(random.signed()) * 3000.0, 1.0, 0.0);
+            let matrix3 = DMat3::from_cols(DVec3::X, shear, random.vec().as_dvec3() + DVec3::Z * 2.0);
+            let matrix = DAffine3 { matrix3, translation: random.vec().as_dvec3() };
             let instance = Instance::new(tree.clone(), matrix);
             let placed = InstanceTree::padded(vec![instance.clone(), instance], &WideParams::default(), padding)
                 .expect("instances");
             for _ in 0..200 {
                 // The edges along y are those where the box of the image is tight.
                 let edge = Vec3::new(
-                    (next(&mut state) > 0.0) as u8 as f32,
-                    next(&mut state).abs().round(),
-                    (next(&mut state) > 0.0) as u8 as f32,
+                    (random.signed() > 0.0) as u8 as f32,
+                    random.signed().abs().round(),
+                    (random.signed() > 0.0) as u8 as f32,
                 );
                 // Beside the image, by less than the greatest shift of a hit by the rounding of the direction.
-                let beside = f64::from(next(&mut state)) * shear.x * f64::from(away) / f64::from(1 << 24);
+                let beside = f64::from(random.signed()) * shear.x * f64::from(away) / f64::from(1 << 24);
                 let target = matrix.transform_point3(edge.as_dvec3()) + DVec3::X * beside;
-                let origin = target + (vec(&mut state) * away).as_dvec3();
+                let origin = target + (random.vec() * away).as_dvec3();
                 let ray = Ray::new(origin, (target - origin).as_vec3());
                 let Some(local) = placed.local_ray(0, &ray) else { continue };
                 let (expected, found) = (oracle.closest_hit(&local), placed.closest_hit(&ray).map(|found| found.hit));
