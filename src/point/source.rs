@@ -38,13 +38,14 @@ impl Source {
     /// dropped.
     pub(super) fn read<P: PointSet + ?Sized>(points: &P, round_to_f32: bool) -> Result<Source, PointError> {
         let (len, keys) = sizes(points)?;
-        Source::of(points, (len, keys), is_plain(points, len), round_to_f32)
+        Source::of(points, (len, keys), false, round_to_f32)
     }
 
+    /// The same; `not_plain` if it is known that active intervals or ids have to be read.
     fn of<P: PointSet + ?Sized>(
         points: &P,
         (len, keys): (usize, usize),
-        is_plain: bool,
+        not_plain: bool,
         round_to_f32: bool,
     ) -> Result<Source, PointError> {
         let (origin, mut positions, mut exact) =
@@ -55,7 +56,7 @@ impl Source {
         let keys = if exact.is_empty() { merge_keys(&mut positions, len, keys) } else { keys };
         let mut active = Vec::new();
         let mut ids = Vec::new();
-        for point in 0..if is_plain { 0 } else { len } {
+        for point in 0..if !not_plain && is_plain(points, len) { 0 } else { len } {
             let (own, id) = (points.active(point), points.id(point));
             if id == u32::MAX {
                 return Err(PointError::ReservedId { point });
@@ -181,9 +182,9 @@ impl Input {
     /// Reads a set; see [`Source::read`].
     pub(super) fn read<P: PointSet + ?Sized>(points: &P, round_to_f32: bool) -> Result<Input, PointError> {
         let (len, keys) = sizes(points)?;
-        let is_plain = is_plain(points, len);
-        if P::WIDE || keys != 1 || !is_plain {
-            return Source::of(points, (len, keys), is_plain, round_to_f32).map(Input::Other);
+        let may_be_static = !P::WIDE && keys == 1;
+        if !(may_be_static && is_plain(points, len)) {
+            return Source::of(points, (len, keys), may_be_static, round_to_f32).map(Input::Other);
         }
         let (mut blocks, reader) = (StaticTree::room(len), Reader::new(points, len));
         let mut chunks = PointRows::in_blocks(&mut blocks, len).chunks(CHUNK);
