@@ -42,7 +42,8 @@ pub(crate) struct Region {
 /// Separate trees never take more bytes than this: three quarters of the range of its references.
 const MOST_BYTES: f64 = 1.5 * (1u64 << 30) as f64;
 
-/// The regions of a draft for the whole shutter, in the order of their nodes; none lies below another.
+/// The regions of a draft for the whole shutter, in the order of their nodes; none lies below another. A region has more references
+/// than a leaf block, unless it is the whole draft: where trees are written, its node is told from those of leaf blocks by its size.
 pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &WideParams) -> Vec<Region> {
     let forced = |division| vec![Region { node: 0, division, cost: draft.collapse.total() }];
     match params.division {
@@ -60,7 +61,10 @@ pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &WidePara
     for candidate in found {
         divided(draft, candidate, least, &decide, &mut decided);
     }
-    joined(&draft.binary, 0, decided)
+    let mut regions = joined(&draft.binary, 0, decided);
+    let in_a_block = |node: u32| draft.binary[node as usize].count as usize <= draft.cost_model.most;
+    regions.retain(|region| region.node == 0 || !in_a_block(region.node));
+    regions
 }
 
 /// Appends the regions of a candidate: itself or, if it is rejected and its halves are dissimilar, those of both halves.

@@ -259,3 +259,23 @@ impl Vertices for TriangleMesh {
         }
     }
 }
+
+/// A few fast triangles beside many slow ones are a region with a temporal split of its own, unless they are so few that they might
+/// be a leaf block: of different numbers of keys, they cannot be one.
+#[test]
+fn few_fast_triangles_of_different_numbers_of_keys_beside_many_others() {
+    for seed in 0..8 {
+        for few in [2, 6, 20] {
+            let slow = soup(1100, 2, 0.01, 1e-3, seed);
+            let fast = |keys: usize| {
+                let mut mesh = soup(few, keys, 0.2, 3.0, seed + keys as u64);
+                let Keys::F32(at) = &mut mesh.keys else { panic!("f32") };
+                at.iter_mut().flatten().for_each(|p| *p += Vec3::X * 20.0);
+                mesh
+            };
+            let meshes = [slow, fast(2), fast(5)];
+            let tree = equals_brute_force(&meshes, &BuildParams::default(), 200);
+            assert_eq!(tree.statistics().primitives, 1100 + 2 * few);
+        }
+    }
+}
