@@ -311,9 +311,9 @@ impl PointTree {
     /// The point that comes nearest to a query that moves on a straight line from `from` at the begin of
     /// `interval` to `to` at its end, and when.
     ///
-    /// Times are continuous here and active intervals include both ends, because the nearest moment may be the last. (An
-    /// interval that ends with the float next to a key which is no float ends with the key.) Each point has a nearest
-    /// moment in each segment between keys. Ties of their distances, as rounded to f32, go to the earlier time, then to the
+    /// Times are continuous here and active intervals include both ends, because the nearest moment may be the last. (An active
+    /// interval that begins or ends with the float next to a key which is no float may begin or end with the key.) Each point has
+    /// a nearest moment in each segment between keys. Ties of their distances, as rounded to f32, go to the earlier time, then to the
     /// lower id. The distance is the exact one of these numbers, rounded to f32, as long as it is more than 2^-70 of the
     /// largest coordinate; so is the time. Finds nothing for positions that are not finite or farther from the origin than
     /// [`MAX_POINT_COORDINATE`]. Cost: 3 to 16 microseconds among points that move little, some dozens if they move far

@@ -508,3 +508,33 @@ fn a_pair_just_beyond_the_skin_is_not_taken_for_a_listed_one() {
         assert!(good <= enter, "round {round}: {good}, but they meet at {enter}");
     }
 }
+
+/// The float before the f32 nearest to a key may be located at the key already. A point that begins to exist then has no motion in the
+/// segment before, and a pair with it is missing from then on.
+#[test]
+fn certificates_end_before_points_that_begin_to_exist_beside_a_key() {
+    let (mut rng, mut beside) = (Rng(63), 0);
+    for keys in 4..80usize {
+        for key in 1..keys - 1 {
+            let nearest = (key as f64 / (keys - 1) as f64) as f32;
+            let before = nearest.next_down();
+            if ((before * (keys - 1) as f32) as usize) < key {
+                continue;
+            }
+            let mut place = || (0..keys).map(|_| rng.vec() * 0.1).collect::<Vec<Vec3>>();
+            let ways = [place(), place()];
+            let active = [TimeInterval::FULL, TimeInterval::new(before, 1.0).unwrap()];
+            let at = |key: usize| ways.iter().map(|way| way[key]).collect();
+            let cloud = Cloud { keys: (0..keys).map(at).collect(), active: active.to_vec() };
+            for structure in STRUCTURES {
+                let tree = build(&cloud, structure, SimdLevel::best());
+                let mut lists = NeighborCsr::new();
+                let time = nearest - 0.5 / (keys - 1) as f32;
+                let good = tree.neighbor_lists_with_skin(time, 1.0, 0.1, 1.0, &mut lists).unwrap();
+                assert_eq!((lists.neighbors(), good), (0, before), "{keys} keys, {structure:?}, beside key {key}");
+                beside += 1;
+            }
+        }
+    }
+    assert!(beside > 100, "{beside}");
+}

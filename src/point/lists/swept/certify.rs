@@ -66,8 +66,10 @@ impl PointTree {
         let at = KeyTime::new(time, keys);
         let next_key = (at.segment + 1) as f64 / (keys.max(2) - 1) as f64;
         // The f32 nearest to the key needs no rounding down: what is certain ends before it, and all f32 before it are
-        // before the key.
-        let until = until.min(next_key as f32).max(time);
+        // before the key. But queries may locate the last of them at the key: a point that begins to exist then is not in this
+        // segment.
+        let next_key = (next_key as f32).min(KeyTime::first_time(at.segment + 1, keys));
+        let until = until.min(next_key).max(time);
         let bound = squared_radius(radius + skin);
         let listed = |a: &PointPath, b: &PointPath| {
             let key = |p: [f64; 3]| Vec3::from_array(p.map(|x| x as f32));
