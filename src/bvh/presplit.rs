@@ -276,6 +276,14 @@ mod tests {
     use crate::time::time_slice;
     use glam::Vec3;
 
+    /// The parts of a triangle between planes, computed by one of the instruction sets.
+    fn parts_of(planes: Planes, bounds: &LinearBox3, ends: &Ends, pad: f32, round: usize) -> [LinearBox3; BINS] {
+        let (whole, mut parts) = (Packed::new(bounds), [Packed::EMPTY; BINS]);
+        let level = SimdLevel::available()[round % SimdLevel::available().len()];
+        dispatch(level, ClipBetweenPlanes { ends, whole: &whole, planes, pad, parts: &mut parts });
+        parts.map(|part| part.bounds())
+    }
+
     #[test]
     fn needles_are_split_within_the_budget_and_the_longest_most() {
         let mut random = Random(3);
@@ -340,12 +348,7 @@ mod tests {
                 continue;
             }
             let planes = Planes { axis, low: middle.min[axis], width };
-            let mut parts = [Packed::EMPTY; BINS];
-            let whole = Packed::new(&bounds);
-            let level = SimdLevel::available()[round / 4 % SimdLevel::available().len()];
-            let pad = ClipBetweenPlanes::pad(&corners);
-            dispatch(level, ClipBetweenPlanes { ends: &corners, whole: &whole, planes, pad, parts: &mut parts });
-            let parts = parts.map(|part| part.bounds());
+            let parts = parts_of(planes, &bounds, &corners, ClipBetweenPlanes::pad(&corners), round / 4);
             for step in 0..=8 {
                 let t = step as f32 / 8.0;
                 let now: [Vec3; 3] = core::array::from_fn(|i| begin[i] + (end[i] - begin[i]) * t);
@@ -379,11 +382,7 @@ mod tests {
             let hull = |corners: [Vec3; 3]| corners.into_iter().fold(Box3::EMPTY, Box3::include);
             let bounds = LinearBox3 { begin: hull(begin), end: hull(end) };
             let Some(planes) = Planes::across(&bounds, BINS) else { continue };
-            let mut parts = [Packed::EMPTY; BINS];
-            let (whole, pad) = (Packed::new(&bounds), pad_of(&ends));
-            let level = SimdLevel::available()[round % SimdLevel::available().len()];
-            dispatch(level, ClipBetweenPlanes { ends: &ends, whole: &whole, planes, pad, parts: &mut parts });
-            let parts = parts.map(|part| part.bounds());
+            let parts = parts_of(planes, &bounds, &ends, pad_of(&ends), round);
             let axis = planes.axis;
             for (t, at) in [(0.0, begin), (1.0, end)] {
                 for i in 0..3 {
@@ -431,11 +430,7 @@ mod tests {
             let (set, over) = (Triangles::new(&[mesh]).unwrap(), time_slice(segment, keys - 1));
             let (bounds, ends) = (set.bounds(0, over), PrimitiveSet::ends(&set, 0, over).unwrap());
             let Some(planes) = Planes::across(&bounds, BINS) else { continue };
-            let mut parts = [Packed::EMPTY; BINS];
-            let (whole, pad) = (Packed::new(&bounds), pad_of(&ends));
-            let level = SimdLevel::available()[round % SimdLevel::available().len()];
-            dispatch(level, ClipBetweenPlanes { ends: &ends, whole: &whole, planes, pad, parts: &mut parts });
-            let parts = parts.map(|part| part.bounds());
+            let parts = parts_of(planes, &bounds, &ends, pad_of(&ends), round);
             for step in 0..=64 {
                 let t = (over.begin() + over.duration() * (step as f32 / 64.0)).min(over.end());
                 let w = f64::from(t - over.begin()) / over.fine_duration();

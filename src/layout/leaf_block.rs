@@ -29,30 +29,26 @@ pub(crate) trait WideSource: PrimitiveSet {
         let _ = slice;
         write_list(arena, ids)
     }
-    /// Rewrites the coordinates of a leaf block that begins at `words[0]`, and returns the bounds of its primitives, which
-    /// are `ids`, over an interval; `None` if no coordinate changed. All primitives of a list of ids count as changed.
-    fn rewrite_leaf(
-        &self,
-        words: &mut [u32],
-        leaf: ChildRef,
-        ids: &[u32],
-        over: TimeInterval,
-        level: SimdLevel,
-    ) -> Option<LinearBox3> {
-        Some(self.leaf_bounds(words, leaf, ids, over, level))
+    /// Rewrites the coordinates of a leaf block that begins at `words[0]`, and returns the bounds of its primitives; `None` if no coordinate changed. All primitives of a list of ids count as changed.
+    fn rewrite_leaf(&self, words: &mut [u32], of: MovedLeaf<'_>) -> Option<LinearBox3> {
+        Some(self.leaf_bounds(words, of))
     }
-    /// The bounds of the primitives `ids` of a leaf block that begins at `words[0]` and has been rewritten.
-    fn leaf_bounds(
-        &self,
-        words: &[u32],
-        leaf: ChildRef,
-        ids: &[u32],
-        over: TimeInterval,
-        level: SimdLevel,
-    ) -> LinearBox3 {
-        let _ = (words, leaf, level);
-        bounds_of(self, ids, over)
+    /// The bounds of the primitives of a leaf block that begins at `words[0]` and has been rewritten.
+    fn leaf_bounds(&self, words: &[u32], of: MovedLeaf<'_>) -> LinearBox3 {
+        let _ = words;
+        bounds_of(self, of.ids, of.over)
     }
+}
+
+/// A leaf block whose primitives may have moved.
+#[derive(Clone, Copy)]
+pub(crate) struct MovedLeaf<'a> {
+    pub leaf: ChildRef,
+    /// The primitives in the block.
+    pub ids: &'a [u32],
+    /// The interval of their bounds.
+    pub over: TimeInterval,
+    pub level: SimdLevel,
 }
 
 /// The bounds of some primitives, one by one.
@@ -85,31 +81,17 @@ impl WideSource for Scene {
         }
     }
 
-    fn rewrite_leaf(
-        &self,
-        words: &mut [u32],
-        leaf: ChildRef,
-        ids: &[u32],
-        over: TimeInterval,
-        level: SimdLevel,
-    ) -> Option<LinearBox3> {
-        match ids.first().is_some_and(|&id| self.is_listed(id)) {
-            false => self.triangles.rewrite_leaf(words, leaf, ids, over, level),
-            true => Some(bounds_of(self, ids, over)),
+    fn rewrite_leaf(&self, words: &mut [u32], of: MovedLeaf<'_>) -> Option<LinearBox3> {
+        match of.ids.first().is_some_and(|&id| self.is_listed(id)) {
+            false => self.triangles.rewrite_leaf(words, of),
+            true => Some(bounds_of(self, of.ids, of.over)),
         }
     }
 
-    fn leaf_bounds(
-        &self,
-        words: &[u32],
-        leaf: ChildRef,
-        ids: &[u32],
-        over: TimeInterval,
-        level: SimdLevel,
-    ) -> LinearBox3 {
-        match ids.first().is_some_and(|&id| self.is_listed(id)) {
-            false => self.triangles.measured(words, leaf, ids, over, level).bounds,
-            true => bounds_of(self, ids, over),
+    fn leaf_bounds(&self, words: &[u32], of: MovedLeaf<'_>) -> LinearBox3 {
+        match of.ids.first().is_some_and(|&id| self.is_listed(id)) {
+            false => self.triangles.measured(words, of).bounds,
+            true => bounds_of(self, of.ids, of.over),
         }
     }
 }

@@ -8,11 +8,11 @@
 //! is computed once.
 
 use super::keyed_leaf::KeyedLeaf;
-use super::leaf_block::bounds_of;
-use super::wide_node::{CORNER_ROWS, ChildRef, Kind, Sizes, VERTEX_ROWS};
+use super::leaf_block::{MovedLeaf, bounds_of};
+use super::wide_node::{CORNER_ROWS, Kind, Sizes, VERTEX_ROWS};
 use crate::geometry::{Box3, KeyTime, LinearBox3, TimeInterval, ULP};
 use crate::primitive::{TUBE_ULPS, Triangles, Window};
-use crate::simd::{Kernel, LANES, Lanes, Mask, Rows, Simd, SimdLevel, as_floats, dispatch, greatest_of_each, lanes_of};
+use crate::simd::{Kernel, LANES, Lanes, Mask, Rows, Simd, as_floats, dispatch, greatest_of_each, lanes_of};
 use glam::Vec3;
 
 /// The bounds of the triangles in a block over an interval, and the sizes at all of its keys ([`Sizes::word`]).
@@ -23,20 +23,14 @@ pub(super) struct Measured {
 
 impl Triangles {
     /// Measures a block that begins at `words[0]` and has the coordinates of this set.
-    pub(super) fn measured(
-        &self,
-        words: &[u32],
-        leaf: ChildRef,
-        ids: &[u32],
-        over: TimeInterval,
-        level: SimdLevel,
-    ) -> Measured {
+    pub(super) fn measured(&self, words: &[u32], of: MovedLeaf<'_>) -> Measured {
+        let MovedLeaf { leaf, ids, over, level } = of;
         let n = leaf.len();
         let (shared, keys) = match leaf.kind() {
             Kind::StaticLeaf => (false, 1),
             Kind::SharedStaticLeaf => (true, 1),
             Kind::SharedLeaf => (true, 2),
-            Kind::OtherLeaf => return self.measured_keys(words, n, ids, over, level),
+            Kind::OtherLeaf => return self.measured_keys(words, of),
             _ => (false, 2),
         };
         let rows = keys * if shared { VERTEX_ROWS } else { CORNER_ROWS };
@@ -47,8 +41,9 @@ impl Triangles {
     }
 
     /// For triangles with more than two keys.
-    fn measured_keys(&self, words: &[u32], n: usize, ids: &[u32], over: TimeInterval, level: SimdLevel) -> Measured {
-        let leaf = KeyedLeaf::of(words, n);
+    fn measured_keys(&self, words: &[u32], of: MovedLeaf<'_>) -> Measured {
+        let MovedLeaf { ids, over, level, .. } = of;
+        let leaf = KeyedLeaf::of(words, of.leaf.len());
         let keys = leaf.segments + 1;
         let window = Window::new(over, keys);
         let numbers = if leaf.shared { lanes_of(&words[leaf.vertices()..], ids.len()) } else { [0; LANES] };
@@ -65,12 +60,11 @@ impl Triangles {
         let (segments, slack) = ([window.begin.segment, window.end.segment], Triangles::slack(keys, 1.0));
         let done = segments.iter().all(|&segment| leaf.holds([segment; 2])).then(|| {
             let words = &as_floats(words)[leaf.front()..];
-            let triangles = Bent { words, leaf, numbers, window, beyond: &beyond, slack };
-            dispatch(level, triangles)
+            dispatch(level, Bent { words, leaf, numbers, window, beyond: &beyond, slack })
         });
-        match done {
-            Some(Some(greatest)) => measured_of(greatest),
-            _ => Measured { bounds: bounds_of(self, ids, over), sizes: self.sizes(ids, held) },
+        match done.flatten() {
+            Some(greatest) => measured_of(greatest),
+            None => Measured { bounds: bounds_of(self, ids, over), sizes: self.sizes(ids, held) },
         }
     }
 }
@@ -369,12 +363,13 @@ impl Bent<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::layout::WideTree;
+    use crate::layout::{ChildRef, WideTree};
     use crate::params::{Division, WideParams};
     use crate::primitive::{Keys, Scene, TriangleMesh};
     use crate::progress::Progress;
     use crate::random::Random;
     use crate::scene;
+    use crate::simd::SimdLevel;
     use crate::time::time_slice;
 
     /// Meshes of one key to seventeen, with shared vertices and without; parts of them do not move.
@@ -416,7 +411,7 @@ mod tests {
                 for over in [TimeInterval::FULL, time_slice(0, 3), time_slice(2, 5)] {
                     let bounds = bounds_of(&set.triangles, ids, over);
                     for level in SimdLevel::available() {
-                        let measured = set.triangles.measured(words, leaf, ids, over, level);
+                        let measured = set.triangles.measured(words, MovedLeaf { leaf, ids, over, level });
                         assert_eq!(measured.bounds, bounds, "{:?}, {over:?}, {level}", leaf.kind());
                         assert_eq!(measured.sizes, sizes, "{:?}, {level}", leaf.kind());
                     }

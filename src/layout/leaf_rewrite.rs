@@ -1,23 +1,15 @@
 //! Rewriting the coordinates of leaf blocks, when a tree is refitted.
 
 use super::keyed_leaf::KeyedLeaf;
-use super::leaf_block::{Shared, set_sizes};
-use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
-use crate::geometry::{LinearBox3, TimeInterval};
+use super::leaf_block::{MovedLeaf, Shared, set_sizes};
+use super::wide_node::{CORNER_ROWS, Kind, VERTEX_ROWS};
+use crate::geometry::LinearBox3;
 use crate::primitive::Triangles;
-use crate::simd::SimdLevel;
 
 impl Triangles {
-    /// Rewrites the coordinates and sizes of a block, and returns the bounds of its triangles over an interval; `None` if no
-    /// coordinate changed.
-    pub(super) fn rewrite_leaf(
-        &self,
-        words: &mut [u32],
-        leaf: ChildRef,
-        ids: &[u32],
-        over: TimeInterval,
-        level: SimdLevel,
-    ) -> Option<LinearBox3> {
+    /// Rewrites the coordinates and sizes of a block, and returns the bounds of its triangles; `None` if no coordinate changed.
+    pub(super) fn rewrite_leaf(&self, words: &mut [u32], of: MovedLeaf<'_>) -> Option<LinearBox3> {
+        let MovedLeaf { leaf, ids, .. } = of;
         let n = leaf.len();
         let again = |words: &[u32], numbers: usize| Shared::again(self, ids, &words[numbers..], n);
         // The word that the sizes share, or have for themselves, too.
@@ -34,7 +26,7 @@ impl Triangles {
             Kind::Node | Kind::StaticNode | Kind::Time => return None,
         };
         changed.then(|| {
-            let measured = self.measured(words, leaf, ids, over, level);
+            let measured = self.measured(words, of);
             set_sizes(&mut words[sizes], measured.sizes);
             measured.bounds
         })

@@ -9,7 +9,7 @@
 //! area, per area of the root. This is nearly what the build minimizes (MacDonald and Booth, "Heuristics for ray tracing using space
 //! subdivision", 1990). Its growth tells when a new tree is better (Lauterbach et al., "RT-DEFORM", 2006, use ratios of areas).
 
-use super::leaf_block::WideSource;
+use super::leaf_block::{MovedLeaf, WideSource};
 use super::leaf_ids::Ids;
 use super::node_boxes::{BoxRows, MeasuredBoxes};
 use super::refit_plan::{Above, Plan, SharedLeaves, Unit, mesh_bit};
@@ -331,7 +331,7 @@ impl<S: WideSource> Pass<'_, S> {
         let bounds = match place.shared.contains(&leaf.at()) {
             true => {
                 let changed = self.changed.binary_search(&leaf.0).is_ok();
-                changed.then(|| self.set.leaf_bounds(place.block(leaf), leaf, held.ids(), over, self.level))
+                changed.then(|| self.set.leaf_bounds(place.block(leaf), self.moved_leaf(leaf, held, over)))
             }
             false => self.rewrite(place, leaf, held, over),
         };
@@ -344,9 +344,13 @@ impl<S: WideSource> Pass<'_, S> {
         if !self.moved.any(self.set, held.ids()) {
             return None;
         }
-        let bounds = self.set.rewrite_leaf(place.block_mut(leaf), leaf, held.ids(), over, self.level);
+        let bounds = self.set.rewrite_leaf(place.block_mut(leaf), self.moved_leaf(leaf, held, over));
         place.done.leaves += usize::from(bounds.is_some());
         bounds
+    }
+
+    fn moved_leaf<'a>(&self, leaf: ChildRef, held: &'a InLeaf, over: TimeInterval) -> MovedLeaf<'a> {
+        MovedLeaf { leaf, ids: held.ids(), over, level: self.level }
     }
 
     fn held(&self, place: &Place<'_>, leaf: ChildRef) -> InLeaf {
@@ -398,7 +402,10 @@ impl<S: WideSource> Pass<'_, S> {
             Kind::Node => NODE_ROWS,
             Kind::StaticNode => STATIC_NODE_ROWS,
             Kind::Time => return self.bounds_of_slices(place, at, over),
-            _ => return self.set.leaf_bounds(place.block(at), at, self.held(place, at).ids(), over, self.level),
+            _ => {
+                let held = self.held(place, at);
+                return self.set.leaf_bounds(place.block(at), self.moved_leaf(at, &held, over));
+            }
         };
         let block = place.block(at);
         let lanes = (0..LANES).filter(|lane| block[(rows - 1) * LANES + lane] != ChildRef::NOTHING.0);

@@ -14,6 +14,7 @@ mod scene_file;
 mod sphere;
 mod triangles;
 mod triangles_file;
+mod vertex_slack;
 
 pub(crate) use bent_bounds::{TUBE_ULPS, Window};
 pub use check::{PrimitiveError, check_primitive};
