@@ -5,7 +5,6 @@
 
 use super::custom::PrimitiveSet;
 use super::precise_vertices::PreciseVertices;
-use super::vertex_slack::{WIDENED, within_segment};
 use crate::geometry::{
     Box3, Ends, Frame, INSTANTS, Instant, KeyTime, LinearBox3, TimeInterval, are_disjoint, clip_triangle,
 };
@@ -337,7 +336,7 @@ impl PrimitiveSet for Triangles {
     #[inline(always)]
     fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends> {
         let keys = self.keys(id);
-        if keys > 2 && !within_segment(over, keys, WIDENED) {
+        if keys > 2 && !Triangles::is_within_segment(over, keys) {
             return None;
         }
         let [begin, end] = Triangles::ends(self, id, over);

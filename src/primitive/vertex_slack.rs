@@ -35,6 +35,11 @@ impl Triangles {
         slack + self.rounding(id, over)
     }
 
+    /// Whether an interval lies within one segment between keys, but for the width of time slices.
+    pub(super) fn is_within_segment(over: TimeInterval, keys: usize) -> bool {
+        within_segment(over, keys, WIDENED)
+    }
+
     /// The largest magnitude of a coordinate of a triangle's corners at the keys around all times of an interval, and
     /// around the times that these may be rounded to.
     pub(super) fn magnitude(&self, id: u32, over: TimeInterval) -> f32 {
@@ -50,15 +55,15 @@ impl Triangles {
 /// An upper bound of the difference of times whose products with a number of segments are rounded to the same.
 const ROUNDED_TIME: f32 = 4.0 * ULP;
 
-/// Whether no key lies within an interval and farther from its ends than time slices are widened.
-pub(super) fn within_segment(over: TimeInterval, keys: usize, widened: f64) -> bool {
+/// Whether no key lies within an interval and farther from its ends than `widened`.
+fn within_segment(over: TimeInterval, keys: usize, widened: f64) -> bool {
     let segments = (keys - 1) as f64;
     let (begin, end) = (f64::from(over.begin()) + widened, f64::from(over.end()) - widened);
     (begin * segments).floor() >= (end * segments).ceil() - 1.0
 }
 
 /// [`crate::time`] widens slices by this much, and rounds their ends to f32.
-pub(super) const WIDENED: f64 = 2.4e-7 + 6e-8;
+const WIDENED: f64 = 2.4e-7 + 6e-8;
 
 #[cfg(test)]
 mod tests {
