@@ -19,7 +19,7 @@
 //! Sizes are the exponents of two powers of two: no coordinate of a vertex is larger than the first, and no triangle is
 //! larger than the second along an axis.
 
-use crate::simd::{Arena, LANES, Lanes};
+use crate::simd::{Arena, LANES};
 use glam::{Vec3, Vec3A};
 
 /// Rows of a node with moving boxes, and of a static one; the last row holds the children.
@@ -173,19 +173,6 @@ impl ChildRef {
         (rows * self.len() + 1).div_ceil(LANES)
     }
 
-    /// The entry of the first lane of a node: its reference, with the lane in place of a length. [`LANES_OF_NODE`]
-    /// turns it into the others.
-    #[inline(always)]
-    pub fn first_lane(self) -> ChildRef {
-        ChildRef(self.0 & !(15 << 3))
-    }
-
-    /// The lane of such an entry.
-    #[inline(always)]
-    pub fn lane(self) -> usize {
-        (self.0 >> 3 & 15) as usize
-    }
-
     #[inline(always)]
     pub fn kind(self) -> Kind {
         match self.0 & 7 {
@@ -200,17 +187,6 @@ impl ChildRef {
         }
     }
 }
-
-/// The bits of each lane of a node, to be set in its [first entry](ChildRef::first_lane).
-pub(crate) const LANES_OF_NODE: Lanes<u32> = {
-    let mut lanes = [0; LANES];
-    let mut i = 0;
-    while i < LANES {
-        lanes[i] = (i as u32) << 3;
-        i += 1;
-    }
-    lanes
-};
 
 /// The row of a node's children.
 pub(crate) fn children_mut(arena: &mut Arena, node: ChildRef) -> &mut [u32] {

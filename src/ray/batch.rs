@@ -1,6 +1,6 @@
 //! The kinds of batched ray queries, and the state of each ray while a batch traverses the wide layout.
 //!
-//! Two kernels traverse batches: packets ([`super::packets`]) and interleaved single rays ([`super::interleave`]).
+//! Two kernels traverse batches: streams ([`super::stream`]) and interleaved single rays ([`super::interleave`]).
 
 use super::collect::{Any, Closest, Collect, Found};
 use super::filter::Everything;
@@ -25,8 +25,8 @@ pub(crate) trait BatchQuery {
     const ORDERED: bool = Self::Collect::ORDERED;
     /// A collector for a ray's hits.
     fn collect(ray: &TreeRay) -> Self::Collect;
-    /// The distance in tree space up to which a hit can still change the answer; negative once the answer is final.
-    fn reach(collect: &Self::Collect) -> f32;
+    /// Whether no hit can change the answer any more.
+    fn is_final(collect: &Self::Collect) -> bool;
     /// The answer, once the traversal has finished.
     fn answer(collect: &Self::Collect, set: &impl RaySource) -> Self::Answer;
 }
@@ -51,8 +51,8 @@ impl BatchQuery for ClosestHits {
     }
 
     #[inline(always)]
-    fn reach(collect: &Closest<Accept>) -> f32 {
-        collect.reach
+    fn is_final(_: &Closest<Accept>) -> bool {
+        false
     }
 
     #[inline(always)]
@@ -75,8 +75,8 @@ impl BatchQuery for AnyHits {
     }
 
     #[inline(always)]
-    fn reach(collect: &Any<Accept>) -> f32 {
-        if collect.found { -1.0 } else { collect.reach }
+    fn is_final(collect: &Any<Accept>) -> bool {
+        collect.found
     }
 
     #[inline(always)]

@@ -1,6 +1,6 @@
 //! The order in which the rays of a large batch are answered.
 //!
-//! Rays of similar direction, as from a camera, are traversed in packets. For other rays on a tree larger than the
+//! Rays of similar direction, as from a camera, are traversed in streams. For other rays on a tree larger than the
 //! cache, traversal is fastest where successive rays visit the same nodes. Rays that already come in such an order, as
 //! from the pixels of a tile, keep it. All others are sorted: by time slice of the shutter where the tree has one
 //! hierarchy per slice, by the grid cell of their origin along the Morton curve, and by the octant of their direction.

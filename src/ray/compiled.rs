@@ -15,9 +15,9 @@ use super::interleave::Interleaved;
 use super::intersect::RaySource;
 use super::lazy::LazyQuery;
 use super::lazy_closest_point::closest_point_in_lazy;
-use super::packets::Packets;
 use super::point_query::PlacedQuery;
 use super::query::{AllQuery, AnyQuery, ClosestQuery, OfWide, Query, QueryArgs, Visitor};
+use super::stream::Streams;
 use super::{Everything, Hit, Observer, Ray, Visible};
 use crate::error::BuildError;
 use crate::layout::{ChildRef, LazyTree, Statistics, WideSource, WideTree};
@@ -133,11 +133,9 @@ pub(crate) struct Queries<G> {
     pub all: fn(Target<'_, G>, &Ray, Guards<'_, Hit>, Visitor<'_>) -> ControlFlow<()>,
     /// Interleaved traversal of many rays through the wide layout.
     pub interleaved_closest: Batched<G, Option<Hit>>,
-    pub interleaved_any: Batched<G, bool>,
-    /// Packets of rays through the wide layout; `None` for a geometry without triangles, since tests of custom
-    /// primitives take most of the time.
-    pub packets_closest: Option<Batched<G, Option<Hit>>>,
-    pub packets_any: Option<Batched<G, bool>>,
+    /// Streams of rays through the wide layout.
+    pub streams_closest: Batched<G, Option<Hit>>,
+    pub streams_any: Batched<G, bool>,
 }
 
 impl<G: RaySource + ClosestPointSource> Queries<G> {
@@ -150,15 +148,8 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
         closest_point_guarded: Queries::guarded_closest_point,
         all: Queries::guarded_all,
         interleaved_closest: |on, rays, hits| on.interleaved::<ClosestHits>(rays, hits, Queries::plain_closest),
-        interleaved_any: |on, rays, hits| on.interleaved::<AnyHits>(rays, hits, Queries::plain_any),
-        packets_closest: match G::TRIANGLES {
-            true => Some(|on, rays, hits| on.packets::<ClosestHits>(rays, hits, Queries::plain_closest)),
-            false => None,
-        },
-        packets_any: match G::TRIANGLES {
-            true => Some(|on, rays, hits| on.packets::<AnyHits>(rays, hits, Queries::plain_any)),
-            false => None,
-        },
+        streams_closest: |on, rays, hits| on.streams::<ClosestHits>(rays, hits, Queries::plain_closest),
+        streams_any: |on, rays, hits| on.streams::<AnyHits>(rays, hits, Queries::plain_any),
     };
 
     // The plain queries are functions of their own: the address of a closure is that of a shim which calls it. They are
@@ -257,11 +248,11 @@ impl<'a, G: RaySource> Target<'a, G> {
         }
     }
 
-    /// Answers a batch in packets.
+    /// Answers a batch in streams.
     #[inline(always)]
-    fn packets<Q: BatchQuery>(self, rays: &[Ray], answers: &mut [Q::Answer], one: Plain<G, Ray, Q::Answer>) {
+    fn streams<Q: BatchQuery>(self, rays: &[Ray], answers: &mut [Q::Answer], one: Plain<G, Ray, Q::Answer>) {
         if let Some(batch) = self.batch::<Q>(rays, answers) {
-            dispatch_or(self.simd, Packets(batch), |it| self.singly(it.0.rays, it.0.answers, one));
+            dispatch_or(self.simd, Streams(batch), |it| self.singly(it.0.rays, it.0.answers, one));
         }
     }
 

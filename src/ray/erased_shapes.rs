@@ -152,11 +152,12 @@ impl<P: Primitive> Compiled for Shapes<P> {
         interleaved_closest: |on, rays, hits| {
             (queries().interleaved_closest)(on.with_geometry(&ErasedShapes::of(on.geometry)), rays, hits)
         },
-        interleaved_any: |on, rays, hits| {
-            (queries().interleaved_any)(on.with_geometry(&ErasedShapes::of(on.geometry)), rays, hits)
+        streams_closest: |on, rays, hits| {
+            (queries().streams_closest)(on.with_geometry(&ErasedShapes::of(on.geometry)), rays, hits)
         },
-        packets_closest: None,
-        packets_any: None,
+        streams_any: |on, rays, hits| {
+            (queries().streams_any)(on.with_geometry(&ErasedShapes::of(on.geometry)), rays, hits)
+        },
     };
 
     fn lay_out(&mut self, params: &BuildParams, progress: &Progress) -> Result<(Layout, Statistics), BuildError> {

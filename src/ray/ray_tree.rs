@@ -173,7 +173,7 @@ impl<G: Geometry> RayTree<G> {
     /// [`RayTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order. A
     /// caller that reuses it allocates nothing, except for a few megabytes if rays are sorted.
     ///
-    /// Coherent rays, as from a camera, are traversed in packets, which is faster than one by one. For incoherent rays, a
+    /// Coherent rays, as from a camera, are traversed in streams, which is faster than one by one. For incoherent rays, a
     /// batch is also faster per thread than single queries if the tree is larger than the processor's caches: the rays are
     /// sorted by origin and direction, and several rays are traversed interleaved while memory is prefetched, if that
     /// pays.
@@ -190,22 +190,32 @@ impl<G: Geometry> RayTree<G> {
     /// ```
     pub fn closest_hits(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
         let queries = &self.queries;
-        self.batch::<ClosestHits>(rays, hits, queries.closest, queries.packets_closest, queries.interleaved_closest);
+        let incoherent = self.interleaving_pays().then_some(queries.interleaved_closest);
+        self.batch::<ClosestHits>(rays, hits, queries.closest, queries.streams_closest, incoherent);
     }
 
-    /// [`RayTree::any_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
+    /// [`RayTree::any_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order. All rays are
+    /// traversed in streams, which is faster than one by one if rays that begin near each other come one after the other.
     pub fn any_hits(&self, rays: &[Ray], hits: &mut Vec<bool>) {
         let queries = &self.queries;
-        self.batch::<AnyHits>(rays, hits, queries.any, queries.packets_any, queries.interleaved_any);
+        self.batch::<AnyHits>(rays, hits, queries.any, queries.streams_any, Some(queries.streams_any));
     }
 
+    /// Interleaving pays for the closest hit in trees that move, are larger than the caches and have a temporal split (measured; see
+    /// docs/notes.md).
+    fn interleaving_pays(&self) -> bool {
+        let large = self.statistics.bytes > CACHED;
+        matches!(&self.layout, Layout::Wide(tree) if large && tree.moves() && tree.time_slices() > 1)
+    }
+
+    /// Answers a batch: rays of similar direction by `together`, others by `incoherent` or one by one.
     fn batch<Q: BatchQuery>(
         &self,
         rays: &[Ray],
         answers: &mut Vec<Q::Answer>,
         one: Plain<G, Ray, Q::Answer>,
-        packets: Option<Batched<G, Q::Answer>>,
-        interleaved: Batched<G, Q::Answer>,
+        together: Batched<G, Q::Answer>,
+        incoherent: Option<Batched<G, Q::Answer>>,
     ) {
         answers.clear();
         answers.resize(rays.len(), Q::NOTHING);
@@ -214,18 +224,10 @@ impl<G: Geometry> RayTree<G> {
             Layout::Wide(tree) => {
                 let cached = self.statistics.bytes <= CACHED;
                 let space = Space::new(self.geometry.frame().bounds, tree.time_slices(), cached);
-                // Interleaving pays where a tree moves, and there only for the closest hit in trees with a temporal
-                // split and for occlusion in others (measured; see docs/notes.md).
-                let turns = !cached && tree.moves() && Q::ORDERED == (space.slices > 1);
-                // With one hierarchy per time slice, rays of several times diverge at the root.
-                let packets = packets.filter(|_| space.slices == 1);
-                let together = |rays: &[Ray], answers: &mut [Q::Answer]| match packets {
-                    Some(packets) => packets(self.target(), rays, answers),
+                let together = |rays: &[Ray], answers: &mut [Q::Answer]| together(self.target(), rays, answers);
+                answer_in_order(rays, answers, space, together, |rays, answers| match incoherent {
+                    Some(incoherent) => incoherent(self.target(), rays, answers),
                     None => singly(rays, answers),
-                };
-                answer_in_order(rays, answers, space, together, |rays, answers| match turns {
-                    true => interleaved(self.target(), rays, answers),
-                    false => singly(rays, answers),
                 });
             }
             _ => in_parallel(rays, answers, singly),
@@ -431,9 +433,9 @@ mod tests {
     use super::*;
     use crate::scene;
 
-    /// Interleaving and packets are tested here directly: a batch uses at most one of them.
+    /// Interleaving and streams are tested here directly: a batch uses at most one of them.
     #[test]
-    fn interleaved_rays_and_packets_get_the_answers_of_single_rays() {
+    fn interleaved_rays_and_streams_get_the_answers_of_single_rays() {
         let nothing = RayTree::build(&[], &BuildParams::default()).expect("an empty tree");
         let hall = scene::find("hall").expect("a scene of the catalogue");
         check_batches(nothing, &(hall.make)(10).camera);
@@ -451,7 +453,7 @@ mod tests {
             tree = tree.with_simd(level);
             // Fewer rays than a group, just as many, and more; some of them are invalid, some begin behind their
             // origin.
-            for count in [0, 1, 2, 3, 7, 8, 9, 16, 17, 700] {
+            for count in [0, 1, 2, 3, 7, 8, 9, 31, 32, 33, 700] {
                 let rays: Vec<Ray> = (0..count)
                     .map(|i| {
                         let at = |by: usize| (i * by % 97) as f32 / 97.0;
@@ -467,16 +469,15 @@ mod tests {
                         }
                     })
                     .collect();
-                let (mut hits, mut shadows) = (vec![None; count], vec![false; count]);
+                let (mut hits, mut of_streams, mut shadows) =
+                    (vec![None; count], vec![None; count], vec![false; count]);
                 (tree.queries.interleaved_closest)(tree.target(), &rays, &mut hits);
-                (tree.queries.interleaved_any)(tree.target(), &rays, &mut shadows);
-                let (mut packet_hits, mut packet_shadows) = (vec![None; count], vec![false; count]);
-                (tree.queries.packets_closest.expect("packets"))(tree.target(), &rays, &mut packet_hits);
-                (tree.queries.packets_any.expect("packets"))(tree.target(), &rays, &mut packet_shadows);
+                (tree.queries.streams_closest)(tree.target(), &rays, &mut of_streams);
+                (tree.queries.streams_any)(tree.target(), &rays, &mut shadows);
                 for (i, ray) in rays.iter().enumerate() {
                     let hit = tree.closest_hit(ray);
-                    assert_eq!((hits[i], packet_hits[i]), (hit, hit), "{level}, {count} rays, ray {i}");
-                    assert_eq!((shadows[i], packet_shadows[i]), (hit.is_some(), hit.is_some()));
+                    assert_eq!((hits[i], of_streams[i]), (hit, hit), "{level}, {count} rays, ray {i}");
+                    assert_eq!(shadows[i], hit.is_some(), "{level}, {count} rays, ray {i}");
                 }
             }
         }

@@ -5,4 +5,4 @@ mod wide;
 
 pub use visitor::Visitor;
 pub(crate) use visitor::{Hierarchy, traverse};
-pub(crate) use wide::{Cursor, NodeBlock, StackOf, WideQuery, WideTraversal, children_of, push_in_order};
+pub(crate) use wide::{Cursor, NodeBlock, STACK, StackOf, WideQuery, WideTraversal, children_of};

@@ -15,7 +15,7 @@ use crate::tuning::wide::{AHEAD, KEYED_AHEAD};
 use core::ops::ControlFlow;
 
 /// Stack entries that need no heap allocation: a page of memory, enough for a tree of fifteen levels.
-const STACK: usize = 512;
+pub(crate) const STACK: usize = 512;
 
 /// Cache lines of a block of many keys: of its front, and of the rows of two keys of a dozen vertices, as many as most blocks have.
 const FRONT_LINES: usize = 2;
@@ -231,13 +231,7 @@ pub(crate) fn children_of<const ROWS: usize>(block: &NodeBlock) -> &Lanes<f32> {
 
 /// Pushes the references of the mask, at least two, farthest first, and returns the nearest.
 #[inline(always)]
-pub(crate) fn push_in_order<S: Simd>(
-    s: S,
-    mask: Mask,
-    keys: S::F,
-    references: S::U,
-    stack: &mut Stack<'_, u64>,
-) -> ChildRef {
+fn push_in_order<S: Simd>(s: S, mask: Mask, keys: S::F, references: S::U, stack: &mut Stack<'_, u64>) -> ChildRef {
     let n = mask.count_ones() as usize;
     let mut d = [0; LANES];
     let mut c = [0; LANES];

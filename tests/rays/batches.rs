@@ -1,4 +1,4 @@
-//! Batches of coherent rays, which are traversed in packets, give the answers of single rays.
+//! Batches of rays, which are traversed in streams, give the answers of single rays.
 
 use crate::brute_force::Brick;
 use crate::common::{Random, soup};
@@ -55,8 +55,34 @@ fn pencil(random: &mut Random, count: usize) -> Vec<Ray> {
     (0..count).map(|_| ray(random)).collect()
 }
 
+/// Rays in all directions from nearly the same origin, of any length, some of them invalid.
+fn burst(random: &mut Random, count: usize) -> Vec<Ray> {
+    let from = random.vec() * [0.5, 3.0][random.below(2)];
+    let length = [0.05, 0.3, f32::INFINITY][random.below(3)];
+    let ray = |random: &mut Random| {
+        let ray = Ray::new(from + random.vec() * 0.1, random.vec()).at_time(random.unit()).between(0.0, length);
+        match random.below(40) {
+            0 => ray.between(-1.0, 1.0),
+            1 => ray.between(1.0, 0.0),
+            2 => ray.at_time(1.5),
+            3 => ray.at_time(1.0),
+            _ => ray,
+        }
+    };
+    (0..count).map(|_| ray(random)).collect()
+}
+
 #[test]
 fn rays_that_look_the_same_way_answer_as_single_rays() {
+    answer_as_single_rays(pencil, 10_000);
+}
+
+#[test]
+fn rays_in_all_directions_answer_as_single_rays() {
+    answer_as_single_rays(burst, 5_000);
+}
+
+fn answer_as_single_rays(make: impl Fn(&mut Random, usize) -> Vec<Ray>, least_hits: usize) {
     let mut random = Random(11);
     let (mut hits, mut shadows) = (Vec::new(), Vec::new());
     for division in [Division::Automatic, Division::SharedLeaves(3)] {
@@ -64,8 +90,8 @@ fn rays_that_look_the_same_way_answer_as_single_rays() {
             let tree = tree(division, level);
             let mut found = 0;
             for round in 0..120 {
-                let count = [300, 17, 1000, 16, 31][round % 5];
-                let rays = pencil(&mut random, count);
+                let count = [300, 33, 1000, 32, 31][round % 5];
+                let rays = make(&mut random, count);
                 tree.closest_hits(&rays, &mut hits);
                 tree.any_hits(&rays, &mut shadows);
                 for (i, ray) in rays.iter().enumerate() {
@@ -74,7 +100,7 @@ fn rays_that_look_the_same_way_answer_as_single_rays() {
                     found += usize::from(alone.is_some());
                 }
             }
-            assert!(found > 10_000, "{found}");
+            assert!(found > least_hits, "{found}");
         }
     }
 }
