@@ -17,8 +17,8 @@ pub(super) struct Extent {
 }
 
 /// By how many ULP of the size of a tree its hits may lie outside of its box: the rounding of its kernel
-/// ([`KERNEL_ULPS`] of the triangle and of an origin within sixteen sizes, 340 in all), and that of its vertices, with
-/// a margin.
+/// ([`KERNEL_ULPS`] of the triangle and of an origin within 64 sizes, 1300 in all), and that of its vertices, with a
+/// margin.
 ///
 /// [`KERNEL_ULPS`]: crate::geometry::KERNEL_ULPS
-pub(super) const INNER_ULPS: f64 = 400.0;
+pub(super) const INNER_ULPS: f64 = 1400.0;

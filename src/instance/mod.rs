@@ -14,6 +14,7 @@ mod bounds;
 mod closest_point;
 #[cfg(test)]
 mod closest_point_tests;
+mod columns;
 mod distortion;
 mod error;
 mod extent;

@@ -3,27 +3,44 @@
 //! Everything is computed in f64, never fused, by the same code for queries and for callers
 //! ([`InstanceTree::local_ray`](crate::InstanceTree::local_ray)), so that answers can be compared bit for bit.
 
+use super::columns::{Columns, THREE, lanes, magnitude, product, solved, vector};
 use super::distortion::Distortion;
 use super::error::InstanceError;
 use super::transform::{Pose, Transform};
 use crate::geometry::Ray;
+use crate::simd::{Portable, Simd};
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 
 /// The motion of one instance; its keys are in [`Motions`].
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Motion {
     /// A static transform: the key, with the inverse of its matrix and its translation.
-    Static { key: u32, inverse: DMat3, translation: DVec3 },
+    Static { key: u32, inverse: Columns },
     /// Matrices, interpolated linearly.
     Matrices { first: u32, keys: u32 },
     /// Poses, interpolated.
     Poses { first: u32, keys: u32 },
 }
 
+/// The origin and the direction of a ray in the space of an instance, in three lanes each.
+pub(super) struct Inward<S: Simd> {
+    pub origin: S::D,
+    pub dir: [f32; 4],
+}
+
+impl<S: Simd> Inward<S> {
+    /// Both as vectors.
+    #[inline(always)]
+    pub fn vectors(&self, s: S) -> (DVec3, Vec3) {
+        let [x, y, z, _] = self.dir;
+        (vector(s, self.origin), Vec3::new(x, y, z))
+    }
+}
+
 /// The keys of all instances.
 #[derive(Default)]
 pub(super) struct Motions {
-    matrices: Vec<DAffine3>,
+    matrices: Vec<Columns>,
     poses: Vec<PoseKey>,
 }
 
@@ -63,12 +80,6 @@ fn lerp(a: DVec3, b: DVec3, w: f64) -> DVec3 {
     if w < 0.5 { a + (b - a) * w } else { b + (b - a) * (w - 1.0) }
 }
 
-/// A transform at a time: as a pose, a scaling followed by a rotation and a translation.
-enum At {
-    Matrix(DAffine3),
-    Pose { scale: DVec3, rotation: DMat3, translation: DVec3 },
-}
-
 impl Motions {
     /// Checks a transform, adds it, and returns its effect on rounding errors.
     pub fn add(&mut self, transform: &Transform, instance: usize) -> Result<(Motion, Distortion), InstanceError> {
@@ -91,15 +102,15 @@ impl Motions {
         let first = self.matrices.len() as u32;
         // Equal keys are merged into one.
         if keys.iter().all(|&key| key == begin) {
-            self.matrices.push(begin);
-            let (inverse, translation) = (begin.matrix3.inverse(), begin.translation);
-            return Ok((Motion::Static { key: first, inverse, translation }, distortion));
+            self.matrices.push(Columns::new(begin.matrix3, begin.translation));
+            let inverse = Columns::new(begin.matrix3.inverse(), begin.translation);
+            return Ok((Motion::Static { key: first, inverse }, distortion));
         }
         for (key, pair) in keys.windows(2).enumerate() {
             let between = Distortion::between(pair[0].matrix3, pair[1].matrix3);
             distortion = distortion.max(between.ok_or(InstanceError::SingularBetween { instance, key })?);
         }
-        self.matrices.extend(keys);
+        self.matrices.extend(keys.iter().map(|key| Columns::new(key.matrix3, key.translation)));
         Ok((Motion::Matrices { first, keys: keys.len() as u32 }, distortion))
     }
 
@@ -140,42 +151,42 @@ impl Motions {
 
     /// Bytes allocated.
     pub fn bytes(&self) -> usize {
-        self.matrices.capacity() * size_of::<DAffine3>() + self.poses.capacity() * size_of::<PoseKey>()
+        self.matrices.capacity() * size_of::<Columns>() + self.poses.capacity() * size_of::<PoseKey>()
     }
 
+    /// The columns of interpolated matrices at a time, from the nearer of two keys, so that both are met exactly.
     #[inline(always)]
-    fn at(&self, motion: &Motion, time: f64) -> At {
-        match *motion {
-            Motion::Static { key, .. } => At::Matrix(self.matrices[key as usize]),
-            Motion::Matrices { first, keys } => {
-                let KeyPhase { segment, w } = KeyPhase::new(time, keys);
-                let [a, b] = [0, 1].map(|key| &self.matrices[first as usize + segment + key]);
-                At::Matrix(DAffine3 {
-                    matrix3: DMat3::from_cols(
-                        lerp(a.matrix3.x_axis, b.matrix3.x_axis, w),
-                        lerp(a.matrix3.y_axis, b.matrix3.y_axis, w),
-                        lerp(a.matrix3.z_axis, b.matrix3.z_axis, w),
-                    ),
-                    translation: lerp(a.translation, b.translation, w),
-                })
-            }
-            Motion::Poses { first, keys } => {
-                let KeyPhase { segment, w } = KeyPhase::new(time, keys);
-                let [a, b] = [0, 1].map(|key| &self.poses[first as usize + segment + key]);
-                At::Pose {
-                    scale: lerp(a.scale, b.scale, w),
-                    rotation: DMat3::from_quat(a.rotation_at(w)),
-                    translation: lerp(a.translation, b.translation, w),
-                }
-            }
+    fn interpolated<S: Simd>(&self, s: S, first: u32, KeyPhase { segment, w }: KeyPhase) -> [S::D; 4] {
+        let at = first as usize + segment;
+        let ([ax, ay, az, at], [bx, by, bz, bt]) = (self.matrices[at].load(s), self.matrices[at + 1].load(s));
+        if w < 0.5 {
+            let w = s.splat_d(w);
+            return [ax + (bx - ax) * w, ay + (by - ay) * w, az + (bz - az) * w, at + (bt - at) * w];
         }
+        let w = s.splat_d(w - 1.0);
+        [bx + (bx - ax) * w, by + (by - ay) * w, bz + (bz - az) * w, bt + (bt - at) * w]
+    }
+
+    /// The scale, the rotation and the translation of interpolated poses at a time.
+    #[inline(always)]
+    fn pose_at(&self, first: u32, KeyPhase { segment, w }: KeyPhase) -> (DVec3, DMat3, DVec3) {
+        let [a, b] = [0, 1].map(|key| &self.poses[first as usize + segment + key]);
+        let rotation = DMat3::from_quat(a.rotation_at(w));
+        (lerp(a.scale, b.scale, w), rotation, lerp(a.translation, b.translation, w))
     }
 
     /// The matrix from the instance's space to the outer space, at a time in [0, 1].
     pub fn matrix(&self, motion: &Motion, time: f64) -> DAffine3 {
-        match self.at(motion, time) {
-            At::Matrix(matrix) => matrix,
-            At::Pose { scale, rotation, translation } => {
+        match *motion {
+            Motion::Static { key, .. } => self.matrices[key as usize].matrix(),
+            Motion::Matrices { first, keys } => {
+                let [x, y, z, translation] = self
+                    .interpolated(Portable, first, KeyPhase::new(time, keys))
+                    .map(|column| vector(Portable, column));
+                DAffine3 { matrix3: DMat3::from_cols(x, y, z), translation }
+            }
+            Motion::Poses { first, keys } => {
+                let (scale, rotation, translation) = self.pose_at(first, KeyPhase::new(time, keys));
                 DAffine3 { matrix3: rotation * DMat3::from_diagonal(scale), translation }
             }
         }
@@ -187,20 +198,29 @@ impl Motions {
     ///
     /// Inlined into ray traversal, so that it is compiled for each instruction set.
     #[inline(always)]
-    pub fn inward(&self, motion: &Motion, ray: &Ray) -> Option<(DVec3, Vec3)> {
-        let dir = ray.dir.as_dvec3();
+    pub fn inward<S: Simd>(&self, s: S, motion: &Motion, ray: &Ray) -> Option<Inward<S>> {
+        let (from, dir) = (lanes(s, ray.origin), s.widen(ray.dir.to_array()));
+        let time = f64::from(ray.time);
         let (origin, dir) = match *motion {
-            Motion::Static { ref inverse, translation, .. } => (*inverse * (ray.origin - translation), *inverse * dir),
-            _ => match self.at(motion, f64::from(ray.time)) {
-                At::Matrix(matrix) => solved(matrix.matrix3, ray.origin - matrix.translation, dir),
-                At::Pose { scale, rotation, translation } => {
-                    let back = rotation.transpose();
-                    ((back * (ray.origin - translation)) / scale, (back * dir) / scale)
-                }
-            },
+            Motion::Static { ref inverse, .. } => {
+                let [x, y, z, translation] = inverse.load(s);
+                (product::<S>(s, [x, y, z], from - translation), product::<S>(s, [x, y, z], dir))
+            }
+            Motion::Matrices { first, keys } => {
+                let [x, y, z, translation] = self.interpolated(s, first, KeyPhase::new(time, keys));
+                solved::<S>(s, [x, y, z], from - translation, dir)
+            }
+            Motion::Poses { first, keys } => {
+                let (scale, rotation, translation) = self.pose_at(first, KeyPhase::new(time, keys));
+                let back = rotation.transpose();
+                let origin = (back * (ray.origin - translation)) / scale;
+                (lanes(s, origin), lanes(s, (back * ray.dir.as_dvec3()) / scale))
+            }
         };
-        let longest = dir.abs().max_element();
-        (SHORTEST..=SHORTEST.recip()).contains(&longest).then(|| (origin, dir.as_vec3()))
+        let size = magnitude(s, dir);
+        let not_short = s.le_d(s.splat_d(SHORTEST), size) & THREE;
+        let not_long = s.le_d(size, s.splat_d(SHORTEST.recip())) & THREE;
+        (not_short != 0 && not_long == THREE).then(|| Inward { origin, dir: s.narrow(dir) })
     }
 
     /// The breakpoints of a motion: times at which its velocity may jump, or the rotation has advanced by [`ARC`]. Between
@@ -289,15 +309,6 @@ impl Bend {
     }
 }
 
-/// Solves `matrix * x` = `a` and `= b` by Cramer's rule: the division comes last, since it has a long latency.
-#[inline(always)]
-fn solved(matrix: DMat3, a: DVec3, b: DVec3) -> (DVec3, DVec3) {
-    let DMat3 { x_axis: x, y_axis: y, z_axis: z } = matrix;
-    let (yz, zx, xy) = (y.cross(z), z.cross(x), x.cross(y));
-    let (scale, back) = (z.dot(xy).recip(), DMat3::from_cols(yz, zx, xy).transpose());
-    ((back * a) * scale, (back * b) * scale)
-}
-
 /// The greatest deviation of a quaternion's length from 1.
 const UNIT: f64 = 1e-5;
 
@@ -372,7 +383,7 @@ mod tests {
             let (motion, _) = motions.add(&transform, 0).unwrap();
             for i in 0..=20 {
                 let ray = Ray::new(Vec3::new(0.3, -7.0, 2.0), Vec3::new(0.1, 3.0, -2.0)).at_time(i as f32 / 20.0);
-                let (origin, dir) = motions.inward(&motion, &ray).unwrap();
+                let (origin, dir) = motions.inward(Portable, &motion, &ray).unwrap().vectors(Portable);
                 let local = Ray { origin, dir, ..ray };
                 let matrix = motions.matrix(&motion, f64::from(ray.time));
                 for t in [0.0, 1.0, 7.0] {
@@ -389,7 +400,7 @@ mod tests {
         for (scale, seen) in [(1.0, true), (1e20, true), (1e-20, true), (1e33, false), (1e-33, false)] {
             let (motion, _) = motions.add(&pose(DVec3::X, 1.0, scale, DVec3::ZERO).into(), 0).unwrap();
             let ray = Ray::new(Vec3::ZERO, Vec3::ONE);
-            assert_eq!(motions.inward(&motion, &ray).is_some(), seen, "{scale}");
+            assert_eq!(motions.inward(Portable, &motion, &ray).is_some(), seen, "{scale}");
         }
     }
 }

@@ -6,59 +6,74 @@
 //! product of the line's direction and one of the axes (Gottschalk, Lin and Manocha, "OBBTree: A Hierarchical Structure
 //! for Rapid Interference Detection", 1996).
 
+use super::columns::{THREE, cross, magnitude};
 use super::extent::{Extent, INNER_ULPS};
-use crate::geometry::{Ray, ULP};
+use super::motion::Inward;
+use crate::geometry::ULP;
+use crate::simd::Simd;
 use glam::DVec3;
 
 /// A box that moves linearly over the shutter: its centre, its half extent, and the change of both.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Outline {
-    middle: DVec3,
-    moved: DVec3,
-    half: DVec3,
-    grown: DVec3,
+    middle: [f64; 4],
+    moved: [f64; 4],
+    half: [f64; 4],
+    grown: [f64; 4],
 }
 
 impl Outline {
     /// The box of a tree, with this share of the padding for rounding: 1, or less in tests.
     ///
     /// Hits of trees of primitives lie within [`INNER_ULPS`] of their box. Those of trees of instances deviate more
-    /// from far away, so they have no box.
+    /// from far away, so their box holds everything.
     pub fn new(of: &Extent, padding: f64) -> Outline {
-        let pad = if of.deviation == 0.0 { padding * INNER_ULPS * f64::from(ULP) * of.reach } else { f64::INFINITY };
+        let pad = if of.deviation == 0.0 { padding * INNER_ULPS * f64::from(ULP) * of.reach } else { EVERYTHING };
         let [begin, end] = [of.bounds.begin, of.bounds.end];
         let [from, to] = [begin, end].map(|b| (b.min * 0.5 + b.max * 0.5, b.max * 0.5 - b.min * 0.5));
-        Outline { middle: from.0, moved: to.0 - from.0, half: from.1 + pad, grown: to.1 - from.1 }
+        let lanes = |v: DVec3| v.extend(0.0).to_array();
+        Outline {
+            middle: lanes(from.0),
+            moved: lanes(to.0 - from.0),
+            half: lanes(from.1 + pad),
+            grown: lanes(to.1 - from.1),
+        }
     }
 
-    /// Whether the whole line of a ray in this space misses the box as it is at the ray's time.
+    /// Whether the whole line of a ray in this space misses the box as it is at a time.
     ///
     /// Origins are within 2^32 sizes (trees report no hits from farther away), so the error of this test is less than
     /// 2^-18 of the size, which the padding has room for.
     #[inline(always)]
-    pub fn is_missed(&self, ray: &Ray) -> bool {
-        let time = f64::from(ray.time);
-        let half = self.half + self.grown * time;
-        let from = ray.origin - (self.middle + self.moved * time);
-        let dir = ray.dir.as_dvec3();
-        let distance = dir.cross(from).abs();
-        let along = dir.abs();
-        let reach = DVec3::new(
-            half.y * along.z + half.z * along.y,
-            half.z * along.x + half.x * along.z,
-            half.x * along.y + half.y * along.x,
-        );
-        // Comparisons in this form treat NaN as not separated.
-        distance.cmpgt(reach).any()
+    pub fn is_missed<S: Simd>(&self, s: S, ray: &Inward<S>, time: f32) -> bool {
+        let time = s.splat_d(f64::from(time));
+        let half = s.load_d(&self.half) + s.load_d(&self.grown) * time;
+        let from = ray.origin - (s.load_d(&self.middle) + s.load_d(&self.moved) * time);
+        let dir = s.widen_four(&ray.dir);
+        let along = magnitude(s, dir);
+        let distance = magnitude(s, cross(s, dir, from));
+        let reach = s.rotate_left(half) * s.rotate_right(along) + s.rotate_right(half) * s.rotate_left(along);
+        s.le_d(distance, reach) & THREE != THREE
     }
 }
+
+/// Half the size of a box that no ray misses. Its product with zero is zero.
+const EVERYTHING: f64 = 1e300;
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Aabb, LinearBounds};
+    use crate::geometry::{Aabb, LinearBounds, Ray};
+    use crate::instance::columns::lanes;
     use crate::random::Random;
+    use crate::simd::Portable;
     use glam::Vec3;
+
+    fn is_missed(outline: &Outline, ray: &Ray) -> bool {
+        let Vec3 { x, y, z } = ray.dir;
+        let inward = Inward { origin: lanes(Portable, ray.origin), dir: [x, y, z, 0.0] };
+        outline.is_missed(Portable, &inward, ray.time)
+    }
 
     #[test]
     fn rays_at_the_moving_box_do_not_miss_it_and_most_others_do() {
@@ -80,12 +95,12 @@ mod tests {
             let along = if round % 5 == 0 { Vec3::X } else { random.vec() };
             let away = 10f64.powf(4.0 * f64::from(random.signed()));
             let ray = Ray::new(inside - along.as_dvec3() * away, along).at_time(time);
-            assert!(!outline.is_missed(&ray), "{ray:?} {outline:?}");
+            assert!(!is_missed(&outline, &ray), "{ray:?} {outline:?}");
             // Past the ball around the box.
             let radius = (now.max - now.min).length();
             let aside = along.as_dvec3().any_orthonormal_vector() * 1.1 * radius;
             let beside = Ray { origin: (now.min + now.max) * 0.5 - along.as_dvec3() * away + aside, ..ray };
-            missed += usize::from(outline.is_missed(&beside));
+            missed += usize::from(is_missed(&outline, &beside));
         }
         assert!(missed > 95_000, "{missed}");
     }

@@ -14,7 +14,8 @@ use crate::primitive::PrimitiveSet;
 use crate::ray::TreeRay;
 use glam::DVec3;
 
-/// The data of an instance that queries use.
+/// The data of an instance that queries use, in two cache lines.
+#[repr(align(64))]
 pub(super) struct Placed {
     pub motion: Motion,
     pub active: TimeInterval,

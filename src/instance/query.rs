@@ -14,7 +14,7 @@ use crate::geometry::Ray;
 use crate::layout::ChildRef;
 use crate::primitive::PrimitiveSet;
 use crate::ray::{LeafVisitor, Observer, RayTraversal, TreeRay};
-use crate::simd::dispatch;
+use crate::simd::{Simd, dispatch};
 use core::ops::ControlFlow;
 
 /// The filter or observer of a query.
@@ -263,19 +263,19 @@ impl<Q: InstanceQuery> LeafVisitor for InstanceVisitor<'_, '_, Q> {
     }
 
     #[inline(always)]
-    fn object(&mut self, id: u32, ray: &Ray) -> ControlFlow<(), f32> {
+    fn object<S: Simd>(&mut self, s: S, id: u32, ray: &Ray) -> ControlFlow<(), f32> {
         let InstanceVisitor { set, trees, path, ref mut local, ref mut guards, ref mut query } = *self;
         let one = &set.placed[id as usize];
         if !(one.active.contains(ray.time) && guards.sees(one.mask)) {
             return ControlFlow::Continue(ray.t_max);
         }
-        let Some((origin, dir)) = set.motions.inward(&one.motion, ray) else {
+        let Some(inward) = set.motions.inward(s, &one.motion, ray) else {
             return ControlFlow::Continue(ray.t_max);
         };
-        (local.origin, local.dir) = (origin, dir);
-        if set.outlines[one.tree as usize].is_missed(local) {
+        if set.outlines[one.tree as usize].is_missed(s, &inward, ray.time) {
             return ControlFlow::Continue(ray.t_max);
         }
+        (local.origin, local.dir) = inward.vectors(s);
         if local.t_max != ray.t_max {
             local.t_max = ray.t_max;
         }

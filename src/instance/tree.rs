@@ -13,7 +13,7 @@ use crate::params::WideParams;
 use crate::primitive::PrimitiveSet;
 use crate::progress::Progress;
 use crate::ray::RayTree;
-use crate::simd::SimdLevel;
+use crate::simd::{Portable, SimdLevel};
 use glam::{DAffine3, DVec3, Vec3};
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
@@ -241,7 +241,7 @@ impl InstanceTree {
         if !(0.0..=1.0).contains(&ray.time) {
             return None;
         }
-        let (origin, dir) = self.placements.motions.inward(&one.motion, ray)?;
+        let (origin, dir) = self.placements.motions.inward(Portable, &one.motion, ray)?.vectors(Portable);
         Some(Ray { origin, dir, ..*ray })
     }
 

@@ -14,7 +14,7 @@ use super::ray_traversal::{LeafVisitor, RayTraversal};
 use super::tree_ray::TreeRay;
 use crate::geometry::Ray;
 use crate::layout::{ChildRef, LazyTree, WideTree};
-use crate::simd::{SimdLevel, dispatch};
+use crate::simd::{Simd, SimdLevel, dispatch};
 use core::ops::ControlFlow;
 
 /// A query that can be answered from one subtree after the other.
@@ -75,7 +75,7 @@ fn traverse_subtrees<const ORDERED: bool, G, F, O, A>(
     }
     let Some(tree_ray) = TreeRay::new(ray, args.set.frame()) else { return };
     // Compiled once for all queries: the query of a subtree takes far longer than the call.
-    let visitor: &mut dyn LeafVisitor = &mut Subtrees { tree, args, answer };
+    let visitor: &mut dyn SubtreeVisitor = &mut Subtrees { tree, args, answer };
     dispatch(simd, RayTraversal::<'_, ORDERED, _> { tree: &tree.top, ray, tree_ray: &tree_ray, visitor });
 }
 
@@ -86,7 +86,26 @@ struct Subtrees<'a, 'b, G, F, O, A> {
     answer: A,
 }
 
-impl<G, F, O, A> LeafVisitor for Subtrees<'_, '_, G, F, O, A>
+/// The callbacks of [`LeafVisitor`] in a form that can be called through `dyn`.
+trait SubtreeVisitor {
+    fn node(&mut self);
+    fn subtree(&mut self, subtree: u32, ray: &Ray) -> ControlFlow<(), f32>;
+}
+
+impl LeafVisitor for dyn SubtreeVisitor + '_ {
+    fn node(&mut self) {
+        SubtreeVisitor::node(self);
+    }
+
+    /// Leaves are counted by the query of the subtree.
+    fn leaf(&mut self) {}
+
+    fn object<S: Simd>(&mut self, _: S, subtree: u32, ray: &Ray) -> ControlFlow<(), f32> {
+        self.subtree(subtree, ray)
+    }
+}
+
+impl<G, F, O, A> SubtreeVisitor for Subtrees<'_, '_, G, F, O, A>
 where
     G: RaySource,
     O: Observer,
@@ -96,10 +115,7 @@ where
         self.args.observer.node();
     }
 
-    /// Leaves are counted by the query of the subtree.
-    fn leaf(&mut self) {}
-
-    fn object(&mut self, subtree: u32, ray: &Ray) -> ControlFlow<(), f32> {
+    fn subtree(&mut self, subtree: u32, ray: &Ray) -> ControlFlow<(), f32> {
         let QueryArgs { set, filter, ref mut observer, .. } = self.args;
         (self.answer)(self.tree.subtree(set, subtree), QueryArgs { set, ray, filter, observer })
     }

@@ -19,7 +19,7 @@ pub(crate) trait LeafVisitor {
     fn leaf(&mut self);
     /// Queries one of the objects that a leaf lists. Returns the new end of the ray, beyond which no hit matters.
     /// `Break` ends the traversal.
-    fn object(&mut self, id: u32, ray: &Ray) -> ControlFlow<(), f32>;
+    fn object<S: Simd>(&mut self, s: S, id: u32, ray: &Ray) -> ControlFlow<(), f32>;
 }
 
 /// The traversal of a ray, to be dispatched to an instruction set; if `ORDERED`, front to back.
@@ -83,10 +83,10 @@ impl<S: Simd, const ORDERED: bool, Q: LeafVisitor + ?Sized> WideQuery<S> for Ray
     }
 
     #[inline(always)]
-    fn leaf(&mut self, _: S, leaf: ChildRef) -> ControlFlow<()> {
+    fn leaf(&mut self, s: S, leaf: ChildRef) -> ControlFlow<()> {
         self.visitor.leaf();
         for i in leaf.at()..leaf.at() + leaf.len() {
-            let end = self.visitor.object(self.tree.arena.ints()[i], &self.ray).map_break(|()| ())?;
+            let end = self.visitor.object(s, self.tree.arena.ints()[i], &self.ray).map_break(|()| ())?;
             if end < self.ray.t_max {
                 self.ray.t_max = end;
                 self.reach = self.tree_ray.reach(end);

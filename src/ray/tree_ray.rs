@@ -33,9 +33,9 @@ pub(crate) struct TreeRay<'a> {
 /// Rays with origins farther away than this (in scene sizes) hit nothing: their errors would exceed about 2^-20 of the scene.
 const FARTHEST: f64 = 4294967296.0;
 
-/// Origins up to this far away (in scene sizes) are not moved to the scene. Boxes grow by [`KERNEL_ULPS`] of this distance, some 2e-5 of
-/// the scene, which costs less than moving the origin.
-const NEAR: f32 = 16.0;
+/// Origins up to this far away (in scene sizes) are not moved to the scene. Boxes grow by [`KERNEL_ULPS`] of this distance, some 8e-5 of
+/// the scene, which costs less than moving the origin. Of rays in the spaces of small instances, most begin that far away.
+const NEAR: f32 = 64.0;
 
 /// Smaller components of a direction are replaced by this as divisors. On the way to a hit, this moves the ray by less than an ULP of
 /// the distance.
