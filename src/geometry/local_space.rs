@@ -90,6 +90,19 @@ impl Frame {
         self.fine_point(p).as_vec3()
     }
 
+    /// The origin and the scale in f32, if [`Frame::point`] of any f32 coordinates within the bounds is the same
+    /// computed in f32. That is so if the frame is [exact](Frame::exact): both differences and products are exact, or
+    /// rounded once where the result is denormal.
+    pub fn in_f32(self) -> Option<(Vec3, f32)> {
+        let (origin, scale) = (self.origin.as_vec3(), self.scale as f32);
+        let same = origin.as_dvec3() == self.origin && f64::from(scale) == self.scale && scale.is_normal();
+        let moved_exactly = (0..3).all(|axis| {
+            let (low, high) = (self.bounds.min[axis], self.bounds.max[axis]);
+            self.origin[axis] == 0.0 || low.abs().max(high.abs()) <= 2.0 * low.max(-high)
+        });
+        (same && moved_exactly).then_some((origin, scale))
+    }
+
     /// A world point in tree space, in f64.
     #[inline(always)]
     pub fn fine_point(self, p: DVec3) -> DVec3 {
@@ -134,6 +147,35 @@ fn exponent(x: f64) -> i64 {
 mod tests {
     use super::*;
     use crate::random::Random;
+
+    #[test]
+    fn exact_frames_map_f32_alike_in_f32() {
+        let (mut random, mut cases) = (Random(8), 0);
+        for size in [1e-44f32, 1e-38, 1e-20, 0.3, 1.0, 1e5, 1e30] {
+            for far in [0.0, 0.5, 3.0, 1000.0] {
+                let point = |random: &mut Random| Vec3::new(far, 0.0, -far) * size + random.vec() * size;
+                let mut points: Vec<Vec3> = (0..500).map(|_| point(&mut random)).collect();
+                // Small ones beside large ones, where the middle is at zero.
+                points.extend((0..500).map(|_| random.vec() * size * 1e-37 * Vec3::Y));
+                points.iter_mut().skip(500).for_each(|p| *p += Vec3::new(far, 0.0, -far) * size);
+                let frame = Frame::exact(points.iter().fold(Aabb::EMPTY, |all, p| Aabb {
+                    min: all.min.min(p.as_dvec3()),
+                    max: all.max.max(p.as_dvec3()),
+                }));
+                let Some((origin, scale)) = frame.in_f32() else { continue };
+                for p in points {
+                    let bits = |p: Vec3| p.to_array().map(f32::to_bits);
+                    assert_eq!(bits((p - origin) * scale), bits(frame.point(p.as_dvec3())), "{p} in {frame:?}");
+                }
+                cases += 1;
+            }
+        }
+        assert!(cases > 20, "{cases} of 28");
+        // Rounded where neither bounds nor the origin are those of f32.
+        let near = Aabb { min: DVec3::splat(0.9), max: DVec3::splat(1.7) };
+        let other = Frame::around(Aabb { min: DVec3::splat(0.1), max: DVec3::splat(1.7) });
+        assert!(Frame::exact_in_f64(near).in_f32().is_none() && other.in_f32().is_none());
+    }
 
     #[test]
     fn scenes_of_any_size_fill_the_unit_cube() {

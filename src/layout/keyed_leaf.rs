@@ -13,11 +13,12 @@
 //! | | unused, up to word 35, or up to word 3 + 4 w if rows have w < 8 numbers and there are at most 2 w triangles |
 //! | rows | for each key: x y z of v vertices, or nine rows of n corners |
 
+use super::key_rows::KeyRows;
 use super::leaf_block::{Shared, WideSource, set_sizes, write_corners};
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
 use crate::geometry::KeyTime;
 use crate::primitive::Triangles;
-use crate::simd::{Arena, LANES};
+use crate::simd::{Arena, LANES, SimdLevel, dispatch};
 
 /// The header of such a block.
 #[derive(Clone, Copy)]
@@ -173,24 +174,30 @@ impl Triangles {
             words[leaf.vertices()] |= (count as u32 - 1) << 12;
         }
         words[leaf.ids()..][..count].copy_from_slice(ids);
-        self.fill_keyed(words, &leaf, ids, shared.as_ref());
+        self.fill_keyed(words, &leaf, ids, shared.as_ref(), SimdLevel::best());
         // The lower half of this word holds the vertices of the first triangle, or zero.
         set_sizes(&mut words[leaf.vertices()], self.sizes(ids, first..first + held));
         ChildRef::new(Kind::OtherLeaf, at, width)
     }
 
     /// Writes the coordinates of a block; returns whether any changed.
-    pub(super) fn fill_keyed(&self, words: &mut [u32], leaf: &KeyedLeaf, ids: &[u32], shared: Option<&Shared>) -> bool {
-        let keys = leaf.first..leaf.first + leaf.keys;
+    pub(super) fn fill_keyed(
+        &self,
+        words: &mut [u32],
+        leaf: &KeyedLeaf,
+        ids: &[u32],
+        shared: Option<&Shared>,
+        level: SimdLevel,
+    ) -> bool {
+        let words = &mut words[leaf.front()..leaf.words()];
+        if let Some(shared) = shared {
+            let (coordinates, begins) = shared.runs(self, leaf.first);
+            return dispatch(level, KeyRows { words, coordinates, begins, rows: VERTEX_ROWS * leaf.keys });
+        }
         let mut changed = 0;
-        for (rows, key) in words[leaf.front()..].chunks_exact_mut(leaf.key_words()).zip(keys) {
-            match shared {
-                Some(shared) => changed |= shared.write_key(self, rows, key),
-                None => {
-                    for (lane, &id) in ids.iter().enumerate() {
-                        changed |= write_corners(rows, leaf.count, lane, self.corners_at_key(id, key));
-                    }
-                }
+        for (rows, key) in words.chunks_exact_mut(leaf.key_words()).zip(leaf.first..) {
+            for (lane, &id) in ids.iter().enumerate() {
+                changed |= write_corners(rows, leaf.count, lane, self.corners_at_key(id, key));
             }
         }
         changed != 0

@@ -33,6 +33,10 @@ pub(crate) trait WideSource: PrimitiveSet {
     fn rewrite_leaf(&self, words: &mut [u32], of: MovedLeaf<'_>) -> Option<LinearBox3> {
         Some(self.leaf_bounds(words, of))
     }
+    /// Prefetches what [`WideSource::rewrite_leaf`] will read and write soon. A hint.
+    fn prefetch_leaf(&self, words: &[u32], of: MovedLeaf<'_>) {
+        let _ = (words, of);
+    }
     /// The bounds of the primitives of a leaf block that begins at `words[0]` and has been rewritten.
     fn leaf_bounds(&self, words: &[u32], of: MovedLeaf<'_>) -> LinearBox3 {
         let _ = words;
@@ -85,6 +89,12 @@ impl WideSource for Scene {
         match of.ids.first().is_some_and(|&id| self.is_listed(id)) {
             false => self.triangles.rewrite_leaf(words, of),
             true => Some(bounds_of(self, of.ids, of.over)),
+        }
+    }
+
+    fn prefetch_leaf(&self, words: &[u32], of: MovedLeaf<'_>) {
+        if of.ids.first().is_some_and(|&id| !self.is_listed(id)) {
+            self.triangles.prefetch_leaf(words, of);
         }
     }
 
@@ -234,6 +244,12 @@ impl Shared {
     pub(super) fn fill(&self, set: &Triangles, words: &mut [u32], keys: usize) -> bool {
         let each = words.chunks_exact_mut(VERTEX_ROWS * self.count).take(keys).enumerate();
         each.fold(0, |changed, (key, words)| changed | self.write_key(set, words, key)) != 0
+    }
+
+    /// The coordinates of all vertices of a set, and the first of each of these at a key; the vertices have more than
+    /// two keys, whose coordinates follow each other.
+    pub(super) fn runs<'a>(&self, set: &'a Triangles, key: usize) -> (&'a [f32], Lanes<usize>) {
+        (set.coordinates(), self.vertices.map(|vertex| 3 * (vertex as usize + key)))
     }
 
     /// Writes the rows of one key; returns the bits that changed.

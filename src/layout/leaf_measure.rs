@@ -271,6 +271,7 @@ impl Kernel for Bent<'_> {
                 all
             }
         };
+        let at_keys = size;
         let size = s.max(size, s.load(self.beyond));
         let pad = size * s.splat(self.slack) * s.splat(2.0) + size * s.splat(TUBE_ULPS * ULP);
         let mut still = (u32::MAX >> (32 - self.leaf.count as u32)) as Mask;
@@ -280,8 +281,8 @@ impl Kernel for Bent<'_> {
         if still != 0 {
             return None;
         }
-        let sizes = self.sizes(s, numbers);
-        Some(greatest(s, ends, pad, sizes, self.leaf.count))
+        let [beyond, extents] = self.sizes(s, numbers);
+        Some(greatest(s, ends, pad, [s.max(beyond, at_keys), extents], self.leaf.count))
     }
 }
 
@@ -312,7 +313,9 @@ impl Bent<'_> {
         let window = &self.window;
         let (begin, end) = (self.state(s, window.begin, row), self.state(s, window.end, row));
         let way = [end[0] - begin[0], end[1] - begin[1], end[2] - begin[2]];
-        let (mut below, mut above, mut size) = ([zero; 3], [zero; 3], zero);
+        let (mut below, mut above) = ([zero; 3], [zero; 3]);
+        // The coordinates on both sides of zero that are farthest from it.
+        let (mut least, mut most) = (zero, zero);
         for key in window.inner.clone() {
             let (rows, w) = (self.rows(key), s.splat(window.fraction(key)));
             for axis in 0..3 {
@@ -320,7 +323,7 @@ impl Bent<'_> {
                 let off = place - (begin[axis] + way[axis] * w);
                 below[axis] = s.min(below[axis], off);
                 above[axis] = s.max(above[axis], off);
-                size = s.max(size, s.max(place, zero - place));
+                (least, most) = (s.min(least, place), s.max(most, place));
             }
         }
         let held = self.leaf.first..self.leaf.first + self.leaf.keys;
@@ -328,7 +331,7 @@ impl Bent<'_> {
             let rows = self.rows(key);
             for axis in 0..3 {
                 let place = s.load_row(&rows, row + axis);
-                size = s.max(size, s.max(place, zero - place));
+                (least, most) = (s.min(least, place), s.max(most, place));
             }
         }
         let (mut first, mut last) = ([[zero; 2]; 3], [[zero; 2]; 3]);
@@ -336,25 +339,30 @@ impl Bent<'_> {
             first[axis] = [zero - (begin[axis] + below[axis]), begin[axis] + above[axis]];
             last[axis] = [zero - (end[axis] + below[axis]), end[axis] + above[axis]];
         }
-        Tubes { ends: [first, last], size }
+        Tubes { ends: [first, last], size: s.max(most, zero - least) }
     }
 
-    /// The largest coordinate and the largest extent of each triangle at all keys of the block.
+    /// The largest coordinate of each triangle at the keys of the block that are not around the interval, and the largest
+    /// extent at all keys of the block.
     #[inline(always)]
     fn sizes<S: Simd>(&self, s: S, numbers: S::U) -> [S::F; 2] {
-        let (mut size, mut extents) = (s.splat(0.0), s.splat(0.0));
+        let zero = s.splat(0.0);
+        let (mut size, mut extents) = (zero, zero);
         for key in self.leaf.first..self.leaf.first + self.leaf.keys {
             let rows = self.rows(key);
-            let mut faces = [[size; 2]; 3];
-            for (axis, faces) in faces.iter_mut().enumerate() {
-                let corners = match self.leaf.shared {
+            let within = self.window.holds(key);
+            for axis in 0..3 {
+                let [a, b, c] = match self.leaf.shared {
                     true => at_corners(s, s.load_row(&rows, axis), numbers),
                     false => s.load_thirds(&rows, axis),
                 };
-                *faces = faces_of(s, corners);
+                let (low, high) = (s.min(s.min(a, b), c), s.max(s.max(a, b), c));
+                // The second one of equal numbers, so that zeros stay positive.
+                extents = s.max(high - low, extents);
+                if !within {
+                    size = s.max(s.max(high, zero - low), size);
+                }
             }
-            size = s.max(size, magnitude(s, &faces));
-            extents = s.max(extents, extent(s, &faces));
         }
         [size, extents]
     }

@@ -5,11 +5,36 @@ use super::leaf_block::{MovedLeaf, Shared, set_sizes};
 use super::wide_node::{CORNER_ROWS, Kind, VERTEX_ROWS};
 use crate::geometry::LinearBox3;
 use crate::primitive::Triangles;
+use crate::simd::{LANES, prefetch};
+
+/// The lines of a block of one key or two that are prefetched: most have twelve rows or fewer, of half a line each.
+const LINES_AHEAD: usize = 6;
 
 impl Triangles {
+    /// Prefetches a block that will be rewritten, and its vertices.
+    pub(super) fn prefetch_leaf(&self, words: &[u32], of: MovedLeaf<'_>) {
+        let MovedLeaf { leaf, ids, .. } = of;
+        if leaf.kind() != Kind::OtherLeaf {
+            words.chunks(LANES).take(LINES_AHEAD).for_each(|line| prefetch(&line[0]));
+            return ids.iter().for_each(|&id| self.prefetch_positions(id));
+        }
+        let keyed = KeyedLeaf::of(words, leaf.len());
+        words[..keyed.words()].chunks(LANES).for_each(|line| prefetch(&line[0]));
+        let mut found = 0;
+        for (&id, numbers) in ids.iter().zip(&words[keyed.vertices()..]) {
+            for (i, vertex) in self.vertices(id).into_iter().enumerate() {
+                // Vertices are numbered in the order in which they occur first.
+                if !keyed.shared || (numbers >> (4 * i)) as usize % LANES == found {
+                    found += 1;
+                    self.prefetch_keys(vertex, keyed.first..keyed.first + keyed.keys);
+                }
+            }
+        }
+    }
+
     /// Rewrites the coordinates and sizes of a block, and returns the bounds of its triangles; `None` if no coordinate changed.
     pub(super) fn rewrite_leaf(&self, words: &mut [u32], of: MovedLeaf<'_>) -> Option<LinearBox3> {
-        let MovedLeaf { leaf, ids, .. } = of;
+        let MovedLeaf { leaf, ids, level, .. } = of;
         let n = leaf.len();
         let again = |words: &[u32], numbers: usize| Shared::again(self, ids, &words[numbers..], n);
         // The word that the sizes share, or have for themselves, too.
@@ -21,7 +46,7 @@ impl Triangles {
             Kind::OtherLeaf => {
                 let keyed = KeyedLeaf::of(words, n);
                 let shared = keyed.shared.then(|| again(words, keyed.vertices()));
-                (self.fill_keyed(words, &keyed, ids, shared.as_ref()), keyed.vertices())
+                (self.fill_keyed(words, &keyed, ids, shared.as_ref(), level), keyed.vertices())
             }
             Kind::Node | Kind::StaticNode | Kind::Time => return None,
         };

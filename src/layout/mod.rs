@@ -17,6 +17,7 @@
 
 mod corners;
 mod kd_validate;
+mod key_rows;
 mod keyed_leaf;
 mod lazy_tree;
 mod lazy_validate;

@@ -174,18 +174,10 @@ impl Place<'_> {
         }
     }
 
-    /// Prefetches the first rows of a leaf block.
-    fn prefetch_block(&self, leaf: ChildRef) {
-        self.block(leaf).chunks(LANES).take(ROWS_AHEAD).for_each(|line| prefetch(&line[0]));
-    }
-
     fn block_mut(&mut self, at: ChildRef) -> &mut [u32] {
         &mut self.words[at.at() - self.begin..]
     }
 }
-
-/// The lines of a leaf block that are prefetched: most blocks have twelve rows or fewer, of half a line each.
-const ROWS_AHEAD: usize = 6;
 
 /// The primitives of a leaf block.
 struct InLeaf {
@@ -283,8 +275,8 @@ impl<S: WideSource> Pass<'_, S> {
             }
             let bounds = if child.kind().is_leaf() {
                 if let Some(next) = held.get(lane + 1).filter(|next| next.count > 0) {
-                    place.prefetch_block(children[lane + 1]);
-                    next.ids().iter().for_each(|&id| self.set.prefetch_vertices(id));
+                    let leaf = children[lane + 1];
+                    self.set.prefetch_leaf(place.block(leaf), self.moved_leaf(leaf, next, over));
                 }
                 let (bounds, visit) = self.leaf(place, child, &held[lane], over);
                 visits[lane] = visit;

@@ -6,7 +6,7 @@ use super::triangles::{BLOCK, MeshInfo, Triangles, Vertices, segments};
 use crate::error::{BuildError, RefitError};
 use crate::geometry::{Aabb, Frame, TimeInterval};
 use crate::parallel;
-use crate::simd::huge_vec;
+use crate::simd::{huge_vec, prefetch};
 use core::ops::Range;
 use glam::Vec3;
 
@@ -83,10 +83,11 @@ impl Triangles {
             let given: Vec<usize> = (0..keys).map(|key| given_key(m, key)).collect();
             // The kind of positions is matched once for all of them.
             match &mesh.keys {
-                Keys::F32(at) => append(&mut positions, &given, vertices, &|key, v| frame.point(at[key][v].as_dvec3())),
-                Keys::F64(at) | Keys::Precise(at) => {
-                    append(&mut positions, &given, vertices, &|key, v| frame.point(at[key][v]));
-                }
+                Keys::F32(at) => match frame.in_f32() {
+                    Some((origin, scale)) => append(&mut positions, at, &given, |p| (p - origin) * scale),
+                    None => append(&mut positions, at, &given, |p| frame.point(p.as_dvec3())),
+                },
+                Keys::F64(at) | Keys::Precise(at) => append(&mut positions, at, &given, |p| frame.point(p)),
             }
             let corner = |v: u32| place as u32 + v * apart as u32;
             parallel::fill(&mut corners, mesh.len(), |t| mesh.indices[t].map(corner));
@@ -116,19 +117,23 @@ impl Triangles {
 const TOGETHER: usize = 64;
 
 /// Appends the positions of a mesh at some keys: key by key up to two keys, vertex by vertex beyond.
-fn append(positions: &mut Vec<Vec3>, keys: &[usize], vertices: usize, at: &(impl Fn(usize, usize) -> Vec3 + Sync)) {
+fn append<P: Copy + Sync>(positions: &mut Vec<Vec3>, at: &[Vec<P>], keys: &[usize], map: impl Fn(P) -> Vec3 + Sync) {
     if keys.len() <= 2 {
-        keys.iter().for_each(|&key| parallel::fill(positions, vertices, |v| at(key, v)));
+        keys.iter().for_each(|&key| parallel::fill(positions, at[key].len(), |v| map(at[key][v])));
         return;
     }
+    let vertices = at[0].len();
     let begin = positions.len();
     positions.resize(begin + vertices * keys.len(), Vec3::ZERO);
     let mut blocks: Vec<(usize, &mut [Vec3])> =
         (0..).step_by(TOGETHER).zip(positions[begin..].chunks_mut(TOGETHER * keys.len())).collect();
     parallel::each(&mut blocks, |(first, block)| {
         for (place, &key) in keys.iter().enumerate() {
-            for (vertex, of_vertex) in (*first..).zip(block.chunks_exact_mut(keys.len())) {
-                of_vertex[place] = at(key, vertex);
+            let given = &at[key][*first..];
+            // So few lines of a key are over before the processor foresees the next ones.
+            given.iter().skip(TOGETHER).take(TOGETHER).step_by(64 / size_of::<P>()).for_each(prefetch);
+            for (of_vertex, &given) in block.chunks_exact_mut(keys.len()).zip(given) {
+                of_vertex[place] = map(given);
             }
         }
     });

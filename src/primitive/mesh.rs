@@ -2,9 +2,10 @@
 
 use super::merge_keys::{all_equal, kept_keys};
 use crate::error::BuildError;
-use crate::geometry::{Aabb, Frame, TimeInterval};
+use crate::geometry::{Aabb, Box3, Frame, TimeInterval};
 use crate::limits::MAX_COORDINATE;
 use crate::parallel;
+use crate::simd::{Kernel, LANES, Mask, Simd, SimdLevel, as_coordinates, dispatch, lanes_at, lanes_at_mut};
 use core::ops::Range;
 use glam::{DVec3, Vec3};
 
@@ -242,20 +243,74 @@ impl TriangleMesh {
 
 /// The box of positions if all are valid; the caller finds out which one is not.
 fn box_of_fine(positions: &[Vec3]) -> Option<Aabb> {
-    let (mut min, mut max, mut sum) = (Vec3::INFINITY, Vec3::NEG_INFINITY, Vec3::ZERO);
-    for &p in positions {
-        (min, max) = (min.min(p), max.max(p));
-        // Stays zero unless a coordinate is not finite, which minima may miss.
-        sum += p * 0.0;
+    let (whole, rest) = as_coordinates(positions).as_chunks();
+    let (mut box_of, mut finite) = dispatch(SimdLevel::best(), BoxOf(whole));
+    for &p in &positions[positions.len() - rest.len() / 3..] {
+        box_of = box_of.include(p);
+        finite &= p.is_finite();
     }
-    let swept = Aabb { min: min.as_dvec3(), max: max.as_dvec3() };
-    let fine = sum == Vec3::ZERO && swept.min.abs().max(swept.max.abs()).max_element() <= MAX_COORDINATE;
+    let swept = Aabb { min: box_of.min.as_dvec3(), max: box_of.max.as_dvec3() };
+    let fine = finite && swept.min.abs().max(swept.max.abs()).max_element() <= MAX_COORDINATE;
     (fine && !positions.is_empty()).then_some(swept)
+}
+
+/// The box of sixteen positions in each element, and whether all coordinates are finite.
+struct BoxOf<'a>(&'a [[f32; 3 * LANES]]);
+
+impl Kernel for BoxOf<'_> {
+    type Output = (Box3, bool);
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> (Box3, bool) {
+        let zero = s.splat(0.0);
+        let (mut min, mut max, mut sum) = ([s.splat(f32::INFINITY); 3], [s.splat(f32::NEG_INFINITY); 3], [zero; 3]);
+        for sixteen in self.0 {
+            for i in 0..3 {
+                let x = s.load(lanes_at(sixteen, LANES * i));
+                (min[i], max[i]) = (s.min(x, min[i]), s.max(x, max[i]));
+                // Stays zero unless a coordinate is not finite, which minima may miss.
+                sum[i] = sum[i] + x * zero;
+            }
+        }
+        let (mut box_of, mut finite) = (Box3::EMPTY, true);
+        let [mut low, mut high] = [[0.0; 3 * LANES]; 2];
+        for i in 0..3 {
+            s.store(min[i], lanes_at_mut(&mut low, LANES * i));
+            s.store(max[i], lanes_at_mut(&mut high, LANES * i));
+            finite &= s.eq(sum[i], zero) == Mask::MAX;
+        }
+        for i in 0..LANES {
+            box_of.min = box_of.min.min(Vec3::from_slice(&low[3 * i..]));
+            box_of.max = box_of.max.max(Vec3::from_slice(&high[3 * i..]));
+        }
+        (box_of, finite)
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
+
+    #[test]
+    fn boxes_hold_all_positions_and_only_finite_ones() {
+        let mut random = Random(9);
+        for count in [1, 2, 15, 16, 17, 32, 100, 1000] {
+            let mut positions: Vec<Vec3> = (0..count).map(|_| random.vec() * 1e3).collect();
+            let expected = positions
+                .iter()
+                .fold(Aabb::EMPTY, |all, p| Aabb { min: all.min.min(p.as_dvec3()), max: all.max.max(p.as_dvec3()) });
+            assert_eq!(box_of_fine(&positions), Some(expected), "{count} positions");
+            for (i, bad) in
+                (0..count).step_by(5).zip([f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 2e30].into_iter().cycle())
+            {
+                let good = core::mem::replace(&mut positions[i][i % 3], bad);
+                assert_eq!(box_of_fine(&positions), None, "{bad} at {i} of {count}");
+                positions[i][i % 3] = good;
+            }
+        }
+        assert_eq!(box_of_fine(&[]), None);
+    }
 
     #[test]
     fn what_is_wrong_with_a_mesh_is_named() {

@@ -8,7 +8,7 @@ use super::precise_vertices::PreciseVertices;
 use crate::geometry::{
     Box3, Ends, Frame, INSTANTS, Instant, KeyTime, LinearBox3, TimeInterval, are_disjoint, clip_triangle,
 };
-use crate::simd::{LANES, Lanes, prefetch};
+use crate::simd::{LANES, Lanes, as_coordinates, prefetch};
 use core::ops::Range;
 use glam::{DVec3, Vec3};
 
@@ -161,10 +161,23 @@ impl Triangles {
         of.iter().step_by(stride.max(1))
     }
 
+    /// The coordinates of all vertices at all keys, in the order of [`Triangles::position`].
+    #[inline(always)]
+    pub(crate) fn coordinates(&self) -> &[f32] {
+        as_coordinates(&self.vertices.positions)
+    }
+
     /// The positions of a vertex at all keys, for a mesh with more than two keys.
     #[inline(always)]
     pub(crate) fn keys_of_vertex(&self, vertex: u32, keys: usize) -> &[Vec3] {
         &self.vertices.positions[vertex as usize..][..keys]
+    }
+
+    /// Prefetches the positions of a vertex at some keys, for a mesh with more than two keys.
+    #[inline]
+    pub(crate) fn prefetch_keys(&self, vertex: u32, keys: Range<usize>) {
+        let of = &self.vertices.positions[vertex as usize..][keys];
+        of.iter().step_by(KEYS_IN_LINE).chain(of.last()).for_each(prefetch);
     }
 
     /// The corners at one key.
@@ -270,6 +283,9 @@ impl Triangles {
         LinearBox3 { begin: bounds.begin.pad(slack), end: bounds.end.pad(slack) }
     }
 }
+
+/// The number of positions in a cache line of 64 bytes.
+const KEYS_IN_LINE: usize = 5;
 
 /// Number of linear segments of a motion with this many keys.
 pub(super) fn segments(keys: usize) -> usize {

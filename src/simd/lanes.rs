@@ -1,5 +1,7 @@
 //! Sixteen lanes in memory, and reading them.
 
+use glam::Vec3;
+
 /// Number of lanes in every vector of this module.
 pub(crate) const LANES: usize = 16;
 
@@ -91,6 +93,14 @@ pub(crate) fn lanes_of(from: &[u32], count: usize) -> Lanes<u32> {
 pub(crate) fn as_floats(words: &[u32]) -> &[f32] {
     // SAFETY: both types have the same size and alignment, and every bit pattern is a float.
     unsafe { core::slice::from_raw_parts(words.as_ptr().cast(), words.len()) }
+}
+
+/// The coordinates of points, one after the other.
+#[inline(always)]
+pub(crate) fn as_coordinates(points: &[Vec3]) -> &[f32] {
+    const { assert!(size_of::<Vec3>() == size_of::<[f32; 3]>()) };
+    // SAFETY: a point is `repr(C)` and has the size of its three floats, so they follow each other without padding.
+    unsafe { core::slice::from_raw_parts(points.as_ptr().cast(), 3 * points.len()) }
 }
 
 /// Sixteen elements of `to`, beginning at `at`, to be written. Panics where they are not all there.

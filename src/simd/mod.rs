@@ -37,6 +37,7 @@ mod prefetch;
 #[cfg(target_arch = "x86_64")]
 mod sse2;
 mod stack;
+mod transpose;
 
 pub(crate) use arena::Arena;
 pub use dispatch::SimdLevel;
@@ -44,12 +45,15 @@ pub(crate) use dispatch::{dispatch, dispatch_or};
 pub(crate) use greatest::greatest_of_each;
 pub(crate) use huge_pages::{concat, huge_vec, huge_vec_of};
 pub(crate) use instructions::{Kernel, Simd};
-pub(crate) use lanes::{LANES, Lanes, Mask, Rows, as_floats, first_lanes, lanes_at, lanes_at_mut, lanes_of};
+pub(crate) use lanes::{
+    LANES, Lanes, Mask, Rows, as_coordinates, as_floats, first_lanes, lanes_at, lanes_at_mut, lanes_of,
+};
 pub(crate) use network::merge_lanes;
 pub(crate) use points::{Item, PointBlock};
 pub(crate) use portable::Portable;
 pub(crate) use prefetch::prefetch;
 pub(crate) use stack::{Stack, StackMemory};
+pub(crate) use transpose::transpose;
 
 #[cfg(test)]
 mod tests;
