@@ -34,8 +34,8 @@ pub(crate) trait WideSource: PrimitiveSet {
         Some(self.leaf_bounds(words, of))
     }
     /// Prefetches what [`WideSource::rewrite_leaf`] will read and write soon. A hint.
-    fn prefetch_leaf(&self, words: &[u32], of: MovedLeaf<'_>) {
-        let _ = (words, of);
+    fn prefetch_leaf(&self, words: &[u32], leaf: ChildRef, ids: &[u32]) {
+        let _ = (words, leaf, ids);
     }
     /// The bounds of the primitives of a leaf block that begins at `words[0]` and has been rewritten.
     fn leaf_bounds(&self, words: &[u32], of: MovedLeaf<'_>) -> LinearBox3 {
@@ -92,9 +92,9 @@ impl WideSource for Scene {
         }
     }
 
-    fn prefetch_leaf(&self, words: &[u32], of: MovedLeaf<'_>) {
-        if of.ids.first().is_some_and(|&id| !self.is_listed(id)) {
-            self.triangles.prefetch_leaf(words, of);
+    fn prefetch_leaf(&self, words: &[u32], leaf: ChildRef, ids: &[u32]) {
+        if ids.first().is_some_and(|&id| !self.is_listed(id)) {
+            self.triangles.prefetch_leaf(words, leaf, ids);
         }
     }
 

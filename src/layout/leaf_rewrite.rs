@@ -2,7 +2,7 @@
 
 use super::keyed_leaf::KeyedLeaf;
 use super::leaf_block::{MovedLeaf, Shared, set_sizes};
-use super::wide_node::{CORNER_ROWS, Kind, VERTEX_ROWS};
+use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
 use crate::geometry::LinearBox3;
 use crate::primitive::Triangles;
 use crate::simd::{LANES, prefetch};
@@ -12,8 +12,7 @@ const LINES_AHEAD: usize = 6;
 
 impl Triangles {
     /// Prefetches a block that will be rewritten, and its vertices.
-    pub(super) fn prefetch_leaf(&self, words: &[u32], of: MovedLeaf<'_>) {
-        let MovedLeaf { leaf, ids, .. } = of;
+    pub(super) fn prefetch_leaf(&self, words: &[u32], leaf: ChildRef, ids: &[u32]) {
         if leaf.kind() != Kind::OtherLeaf {
             words.chunks(LANES).take(LINES_AHEAD).for_each(|line| prefetch(&line[0]));
             return ids.iter().for_each(|&id| self.prefetch_positions(id));

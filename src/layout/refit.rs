@@ -267,6 +267,9 @@ impl<S: WideSource> Pass<'_, S> {
         // coordinates, old and new, while the block before is rewritten.
         children.iter().for_each(|&child| place.prefetch_ids(child));
         let held = children.map(|child| self.held_ahead(place, child));
+        if let Some(first) = held.iter().position(|held| held.count > 0) {
+            self.set.prefetch_leaf(place.block(children[first]), children[first], held[first].ids());
+        }
         let (mut boxes, mut visits) = (BoxRows::NONE, [0.0f64; LANES]);
         let (mut cost, mut changed): (f64, Mask) = (0.0, 0);
         for (lane, child) in children.into_iter().enumerate() {
@@ -275,8 +278,7 @@ impl<S: WideSource> Pass<'_, S> {
             }
             let bounds = if child.kind().is_leaf() {
                 if let Some(next) = held.get(lane + 1).filter(|next| next.count > 0) {
-                    let leaf = children[lane + 1];
-                    self.set.prefetch_leaf(place.block(leaf), self.moved_leaf(leaf, next, over));
+                    self.set.prefetch_leaf(place.block(children[lane + 1]), children[lane + 1], next.ids());
                 }
                 let (bounds, visit) = self.leaf(place, child, &held[lane], over);
                 visits[lane] = visit;
