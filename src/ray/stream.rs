@@ -140,6 +140,7 @@ impl<G: RaySource, Q: BatchQuery> Traversal<'_, G, Q> {
             s.store_compressed(keys, met, &mut near);
         }
         let mut visits = [Visit::NONE; LANES];
+        // The remainder makes a bounds check unnecessary.
         let visits = &mut visits[..met.count_ones() as usize % (LANES + 1)];
         for (i, visit) in visits.iter_mut().enumerate() {
             *visit = Visit { at: ChildRef(children[i]), rays: of[i], key: near[i] };
