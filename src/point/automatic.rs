@@ -5,11 +5,11 @@
 //! in it is counted. If slices half as long promise to cost less, the tree of one of those is built as well. The trees of
 //! the structure that is finally chosen are reused.
 
-use super::build::{Plan, middle_segment, time_slices};
-use super::fast_points::mark_fast;
+use super::build::{Plan, middle_segment, time_slices, tree};
+use super::fast_points::fast_numbers;
 use super::layers::Layer;
 use super::moving_reference::TimeSlice;
-use super::moving_tree::MovingTree;
+use super::persistent_points::PersistentPoints;
 use super::source::Source;
 use super::trials::{Trial, Trials, references_of};
 use crate::progress::Progress;
@@ -95,10 +95,18 @@ fn one_layer<'a>(
 /// The fast points, and the others.
 fn split_fast(source: &Source, points: &[u32]) -> (Vec<u32>, Vec<u32>) {
     let slice = time_slices(source.keys, 1)[middle_segment(source.keys)];
-    let mut references = source.references(&slice, points.iter().map(|&i| i as usize), |i| i as u32);
-    mark_fast(&mut references, &slice, slice.middle_phase());
     let mut is_fast = vec![false; source.len];
-    references.iter().filter(|m| m.fast).for_each(|m| is_fast[m.id as usize] = true);
+    if source.all_persist() {
+        let references = PersistentPoints::new(source, points, &slice);
+        for number in fast_numbers(&references, &slice, slice.middle_phase()) {
+            is_fast[number as usize] = true;
+        }
+    } else {
+        let references = source.references(&slice, points.iter().map(|&i| i as usize), |i| i as u32);
+        for number in fast_numbers(&references[..], &slice, slice.middle_phase()) {
+            is_fast[references[number as usize].id as usize] = true;
+        }
+    }
     points.iter().partition(|&&i| is_fast[i as usize])
 }
 
@@ -184,23 +192,16 @@ impl<'a> PartialLayer<'a> {
     fn finish(self, why: String, progress: &Progress) -> Chosen {
         let share = progress.subtask(1.0 / self.slices.len() as f64);
         let mut ready = if let Layer::Moving(trees) = self.tree { trees } else { Vec::new() };
-        let tree = |(i, slice): (usize, &TimeSlice)| match ready.pop_if(|_| i == self.at) {
+        let tree_of = |(i, slice): (usize, &TimeSlice)| match ready.pop_if(|_| i == self.at) {
             Some(tree) => {
                 share.finished(1.0);
                 tree
             }
             None => tree(self.source, self.points, slice, &share),
         };
-        let layer = Layer::Moving(self.slices.iter().enumerate().map(tree).collect());
+        let layer = Layer::Moving(self.slices.iter().enumerate().map(tree_of).collect());
         Chosen { layer, plan: self.plan, points: self.points.len(), why }
     }
-}
-
-/// The tree of a time slice.
-fn tree(source: &Source, points: &[u32], slice: &TimeSlice, progress: &Progress) -> MovingTree {
-    let points = if progress.cancelled() { &[] } else { points };
-    let references = source.references(slice, points.iter().map(|&i| i as usize), |i| source.id(i));
-    MovingTree::build(&references, *slice, progress)
 }
 
 fn name(plan: Plan) -> String {

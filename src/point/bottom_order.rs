@@ -7,34 +7,12 @@
 
 use super::complete_tree::left_part;
 use super::divide::{counted, extremes, guess, least_lane, lowest_lanes};
-use super::point_rows::{NO_POINT, PointVector};
+use super::point_rows::{NO_POINT, PointRows, PointVector};
 use super::widest_axis::longest;
-use crate::simd::{Item, Kernel, LANES, Lanes, Mask, Simd, lanes_at, lanes_at_mut};
+use crate::simd::{Item, LANES, Lanes, Mask, Simd, lanes_at, lanes_at_mut};
 
 /// Most points that are ordered here: those below a bottom node whose leaves have two vectors.
 pub(super) const MOST: usize = 2 * LANES * LANES;
-
-/// Orders at most [`MOST`] points, as `order` does.
-pub(super) struct Bottom<'a> {
-    pub(super) items: &'a mut [Item],
-    /// Points per leaf, one or two vectors of them.
-    pub(super) leaf: usize,
-}
-
-impl Kernel for Bottom<'_> {
-    type Output = ();
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let (mut rows, mut spare) = (Rows::<MOST>::EMPTY, Rows::EMPTY);
-        for (i, item) in self.items.iter().enumerate() {
-            rows.set(i, item);
-        }
-        rows.order(s, self.items.len(), self.leaf, &mut spare);
-        for (i, item) in self.items.iter_mut().enumerate() {
-            *item = rows.get(i);
-        }
-    }
-}
 
 /// Room for the right half of a range, which is not the larger one, and to the end of a vector behind it.
 pub(super) const SPARE: usize = MOST / 2 + LANES;
@@ -54,10 +32,14 @@ impl<const N: usize> Rows<N> {
         (x[i], y[i], z[i], self.index[i]) = (item.at[0], item.at[1], item.at[2], item.index);
     }
 
+    /// Takes `count` points of other rows, from number `first` on.
     #[inline(always)]
-    fn get(&self, i: usize) -> Item {
-        let [x, y, z] = &self.at;
-        Item { at: [x[i], y[i], z[i]], index: self.index[i] }
+    pub(super) fn take(&mut self, from: &PointRows, first: usize, count: usize) {
+        let range = first..first + count;
+        for (to, from) in self.at.iter_mut().zip(&from.at) {
+            to[..count].copy_from_slice(&from[range.clone()]);
+        }
+        self.index[..count].copy_from_slice(&from.index[range]);
     }
 
     /// The sixteen points from `at` on.
@@ -186,7 +168,37 @@ fn threshold<S: Simd>(s: S, keys: &[Lanes<f32>], count: usize, (least, most): (f
 mod tests {
     use super::*;
     use crate::random::Random;
-    use crate::simd::{SimdLevel, dispatch};
+    use crate::simd::{Kernel, SimdLevel, dispatch};
+
+    /// Orders at most [`MOST`] points.
+    struct Bottom<'a> {
+        items: &'a mut [Item],
+        /// Points per leaf, one or two vectors of them.
+        leaf: usize,
+    }
+
+    impl Kernel for Bottom<'_> {
+        type Output = ();
+        #[inline(always)]
+        fn run<S: Simd>(self, s: S) {
+            let (mut rows, mut spare) = (Rows::<MOST>::EMPTY, Rows::EMPTY);
+            for (i, item) in self.items.iter().enumerate() {
+                rows.set(i, item);
+            }
+            rows.order(s, self.items.len(), self.leaf, &mut spare);
+            for (i, item) in self.items.iter_mut().enumerate() {
+                *item = rows.get(i);
+            }
+        }
+    }
+
+    impl<const N: usize> Rows<N> {
+        #[inline(always)]
+        fn get(&self, i: usize) -> Item {
+            let [x, y, z] = &self.at;
+            Item { at: [x[i], y[i], z[i]], index: self.index[i] }
+        }
+    }
 
     /// The same on every instruction set, all points still there, and each half below the other along some axis.
     fn check(items: &[Item], leaf: usize) {

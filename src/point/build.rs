@@ -1,8 +1,9 @@
 //! From moving points to layers: the shutter is divided into time slices, each with a tree of its own.
 
 use super::layers::Layer;
-use super::moving_reference::{MovingReference, TimeSlice, exact_phase};
+use super::moving_reference::{TimeSlice, exact_phase};
 use super::moving_tree::MovingTree;
+use super::persistent_points::PersistentPoints;
 use super::plane_tree::PlaneTree;
 use super::source::Source;
 use crate::geometry::{KeyTime, TimeInterval};
@@ -23,25 +24,6 @@ impl Plan {
         match self {
             Plan::Boxes(slices) => slices,
             Plan::Planes(_) => 1,
-        }
-    }
-
-    /// The layer with a tree over the `references` of each time slice. Once `progress` is cancelled, trees are empty.
-    pub(super) fn layer(
-        self,
-        slices: &[TimeSlice],
-        references: impl Fn(&TimeSlice) -> Vec<MovingReference>,
-        progress: &Progress,
-    ) -> Layer {
-        let references = |slice: &TimeSlice| if progress.cancelled() { Vec::new() } else { references(slice) };
-        let progress = progress.subtask(1.0 / slices.len() as f64);
-        let boxes = |slice: &TimeSlice| MovingTree::build(&references(slice), *slice, &progress);
-        match self {
-            Plan::Boxes(_) => Layer::Moving(slices.iter().map(boxes).collect()),
-            Plan::Planes(most) => {
-                let planes = |slice: &TimeSlice| PlaneTree::build(&references(slice), *slice, most, &progress);
-                Layer::Planes(slices.iter().map(planes).collect())
-            }
         }
     }
 }
@@ -77,15 +59,31 @@ fn boundary(i: usize, per_segment: usize, keys: usize) -> f32 {
     (i as f64 / ((keys - 1).max(1) * per_segment) as f64) as f32
 }
 
+/// The tree of some of the points for a time slice. Once `progress` is cancelled, it is empty.
+pub(super) fn tree(source: &Source, points: &[u32], slice: &TimeSlice, progress: &Progress) -> MovingTree {
+    let points = if progress.cancelled() { &[] } else { points };
+    if source.all_persist() {
+        return MovingTree::build(&PersistentPoints::new(source, points, slice), *slice, progress);
+    }
+    let references = source.references(slice, points.iter().map(|&i| i as usize), |i| source.id(i));
+    MovingTree::build(&references[..], *slice, progress)
+}
+
 /// Builds a moving layer of some of the points.
-pub(super) fn moving_layer(
-    source: &Source,
-    select: impl Iterator<Item = usize> + Clone,
-    plan: Plan,
-    progress: &Progress,
-) -> Layer {
-    let references = |slice: &TimeSlice| source.references(slice, select.clone(), |i| source.id(i));
-    plan.layer(&time_slices(source.keys, plan.time_slices()), references, progress)
+pub(super) fn moving_layer(source: &Source, points: &[u32], plan: Plan, progress: &Progress) -> Layer {
+    let slices = time_slices(source.keys, plan.time_slices());
+    let progress = progress.subtask(1.0 / slices.len() as f64);
+    match plan {
+        Plan::Boxes(_) => Layer::Moving(slices.iter().map(|slice| tree(source, points, slice, &progress)).collect()),
+        Plan::Planes(most) => {
+            let planes = |slice: &TimeSlice| {
+                let points = if progress.cancelled() { &[] } else { points };
+                let references = source.references(slice, points.iter().map(|&i| i as usize), |i| source.id(i));
+                PlaneTree::build(&references, *slice, most, &progress)
+            };
+            Layer::Planes(slices.iter().map(planes).collect())
+        }
+    }
 }
 
 #[cfg(test)]

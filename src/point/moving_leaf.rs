@@ -4,16 +4,18 @@ use super::moving_reference::MovingReference;
 use super::over_interval::{PathRows, PointPath};
 use super::snapshot::{Target, rows, squared};
 use crate::geometry::{KeyTime, TimeInterval};
+pub(super) use crate::simd::MovingPointBlock as Block;
 use crate::simd::{LANES, Lanes, Mask, Simd, huge_vec_of, prefetch};
 use glam::Vec3;
 
-/// Sixteen moving points in rows; absent ones have coordinates for which every squared distance is infinite.
-#[derive(Clone, Copy)]
-#[repr(C, align(64))]
-pub(super) struct Block {
-    pub(super) open: [Lanes<f32>; 3],
-    pub(super) close: [Lanes<f32>; 3],
-    pub(super) id: Lanes<u32>,
+/// Sets the point of a lane.
+#[inline(always)]
+fn set(block: &mut Block, lane: usize, reference: &MovingReference) {
+    for axis in 0..3 {
+        block.open[axis][lane] = reference.open[axis];
+        block.close[axis][lane] = reference.close[axis];
+    }
+    block.id[lane] = reference.id;
 }
 
 /// The active intervals of sixteen lanes: `begin <= t < end`.
@@ -30,6 +32,7 @@ impl LaneIntervals {
         LaneIntervals { begin: [f32::INFINITY; LANES], end: [f32::NEG_INFINITY; LANES] };
 
     /// Sets one lane.
+    #[inline(always)]
     pub(super) fn set(&mut self, lane: usize, [begin, end]: [f32; 2]) {
         (self.begin[lane], self.end[lane]) = (begin, end);
     }
@@ -51,19 +54,12 @@ pub(super) struct Leaf {
 
 impl Leaf {
     /// A block without points.
-    pub(super) const EMPTY: Leaf = Leaf {
-        block: Block { open: [[f32::MAX; LANES]; 3], close: [[f32::MAX; LANES]; 3], id: [u32::MAX; LANES] },
-        times: LaneIntervals::NEVER,
-        active: LaneIntervals::NEVER,
-    };
+    pub(super) const EMPTY: Leaf =
+        Leaf { block: Block::EMPTY, times: LaneIntervals::NEVER, active: LaneIntervals::NEVER };
 
     /// Sets the point of a lane.
     pub(super) fn set(&mut self, lane: usize, reference: &MovingReference) {
-        for axis in 0..3 {
-            self.block.open[axis][lane] = reference.open[axis];
-            self.block.close[axis][lane] = reference.close[axis];
-        }
-        self.block.id[lane] = reference.id;
+        set(&mut self.block, lane, reference);
     }
 
     /// Sets the active interval of a lane, and the whole interval of its point. Leaves whose points are active throughout
@@ -88,8 +84,14 @@ impl MovingLeaves {
     /// `count` empty leaves; `timed` if not all lanes are active throughout, `has_active_intervals` if not all points exist
     /// throughout the shutter.
     pub(super) fn empty(count: usize, timed: bool, has_active_intervals: bool) -> MovingLeaves {
+        MovingLeaves::of(huge_vec_of(Block::EMPTY, count), timed, has_active_intervals)
+    }
+
+    /// The same with these blocks, whatever they hold.
+    pub(super) fn of(blocks: Vec<Block>, timed: bool, has_active_intervals: bool) -> MovingLeaves {
+        let count = blocks.len();
         MovingLeaves {
-            blocks: huge_vec_of(Leaf::EMPTY.block, count),
+            blocks,
             times: vec![LaneIntervals::NEVER; if timed { count } else { 0 }],
             active: vec![LaneIntervals::NEVER; if has_active_intervals { count } else { 0 }],
         }
@@ -235,11 +237,6 @@ pub(super) struct LeafRows<'a> {
 }
 
 impl<'a> LeafRows<'a> {
-    /// Their number.
-    pub(super) fn len(&self) -> usize {
-        self.blocks.len()
-    }
-
     /// Whether they have intervals of lanes or of points.
     pub(super) fn timed(&self) -> bool {
         !(self.times.is_empty() && self.active.is_empty())
@@ -254,7 +251,7 @@ impl<'a> LeafRows<'a> {
     }
 
     /// Fills a leaf.
-    pub(super) fn set(&mut self, i: usize, leaf: &Leaf) {
+    pub(super) fn fill(&mut self, i: usize, leaf: &Leaf) {
         self.blocks[i] = leaf.block;
         if let Some(times) = self.times.get_mut(i) {
             *times = leaf.times;
@@ -262,5 +259,38 @@ impl<'a> LeafRows<'a> {
         if let Some(active) = self.active.get_mut(i) {
             *active = leaf.active;
         }
+    }
+
+    /// Sets the point of a lane of a leaf.
+    #[inline(always)]
+    pub(super) fn set(&mut self, i: usize, lane: usize, reference: &MovingReference) {
+        set(&mut self.blocks[i], lane, reference);
+    }
+
+    /// Makes a lane of a leaf absent, which has no interval either.
+    #[inline(always)]
+    pub(super) fn clear(&mut self, i: usize, lane: usize) {
+        let Block { open, close, id } = &mut self.blocks[i];
+        for row in open.iter_mut().chain(close) {
+            row[lane] = f32::MAX;
+        }
+        id[lane] = u32::MAX;
+    }
+
+    /// Sets the active interval of a lane of a leaf, and the whole interval of its point.
+    #[inline(always)]
+    pub(super) fn set_times(&mut self, i: usize, lane: usize, times: [f32; 2], active: TimeInterval) {
+        if let Some(of_lanes) = self.times.get_mut(i) {
+            of_lanes.set(lane, times);
+        }
+        if let Some(of_points) = self.active.get_mut(i) {
+            of_points.set(lane, [active.begin(), active.end_bound()]);
+        }
+    }
+
+    /// Positions of the points of a leaf at both keys.
+    #[inline(always)]
+    pub(super) fn ends(&self, i: usize) -> ([Lanes<f32>; 3], [Lanes<f32>; 3]) {
+        (self.blocks[i].open, self.blocks[i].close)
     }
 }

@@ -1,7 +1,9 @@
 //! Moving references: points between two keys, and the time slices that trees cover.
 
+use super::point_rows::PointRows;
 use crate::geometry::{KeyTime, TimeInterval};
-use crate::simd::{Item, huge_vec};
+use crate::parallel::{self, CHUNK};
+use crate::simd::{Item, huge_vec, prefetch};
 
 /// A reference to a point that moves linearly between two keys, active during `interval`.
 #[derive(Clone, Copy, Debug)]
@@ -87,9 +89,16 @@ pub(super) fn phase(at: KeyTime, segment: usize) -> f32 {
 
 impl MovingReference {
     /// Coordinate at a phase, in f64 without noticeable rounding.
+    #[inline(always)]
     pub(super) fn at(&self, axis: usize, phase: f64) -> f64 {
         let (open, close) = (f64::from(self.open[axis]), f64::from(self.close[axis]));
         open + (close - open) * phase
+    }
+
+    /// Position at a phase, rounded.
+    #[inline(always)]
+    pub(super) fn position(&self, phase: f64) -> [f32; 3] {
+        core::array::from_fn(|axis| self.at(axis, phase) as f32)
     }
 
     /// The phases of its active interval, as given by [`TimeSlice::range`].
@@ -98,12 +107,64 @@ impl MovingReference {
     }
 }
 
+/// Where a tree takes its references from.
+pub(super) trait References: Sync {
+    /// How many there are.
+    fn len(&self) -> usize;
+    /// The number by which one of them is found.
+    fn number(&self, i: usize) -> u32;
+    /// The reference with a number.
+    fn reference(&self, number: u32) -> MovingReference;
+    /// Prefetches the reference with a number, if there is one; a hint.
+    fn prefetch(&self, number: u32);
+    /// Whether any is not active throughout a slice.
+    fn timed(&self, slice: &TimeSlice) -> bool;
+    /// Whether any point does not exist throughout the shutter.
+    fn have_active_intervals(&self) -> bool;
+}
+
+impl References for [MovingReference] {
+    fn len(&self) -> usize {
+        <[MovingReference]>::len(self)
+    }
+    #[inline(always)]
+    fn number(&self, i: usize) -> u32 {
+        i as u32
+    }
+    #[inline(always)]
+    fn reference(&self, number: u32) -> MovingReference {
+        self[number as usize]
+    }
+    #[inline(always)]
+    fn prefetch(&self, number: u32) {
+        if let Some(reference) = self.get(number as usize) {
+            // It may span two cache lines.
+            prefetch(reference);
+            prefetch(&reference.id);
+        }
+    }
+    fn timed(&self, slice: &TimeSlice) -> bool {
+        self.iter().any(|m| m.interval != slice.interval)
+    }
+    fn have_active_intervals(&self) -> bool {
+        self.iter().any(|m| m.active != TimeInterval::FULL)
+    }
+}
+
+/// Writes the positions of references at a phase between their keys, with their numbers.
+pub(super) fn take_positions<R: References + ?Sized>(rows: PointRows, references: &R, phase: f64) {
+    let count = references.len();
+    parallel::each(&mut rows.chunks(CHUNK), |(first, rows)| {
+        rows.take((*first..count).map(|i| {
+            let number = references.number(i);
+            Item { at: references.reference(number).position(phase), index: number }
+        }));
+    });
+}
+
 /// Positions of references at a phase between their keys.
 pub(super) fn positions_at(references: &[MovingReference], phase: f64) -> Vec<Item> {
-    let item = |(index, m): (usize, &MovingReference)| Item {
-        at: core::array::from_fn(|axis| m.at(axis, phase) as f32),
-        index: index as u32,
-    };
+    let item = |(index, m): (usize, &MovingReference)| Item { at: m.position(phase), index: index as u32 };
     let mut items = huge_vec(references.len());
     items.extend(references.iter().enumerate().map(item));
     items

@@ -3,19 +3,19 @@
 //! The same pyramid as the static tree, but faces of boxes are lines in time, points are interpolated
 //! from two keys, and if points exist for a while only, nodes and leaves have active intervals.
 
-use super::linear_bounds::{LinearBox, LinearBoxes, TrajectoryRows};
-use super::moving_leaf::{LaneIntervals, Leaf, LeafRows, MovingLeaves};
-use super::moving_reference::{MovingReference, TimeSlice, positions_at};
+use super::fill_moving_leaves::{MovingBottomNodes, Ordered, fill};
+use super::linear_bounds::{LinearBox, LinearBoxes};
+use super::moving_leaf::{Block, LaneIntervals, MovingLeaves};
+use super::moving_reference::{References, TimeSlice, take_positions};
 use super::moving_view::{AtTime, HasLeaves};
-use super::order::{Item, ORDERING, order};
+use super::order::{ORDERING, order_rows};
 use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath};
+use super::point_rows::PointRows;
 use super::slice_tree::SliceTree;
 use super::snapshot::{CoordinateView, Target, View, diagonal, outside, rows};
 use super::static_tree::Shape;
-use crate::geometry::TimeInterval;
-use crate::parallel;
 use crate::progress::Progress;
-use crate::simd::{LANES, Lanes, Mask, Simd, huge_vec_of, prefetch};
+use crate::simd::{LANES, Lanes, Mask, Simd, WordBlock, huge_vec_of, prefetch};
 
 /// Points that move or have an active interval, in a 16-ary tree for one time slice.
 #[derive(Clone)]
@@ -31,50 +31,45 @@ pub(super) struct MovingTree {
     pub(super) references: usize,
 }
 
-/// Writes the rows of a node.
-fn set(node: &mut LinearBoxes, times: &mut LaneIntervals, children: &[LinearBox]) {
-    for (lane, child) in children.iter().enumerate() {
-        node.set(lane, child);
-        times.set(lane, child.times);
-    }
-}
-
 impl MovingTree {
     /// Builds the complete tree: each reference is in one leaf.
-    pub(super) fn build(references: &[MovingReference], slice: TimeSlice, progress: &Progress) -> MovingTree {
-        let mut items = positions_at(references, slice.middle_phase());
-        order(&mut items, LANES, &progress.subtask(ORDERING));
-        let timed = references.iter().any(|m| m.interval != slice.interval);
-        let has_active_intervals = references.iter().any(|m| m.active != TimeInterval::FULL);
-        let shape = Shape::with_leaf(references.len(), 1);
-        let count = references.len().div_ceil(LANES);
-        let mut leaves = MovingLeaves::empty(count, timed, has_active_intervals);
-        let mut boxes: Vec<Option<LinearBox>> = vec![None; count];
-        Fill { references, slice: &slice }.leaves(&items, leaves.rows(), &mut boxes);
-        drop(items);
+    pub(super) fn build<R: References + ?Sized>(references: &R, slice: TimeSlice, progress: &Progress) -> MovingTree {
+        let count = references.len();
+        // Points are put in order in the memory of the blocks that they end up in, and as much besides as they need.
+        let (mut blocks, mut more) = (Block::zeroed(count.div_ceil(LANES)), PointRows::memory(count));
+        let mut from = PointRows::in_blocks(&mut blocks, count);
+        take_positions(from.borrow(), references, slice.middle_phase());
+        let mut rows = PointRows::in_blocks(&mut more, count);
+        order_rows(from, &mut rows, LANES, &progress.subtask(ORDERING));
+        let timed = references.timed(&slice);
+        let shape = Shape::with_leaf(count, 1);
+        let mut leaves = MovingLeaves::of(blocks, timed, references.have_active_intervals());
         let mut nodes = huge_vec_of(LinearBoxes::NONE, shape.nodes());
         let mut node_times = vec![LaneIntervals::NEVER; if timed { shape.nodes() } else { 0 }];
-        let mut boxes: Vec<LinearBox> = boxes.into_iter().flatten().collect();
-        for level in 0..shape.levels {
-            let begin = shape.begin[level];
-            let mut above = Vec::with_capacity(boxes.len().div_ceil(LANES));
-            // Even a tree without references has a root.
-            for i in 0..shape.begin[level + 1] - begin {
-                let children = &boxes[(i * LANES).min(boxes.len())..((i + 1) * LANES).min(boxes.len())];
-                let mut times = LaneIntervals::NEVER;
-                set(&mut nodes[begin + i], &mut times, children);
-                if timed {
-                    node_times[begin + i] = times;
-                }
-                if !children.is_empty() {
-                    above.push(LinearBox::of_boxes(children));
+        let mut boxes = vec![LinearBox::EMPTY; shape.begin[1]];
+        let bottoms = MovingBottomNodes {
+            first: 0,
+            count,
+            nodes: &mut nodes[..shape.begin[1]],
+            times: &mut node_times[..if timed { shape.begin[1] } else { 0 }],
+            boxes: &mut boxes,
+            leaves: leaves.rows(),
+        };
+        fill(bottoms, &Ordered { references, slice: &slice, rows: &rows });
+        for level in 1..shape.levels {
+            for (node, children) in (shape.begin[level]..).zip(boxes.chunks(LANES)) {
+                for (lane, child) in children.iter().enumerate() {
+                    nodes[node].set(lane, child);
+                    if let Some(times) = node_times.get_mut(node) {
+                        times.set(lane, child.times);
+                    }
                 }
             }
-            boxes = above;
+            boxes = boxes.chunks(LANES).map(LinearBox::around).collect();
         }
         let first = first_children(&shape);
         progress.finished(1.0 - ORDERING);
-        MovingTree { slice, nodes, first, leaves, node_times, levels: shape.levels, references: references.len() }
+        MovingTree { slice, nodes, first, leaves, node_times, levels: shape.levels, references: count }
     }
 
     /// Whether references have intervals.
@@ -97,68 +92,6 @@ pub(super) fn first_children(shape: &Shape) -> Vec<u32> {
         first.extend((0..shape.begin[level + 1] - shape.begin[level]).map(|i| (below + i * LANES) as u32));
     }
     first
-}
-
-/// The inputs of filling leaves.
-#[derive(Clone, Copy)]
-struct Fill<'a> {
-    references: &'a [MovingReference],
-    slice: &'a TimeSlice,
-}
-
-impl Fill<'_> {
-    /// Fills leaves from ordered items, recursively in parallel.
-    fn leaves(self, items: &[Item], mut leaves: LeafRows<'_>, boxes: &mut [Option<LinearBox>]) {
-        if leaves.len() > 1024 {
-            let half = leaves.len() / 2;
-            let (items, more_items) = items.split_at(half * LANES);
-            let (boxes, more_boxes) = boxes.split_at_mut(half);
-            let [leaves, more_leaves] = leaves.split_at(half);
-            parallel::both(|| self.leaves(items, leaves, boxes), || self.leaves(more_items, more_leaves, more_boxes));
-            return;
-        }
-        let throughout = [self.slice.interval.begin(), self.slice.interval.end_bound()];
-        let whole = self.slice.range(throughout);
-        let mut rows = TrajectoryRows {
-            open: [[0.0; LANES]; 3],
-            close: [[0.0; LANES]; 3],
-            range: whole.map(|phase| [phase; LANES]),
-            times: throughout.map(|time| [time; LANES]),
-        };
-        let timed = leaves.timed();
-        // A full leaf overwrites every lane of the one before.
-        let mut leaf = Leaf::EMPTY;
-        for (i, of_leaf) in items.chunks(LANES).enumerate() {
-            // The accesses are practically random, and each reference may span two cache lines.
-            for item in items.iter().skip((i + 2) * LANES).take(LANES) {
-                let reference = &self.references[item.index as usize];
-                prefetch(reference);
-                prefetch(&reference.id);
-            }
-            if of_leaf.len() < LANES {
-                leaf = Leaf::EMPTY;
-            }
-            for lane in 0..LANES {
-                let item = of_leaf.get(lane).or(of_leaf.last()).expect("a leaf has a point");
-                let reference = &self.references[item.index as usize];
-                rows.set_ends(lane, [reference.open, reference.close]);
-                if lane < of_leaf.len() {
-                    leaf.set(lane, reference);
-                }
-                if timed {
-                    let active_throughout = reference.interval == self.slice.interval;
-                    let range = if active_throughout { whole } else { reference.range(self.slice) };
-                    let times = [reference.interval.begin(), reference.interval.end_bound()];
-                    rows.set_times(lane, range, times);
-                    if lane < of_leaf.len() {
-                        leaf.set_times(lane, times, reference.active);
-                    }
-                }
-            }
-            leaves.set(i, &leaf);
-            boxes[i] = Some(LinearBox::of_points(&rows));
-        }
-    }
 }
 
 impl SliceTree for MovingTree {

@@ -6,14 +6,11 @@
 //! thousands of points, `bottom` for the last few hundred.
 //! The source of the layout is the implicit, left-balanced k-d tree; ours is sixteen wide.
 
-use super::bottom_order::Bottom;
 use super::complete_tree::{left_part, subtree, subtrees_of};
 use super::divide::divide;
 use super::point_rows::PointRows;
 use crate::parallel;
 use crate::progress::Progress;
-pub(super) use crate::simd::Item;
-use crate::simd::{LANES, SimdLevel, dispatch};
 
 /// Ranges shorter than this are not shared between threads.
 const SHARE: usize = 1 << 14;
@@ -21,39 +18,11 @@ const SHARE: usize = 1 << 14;
 /// The fraction of building a tree that ordering takes, about.
 pub(super) const ORDERING: f64 = 0.7;
 
-/// Orders `items` so that leaf i holds the i-th run of `leaf` of them, one or two vectors.
-///
-/// O(n log n), O(log n) stack, and memory for twice the items; the order is the same for any number of threads. Once `progress` is
-/// cancelled, large ranges stay as they are.
-pub(super) fn order(items: &mut [Item], leaf: usize, progress: &Progress) {
-    let (mut memory, mut more) = (PointRows::memory(items.len()), PointRows::memory(items.len()));
-    let mut from = PointRows::in_blocks(&mut memory, items.len());
-    from.take(items.iter().copied());
-    let mut to = PointRows::in_blocks(&mut more, items.len());
-    order_rows(from, &mut to, leaf, progress);
-    finish(items, &mut to, leaf);
-}
-
-/// Takes the points of bottom nodes, and puts them in order.
-fn finish(items: &mut [Item], from: &mut PointRows, leaf: usize) {
-    if items.len() > SHARE {
-        let half = (items.len() / 2).next_multiple_of(LANES * leaf);
-        let (items, more_items) = items.split_at_mut(half);
-        let (mut from, mut more) = from.borrow().split_at(half);
-        parallel::both(|| finish(items, &mut from, leaf), || finish(more_items, &mut more, leaf));
-        return;
-    }
-    for (i, item) in items.iter_mut().enumerate() {
-        *item = from.get(i);
-    }
-    for items in items.chunks_mut(LANES * leaf) {
-        // The order does not depend on the instruction set.
-        dispatch(SimdLevel::best(), Bottom { items, leaf });
-    }
-}
-
 /// Writes the points of `from` to `to`, which is as long, so that bottom node i holds the i-th run of sixteen leaves. What is in
 /// `from` then is of no use.
+///
+/// O(n log n), O(log n) stack; the order is the same for any number of threads. Once `progress` is cancelled, large ranges stay as
+/// they are.
 pub(super) fn order_rows(from: PointRows, to: &mut PointRows, leaf: usize, progress: &Progress) {
     let progress = progress.subtask(1.0 / from.len() as f64);
     let block = subtree(from.len(), leaf);
@@ -99,19 +68,23 @@ fn order_blocks(
 mod tests {
     use super::*;
     use crate::random::Random;
+    use crate::simd::{Item, LANES};
 
     #[test]
     fn every_item_stays_and_halves_are_separated() {
         let mut random = Random(1);
         let mut next = || random.unit();
         for count in [0, 1, 15, 16, 17, 300, 5000] {
-            let mut items: Vec<Item> =
-                (0..count).map(|index| Item { at: [next(), 0.001 * next(), 0.001 * next()], index }).collect();
-            order(&mut items, LANES, &Progress::new(None));
+            let mut memory = [PointRows::memory(count), PointRows::memory(count)];
+            let [from, to] = &mut memory;
+            let (mut from, mut to) = (PointRows::in_blocks(from, count), PointRows::in_blocks(to, count));
+            from.take((0..count as u32).map(|index| Item { at: [next(), 0.001 * next(), 0.001 * next()], index }));
+            order_rows(from, &mut to, LANES, &Progress::new(None));
+            let items: Vec<Item> = (0..count).map(|i| to.get(i)).collect();
             let mut seen: Vec<u32> = items.iter().map(|i| i.index).collect();
             seen.sort_unstable();
-            assert!(seen.iter().copied().eq(0..count));
-            if count as usize > LANES {
+            assert!(seen.iter().copied().eq(0..count as u32));
+            if count > LANES * LANES {
                 let left = left_part(items.len(), subtree(items.len(), LANES));
                 let (low, high) = items.split_at(left);
                 let most = low.iter().map(|i| i.at[0]).fold(f32::MIN, f32::max);

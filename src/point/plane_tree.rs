@@ -23,14 +23,13 @@ use super::moving_leaf::{Leaf, MovingLeaves};
 use super::moving_reference::{MovingReference, TimeSlice};
 use super::moving_tree::MovingTree;
 use super::moving_view::{AtTime, HasLeaves};
-use super::order::Item;
 use super::over_interval::PointPath;
 use super::slice_tree::SliceTree;
 use super::static_tree::StaticTree;
 use crate::geometry::{Box3, KeyTime, Plane};
 use crate::mbkd::{KdNode, KdView, PointReference, Trajectories, Trajectory, build_kd_over_points};
 use crate::progress::Progress;
-use crate::simd::LANES;
+use crate::simd::{Item, LANES};
 use glam::Vec3;
 
 /// Points between two keys in the k-d layout.
@@ -81,7 +80,7 @@ impl PlaneTree {
                     leaf.set(lane, reference);
                     leaf.set_times(lane, [r.begin, r.end], reference.active);
                 }
-                rows.set(next, &leaf);
+                rows.fill(next, &leaf);
                 next += 1;
             }
             *slack = own.iter().map(|r| error(&references[r.id as usize], segments)).fold(0.0, f32::max);
@@ -132,7 +131,7 @@ impl PlaneTree {
             let first = self.leaves.times(block, lane)[0] == interval.begin();
             first.then_some(MovingReference { open, close, interval, active, id, fast: false })
         });
-        MovingTree::build(&references.collect::<Vec<_>>(), self.slice, &Progress::new(None))
+        MovingTree::build(&references.collect::<Vec<_>>()[..], self.slice, &Progress::new(None))
     }
 
     /// The tree at a time, which lies in its slice.

@@ -1,6 +1,6 @@
 //! Points in four rows: three of coordinates, one of indices.
 
-use crate::simd::{Item, LANES, Mask, PointBlock, Simd, lanes_at, lanes_at_mut};
+use crate::simd::{Item, LANES, Mask, PointBlock, Simd, WordBlock, lanes_at, lanes_at_mut};
 
 /// Points in rows of any length, in memory of someone else.
 pub(super) struct PointRows<'a> {
@@ -17,8 +17,8 @@ pub(super) struct PointVector<S: Simd> {
 
 impl<'a> PointRows<'a> {
     /// Room for `count` points in the memory of blocks, rounded up to a vector.
-    pub(super) fn in_blocks(blocks: &'a mut [PointBlock], count: usize) -> PointRows<'a> {
-        let ([x, y, z], index) = PointBlock::rows(blocks);
+    pub(super) fn in_blocks<B: WordBlock>(blocks: &'a mut [B], count: usize) -> PointRows<'a> {
+        let ([x, y, z], index) = B::rows(blocks);
         let room = count.next_multiple_of(LANES);
         PointRows { at: [&mut x[..room], &mut y[..room], &mut z[..room]], index: &mut index[..room] }
     }

@@ -8,23 +8,41 @@
 //! subset yields a box that holds the wanted share of all points. One pass over all points then finds those inside.
 
 use super::build::{middle_segment, time_slices, time_slices_of};
-use super::fast_points::mark_fast;
+use super::fast_points::fast_numbers;
 use super::moving_reference::{MovingReference, TimeSlice};
 use super::select::select;
 use super::source::Source;
 use super::widest_axis::widest_axis;
-use crate::simd::Item;
+use crate::simd::{Item, Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch};
 use crate::tuning::points::{SAMPLE, SAMPLED, SAMPLES};
 
 /// Takes samples of some points of a set, between the keys in the middle.
 pub(super) struct Sampler<'a> {
     source: &'a Source,
     points: &'a [u32],
-    /// A subset of the points.
-    drawn: Vec<u32>,
+    simd: SimdLevel,
+    /// Positions of a subset of the points at both keys.
+    drawn: Vec<[[f32; 3]; 2]>,
     /// The wanted number of points in a sample.
     wanted: f32,
+    /// What was found so far.
+    found: Vec<Found>,
 }
+
+/// The points of samples for trees over `per_segment` time slices of a segment.
+struct Found {
+    per_segment: usize,
+    slices: [TimeSlice; SAMPLES],
+    inside: [Vec<u32>; SAMPLES],
+}
+
+/// Numbers of time slices for which one pass over the points finds the samples, each twice the one before.
+const AT_ONCE: usize = 2;
+
+/// Cells for which points are tested at once.
+const CELLS: usize = SAMPLES * AT_ONCE;
+
+const _: () = assert!(CELLS <= LANES);
 
 /// Points that are close together in the middle of a time slice.
 pub(super) struct Sample {
@@ -48,109 +66,167 @@ pub(super) fn spread(i: usize, count: usize) -> usize {
 
 impl<'a> Sampler<'a> {
     /// A sampler of at least one point.
-    pub(super) fn new(source: &'a Source, points: &'a [u32]) -> Sampler<'a> {
+    pub(super) fn new(source: &'a Source, points: &'a [u32], simd: SimdLevel) -> Sampler<'a> {
         let count = (points.len() / 16).clamp(1, DRAWN);
-        let drawn: Vec<u32> = (0..count).map(|i| points[spread(i, points.len())]).collect();
-        let durations: f32 = drawn.iter().map(|&i| source.active(i as usize).duration()).sum();
+        let drawn = || (0..count).map(|i| points[spread(i, points.len())] as usize);
+        let durations: f32 = drawn().map(|point| source.active(point).duration()).sum();
         let [least, most] = SAMPLE;
         // Only some of the short active intervals intersect a time slice.
-        let wanted = (points.len() / SAMPLED).clamp(least, most) as f32 / (durations / drawn.len() as f32).max(0.125);
-        Sampler { source, points, drawn, wanted }
+        let wanted = (points.len() / SAMPLED).clamp(least, most) as f32 / (durations / count as f32).max(0.125);
+        let keys = middle_keys(source);
+        let drawn = drawn().map(|point| keys.map(|key| source.at(point, key))).collect();
+        Sampler { source, points, simd, drawn, wanted, found: Vec::new() }
     }
 
     /// Samples for trees over `per_segment` time slices of a segment between two keys. Fast points are marked if `marked`.
-    pub(super) fn samples(&self, per_segment: usize, marked: bool) -> Vec<Sample> {
-        let (source, points) = (self.source, self.points);
-        let [segment, later] = self.segment();
-        let whole = time_slices(source.keys, 1)[segment];
-        let finer: Vec<TimeSlice> = time_slices_of(segment, source.keys, per_segment).collect();
-        let slices: [TimeSlice; SAMPLES] = core::array::from_fn(|i| finer[spread(i, finer.len())]);
-        let mut cells = Cells { phases: slices.map(|slice| slice.middle_phase() as f32), ..Cells::EVERYWHERE };
-        (0..SAMPLES).for_each(|i| self.narrow(&mut cells, i));
-        let mut inside: [Vec<u32>; SAMPLES] = Default::default();
-        for &point in points {
-            let holding = cells.holding(source.at(point as usize, segment), source.at(point as usize, later));
-            if holding != [false; SAMPLES] {
-                for (inside, _) in inside.iter_mut().zip(holding).filter(|(_, holds)| *holds) {
-                    // If many points coincide, some of them suffice.
-                    if inside.len() < 2 * self.wanted as usize {
-                        inside.push(point);
-                    }
-                }
-            }
+    pub(super) fn samples(&mut self, per_segment: usize, marked: bool) -> Vec<Sample> {
+        if !self.found.iter().any(|found| found.per_segment == per_segment) {
+            self.find(per_segment);
         }
-        let sample = |(slice, inside): (TimeSlice, Vec<u32>)| {
+        let (source, points) = (self.source, self.points);
+        let found = self.found.iter().find(|found| found.per_segment == per_segment).expect("it was found");
+        let whole = time_slices(source.keys, 1)[middle_segment(source.keys)];
+        let sample = |(slice, inside): (&TimeSlice, &Vec<u32>)| {
             let mut references = source.references(&whole, inside.iter().map(|&i| i as usize), |i| i as u32);
             if marked {
-                mark_fast(&mut references, &whole, slice.middle_phase());
+                for number in fast_numbers(&references[..], &whole, slice.middle_phase()) {
+                    references[number as usize].fast = true;
+                }
             }
             let scale = points.len() as f64 / inside.len().max(1) as f64;
-            Sample { references, slice, scale }
+            Sample { references, slice: *slice, scale }
         };
-        slices.into_iter().zip(inside).map(sample).collect()
+        found.slices.iter().zip(&found.inside).map(sample).collect()
     }
 
-    /// The segment that represents all, and its later key.
-    fn segment(&self) -> [usize; 2] {
-        let segment = middle_segment(self.source.keys);
-        [segment, (segment + 1).min(self.source.keys - 1)]
+    /// Finds the points of samples for so many time slices, and for the next finer ones.
+    fn find(&mut self, per_segment: usize) {
+        let (source, points) = (self.source, self.points);
+        let segment = middle_segment(source.keys);
+        let first = self.found.len();
+        let mut cells = Cells::NOWHERE;
+        for (lanes, per_segment) in (0..AT_ONCE).map(|i| (i * SAMPLES, per_segment << i)) {
+            let finer: Vec<TimeSlice> = time_slices_of(segment, source.keys, per_segment).collect();
+            let slices: [TimeSlice; SAMPLES] = core::array::from_fn(|i| finer[spread(i, finer.len())]);
+            self.narrow(&mut cells, lanes, &slices.map(|slice| slice.middle_phase() as f32));
+            self.found.push(Found { per_segment, slices, inside: Default::default() });
+        }
+        // If many points coincide, some of them suffice.
+        let most = 2 * self.wanted as usize;
+        let inside: Vec<&mut Vec<u32>> = self.found[first..].iter_mut().flat_map(|found| &mut found.inside).collect();
+        dispatch(self.simd, Scan { source, points, cells: &cells, inside, most });
     }
 
-    /// Shrinks a cell to one of those that result from dividing space into cells with the wanted number of points.
-    fn narrow(&self, cells: &mut Cells, cell: usize) {
-        let [segment, later] = self.segment();
-        let item = |&index: &u32| {
-            let [open, close] = [segment, later].map(|key| self.source.at(index as usize, key));
-            Item { at: core::array::from_fn(|axis| cells.coordinates(axis, open, close)[cell]), index }
-        };
-        let mut items: Vec<Item> = self.drawn.iter().map(item).collect();
-        let mut runs = (self.points.len() as f32 / self.wanted).round().max(1.0) as usize;
-        let (mut items, mut wanted) = (&mut items[..], (2 * cell + 1) * runs / (2 * SAMPLES));
-        while runs > 1 && items.len() > 1 {
-            let left = runs.div_ceil(2);
-            let axis = widest_axis(items.len(), |i| items[i].at);
-            let cut = (items.len() * left / runs).clamp(1, items.len() - 1);
-            select(items, cut, axis);
-            let border = items[cut].at[axis];
-            let (low, high) = items.split_at_mut(cut);
-            if wanted < left {
-                (items, runs, cells.hi[axis][cell]) = (low, left, border);
-            } else {
-                (items, runs, wanted, cells.lo[axis][cell]) = (high, runs - left, wanted - left, border);
+    /// Shrinks each cell of a group, whose first lane is given, to one of those that result from dividing space into cells
+    /// with the wanted number of points at its phase.
+    fn narrow(&self, cells: &mut Cells, first: usize, phases: &[f32; SAMPLES]) {
+        let runs = (self.points.len() as f32 / self.wanted).round().max(1.0) as usize;
+        for (i, &phase) in phases.iter().enumerate() {
+            cells.phases[first + i] = phase;
+            if phases[..i].contains(&phase) {
+                continue;
             }
+            // Cells at the same time are found together.
+            let same = (i..SAMPLES).filter(|&other| phases[other] == phase);
+            let mut wanted: Vec<(usize, usize)> =
+                same.map(|cell| (first + cell, (2 * cell + 1) * runs / (2 * SAMPLES))).collect();
+            for (cell, _) in &wanted {
+                cells.open(*cell);
+            }
+            let item = |[open, close]: &[[f32; 3]; 2]| Item {
+                at: core::array::from_fn(|axis| open[axis] + (close[axis] - open[axis]) * phase),
+                index: 0,
+            };
+            let mut items: Vec<Item> = self.drawn.iter().map(item).collect();
+            divide(&mut items, &mut wanted, runs, cells);
         }
     }
 }
 
-/// Boxes, and the phases at which points are in them.
+/// Divides space into `runs` cells of equally many items, as far as there are wanted ones: pairs of a lane and the number of
+/// its cell, in ascending order.
+fn divide(items: &mut [Item], wanted: &mut [(usize, usize)], runs: usize, cells: &mut Cells) {
+    if wanted.is_empty() || runs <= 1 || items.len() <= 1 {
+        return;
+    }
+    let left = runs.div_ceil(2);
+    let axis = widest_axis(items.len(), |i| items[i].at);
+    let cut = (items.len() * left / runs).clamp(1, items.len() - 1);
+    select(items, cut, axis);
+    let border = items[cut].at[axis];
+    let (low, high) = items.split_at_mut(cut);
+    let (before, behind) = wanted.split_at_mut(wanted.partition_point(|(_, number)| *number < left));
+    before.iter().for_each(|(lane, _)| cells.hi[axis][*lane] = border);
+    for (lane, number) in &mut *behind {
+        cells.lo[axis][*lane] = border;
+        *number -= left;
+    }
+    divide(low, before, left, cells);
+    divide(high, behind, runs - left, cells);
+}
+
+/// The keys of the segment that represents all.
+fn middle_keys(source: &Source) -> [usize; 2] {
+    let segment = middle_segment(source.keys);
+    [segment, (segment + 1).min(source.keys - 1)]
+}
+
+/// Boxes, one in each lane, and the phases at which points are in them.
 struct Cells {
-    phases: [f32; SAMPLES],
+    phases: Lanes<f32>,
     /// Lower and upper faces per axis.
-    lo: [[f32; SAMPLES]; 3],
-    hi: [[f32; SAMPLES]; 3],
+    lo: [Lanes<f32>; 3],
+    hi: [Lanes<f32>; 3],
 }
 
 impl Cells {
-    const EVERYWHERE: Cells =
-        Cells { phases: [0.0; SAMPLES], lo: [[f32::NEG_INFINITY; SAMPLES]; 3], hi: [[f32::INFINITY; SAMPLES]; 3] };
+    const NOWHERE: Cells =
+        Cells { phases: [0.0; LANES], lo: [[f32::INFINITY; LANES]; 3], hi: [[f32::NEG_INFINITY; LANES]; 3] };
 
-    /// The approximate coordinates of a point at the phases.
-    #[inline(always)]
-    fn coordinates(&self, axis: usize, open: [f32; 3], close: [f32; 3]) -> [f32; SAMPLES] {
-        self.phases.map(|phase| open[axis] + (close[axis] - open[axis]) * phase)
-    }
-
-    /// Which boxes hold a point. Adjacent boxes share the points on their border.
-    #[inline(always)]
-    fn holding(&self, open: [f32; 3], close: [f32; 3]) -> [bool; SAMPLES] {
-        let mut holding = [true; SAMPLES];
+    /// Makes a box everything.
+    fn open(&mut self, lane: usize) {
         for axis in 0..3 {
-            let at = self.coordinates(axis, open, close);
-            for (cell, holds) in holding.iter_mut().enumerate() {
-                *holds &= (self.lo[axis][cell] <= at[cell]) & (at[cell] <= self.hi[axis][cell]);
+            (self.lo[axis][lane], self.hi[axis][lane]) = (f32::NEG_INFINITY, f32::INFINITY);
+        }
+    }
+}
+
+/// Finds the points in each cell, at most so many.
+struct Scan<'a> {
+    source: &'a Source,
+    points: &'a [u32],
+    cells: &'a Cells,
+    inside: Vec<&'a mut Vec<u32>>,
+    most: usize,
+}
+
+impl Kernel for Scan<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Scan { source, points, cells, mut inside, most } = self;
+        let [earlier, later] = middle_keys(source);
+        let (earlier, later) = (source.of_key(earlier), source.of_key(later));
+        let phases = s.load(&cells.phases);
+        let (lo, hi) = (&cells.lo, &cells.hi);
+        let lo = [s.load(&lo[0]), s.load(&lo[1]), s.load(&lo[2])];
+        let hi = [s.load(&hi[0]), s.load(&hi[1]), s.load(&hi[2])];
+        for &point in points {
+            let (open, close) = (&earlier[point as usize], &later[point as usize]);
+            let mut holding = Mask::MAX;
+            for axis in 0..3 {
+                let at = s.splat(open[axis]) + s.splat(close[axis] - open[axis]) * phases;
+                // Adjacent boxes share the points on their border.
+                holding &= s.le(lo[axis], at) & s.le(at, hi[axis]);
+            }
+            while holding != 0 {
+                let inside = &mut inside[holding.trailing_zeros() as usize];
+                if inside.len() < most {
+                    inside.push(point);
+                }
+                holding &= holding - 1;
             }
         }
-        holding
     }
 }
 
@@ -171,7 +247,7 @@ mod tests {
                 (0..n).map(|_| MovingPoint::new(random.vec(), random.vec()).active(intervals[active])).collect();
             let source = Source::read(&points[..], false).unwrap();
             let all: Vec<u32> = (0..n as u32).collect();
-            let sampler = Sampler::new(&source, &all);
+            let mut sampler = Sampler::new(&source, &all, SimdLevel::best());
             for slices in [1, 8] {
                 for sample in sampler.samples(slices, false) {
                     let count = sample.references.len() as f32;
@@ -197,7 +273,7 @@ mod tests {
         let points = vec![MovingPoint::new(Vec3::ONE, Vec3::X); 100_000];
         let source = Source::read(&points[..], false).unwrap();
         let all: Vec<u32> = (0..points.len() as u32).collect();
-        let sampler = Sampler::new(&source, &all);
+        let mut sampler = Sampler::new(&source, &all, SimdLevel::best());
         assert!(sampler.samples(2, true).iter().all(|s| s.references.len() == 2 * sampler.wanted as usize));
     }
 }

@@ -2,7 +2,6 @@
 
 use super::error::PointError;
 use super::moving_reference::{MovingReference, TimeSlice};
-use super::order::Item;
 use super::point_rows::PointRows;
 use super::static_tree::StaticTree;
 use crate::geometry::TimeInterval;
@@ -10,7 +9,7 @@ use crate::limits::{MAX_KEYS, MAX_POINT_COORDINATE};
 use crate::parallel::{self, CHUNK};
 use crate::primitive::{PointSet, kept_keys};
 use crate::progress::Progress;
-use crate::simd::{PointBlock, huge_vec};
+use crate::simd::{Item, PointBlock, huge_vec};
 use core::sync::atomic::{AtomicUsize, Ordering};
 use glam::DVec3;
 
@@ -83,9 +82,15 @@ impl Source {
         self.positions[key * self.len + point]
     }
 
-    /// Positions at the first key.
-    pub(super) fn first_positions(&self) -> &[[f32; 3]] {
-        &self.positions[..self.len]
+    /// Positions at a key.
+    #[inline(always)]
+    pub(super) fn of_key(&self, key: usize) -> &[[f32; 3]] {
+        &self.positions[key * self.len..][..self.len]
+    }
+
+    /// Whether all points exist throughout the shutter.
+    pub(super) fn all_persist(&self) -> bool {
+        self.active.is_empty()
     }
 
     /// Whether all points exist throughout the shutter, and ids are indices.
@@ -262,10 +267,9 @@ type Read = (DVec3, Vec<[f32; 3]>, Vec<DVec3>);
 /// Positions of a set of f32 ones, bit for bit.
 fn narrow<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<Read, PointError> {
     let (mut positions, reader) = (huge_vec(len * keys), Reader::new(points, len));
-    parallel::fill(&mut positions, len * keys, |i| {
-        let (point, key) = if keys == 1 { (i, 0) } else { (i % len, i / len) };
-        reader.read(point, key)
-    });
+    for key in 0..keys {
+        parallel::fill(&mut positions, len, |point| reader.read(point, key));
+    }
     reader.finish()?;
     Ok((DVec3::ZERO, positions, Vec::new()))
 }

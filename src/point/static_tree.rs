@@ -8,14 +8,14 @@
 use super::bottom_order::{MOST, Rows};
 use super::fill_leaves::{BottomNodes, Points, fill};
 use super::moving_reference::TimeSlice;
-use super::order::{Item, ORDERING, order_rows};
+use super::order::{ORDERING, order_rows};
 use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath};
 use super::point_rows::PointRows;
 use super::snapshot::{Boxes, CoordinateView, Leaves, Target, View, diagonal, outside, rows, squared};
 use crate::geometry::TimeInterval;
 use crate::limits::MAX_LEVELS;
 use crate::progress::Progress;
-use crate::simd::{LANES, Lanes, Mask, PointBlock, Simd, huge_vec_of, prefetch};
+use crate::simd::{Item, LANES, Lanes, Mask, PointBlock, Simd, WordBlock, huge_vec_of, prefetch};
 use glam::Vec3;
 
 /// Static points, in a complete 16-ary tree.
@@ -215,11 +215,7 @@ struct Sorted<'a, F> {
 impl<F: Fn(u32) -> u32 + Sync> Points for Sorted<'_, F> {
     #[inline(always)]
     fn take(&self, first: usize, count: usize, _blocks: &[PointBlock], to: &mut Rows<MOST>) {
-        let range = first..first + count;
-        for (to, from) in to.at.iter_mut().zip(&self.rows.at) {
-            to[..count].copy_from_slice(&from[range.clone()]);
-        }
-        to.index[..count].copy_from_slice(&self.rows.index[range]);
+        to.take(self.rows, first, count);
     }
     #[inline(always)]
     fn id(&self, index: u32) -> u32 {

@@ -216,7 +216,8 @@ impl PointTree {
             tree.add(layer, PointLayerKind::Static, count, why);
         }
         if let Some(plan) = forced(params) {
-            tree.add(moving_layer(source, 0..len, plan, progress), kind(plan), len, "as requested".into());
+            let all: Vec<u32> = (0..len as u32).collect();
+            tree.add(moving_layer(source, &all, plan, progress), kind(plan), len, "as requested".into());
             return Ok(tree);
         }
         let moving: Vec<u32> = (0..len as u32).filter(|&i| !(separate && is_static[i as usize])).collect();

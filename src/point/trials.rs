@@ -9,6 +9,7 @@ use super::build::{Plan, time_slices_of};
 use super::counted_search::{CountedSearch, search_counted};
 use super::layers::Layer;
 use super::moving_reference::{MovingReference, TimeSlice, positions_at};
+use super::moving_tree::MovingTree;
 use super::sample::{Sample, Sampler, spread};
 use super::search::KeepLanes;
 use super::search::candidates::Candidates;
@@ -52,7 +53,8 @@ impl<'a> Trials<'a> {
     /// Tries finer and finer time slices for all points (at least one), and for the fast ones alone if they are few, until
     /// halving the slices does not help any more.
     pub(super) fn new(source: &'a Source, points: &'a [u32], most: f32, simd: SimdLevel) -> Trials<'a> {
-        let mut trials = Trials { source, points, most, simd, sampler: Sampler::new(source, points), all: Vec::new() };
+        let mut trials =
+            Trials { source, points, most, simd, sampler: Sampler::new(source, points, simd), all: Vec::new() };
         let simple = Plan::Boxes(1);
         let samples = trials.sampler.samples(1, true);
         let fast: usize = samples.iter().map(|s| s.references.iter().filter(|m| m.fast).count()).sum();
@@ -89,8 +91,10 @@ impl<'a> Trials<'a> {
         if let Some(trial) = self.all.iter().find(|trial| (trial.plan, trial.fast) == (plan, None)) {
             return Some(trial.cost);
         }
-        self.affordable(plan.time_slices())
-            .then(|| self.add(&self.sampler.samples(plan.time_slices(), false), plan, None))
+        self.affordable(plan.time_slices()).then(|| {
+            let samples = self.sampler.samples(plan.time_slices(), false);
+            self.add(&samples, plan, None)
+        })
     }
 
     /// The cost of layers over all points with this many references in all, measured in their trees of one time slice.
@@ -132,6 +136,9 @@ impl<'a> Trials<'a> {
 
 /// The number of references to points, with this many time slices for each segment.
 pub(super) fn references_of(source: &Source, points: &[u32], slices: usize) -> usize {
+    if source.all_persist() {
+        return points.len() * slices;
+    }
     points.iter().map(|&i| trees_of(source.active(i as usize), slices, source.keys)).sum()
 }
 
@@ -160,11 +167,8 @@ fn work(sample: &Sample, searches: usize, (plan, fast): (Plan, Option<Plan>), si
         let slice = time_slices_of(*segment, *keys, count).find(answers).unwrap_or(*slice);
         let inside =
             |m: &MovingReference| Some(MovingReference { interval: m.active.intersect(slice.interval)?, ..*m });
-        let layer = plan.layer(
-            &[slice],
-            |_| references.iter().filter(|m| keep(m)).filter_map(inside).collect(),
-            &Progress::new(None),
-        );
+        let inside: Vec<MovingReference> = references.iter().filter(|m| keep(m)).filter_map(inside).collect();
+        let layer = Layer::Moving(vec![MovingTree::build(&inside[..], slice, &Progress::new(None))]);
         let kept = references.iter().filter(|m| keep(m));
         let count: usize = kept.map(|m| trees_of(m.active, count, *keys)).sum();
         (layer, count)

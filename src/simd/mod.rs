@@ -49,7 +49,7 @@ pub(crate) use lanes::{
     LANES, Lanes, Mask, Rows, as_coordinates, as_floats, first_lanes, lanes_at, lanes_at_mut, lanes_of,
 };
 pub(crate) use network::merge_lanes;
-pub(crate) use points::{Item, PointBlock};
+pub(crate) use points::{Item, MovingPointBlock, PointBlock, WordBlock};
 pub(crate) use portable::Portable;
 pub(crate) use prefetch::prefetch;
 pub(crate) use stack::{Stack, StackMemory};

@@ -1,0 +1,137 @@
+//! From moving points below bottom nodes to leaf blocks and boxes that move linearly.
+
+use super::bottom_order::{MOST, Rows, SPARE};
+use super::linear_bounds::{LinearBox, LinearBoxes, TrajectoryRows};
+use super::moving_leaf::{LaneIntervals, LeafRows};
+use super::moving_reference::{References, TimeSlice};
+use super::point_rows::PointRows;
+use crate::parallel;
+use crate::simd::{Kernel, LANES, Simd, SimdLevel, dispatch};
+
+/// What leaves are filled from.
+pub(super) struct Ordered<'a, R: ?Sized> {
+    pub(super) references: &'a R,
+    pub(super) slice: &'a TimeSlice,
+    /// Positions and numbers of the references, those of one bottom node behind those of the other.
+    pub(super) rows: &'a PointRows<'a>,
+}
+
+/// Bottom nodes and the leaves below them, to be filled.
+pub(super) struct MovingBottomNodes<'a> {
+    /// Number of the first reference.
+    pub(super) first: usize,
+    /// Number of references; a root may have none.
+    pub(super) count: usize,
+    pub(super) nodes: &'a mut [LinearBoxes],
+    /// Active intervals of the children of nodes; empty if all are active throughout.
+    pub(super) times: &'a mut [LaneIntervals],
+    /// The box around each node.
+    pub(super) boxes: &'a mut [LinearBox],
+    pub(super) leaves: LeafRows<'a>,
+}
+
+/// References below a bottom node.
+const BELOW: usize = LANES * LANES;
+
+/// Nodes that one thread fills at a time.
+const SHARE: usize = 64;
+
+/// Takes the references of each bottom node, puts them in order, and writes its leaves and boxes.
+pub(super) fn fill<R: References + ?Sized>(bottoms: MovingBottomNodes<'_>, from: &Ordered<'_, R>) {
+    let MovingBottomNodes { first, count, nodes, times, boxes, leaves } = bottoms;
+    if nodes.len() > SHARE {
+        let half = nodes.len() / 2;
+        let (nodes, more_nodes) = nodes.split_at_mut(half);
+        let (times, more_times) = times.split_at_mut(half.min(times.len()));
+        let (boxes, more_boxes) = boxes.split_at_mut(half);
+        let [leaves, more_leaves] = leaves.split_at(half * LANES);
+        let low = MovingBottomNodes { first, count: half * BELOW, nodes, times, boxes, leaves };
+        let high = MovingBottomNodes {
+            first: first + half * BELOW,
+            count: count - half * BELOW,
+            nodes: more_nodes,
+            times: more_times,
+            boxes: more_boxes,
+            leaves: more_leaves,
+        };
+        parallel::both(|| fill(low, from), || fill(high, from));
+        return;
+    }
+    // What is written does not depend on the instruction set.
+    dispatch(
+        SimdLevel::best(),
+        Fill { bottoms: MovingBottomNodes { first, count, nodes, times, boxes, leaves }, from },
+    );
+}
+
+struct Fill<'a, 'b, R: ?Sized> {
+    bottoms: MovingBottomNodes<'a>,
+    from: &'b Ordered<'b, R>,
+}
+
+impl<R: References + ?Sized> Kernel for Fill<'_, '_, R> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Fill { bottoms: MovingBottomNodes { first, count, nodes, times, boxes, mut leaves }, from } = self;
+        let Ordered { references, slice, rows: all } = from;
+        let (mut rows, mut spare) = (Rows::<MOST>::EMPTY, Rows::<SPARE>::EMPTY);
+        let mut trajectories = throughout(slice);
+        let (whole, timed) = (trajectories.range.map(|row| row[0]), leaves.timed());
+        for (number, node) in nodes.iter_mut().enumerate() {
+            let before = number * BELOW;
+            let (begin, count) = (first + before, count.saturating_sub(before).min(BELOW));
+            rows.take(all, begin, count);
+            rows.order(s, count, LANES, &mut spare);
+            let mut children = [LinearBox::EMPTY; LANES];
+            let mut of_node = LaneIntervals::NEVER;
+            let used_children = count.div_ceil(LANES);
+            for (leaf, child) in children.iter_mut().enumerate().take(used_children) {
+                let (own, at) = (leaf * LANES, number * LANES + leaf);
+                let used = (count - own).min(LANES);
+                for lane in 0..used {
+                    // The accesses are practically random. Those of the next node are known before their order.
+                    if let Some(&later) = all.index.get(begin + BELOW + own + lane) {
+                        references.prefetch(later);
+                    }
+                    let reference = references.reference(rows.index[own + lane]);
+                    leaves.set(at, lane, &reference);
+                    if timed {
+                        let active_throughout = reference.interval == slice.interval;
+                        let range = if active_throughout { whole } else { reference.range(slice) };
+                        let times = [reference.interval.begin(), reference.interval.end_bound()];
+                        trajectories.set_times(lane, range, times);
+                        leaves.set_times(at, lane, times, reference.active);
+                    }
+                }
+                for lane in used..LANES {
+                    leaves.clear(at, lane);
+                }
+                (trajectories.open, trajectories.close) = leaves.ends(at);
+                trajectories.complete(used);
+                trajectories.whole = !timed || trajectories.same_phases();
+                *child = LinearBox::of_points(s, &trajectories);
+                node.set(leaf, child);
+                of_node.set(leaf, child.times);
+            }
+            if let Some(times) = times.get_mut(number) {
+                *times = of_node;
+            }
+            if count > 0 {
+                boxes[number] = LinearBox::of_boxes(s, &children[..used_children]);
+            }
+        }
+    }
+}
+
+/// Rows for trajectories of points that are active throughout a slice.
+fn throughout(slice: &TimeSlice) -> TrajectoryRows {
+    let times = [slice.interval.begin(), slice.interval.end_bound()];
+    TrajectoryRows {
+        open: [[0.0; LANES]; 3],
+        close: [[0.0; LANES]; 3],
+        range: slice.range(times).map(|phase| [phase; LANES]),
+        times: times.map(|time| [time; LANES]),
+        whole: true,
+    }
+}
