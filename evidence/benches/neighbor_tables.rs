@@ -12,7 +12,8 @@ use kiddo::SquaredEuclidean;
 use kiddo::leaf_strategy::FlatVec;
 use kiddo::stem_strategy::Eytzinger;
 use mbkd::glam::{DMat3, DVec3, Vec3};
-use mbkd::{MovingPoint, NeighborBuffer, PointParams, PointStructure, PointTree, SimdLevel, TimeInterval};
+use mbkd::{MovingPoint, NeighborBuffer, PointLayerKind, PointLayerStatistics, PointParams};
+use mbkd::{PointStructure, PointTree, SimdLevel, TimeInterval};
 use mbkd_evidence::lcg::Lcg;
 use std::hint::black_box;
 use std::num::NonZero;
@@ -59,6 +60,8 @@ enum Table {
     Active,
     /// The costs of nodes, blocks and memory: fits the cost model by which structures are chosen (only if named)
     Costs,
+    /// Times of builds relative to static ones, of the rows of the moving table and other motion (only if named)
+    Builds,
 }
 
 /// A sufficiently large number: with fewer points or queries there is nothing to measure.
@@ -230,7 +233,22 @@ fn batches(tree: &PointTree, at: &[(Vec3, f32)], peers: &[f64], repeat: usize) {
     println!();
 }
 
-/// The points of a row of the moving table, by the row's name.
+/// The rows of the moving table.
+const MOVING_ROWS: [&str; 8] = [
+    "coherent 10%",
+    "random 0.5x",
+    "random 1x",
+    "random 5x",
+    "random 20x",
+    "5% fast",
+    "5% fast, rest slow",
+    "clustered",
+];
+
+/// Rows of the table of builds only.
+const BUILD_ROWS: [&str; 4] = ["explosion", "two streams", "wave", "1% fast"];
+
+/// The points of a row of the tables of moving points and of builds, by the row's name.
 fn moving_set(row: &str, n: usize) -> Vec<MovingPoint> {
     let mut rng = Lcg(7);
     let spacing = 1.0 / (n as f32).cbrt();
@@ -253,6 +271,10 @@ fn moving_set(row: &str, n: usize) -> Vec<MovingPoint> {
                 }
                 "5% fast, rest slow" => random * if rng.unit() < 0.05 { 20.0 } else { 0.1 },
                 "clustered" => random * 0.5,
+                "explosion" => (p - 0.5) * 0.3,
+                "two streams" => Vec3::X * if rng.unit() < 0.5 { 0.1 } else { -0.1 },
+                "wave" => Vec3::Y * (p.x * 12.0).sin() * 0.1,
+                "1% fast" => random * if rng.unit() < 0.01 { 20.0 } else { 0.1 },
                 _ => unreachable!("{row}"),
             };
             MovingPoint::new(p, p + displacement)
@@ -263,17 +285,7 @@ fn moving_set(row: &str, n: usize) -> Vec<MovingPoint> {
 fn moving_tables(args: &Args) {
     let n = *args.points.last().unwrap();
     println!("\nMoving points, {n} of them, every query its own time: ns per query");
-    let rows = [
-        "coherent 10%",
-        "random 0.5x",
-        "random 1x",
-        "random 5x",
-        "random 20x",
-        "5% fast",
-        "5% fast, rest slow",
-        "clustered",
-    ];
-    for row in rows.into_iter().filter(|row| row.contains(&args.rows)) {
+    for row in MOVING_ROWS.into_iter().filter(|row| row.contains(&args.rows)) {
         let points = moving_set(row, n);
         let mut rng = Lcg(99);
         let mut at: Vec<(Vec3, f32)> = (0..args.queries)
@@ -349,6 +361,49 @@ fn moving_tables(args: &Args) {
                 times[0] / times[1],
                 times[2] / times[0]
             );
+        }
+    }
+}
+
+/// Builds of the chosen structure, and of the same forced where it is one for all points, relative to static ones.
+fn build_tables(args: &Args) {
+    for &n in &args.points {
+        println!("\nBuilds of {n} points that move / that are static");
+        for row in MOVING_ROWS.into_iter().chain(BUILD_ROWS).filter(|row| row.contains(&args.rows)) {
+            let points = moving_set(row, n);
+            let still: Vec<Vec3> = points.iter().map(|p| p.open.lerp(p.close, 0.5)).collect();
+            let layers = PointTree::build(&points, &PointParams::default()).unwrap().statistics().layers.clone();
+            let forced = match layers[..] {
+                [PointLayerStatistics { kind: PointLayerKind::Linear { time_slices }, .. }] => time_slices,
+                _ => 1,
+            };
+            let build = |structure| {
+                let params = PointParams { structure, ..PointParams::default() };
+                drop(black_box(PointTree::build(&points, &params).unwrap()));
+            };
+            let times = race(
+                args.repeat,
+                1,
+                &mut [
+                    &mut || drop(black_box(PointTree::build(&still, &PointParams::default()).unwrap())),
+                    &mut || build(PointStructure::Automatic),
+                    &mut || build(PointStructure::TimeSlices(forced)),
+                ],
+            );
+            println!(
+                "{row:18} static {:7.2} ms, automatic {:5.2}, {forced} time slices forced {:5.2}: {}",
+                times[0] / 1e6,
+                times[1] / times[0],
+                times[2] / times[0],
+                layers
+                    .iter()
+                    .map(|layer| format!("{:?} of {}", layer.kind, layer.points))
+                    .collect::<Vec<_>>()
+                    .join(", ")
+            );
+            if args.structures {
+                layers.iter().for_each(|layer| println!("      {}", layer.why));
+            }
         }
     }
 }
@@ -512,6 +567,9 @@ fn main() {
         }
         if wants(Table::Active) {
             active_tables(&args);
+        }
+        if args.tables.contains(&Table::Builds) {
+            build_tables(&args);
         }
         if args.tables.contains(&Table::Costs) {
             fit_costs(&args);
