@@ -15,6 +15,7 @@
 //! the build, and by 2^-148 for products that underflow. They hold per axis, and depend on the contents of the box: a
 //! distant point pads the boxes that hold it and no others.
 
+use super::linear_face::{Face, FaceFit, FacesFit, TINY, UNIT, VECTORS, least, load_row, magnitude, negated, sum};
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
 
 /// Rows of sixteen boxes whose faces are `a + b·s`.
@@ -59,20 +60,6 @@ impl LinearBoxes {
             self.hi[axis][lane] = linear_box.hi[axis].at_zero;
             self.hi_slope[axis][lane] = linear_box.hi[axis].slope;
         }
-    }
-}
-
-/// A face: `at_zero + slope·s`.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Face {
-    at_zero: f32,
-    slope: f32,
-}
-
-impl Face {
-    #[inline(always)]
-    fn at(self, s: f64) -> f64 {
-        f64::from(self.at_zero) + f64::from(self.slope) * s
     }
 }
 
@@ -135,12 +122,6 @@ impl TrajectoryRows {
         same
     }
 }
-
-/// Bound of the relative rounding of one operation, with room for f64 rounding in the build.
-pub(super) const UNIT: f64 = (1.0 + 1.0 / 1024.0) / 16_777_216.0;
-
-/// Bound of what underflow adds: twice the least f32.
-const TINY: f64 = 2.0 * f32::from_bits(1) as f64;
 
 /// Multiples of the paddings that are applied: 1, except in tests that show that less loses points.
 #[derive(Clone, Copy)]
@@ -235,9 +216,6 @@ struct Spans {
     whole: bool,
 }
 
-/// Number of vectors of four f64 in a row.
-const VECTORS: usize = LANES / 4;
-
 impl Spans {
     const EMPTY: Spans = Spans {
         lo: [[[0.0; LANES]; 2]; 3],
@@ -279,157 +257,6 @@ impl Spans {
         }
         times
     }
-}
-
-/// Sixteen f64.
-type Row<S> = [<S as Simd>::D; VECTORS];
-
-#[inline(always)]
-fn load_row<S: Simd>(s: S, row: &Lanes<f64>) -> Row<S> {
-    let row = row.as_chunks().0;
-    [s.load_d(&row[0]), s.load_d(&row[1]), s.load_d(&row[2]), s.load_d(&row[3])]
-}
-
-#[inline(always)]
-fn negated<S: Simd>(s: S, [a, b, c, d]: Row<S>) -> Row<S> {
-    let zero = s.splat_d(0.0);
-    [zero - a, zero - b, zero - c, zero - d]
-}
-
-#[inline(always)]
-fn magnitude<S: Simd>(s: S, a: S::D) -> S::D {
-    s.max_d(a, s.splat_d(0.0) - a)
-}
-
-/// The least of sixteen.
-#[inline(always)]
-fn least<S: Simd>(s: S, [a, b, c, d]: Row<S>) -> f64 {
-    let [a, b, c, d] = s.lanes_d(s.min_d(s.min_d(a, b), s.min_d(c, d)));
-    let [ab, cd] = [if a < b { a } else { b }, if c < d { c } else { d }];
-    if ab < cd { ab } else { cd }
-}
-
-/// The sum of sixteen differences.
-#[inline(always)]
-fn sum<S: Simd>(s: S, [a, b, c, d]: Row<S>, [e, f, g, h]: Row<S>) -> f64 {
-    let [a, b, c, d] = s.lanes_d(((a - e) + (b - f)) + ((c - g) + (d - h)));
-    (a + b) + (c + d)
-}
-
-/// Lines along the three axes, in the first three lanes, below sixteen that all have the same range of phases.
-///
-/// The lowest of those at both ends are all that matters, because rounding keeps the order: subtracting the same number from
-/// each and taking the least is taking the least and subtracting.
-struct FacesFit<S: Simd> {
-    /// The lowest at both ends.
-    least: [S::D; 2],
-    /// First and last phase.
-    range: [f64; 2],
-    /// The multiple of the padding.
-    pad: f64,
-}
-
-impl<S: Simd> FacesFit<S> {
-    /// Lines that are computed below all the given ones, which are negated if `above`.
-    #[inline(always)]
-    fn below(s: S, spans: &[[Lanes<f64>; 2]; 3], above: bool, range: [f64; 2], pad: f64) -> [Face; 3] {
-        let zero = s.splat_d(0.0);
-        let (mut at_begin, mut at_end, mut rise) = ([zero; 4], [zero; 4], [zero; 4]);
-        for axis in 0..3 {
-            let (mut begin, mut end) = (load_row(s, &spans[axis][0]), load_row(s, &spans[axis][1]));
-            if above {
-                (begin, end) = (negated(s, begin), negated(s, end));
-            }
-            at_begin[axis] = s.min_d(s.min_d(begin[0], begin[1]), s.min_d(begin[2], begin[3]));
-            at_end[axis] = s.min_d(s.min_d(end[0], end[1]), s.min_d(end[2], end[3]));
-            rise[axis] = ((end[0] - begin[0]) + (end[1] - begin[1])) + ((end[2] - begin[2]) + (end[3] - begin[3]));
-        }
-        let least = [least_of_each(s, at_begin), least_of_each(s, at_end)];
-        let [a, b, c, d] = s.transpose_d(rise);
-        let rise = (a + b) + (c + d);
-        let length = range[1] - range[0];
-        let fit = FacesFit { least, range, pad };
-        if length <= 0.0 {
-            return fit.lowered(s, zero);
-        }
-        let mean = fit.lowered(s, rise / s.splat_d(LANES as f64 * length));
-        let chord = fit.lowered(s, (least[1] - least[0]) / s.splat_d(length));
-        let middle = 0.5 * (range[0] + range[1]);
-        let mut faces = mean;
-        for axis in 0..3 {
-            if chord[axis].at(middle) > mean[axis].at(middle) {
-                faces[axis] = chord[axis];
-            }
-        }
-        faces
-    }
-
-    /// The highest lines of about these slopes that are computed below all the given ones.
-    #[inline(always)]
-    fn lowered(&self, s: S, slope: S::D) -> [Face; 3] {
-        let slopes = s.narrow(slope);
-        let slope = s.widen_four(&slopes);
-        let [begin, end] = self.range;
-        let least = s.min_d(self.least[0] - slope * s.splat_d(begin), self.least[1] - slope * s.splat_d(end));
-        let error = s.splat_d(UNIT) * (magnitude(s, least) + s.splat_d(2.0) * magnitude(s, slope)) + s.splat_d(TINY);
-        let exact = least - error * s.splat_d(self.pad);
-        let (near, exact) = (s.narrow(exact), s.lanes_d(exact));
-        let mut faces = [Face::default(); 3];
-        for axis in 0..3 {
-            faces[axis] = Face { at_zero: stepped_down(near[axis], exact[axis]), slope: slopes[axis] };
-        }
-        faces
-    }
-}
-
-/// The least lane of each vector.
-#[inline(always)]
-fn least_of_each<S: Simd>(s: S, rows: Row<S>) -> S::D {
-    let [a, b, c, d] = s.transpose_d(rows);
-    s.min_d(s.min_d(a, b), s.min_d(c, d))
-}
-
-/// The inputs that the faces of a box have in common, around spans whose phases differ.
-struct FaceFit<S: Simd> {
-    /// First and last phase of each span.
-    begins: Row<S>,
-    ends: Row<S>,
-    /// The sum of the lengths of the ranges.
-    duration: f64,
-    /// The multiple of the padding.
-    pad: f64,
-}
-
-impl<S: Simd> FaceFit<S> {
-    /// The highest line with the mean slope that is computed below all the given ones.
-    #[inline(always)]
-    fn below(&self, s: S, at_begin: Row<S>, at_end: Row<S>) -> Face {
-        let rise = sum(s, at_end, at_begin);
-        let slope = (if self.duration > 0.0 { rise / self.duration } else { 0.0 }) as f32;
-        let wide = f64::from(slope);
-        let (by, mut all) = (s.splat_d(wide), at_begin);
-        for four in 0..VECTORS {
-            let begin = at_begin[four] - by * self.begins[four];
-            all[four] = s.min_d(begin, at_end[four] - by * self.ends[four]);
-        }
-        let least = least(s, all);
-        let error = UNIT * (least.abs() + 2.0 * wide.abs()) + TINY;
-        Face { at_zero: rounded_down(least - error * self.pad), slope }
-    }
-}
-
-/// The greatest f32 at or below a number that is not below all.
-#[inline(always)]
-pub(super) fn rounded_down(x: f64) -> f32 {
-    stepped_down(x as f32, x)
-}
-
-/// The same if the nearest f32 is known. Without a branch, because every other one is above.
-#[inline(always)]
-fn stepped_down(near: f32, x: f64) -> f32 {
-    let (bits, step) = (near.to_bits(), u32::from(f64::from(near) > x));
-    // Numbers of either sign, and zero, which is followed by the least negative one.
-    f32::from_bits(if near > 0.0 { bits - step } else { (bits | step << 31) + step })
 }
 
 #[cfg(test)]
@@ -487,18 +314,6 @@ mod tests {
 
     fn linear_box(trajectories: &[Trajectory]) -> LinearBox {
         dispatch(SimdLevel::best(), BoundPoints { trajectories: &in_rows(trajectories), padding: FULL })
-    }
-
-    #[test]
-    fn numbers_are_rounded_down() {
-        for near in [0.0, -0.0, 1.0, -1.0, 1.5e-45, -1.5e-45, f32::MIN_POSITIVE, -3e38, 3e38, 2.0, f32::MAX] {
-            let wide = f64::from(near);
-            assert_eq!(rounded_down(wide), near);
-            let below = wide - (wide.abs() * 1e-12).max(1e-60);
-            assert_eq!(rounded_down(below), near.next_down());
-            let above = wide + (wide.abs() * 1e-12).max(1e-60);
-            assert_eq!(rounded_down(above), near);
-        }
     }
 
     #[test]

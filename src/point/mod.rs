@@ -30,6 +30,7 @@ mod in_file;
 mod iter;
 mod layers;
 mod linear_bounds;
+mod linear_face;
 mod lists;
 mod moving_file;
 mod moving_leaf;

@@ -18,7 +18,7 @@
 //! underflows. The first terms depend on the point: the slack of a subtree is that of the worst reference in it, so one
 //! distant point affects only those searches that come near its own leaves. The last depends on the plane.
 
-use super::linear_bounds::UNIT;
+use super::linear_face::UNIT;
 use super::moving_leaf::{Leaf, MovingLeaves};
 use super::moving_reference::{MovingReference, TimeSlice};
 use super::moving_tree::MovingTree;

@@ -14,10 +14,9 @@ use super::intersect::RaySource;
 use super::root_box::RootBox;
 use super::traverser::Traverser;
 use super::tree_ray::TreeRay;
-use crate::geometry::KeyTime;
 use crate::layout::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS, WideTree};
 use crate::simd::{Kernel, LANES, Simd, Stack, StackMemory};
-use crate::traverse::{Cursor, STACK, StackOf, WideTraversal, children_of};
+use crate::traverse::{Cursor, STACK, StackOf, WideTraversal, children_of, of_time_slice};
 
 /// The rays of a stream: one bit of a word for each.
 const RAYS: usize = u32::BITS as usize;
@@ -157,20 +156,19 @@ impl<G: RaySource, Q: BatchQuery> Traversal<'_, G, Q> {
     /// Visits the subtree of a time slice with the rays whose times lie in it, and leaves the other rays for later.
     #[inline(always)]
     fn enter_time_slices(&mut self, visit: Visit, rays: u32) {
-        let words = &self.tree.arena.ints()[visit.at.at()..];
         let (mut first, mut same, mut left) = (None, 0, rays);
         while left != 0 {
             let i = left.trailing_zeros();
             left &= left - 1;
             let time = self.members[i as usize % RAYS].ray.time();
-            let slice = KeyTime::new(time, words[0] as usize + 1).segment;
-            same |= u32::from(slice == *first.get_or_insert(slice)) << i;
+            let child = of_time_slice(&self.tree.arena, visit.at, time);
+            same |= u32::from(child == *first.get_or_insert(child)) << i;
         }
         if same != rays {
             self.pending.push(Visit { rays: rays & !same, ..visit });
         }
-        if let Some(slice) = first {
-            self.pending.push(Visit { at: ChildRef(words[1 + slice]), rays: same, key: visit.key });
+        if let Some(at) = first {
+            self.pending.push(Visit { at, rays: same, key: visit.key });
         }
     }
 

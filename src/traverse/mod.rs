@@ -5,4 +5,4 @@ mod wide;
 
 pub use visitor::Visitor;
 pub(crate) use visitor::{Hierarchy, traverse};
-pub(crate) use wide::{Cursor, NodeBlock, STACK, StackOf, WideQuery, WideTraversal, children_of};
+pub(crate) use wide::{Cursor, NodeBlock, STACK, StackOf, WideQuery, WideTraversal, children_of, of_time_slice};

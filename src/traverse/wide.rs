@@ -110,11 +110,7 @@ impl<'a> WideTraversal<'a> {
         let next = match at.kind() {
             Kind::Node => self.step::<S, NODE_ROWS, Q>(s, at, query, &mut cursor.stack),
             Kind::StaticNode => self.step::<S, STATIC_NODE_ROWS, Q>(s, at, query, &mut cursor.stack),
-            Kind::Time => {
-                let words = &self.arena.ints()[at.at()..];
-                let part = KeyTime::new(query.time(), words[0] as usize + 1).segment;
-                Some(ChildRef(words[1 + part]))
-            }
+            Kind::Time => Some(of_time_slice(self.arena, at, query.time())),
             _ => {
                 query.leaf(s, at)?;
                 None
@@ -221,6 +217,13 @@ impl<'a> WideTraversal<'a> {
 fn last_lane(mask: Mask) -> u32 {
     // Shifted up, since for the mask itself compilers emit `bsr`, which takes eight operations on some CPUs.
     Mask::BITS - 1 - (u32::from(mask) << Mask::BITS).leading_zeros()
+}
+
+/// The root of the hierarchy for the time slice that contains a time.
+#[inline(always)]
+pub(crate) fn of_time_slice(arena: &Arena, node: ChildRef, time: f32) -> ChildRef {
+    let words = &arena.ints()[node.at()..];
+    ChildRef(words[1 + KeyTime::new(time, words[0] as usize + 1).segment])
 }
 
 /// The row of a node's children.

@@ -7,7 +7,7 @@
 use super::encounter::{EncounterLanes, FourPoints, Visitor};
 use super::sweep::Sweep;
 use crate::geometry::KeyTime;
-use crate::point::linear_bounds::rounded_down;
+use crate::point::linear_face::rounded_down;
 use crate::point::lists::csr::NeighborCsr;
 use crate::point::lists::error::ListError;
 use crate::point::lists::radii::squared_radius;
