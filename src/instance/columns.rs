@@ -1,10 +1,6 @@
-//! Matrices as queries load them, and vectors of three in four lanes of f64.
-//!
-//! A ray is mapped into the space of every instance that it reaches, most of which it then misses. With a vector in one
-//! register this takes half as many instructions as with three numbers. Products and sums are those of glam, in the same
-//! order and not fused, so results are the same bit for bit on every instruction set.
+//! Matrices as queries load them, and their products with vectors in four lanes of f64.
 
-use crate::simd::{Mask, Simd};
+use crate::simd::{Simd, cross};
 use glam::{DAffine3, DMat3, DVec3};
 
 /// A matrix and a translation: four columns of three, and a number more, so that the last can be loaded as four lanes.
@@ -36,19 +32,6 @@ impl Columns {
     }
 }
 
-/// A vector in the first three lanes, and 0.
-#[inline(always)]
-pub(super) fn lanes<S: Simd>(s: S, v: DVec3) -> S::D {
-    s.load_d(&[v.x, v.y, v.z, 0.0])
-}
-
-/// The first three lanes as a vector.
-#[inline(always)]
-pub(super) fn vector<S: Simd>(s: S, v: S::D) -> DVec3 {
-    let [x, y, z, _] = s.lanes_d(v);
-    DVec3::new(x, y, z)
-}
-
 /// A matrix of three columns times a vector.
 #[inline(always)]
 pub(super) fn product<S: Simd>(s: S, [x, y, z]: [S::D; 3], v: S::D) -> S::D {
@@ -66,26 +49,11 @@ pub(super) fn solved<S: Simd>(s: S, [x, y, z]: [S::D; 3], a: S::D, b: S::D) -> (
     (product::<S>(s, [p, q, r], a) * scale, product::<S>(s, [p, q, r], b) * scale)
 }
 
-/// The cross product of the first three lanes.
-#[inline(always)]
-pub(super) fn cross<S: Simd>(s: S, a: S::D, b: S::D) -> S::D {
-    s.rotate_left(a) * s.rotate_right(b) - s.rotate_left(b) * s.rotate_right(a)
-}
-
-/// The absolute values.
-#[inline(always)]
-pub(super) fn magnitude<S: Simd>(s: S, a: S::D) -> S::D {
-    s.max_d(a, s.splat_d(0.0) - a)
-}
-
-/// The mask of the first three lanes.
-pub(super) const THREE: Mask = 0b111;
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::random::Random;
-    use crate::simd::{Kernel, SimdLevel, dispatch};
+    use crate::simd::{Kernel, SimdLevel, dispatch, magnitude, vector, vector_lanes};
 
     /// A product, the solutions of two systems, and a size.
     struct All<'a>(&'a Columns, DVec3);
@@ -96,7 +64,7 @@ mod tests {
         #[inline(always)]
         fn run<S: Simd>(self, s: S) -> [DVec3; 4] {
             let [x, y, z, translation] = self.0.load(s);
-            let v = lanes(s, self.1);
+            let v = vector_lanes(s, self.1);
             let (a, b) = solved::<S>(s, [x, y, z], v, translation);
             [
                 vector(s, product::<S>(s, [x, y, z], v)),

@@ -6,8 +6,7 @@
 //! meaning, since directions are not normalized. Trees of instances can be instanced themselves.
 //!
 //! Contents: transforms as they are given (`transform`) and as queries evaluate them (`motion`), the extent of the instanced
-//! tree (`extent`), bounds of moving instances (`bounds`), how far rounded rays deviate (`distortion`), which rays miss the
-//! instanced tree (`outline`), the primitive set for the build of the wide tree (`placements`), the tree (`tree`), its traversal
+//! tree (`extent`), bounds of moving instances (`bounds`), how far rounded rays deviate (`distortion`), the primitive set for the build of the wide tree (`placements`), the tree (`tree`), its traversal
 //! (`query`), public queries (`tree_queries`), and closest points (`closest_point`).
 
 mod bounds;
@@ -20,7 +19,6 @@ mod error;
 mod extent;
 mod hit;
 mod motion;
-mod outline;
 mod placements;
 mod query;
 mod transform;

@@ -3,12 +3,12 @@
 //! Everything is computed in f64, never fused, by the same code for queries and for callers
 //! ([`InstanceTree::local_ray`](crate::InstanceTree::local_ray)), so that answers can be compared bit for bit.
 
-use super::columns::{Columns, THREE, lanes, magnitude, product, solved, vector};
+use super::columns::{Columns, product, solved};
 use super::distortion::Distortion;
 use super::error::InstanceError;
 use super::transform::{Pose, Transform};
 use crate::geometry::Ray;
-use crate::simd::{Portable, Simd};
+use crate::simd::{Portable, Simd, THREE, magnitude, vector, vector_lanes};
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 
 /// The motion of one instance; its keys are in [`Motions`].
@@ -199,7 +199,7 @@ impl Motions {
     /// Inlined into ray traversal, so that it is compiled for each instruction set.
     #[inline(always)]
     pub fn inward<S: Simd>(&self, s: S, motion: &Motion, ray: &Ray) -> Option<Inward<S>> {
-        let (from, dir) = (lanes(s, ray.origin), s.widen(ray.dir.to_array()));
+        let (from, dir) = (vector_lanes(s, ray.origin), s.widen(ray.dir.to_array()));
         let time = f64::from(ray.time);
         let (origin, dir) = match *motion {
             Motion::Static { ref inverse, .. } => {
@@ -214,7 +214,7 @@ impl Motions {
                 let (scale, rotation, translation) = self.pose_at(first, KeyPhase::new(time, keys));
                 let back = rotation.transpose();
                 let origin = (back * (ray.origin - translation)) / scale;
-                (lanes(s, origin), lanes(s, (back * ray.dir.as_dvec3()) / scale))
+                (vector_lanes(s, origin), vector_lanes(s, (back * ray.dir.as_dvec3()) / scale))
             }
         };
         let size = magnitude(s, dir);

@@ -3,15 +3,15 @@
 use super::bounds::{ROUNDING, grow};
 use super::distortion::Distortion;
 use super::error::InstanceError;
-use super::extent::{Extent, INNER_ULPS};
+use super::extent::Extent;
 use super::motion::{Motion, Motions};
-use super::outline::Outline;
 use crate::geometry::{Aabb, Frame, LinearBounds, LinearBox3, TimeInterval, ULP};
 use crate::layout::WideSource;
 use crate::limits::MAX_COORDINATE;
 use crate::parallel;
 use crate::primitive::PrimitiveSet;
 use crate::ray::TreeRay;
+use crate::ray::{INNER_ULPS, Outline};
 use glam::DVec3;
 
 /// The data of an instance that queries use, in two cache lines.
@@ -79,7 +79,7 @@ impl Placements {
         }
         let always_active = all.iter().all(|one| one.active == TimeInterval::FULL);
         let (frame, width) = (Frame::WORLD, 0.0);
-        let outlines = extents.iter().map(|of| Outline::new(of, padding)).collect();
+        let outlines = extents.iter().map(|of| of.outline).collect();
         let whole = Vec::new();
         let mut set = Placements {
             placed: all,

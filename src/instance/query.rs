@@ -78,7 +78,7 @@ impl InstanceQuery for Closest {
         // The usual case is inlined here; all other cases are calls, which would spill the registers of the traversal.
         let found = match (of, &guards) {
             (InstanceOf::Tree(tree), InstanceGuards::Plain) => {
-                tree.closest_hit(ray).map(|hit| InstanceHit { path: path.then(id), hit })
+                tree.closest_hit_inside(ray).map(|hit| InstanceHit { path: path.then(id), hit })
             }
             _ => of.closest_hit(ray, path.then(id), guards),
         };
@@ -111,7 +111,7 @@ impl InstanceQuery for Any {
     ) -> ControlFlow<(), f32> {
         // As above.
         self.found = match (of, &guards) {
-            (InstanceOf::Tree(tree), InstanceGuards::Plain) => tree.any_hit(ray),
+            (InstanceOf::Tree(tree), InstanceGuards::Plain) => tree.any_hit_inside(ray),
             _ => of.any_hit(ray, path.then(id), guards),
         };
         if self.found { ControlFlow::Break(()) } else { ControlFlow::Continue(ray.t_max) }
@@ -272,7 +272,7 @@ impl<Q: InstanceQuery> LeafVisitor for InstanceVisitor<'_, '_, Q> {
         let Some(inward) = set.motions.inward(s, &one.motion, ray) else {
             return ControlFlow::Continue(ray.t_max);
         };
-        if set.outlines[one.tree as usize].is_missed(s, &inward, ray.time) {
+        if set.outlines[one.tree as usize].is_missed_from(s, inward.origin, s.widen_four(&inward.dir), ray) {
             return ControlFlow::Continue(ray.t_max);
         }
         (local.origin, local.dir) = inward.vectors(s);

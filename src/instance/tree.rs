@@ -12,7 +12,7 @@ use crate::layout::{Statistics, ValidationError, WideSource, WideTree};
 use crate::params::WideParams;
 use crate::primitive::PrimitiveSet;
 use crate::progress::Progress;
-use crate::ray::RayTree;
+use crate::ray::{Outline, RayTree};
 use crate::simd::{Portable, SimdLevel};
 use glam::{DAffine3, DVec3, Vec3};
 use std::collections::{HashMap, HashSet};
@@ -58,17 +58,17 @@ impl InstanceOf {
 
     /// Its extent in its own space.
     fn extent(&self) -> Extent {
-        let (bounds, subtrees, frame, deviation) = match self {
-            InstanceOf::Tree(tree) => (tree.linear_bounds(), tree.linear_bounds_of_subtrees(), tree.frame(), 0.0),
+        let (subtrees, frame, outline, deviation) = match self {
+            InstanceOf::Tree(tree) => (tree.linear_bounds_of_subtrees(), tree.frame(), *tree.outline(), 0.0),
             InstanceOf::Instances(tree) => {
                 let frame = tree.placements.frame();
                 let swept = LinearBounds::fixed(frame.bounds);
                 let bounds = tree.wide.linear_bounds(frame).unwrap_or(swept);
                 let subtrees = tree.wide.bounds_of_children(frame).unwrap_or_else(|| vec![bounds]);
-                (bounds, subtrees, frame, tree.placements.deviation)
+                (subtrees, frame, Outline::EVERYTHING, tree.placements.deviation)
             }
         };
-        Extent { bounds, subtrees, reach: f64::from(frame.reach) / frame.scale, deviation }
+        Extent { subtrees, outline, reach: f64::from(frame.reach) / frame.scale, deviation }
     }
 }
 

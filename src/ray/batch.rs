@@ -6,6 +6,7 @@ use super::collect::{Any, Closest, Collect, Found};
 use super::filter::Everything;
 use super::hit::Hit;
 use super::intersect::RaySource;
+use super::outline::Outline;
 use super::shear::Sheared;
 use super::traverser::Traverser;
 use super::tree_ray::TreeRay;
@@ -88,6 +89,7 @@ impl BatchQuery for AnyHits {
 /// Rays for a tree that is not empty, and one answer per ray, initially [`BatchQuery::NOTHING`].
 pub(super) struct Batch<'a, G, Q: BatchQuery> {
     pub tree: &'a WideTree,
+    pub outline: &'a Outline,
     pub set: &'a G,
     pub rays: &'a [Ray],
     pub answers: &'a mut [Q::Answer],

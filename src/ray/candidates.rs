@@ -133,7 +133,7 @@ impl Candidates {
             let below = s.negated_mul_add(squares, of_squares, s.splat(0.0) - most);
             let inside = s.lt(margin, edges.least) | s.lt(edges.greatest, below);
             candidates.certain =
-                left & inside & s.le(begin, least) & s.le(greatest, weights * s.splat(collect.certain()));
+                left & inside & s.le(begin, least) & s.le(greatest, weights * s.splat(collect.certain(ray)));
         }
         candidates
     }

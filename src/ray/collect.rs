@@ -35,7 +35,8 @@ pub(crate) trait Collect {
     fn offer(&mut self, found: Found) -> bool;
     /// A distance in tree space. A hit that is certainly no farther away, on a primitive that the query sees, need not be offered.
     #[inline(always)]
-    fn certain(&self) -> f32 {
+    fn certain(&self, ray: &TreeRay) -> f32 {
+        let _ = ray;
         f32::NEG_INFINITY
     }
     /// Reports that there is such a hit.
@@ -91,8 +92,8 @@ pub(crate) struct Any<F> {
     t_max: f32,
     pub reach: f32,
     pub found: bool,
-    /// See [`Collect::certain`].
-    certain: f32,
+    /// Whether every hit is accepted.
+    all: bool,
     accept: F,
 }
 
@@ -100,8 +101,7 @@ impl<F> Any<F> {
     /// Looks for a hit that `accept` accepts. `all` tells whether it accepts every hit.
     #[inline(always)]
     pub fn new(ray: &TreeRay, all: bool, accept: F) -> Any<F> {
-        let certain = if all { ray.certain_end() } else { f32::NEG_INFINITY };
-        Any { t_max: ray.t_max(), reach: ray.end, found: false, certain, accept }
+        Any { t_max: ray.t_max(), reach: ray.end, found: false, all, accept }
     }
 }
 
@@ -126,8 +126,8 @@ impl<F: Fn(&Found) -> bool> Collect for Any<F> {
     }
 
     #[inline(always)]
-    fn certain(&self) -> f32 {
-        self.certain
+    fn certain(&self, ray: &TreeRay) -> f32 {
+        if self.all { ray.certain_end() } else { f32::NEG_INFINITY }
     }
 
     #[inline(always)]

@@ -15,11 +15,13 @@ use super::interleave::Interleaved;
 use super::intersect::RaySource;
 use super::lazy::LazyQuery;
 use super::lazy_closest_point::closest_point_in_lazy;
+use super::outline::Outline;
 use super::point_query::PlacedQuery;
 use super::query::{AllQuery, AnyQuery, ClosestQuery, OfWide, Query, QueryArgs, Visitor};
 use super::stream::Streams;
 use super::{Everything, Hit, Observer, Ray, Visible};
 use crate::error::BuildError;
+use crate::geometry::{Frame, LinearBounds};
 use crate::layout::{ChildRef, LazyTree, Statistics, WideSource, WideTree};
 use crate::mbkd::{KdTree, build_kd};
 use crate::params::{BuildParams, Policy};
@@ -41,10 +43,24 @@ pub(crate) enum Layout {
     Lazy(LazyTree),
 }
 
+impl Layout {
+    /// The outline of a tree with this layout.
+    pub fn outline(&self, frame: &Frame) -> Outline {
+        let bounds = match self {
+            Layout::Wide(tree) => tree.linear_bounds(&Frame::WORLD),
+            Layout::Lazy(tree) => tree.top.linear_bounds(&Frame::WORLD),
+            Layout::Kd(_) => None,
+        };
+        let swept = || LinearBounds::fixed(Frame::WORLD.box_to_world(frame.outward(frame.bounds)));
+        Outline::new(&bounds.unwrap_or_else(swept), frame)
+    }
+}
+
 /// The tree that a query is answered from.
 pub(crate) struct Target<'a, G> {
     pub layout: &'a Layout,
     pub geometry: &'a G,
+    pub outline: &'a Outline,
     pub simd: SimdLevel,
 }
 
@@ -223,7 +239,7 @@ impl<'a, G: RaySource> Target<'a, G> {
     /// Answers a query from whichever layout the tree has.
     fn answer<Q: LazyQuery>(self, query: Q) -> Q::Answer {
         match self.layout {
-            Layout::Wide(tree) => dispatch(self.simd, OfWide { tree, query }),
+            Layout::Wide(tree) => dispatch(self.simd, OfWide { tree, outline: self.outline, query }),
             Layout::Kd(tree) => answer_in_kd(query, tree),
             Layout::Lazy(tree) => query.answer_lazily(tree, self.simd),
         }
@@ -234,7 +250,9 @@ impl<'a, G: RaySource> Target<'a, G> {
     #[inline(always)]
     fn answer_plain<Q: Query>(self, query: impl FnOnce() -> Q, guarded: impl FnOnce() -> Q::Answer) -> Q::Answer {
         match self.layout {
-            Layout::Wide(tree) => dispatch_or(self.simd, OfWide { tree, query: query() }, |_| guarded()),
+            Layout::Wide(tree) => {
+                dispatch_or(self.simd, OfWide { tree, outline: self.outline, query: query() }, |_| guarded())
+            }
             Layout::Kd(tree) => answer_in_kd(query(), tree),
             Layout::Lazy(_) => guarded(),
         }
@@ -261,7 +279,7 @@ impl<'a, G: RaySource> Target<'a, G> {
     fn batch<Q: BatchQuery>(self, rays: &'a [Ray], answers: &'a mut [Q::Answer]) -> Option<Batch<'a, G, Q>> {
         match self.layout {
             Layout::Wide(tree) if tree.root != ChildRef::NOTHING => {
-                Some(Batch { tree, set: self.geometry, rays, answers })
+                Some(Batch { tree, outline: self.outline, set: self.geometry, rays, answers })
             }
             _ => None,
         }

@@ -171,6 +171,6 @@ impl<'a, P> Target<'a, Shapes<P>> {
     where
         'a: 'b,
     {
-        Target { layout: self.layout, geometry: erased, simd: self.simd }
+        Target { layout: self.layout, geometry: erased, outline: self.outline, simd: self.simd }
     }
 }

@@ -60,8 +60,8 @@ impl<G: Geometry> RayTree<G> {
             }
             Layout::Lazy(_) => return Err(FileError::Lazy),
         };
-        let (simd, queries) = (SimdLevel::best(), G::QUERIES);
-        Ok(RayTree { geometry, layout, statistics, from_file: true, plan: None, simd, queries })
+        let (simd, queries, outline) = (SimdLevel::best(), G::QUERIES, layout.outline(geometry.frame()));
+        Ok(RayTree { geometry, layout, outline, statistics, from_file: true, plan: None, simd, queries })
     }
 }
 

@@ -22,7 +22,7 @@ impl<G: RaySource, Q: BatchQuery> Kernel for Interleaved<'_, G, Q> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let traverser = self.0.traverser();
-        let Batch { tree, set, rays, answers } = self.0;
+        let Batch { tree, set, rays, answers, .. } = self.0;
         let traversal = WideTraversal::interleaved(&tree.arena);
         let mut waiting = rays.iter().enumerate().filter_map(|(i, ray)| Some((i, TreeRay::new(ray, set.frame())?)));
         let mut memory: [StackOf; GROUP] = core::array::from_fn(|_| StackOf::new());

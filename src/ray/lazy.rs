@@ -9,6 +9,7 @@ use super::filter::Filter;
 use super::hit::Hit;
 use super::intersect::RaySource;
 use super::observer::Observer;
+use super::outline::Outline;
 use super::query::{AllQuery, ClosestQuery, OfWide, Query, QueryArgs};
 use super::ray_traversal::{LeafVisitor, RayTraversal};
 use super::tree_ray::TreeRay;
@@ -30,7 +31,7 @@ impl<G: RaySource, F: Filter, O: Observer> LazyQuery for ClosestQuery<'_, G, F, 
         let answer = |tree: &WideTree, args: QueryArgs<'_, G, F, O>| {
             let end = args.ray.t_max;
             let order = |hit: &Hit| (hit.t, hit.mesh, hit.primitive);
-            if let Some(hit) = dispatch(simd, OfWide { tree, query: ClosestQuery(args) })
+            if let Some(hit) = dispatch(simd, OfWide { tree, outline: &Outline::EVERYTHING, query: ClosestQuery(args) })
                 && best.is_none_or(|best| order(&hit) < order(&best))
             {
                 best = Some(hit);
@@ -49,7 +50,10 @@ impl<G: RaySource, F: Filter, O: Observer> LazyQuery for AllQuery<'_, G, F, O> {
         let mut flow = ControlFlow::Continue(());
         let answer = |tree: &WideTree, args: QueryArgs<'_, G, F, O>| {
             let end = args.ray.t_max;
-            flow = dispatch(simd, OfWide { tree, query: AllQuery { args, visitor: &mut *visitor } });
+            flow = dispatch(
+                simd,
+                OfWide { tree, outline: &Outline::EVERYTHING, query: AllQuery { args, visitor: &mut *visitor } },
+            );
             flow?;
             ControlFlow::Continue(end)
         };

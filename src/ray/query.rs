@@ -5,10 +5,11 @@ use super::filter::Filter;
 use super::hit::Hit;
 use super::intersect::RaySource;
 use super::observer::Observer;
+use super::outline::Outline;
 use super::ray_layout::RayLayout;
 use super::tree_ray::TreeRay;
 use super::wide_traversal::Wide;
-use crate::geometry::Ray;
+use crate::geometry::{Frame, Ray};
 use crate::layout::WideTree;
 use crate::simd::{Kernel, Simd};
 use crate::traverse::StackOf;
@@ -21,6 +22,12 @@ use core::ops::ControlFlow;
 pub(crate) trait Query {
     /// The answer.
     type Answer;
+    /// The answer of a ray that hits nothing.
+    const NOTHING: Self::Answer;
+    /// The ray.
+    fn ray(&self) -> &Ray;
+    /// The map to tree space.
+    fn frame(&self) -> &Frame;
     /// Answers the query from a layout.
     fn answer(self, layout: impl RayLayout) -> Self::Answer;
 }
@@ -38,6 +45,17 @@ pub(crate) struct ClosestQuery<'a, G, F, O>(pub QueryArgs<'a, G, F, O>);
 
 impl<G: RaySource, F: Filter, O: Observer> Query for ClosestQuery<'_, G, F, O> {
     type Answer = Option<Hit>;
+    const NOTHING: Option<Hit> = None;
+
+    #[inline(always)]
+    fn ray(&self) -> &Ray {
+        self.0.ray
+    }
+
+    #[inline(always)]
+    fn frame(&self) -> &Frame {
+        self.0.set.frame()
+    }
 
     #[inline(always)]
     fn answer(self, layout: impl RayLayout) -> Option<Hit> {
@@ -62,6 +80,17 @@ pub(crate) struct AnyQuery<'a, G, F, O>(pub QueryArgs<'a, G, F, O>);
 
 impl<G: RaySource, F: Filter, O: Observer> Query for AnyQuery<'_, G, F, O> {
     type Answer = bool;
+    const NOTHING: bool = false;
+
+    #[inline(always)]
+    fn ray(&self) -> &Ray {
+        self.0.ray
+    }
+
+    #[inline(always)]
+    fn frame(&self) -> &Frame {
+        self.0.set.frame()
+    }
 
     #[inline(always)]
     fn answer(self, layout: impl RayLayout) -> bool {
@@ -92,6 +121,17 @@ pub(crate) struct AllQuery<'a, G, F, O> {
 
 impl<G: RaySource, F: Filter, O: Observer> Query for AllQuery<'_, G, F, O> {
     type Answer = ControlFlow<()>;
+    const NOTHING: ControlFlow<()> = ControlFlow::Continue(());
+
+    #[inline(always)]
+    fn ray(&self) -> &Ray {
+        self.args.ray
+    }
+
+    #[inline(always)]
+    fn frame(&self) -> &Frame {
+        self.args.set.frame()
+    }
 
     #[inline(always)]
     fn answer(self, layout: impl RayLayout) -> ControlFlow<()> {
@@ -116,6 +156,7 @@ impl<G: RaySource, F: Filter, O: Observer> Query for AllQuery<'_, G, F, O> {
 /// A query of the wide layout, to be dispatched to an instruction set.
 pub(crate) struct OfWide<'a, Q> {
     pub tree: &'a WideTree,
+    pub outline: &'a Outline,
     pub query: Q,
 }
 
@@ -124,6 +165,9 @@ impl<Q: Query> Kernel for OfWide<'_, Q> {
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Q::Answer {
+        if self.outline.is_missed(s, self.query.ray(), self.query.frame()) {
+            return Q::NOTHING;
+        }
         let mut memory = StackOf::new();
         let stack = memory.stack(self.tree.max_stack());
         self.query.answer(Wide { tree: self.tree, simd: s, stack })

@@ -2,6 +2,7 @@
 
 use super::batch::{AnyHits, BatchQuery, ClosestHits};
 use super::compiled::{Batched, Compiled, Guards, Layout, Plain, Queries, Target};
+use super::outline::Outline;
 use super::{Hit, Observer, Ray, Space, answer_in_order, in_parallel};
 use crate::error::BuildError;
 use crate::geometry::{Frame, LinearBounds};
@@ -48,6 +49,8 @@ impl<S: Compiled> Geometry for S {}
 pub struct RayTree<G = Scene> {
     pub(super) geometry: G,
     pub(super) layout: Layout,
+    /// Which rays miss everything.
+    pub(super) outline: Outline,
     pub(super) statistics: Statistics,
     /// Whether the tree was read from a file, which does not contain the triangles of the build.
     pub(super) from_file: bool,
@@ -68,13 +71,13 @@ impl<G: Geometry> RayTree<G> {
         params.validate()?;
         let (layout, statistics) = geometry.lay_out(params, progress)?;
         geometry.input_error()?;
-        let (simd, queries) = (SimdLevel::best(), G::QUERIES);
-        Ok(RayTree { geometry, layout, statistics, from_file: false, plan: None, simd, queries })
+        let (simd, queries, outline) = (SimdLevel::best(), G::QUERIES, layout.outline(geometry.frame()));
+        Ok(RayTree { geometry, layout, outline, statistics, from_file: false, plan: None, simd, queries })
     }
 
     /// The tree in the form that queries take.
     pub(super) fn target(&self) -> Target<'_, G> {
-        Target { layout: &self.layout, geometry: &self.geometry, simd: self.simd }
+        Target { layout: &self.layout, geometry: &self.geometry, outline: &self.outline, simd: self.simd }
     }
 
     /// The closest hit of a ray: the hit with the least `t`. Ties go to the lowest (mesh, primitive).
@@ -85,6 +88,16 @@ impl<G: Geometry> RayTree<G> {
     /// Whether the ray hits anything (occlusion). The search stops at the first hit found.
     pub fn any_hit(&self, ray: &Ray) -> bool {
         (self.queries.any)(self.target(), ray)
+    }
+
+    /// [`RayTree::closest_hit`] of a ray that does not miss the [outline](RayTree::outline).
+    pub(crate) fn closest_hit_inside(&self, ray: &Ray) -> Option<Hit> {
+        (self.queries.closest)(Target { outline: &Outline::EVERYTHING, ..self.target() }, ray)
+    }
+
+    /// [`RayTree::any_hit`] of a ray that does not miss the [outline](RayTree::outline).
+    pub(crate) fn any_hit_inside(&self, ray: &Ray) -> bool {
+        (self.queries.any)(Target { outline: &Outline::EVERYTHING, ..self.target() }, ray)
     }
 
     /// Calls `visitor` with every primitive that the ray hits, until it breaks. Each primitive is reported once, with its
@@ -297,6 +310,11 @@ impl<G: Geometry> RayTree<G> {
             Layout::Kd(_) => None,
         };
         subtrees.unwrap_or_else(|| vec![self.linear_bounds()])
+    }
+
+    /// Which rays miss everything.
+    pub(crate) fn outline(&self) -> &Outline {
+        &self.outline
     }
 
     /// The map between world and tree space.

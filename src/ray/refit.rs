@@ -50,6 +50,7 @@ impl<G: Geometry> RayTree<G> {
         geometry.release_build_data();
         let blocks = tree.counts.nodes + tree.counts.leaves;
         self.geometry = geometry;
+        self.outline = self.layout.outline(self.geometry.frame());
         self.statistics.cost = cost;
         self.geometry.input_error().map_err(RefitError::Input)?;
         let (nodes, leaves) = (done.nodes, done.leaves);

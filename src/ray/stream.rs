@@ -11,7 +11,6 @@ use super::batch::{Batch, BatchQuery, Member};
 use super::collect::Collect;
 use super::filter::Everything;
 use super::intersect::RaySource;
-use super::root_box::RootBox;
 use super::traverser::Traverser;
 use super::tree_ray::TreeRay;
 use crate::layout::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS, WideTree};
@@ -57,7 +56,7 @@ impl<G: RaySource, Q: BatchQuery> Kernel for Streams<'_, G, Q> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let traverser = self.0.traverser();
-        let Batch { tree, set, rays, answers } = self.0;
+        let Batch { tree, outline, set, rays, answers } = self.0;
         let Some(first) = rays.first() else { return };
         let (mut memory, mut own_memory) = (StackMemory::<Visit, STACK>::new(), StackOf::new());
         let mut traversal = Traversal::<'_, G, Q> {
@@ -68,19 +67,18 @@ impl<G: RaySource, Q: BatchQuery> Kernel for Streams<'_, G, Q> {
             pending: memory.stack(tree.max_stack()),
             cursor: Cursor::new(tree.root, own_memory.stack(tree.max_stack())),
         };
-        let root_box = RootBox::of(s, tree);
         let mut next = 0;
         while next < rays.len() {
             let mut count = 0;
             while count < RAYS
                 && let Some(ray) = rays.get(next)
             {
-                // The ray is constructed in place. Moving it would copy it by wide loads, which stall on the preceding narrow stores.
-                let (of, regular) = TreeRay::of(ray, set.frame());
                 next += 1;
-                if regular & root_box.is_missed_by(&of) {
+                if outline.is_missed(s, ray, set.frame()) {
                     continue;
                 }
+                // The ray is constructed in place. Moving it would copy it by wide loads, which stall on the preceding narrow stores.
+                let (of, regular) = TreeRay::of(ray, set.frame());
                 let member = &mut traversal.members[count];
                 *member = Member::new(next - 1, of);
                 if !regular {

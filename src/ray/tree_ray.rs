@@ -49,6 +49,9 @@ const LEAST_SLACK: f32 = 1.0 / (1u128 << 100) as f32;
 /// a ray that begins at its origin.
 const MOST_T_PER_WORLD: f64 = (1u64 << 48) as f64;
 
+/// Somewhat less than the greatest `t`.
+const GREATEST: f64 = f32::MAX as f64 * (1.0 - 1.0 / 1048576.0);
+
 /// The relative size of half an ULP of `t` above one distance and half an ULP below another, doubled for safety.
 const T_ROUNDING: f64 = 1.0 / 4194304.0;
 
@@ -206,18 +209,12 @@ impl<'a> TreeRay<'a> {
     }
 
     /// A distance in tree space up to which everything beyond the begin is within the range, except for two ULP at either end. Minus
-    /// infinity if there is none: for rays whose origin was moved to the scene, where one step of `t` may be longer than the scene, and for
-    /// lines that begin where `t` is not finite.
+    /// infinity if there is none that is simple to compute: for rays whose origin was moved to the scene, where one step of `t` may be
+    /// longer than the scene, for lines that begin behind their origin, and for ranges that end at a denormal `t`.
     #[inline(always)]
     pub fn certain_end(&self) -> f32 {
-        let finite = ((f64::from(f32::MAX) * self.t_per_world) as f32).next_down();
-        let denormal = |t: f32| t.abs() < f32::MIN_POSITIVE;
-        let (begin, end) = (self.original.t_min, self.original.t_max);
-        let coarse = self.begin < 0.0 && denormal(begin) || denormal(end);
-        if self.advance != 0.0 || self.begin < -finite || coarse {
-            return f32::NEG_INFINITY;
-        }
-        self.end.min(finite)
+        let usual = (self.advance == 0.0) & (self.begin >= 0.0) & (self.original.t_max >= f32::MIN_POSITIVE);
+        if usual { self.end.min((GREATEST * self.t_per_world) as f32) } else { f32::NEG_INFINITY }
     }
 
     /// The time of the ray.

@@ -38,6 +38,7 @@ mod prefetch;
 mod sse2;
 mod stack;
 mod transpose;
+mod vector;
 
 pub(crate) use arena::Arena;
 pub use dispatch::SimdLevel;
@@ -54,6 +55,7 @@ pub(crate) use portable::Portable;
 pub(crate) use prefetch::prefetch;
 pub(crate) use stack::{Stack, StackMemory};
 pub(crate) use transpose::transpose;
+pub(crate) use vector::{THREE, cross, magnitude, vector, vector_lanes};
 
 #[cfg(test)]
 mod tests;

@@ -1,0 +1,145 @@
+//! The box of a whole tree at the ray's time, tested before anything else is computed for the ray.
+//!
+//! Most rays at a small mesh in the distance miss it, and so do most rays that are mapped into the space of an instance. Whether a line
+//! misses a box follows from origin and direction alone, without a division: they are disjoint exactly if they are separated along the
+//! cross product of the direction and one of the axes (Gottschalk, Lin and Manocha, "OBBTree: A Hierarchical Structure for Rapid
+//! Interference Detection", 1996).
+
+use crate::geometry::{Aabb, Frame, LinearBounds, Ray, ULP};
+use crate::simd::{Simd, THREE, cross, magnitude, vector_lanes};
+use glam::{DVec3, Vec3A};
+
+/// By how many ULP of the size of a tree its hits may lie outside of its box: the rounding of its kernel
+/// ([`KERNEL_ULPS`](crate::geometry::KERNEL_ULPS) of the triangle and of an origin within 64 sizes, 1300 in all), and that of its
+/// vertices, with a margin.
+pub(crate) const INNER_ULPS: f64 = 1400.0;
+
+/// A box that moves linearly over the shutter, in tree space: its centre, its half extent, and the change of both.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Outline {
+    /// The box over the whole shutter. Rays that begin in it are not tested.
+    min: Vec3A,
+    max: Vec3A,
+    /// The map from the world to tree space.
+    origin: [f64; 4],
+    scale: f64,
+    middle: [f64; 4],
+    moved: [f64; 4],
+    half: [f64; 4],
+    grown: [f64; 4],
+}
+
+/// Half the size of a box that no ray misses. Its product with zero is zero.
+const EVERYTHING: f64 = 1e300;
+
+impl Outline {
+    /// The box that no ray misses.
+    pub const EVERYTHING: Outline = Outline {
+        min: Vec3A::NEG_INFINITY,
+        max: Vec3A::INFINITY,
+        origin: [0.0; 4],
+        scale: 1.0,
+        middle: [0.0; 4],
+        moved: [0.0; 4],
+        half: [EVERYTHING; 4],
+        grown: [0.0; 4],
+    };
+
+    /// The outline of a tree of primitives with these bounds in tree space.
+    pub fn new(bounds: &LinearBounds, frame: &Frame) -> Outline {
+        Outline::padded(bounds, frame, 1.0)
+    }
+
+    /// [`Outline::new`] with this share of the padding for rounding: 1, or less in tests.
+    fn padded(bounds: &LinearBounds, frame: &Frame, padding: f64) -> Outline {
+        let pad = padding * INNER_ULPS * f64::from(ULP) * f64::from(frame.reach);
+        let middle = |b: Aabb| b.min * 0.5 + b.max * 0.5;
+        let half = |b: Aabb| b.max * 0.5 - b.min * 0.5;
+        let LinearBounds { begin, end } = *bounds;
+        let finite = |b: Aabb| b.min.is_finite() && b.max.is_finite() && b.min.cmple(b.max).all();
+        if !(finite(begin) && finite(end)) {
+            return Outline::EVERYTHING;
+        }
+        let lanes = |v: DVec3| v.extend(0.0).to_array();
+        Outline {
+            min: begin.min.min(end.min).as_vec3a(),
+            max: begin.max.max(end.max).as_vec3a(),
+            origin: lanes(frame.origin),
+            scale: frame.scale,
+            middle: lanes(middle(begin)),
+            moved: lanes(middle(end) - middle(begin)),
+            half: lanes(half(begin) + pad),
+            grown: lanes(half(end) - half(begin)),
+        }
+    }
+
+    /// Whether a ray misses everything in the tree. True for a ray with numbers that are not finite.
+    #[inline(always)]
+    pub fn is_missed<S: Simd>(&self, s: S, ray: &Ray, frame: &Frame) -> bool {
+        let from = Vec3A::from(frame.point(ray.origin));
+        let inside = (from.cmpge(self.min) & from.cmple(self.max)).all();
+        !inside && self.is_missed_from(s, vector_lanes(s, ray.origin), s.widen(ray.dir.to_array()), ray)
+    }
+
+    /// The same for a ray with another origin and direction.
+    ///
+    /// Trees report no hits of origins farther away than 2^32 sizes, so the error of this test is less than 2^-18 of the size, which the
+    /// padding has room for.
+    #[inline(always)]
+    pub fn is_missed_from<S: Simd>(&self, s: S, origin: S::D, dir: S::D, ray: &Ray) -> bool {
+        let time = s.splat_d(f64::from(ray.time));
+        let half = s.load_d(&self.half) + s.load_d(&self.grown) * time;
+        let middle = s.load_d(&self.middle) + s.load_d(&self.moved) * time;
+        let from = (origin - s.load_d(&self.origin)) * s.splat_d(self.scale) - middle;
+        let along = magnitude(s, dir);
+        let distance = magnitude(s, cross(s, dir, from));
+        let reach = s.rotate_left(half) * s.rotate_right(along) + s.rotate_right(half) * s.rotate_left(along);
+        s.le_d(distance, reach) & THREE != THREE
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Aabb, LinearBounds, Ray};
+    use crate::instance::columns::lanes;
+    use crate::random::Random;
+    use crate::simd::Portable;
+    use glam::Vec3;
+
+    fn is_missed(outline: &Outline, ray: &Ray) -> bool {
+        let Vec3 { x, y, z } = ray.dir;
+        let inward = Inward { origin: lanes(Portable, ray.origin), dir: [x, y, z, 0.0] };
+        outline.is_missed(Portable, &inward, ray.time)
+    }
+
+    #[test]
+    fn rays_at_the_moving_box_do_not_miss_it_and_most_others_do() {
+        let (mut random, mut missed) = (Random(3), 0);
+        for round in 0..100_000 {
+            let mut corners = || {
+                let (a, b) = (random.vec().as_dvec3(), random.vec().as_dvec3());
+                Aabb { min: a.min(b), max: a.max(b) }
+            };
+            let bounds = LinearBounds { begin: corners(), end: corners() };
+            let outline = Outline::new(&Extent { bounds, subtrees: vec![bounds], reach: 1.0, deviation: 0.0 }, 1.0);
+            let time = random.unit();
+            let now = bounds.at(f64::from(time));
+            // Corners among them, and directions along axes.
+            let mut inside = now.min + (now.max - now.min) * (random.vec().as_dvec3() * 0.5 + 0.5);
+            if round % 3 == 0 {
+                inside = DVec3::new(now.min.x, now.max.y, now.min.z);
+            }
+            let along = if round % 5 == 0 { Vec3::X } else { random.vec() };
+            let away = 10f64.powf(4.0 * f64::from(random.signed()));
+            let ray = Ray::new(inside - along.as_dvec3() * away, along).at_time(time);
+            assert!(!is_missed(&outline, &ray), "{ray:?} {outline:?}");
+            // Past the ball around the box.
+            let radius = (now.max - now.min).length();
+            let aside = along.as_dvec3().any_orthonormal_vector() * 1.1 * radius;
+            let beside = Ray { origin: (now.min + now.max) * 0.5 - along.as_dvec3() * away + aside, ..ray };
+            missed += usize::from(is_missed(&outline, &beside));
+        }
+        assert!(missed > 95_000, "{missed}");
+    }
+}
