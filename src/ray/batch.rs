@@ -15,13 +15,13 @@ use crate::geometry::Ray;
 use crate::layout::WideTree;
 
 /// The query that a batch answers for each of its rays.
-pub(crate) trait BatchQuery {
+pub(crate) trait BatchQuery: Copy {
     /// The answer of one ray.
     type Answer: Copy + Send + PartialEq;
     /// The answer of a ray that hits nothing.
     const NOTHING: Self::Answer;
     /// Collects the hits of one ray.
-    type Collect: Collect;
+    type Collect: Collect + Copy;
     /// Whether blocks are visited front to back.
     const ORDERED: bool = Self::Collect::ORDERED;
     /// A collector for a ray's hits.
@@ -39,6 +39,7 @@ fn accept(_: &Found) -> bool {
 }
 
 /// The closest hit of each ray.
+#[derive(Clone, Copy)]
 pub(crate) struct ClosestHits;
 
 impl BatchQuery for ClosestHits {
@@ -63,6 +64,7 @@ impl BatchQuery for ClosestHits {
 }
 
 /// Whether each ray hits anything (occlusion).
+#[derive(Clone, Copy)]
 pub(crate) struct AnyHits;
 
 impl BatchQuery for AnyHits {
@@ -104,6 +106,7 @@ impl<'a, G, Q: BatchQuery> Batch<'a, G, Q> {
 }
 
 /// A ray of a batch during its traversal.
+#[derive(Clone, Copy)]
 pub(super) struct Member<'a, Q: BatchQuery> {
     /// Its index in the batch.
     pub index: usize,

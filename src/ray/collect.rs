@@ -45,6 +45,7 @@ pub(crate) trait Collect {
 }
 
 /// Keeps the nearest hit; of equally near hits the one with the lowest id.
+#[derive(Clone, Copy)]
 pub(crate) struct Closest<F> {
     t_max: f32,
     pub reach: f32,
@@ -88,6 +89,7 @@ impl<F: Fn(&Found) -> bool> Collect for Closest<F> {
 }
 
 /// Stops at the first hit.
+#[derive(Clone, Copy)]
 pub(crate) struct Any<F> {
     t_max: f32,
     pub reach: f32,

@@ -101,16 +101,30 @@ impl Outline {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Aabb, LinearBounds, Ray};
-    use crate::instance::columns::lanes;
+    use crate::params::BuildParams;
+    use crate::primitive::TriangleMesh;
     use crate::random::Random;
-    use crate::simd::Portable;
+    use crate::ray::RayTree;
+    use crate::simd::{Kernel, SimdLevel, dispatch};
     use glam::Vec3;
 
-    fn is_missed(outline: &Outline, ray: &Ray) -> bool {
-        let Vec3 { x, y, z } = ray.dir;
-        let inward = Inward { origin: lanes(Portable, ray.origin), dir: [x, y, z, 0.0] };
-        outline.is_missed(Portable, &inward, ray.time)
+    struct Of<'a>(&'a Outline, &'a Ray, &'a Frame);
+
+    impl Kernel for Of<'_> {
+        type Output = bool;
+
+        #[inline(always)]
+        fn run<S: Simd>(self, s: S) -> bool {
+            self.0.is_missed(s, self.1, self.2)
+        }
+    }
+
+    /// The answer of all instruction sets.
+    fn is_missed(outline: &Outline, ray: &Ray, frame: &Frame) -> bool {
+        let each: Vec<bool> =
+            SimdLevel::available().into_iter().map(|level| dispatch(level, Of(outline, ray, frame))).collect();
+        assert!(each.iter().all(|&missed| missed == each[0]), "{ray:?} {outline:?}");
+        each[0]
     }
 
     #[test]
@@ -122,7 +136,7 @@ mod tests {
                 Aabb { min: a.min(b), max: a.max(b) }
             };
             let bounds = LinearBounds { begin: corners(), end: corners() };
-            let outline = Outline::new(&Extent { bounds, subtrees: vec![bounds], reach: 1.0, deviation: 0.0 }, 1.0);
+            let outline = Outline::new(&bounds, &Frame::WORLD);
             let time = random.unit();
             let now = bounds.at(f64::from(time));
             // Corners among them, and directions along axes.
@@ -133,13 +147,83 @@ mod tests {
             let along = if round % 5 == 0 { Vec3::X } else { random.vec() };
             let away = 10f64.powf(4.0 * f64::from(random.signed()));
             let ray = Ray::new(inside - along.as_dvec3() * away, along).at_time(time);
-            assert!(!is_missed(&outline, &ray), "{ray:?} {outline:?}");
-            // Past the ball around the box.
+            assert!(!is_missed(&outline, &ray, &Frame::WORLD), "{ray:?} {outline:?}");
+            // Past the ball around the box, from outside of the box over the whole shutter.
             let radius = (now.max - now.min).length();
             let aside = along.as_dvec3().any_orthonormal_vector() * 1.1 * radius;
             let beside = Ray { origin: (now.min + now.max) * 0.5 - along.as_dvec3() * away + aside, ..ray };
-            missed += usize::from(is_missed(&outline, &beside));
+            let outside = beside.origin.abs().max_element() > 1.0;
+            missed += usize::from(!outside || is_missed(&outline, &beside, &Frame::WORLD));
         }
         assert!(missed > 95_000, "{missed}");
+    }
+
+    /// A mesh of triangles with a side each on an edge of the box around all, far from the origin of the world.
+    fn on_an_edge(moving: bool) -> TriangleMesh {
+        let (mut random, mut corners) = (Random(5), Vec::new());
+        for _ in 0..60 {
+            let inside = random.vec();
+            corners.extend([Vec3::new(-1.0, -1.0, random.signed()), Vec3::new(-1.0, -1.0, random.signed()), inside]);
+        }
+        let corners: Vec<DVec3> = corners.into_iter().map(|p| p.as_dvec3() + DVec3::splat(1e8)).collect();
+        let indices = (0..60).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let later = corners.iter().map(|&p| p + DVec3::X).collect();
+        TriangleMesh::new(indices, if moving { vec![corners, later] } else { vec![corners] })
+    }
+
+    /// Of rays that hit triangles along an edge of the box, those that hit and those of them that are ruled out, with this share of the
+    /// padding of boxes and rays.
+    fn hit_and_lost(moving: bool, padding: f64) -> (usize, usize) {
+        let mesh = on_an_edge(moving);
+        let tree = RayTree::build(core::slice::from_ref(&mesh), &BuildParams::default()).expect("a tree");
+        let frame = tree.frame();
+        let mut outline = *tree.outline();
+        // The least box of the triangles at both ends of the shutter.
+        if padding == 0.0 {
+            let at = |time: f32| {
+                let all = (0..60).flat_map(|i| tree.triangle(0, i, time)).map(|p| frame.fine_point(p));
+                all.fold(Aabb::EMPTY, |all, p| Aabb { min: all.min.min(p), max: all.max.max(p) })
+            };
+            outline = Outline::padded(&LinearBounds { begin: at(0.0), end: at(1.0) }, frame, 0.0);
+        }
+        let (mut random, mut hits, mut lost) = (Random(9), 0, 0);
+        for _ in 0..20_000 {
+            let triangle = (random.unit() * 60.0) as u32;
+            // A number of few bits, at which corners are exact.
+            let time = if moving { (random.unit() * 64.0).round() / 64.0 } else { 0.0 };
+            let [a, b, _] = tree.triangle(0, triangle, time);
+            let target = a.lerp(b, f64::from(random.unit()));
+            let dir = random.vec() * 40.0;
+            let ray = Ray::new(target - dir.as_dvec3(), dir).at_time(time);
+            let hit = tree.closest_hit(&ray).is_some();
+            hits += usize::from(hit);
+            lost += usize::from(hit && is_missed(&outline, &ray, frame));
+        }
+        (hits, lost)
+    }
+
+    #[test]
+    fn no_ray_that_hits_is_ruled_out_and_some_would_be_without_padding() {
+        for moving in [false, true] {
+            let (hits, lost) = hit_and_lost(moving, 1.0);
+            assert!(hits > 5_000 && lost == 0, "{moving}: {lost} of {hits}");
+            let (_, lost) = hit_and_lost(moving, 0.0);
+            assert!(lost > 3, "{moving}: {lost}");
+        }
+    }
+
+    #[test]
+    fn nothing_misses_everything() {
+        let wide = Aabb { min: DVec3::NEG_INFINITY, max: DVec3::INFINITY };
+        let outlines = [
+            Outline::EVERYTHING,
+            Outline::new(&LinearBounds::fixed(Aabb::EMPTY), &Frame::WORLD),
+            Outline::new(&LinearBounds::fixed(wide), &Frame::WORLD),
+        ];
+        for outline in outlines {
+            for ray in [Ray::new(Vec3::ZERO, Vec3::X), Ray::new(Vec3::splat(1e30), Vec3::new(0.0, -0.0, 1e-40))] {
+                assert!(!is_missed(&outline, &ray, &Frame::WORLD));
+            }
+        }
     }
 }

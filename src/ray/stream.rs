@@ -62,7 +62,7 @@ impl<G: RaySource, Q: BatchQuery> Kernel for Streams<'_, G, Q> {
         let mut traversal = Traversal::<'_, G, Q> {
             tree,
             traverser,
-            members: core::array::from_fn(|_| Member::new(0, TreeRay::of(first, set.frame()).0)),
+            members: [Member::new(0, TreeRay::of(first, set.frame()).0); RAYS],
             open: 0,
             pending: memory.stack(tree.max_stack()),
             cursor: Cursor::new(tree.root, own_memory.stack(tree.max_stack())),
