@@ -14,19 +14,18 @@ use glam::{DVec3, Vec3A};
 /// vertices, with a margin.
 pub(crate) const INNER_ULPS: f64 = 1400.0;
 
-/// A box that moves linearly over the shutter, in tree space: its centre, its half extent, and the change of both.
+/// A box that moves linearly over the shutter: its centre, its half extent, and the change of both.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Outline {
-    /// The box over the whole shutter. Rays that begin in it are not tested.
-    min: Vec3A,
-    max: Vec3A,
-    /// The map from the world to tree space.
+    /// The origin of tree space in the world. Centres are relative to it, so that they are not rounded.
     origin: [f64; 4],
-    scale: f64,
     middle: [f64; 4],
     moved: [f64; 4],
     half: [f64; 4],
     grown: [f64; 4],
+    /// The box over the whole shutter, in tree space. Rays that begin in it are not tested.
+    min: Vec3A,
+    max: Vec3A,
 }
 
 /// Half the size of a box that no ray misses. Its product with zero is zero.
@@ -35,14 +34,13 @@ const EVERYTHING: f64 = 1e300;
 impl Outline {
     /// The box that no ray misses.
     pub const EVERYTHING: Outline = Outline {
-        min: Vec3A::NEG_INFINITY,
-        max: Vec3A::INFINITY,
         origin: [0.0; 4],
-        scale: 1.0,
         middle: [0.0; 4],
         moved: [0.0; 4],
         half: [EVERYTHING; 4],
         grown: [0.0; 4],
+        min: Vec3A::NEG_INFINITY,
+        max: Vec3A::INFINITY,
     };
 
     /// The outline of a tree of primitives with these bounds in tree space.
@@ -60,16 +58,16 @@ impl Outline {
         if !(finite(begin) && finite(end)) {
             return Outline::EVERYTHING;
         }
-        let lanes = |v: DVec3| v.extend(0.0).to_array();
+        // The scale is a power of two, so nothing is rounded here.
+        let lanes = |v: DVec3| (v / frame.scale).extend(0.0).to_array();
         Outline {
-            min: begin.min.min(end.min).as_vec3a(),
-            max: begin.max.max(end.max).as_vec3a(),
-            origin: lanes(frame.origin),
-            scale: frame.scale,
+            origin: frame.origin.extend(0.0).to_array(),
             middle: lanes(middle(begin)),
             moved: lanes(middle(end) - middle(begin)),
             half: lanes(half(begin) + pad),
             grown: lanes(half(end) - half(begin)),
+            min: begin.min.min(end.min).as_vec3a(),
+            max: begin.max.max(end.max).as_vec3a(),
         }
     }
 
@@ -90,7 +88,7 @@ impl Outline {
         let time = s.splat_d(f64::from(ray.time));
         let half = s.load_d(&self.half) + s.load_d(&self.grown) * time;
         let middle = s.load_d(&self.middle) + s.load_d(&self.moved) * time;
-        let from = (origin - s.load_d(&self.origin)) * s.splat_d(self.scale) - middle;
+        let from = (origin - s.load_d(&self.origin)) - middle;
         let along = magnitude(s, dir);
         let distance = magnitude(s, cross(s, dir, from));
         let reach = s.rotate_left(half) * s.rotate_right(along) + s.rotate_right(half) * s.rotate_left(along);
