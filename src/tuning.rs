@@ -49,6 +49,10 @@ pub(crate) mod lazy {
     /// takes a fifth longer and about as much is built; with 4096 a fifth more is built and the coarse build takes hardly
     /// less (hall and coherent, `--subtree`).
     pub const SUBTREE: usize = 2048;
+    /// The greatest number of cells along an axis of the grid that the coarse build puts primitives into, and the number of
+    /// primitives that its box is found from.
+    pub const CELLS: usize = 16;
+    pub const PLACED: usize = 4096;
     /// The temporal splits of a subtree are decided on one in this many of its primitives, and on at least this many.
     pub const SAMPLED: usize = 8;
     pub const LEAST_SAMPLE: usize = 128;

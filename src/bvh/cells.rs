@@ -1,152 +1,239 @@
 //! The top levels of a binary tree, by a grid.
 //!
-//! Object splits visit every reference once per level. If only the first levels are wanted, one pass is enough: all
-//! references are binned into the cells of a grid by their centres, and object splits then partition the cells. A
-//! single cell with too many references is split as usual, so scenes that are concentrated in a small region cost no
-//! more than a full build.
+//! Object splits visit every reference once per level. If only the first levels are wanted, one pass over the primitives is
+//! enough: each is put into the cell of a grid that holds its centre, and object splits then partition the cells. No reference is
+//! stored: a primitive leaves its bounds in its cell, and the number of the cell. A single cell with too many primitives is split as
+//! usual, so scenes that are concentrated in a small region cost no more than a full build.
 
-use super::binning::summary;
 use super::builder::{BinaryNode, BinaryTree, build_binary};
-use super::reference::{Packed, Reference};
-use crate::geometry::Box3;
+use super::reference::Reference;
+use crate::geometry::LaneBounds;
 use crate::parallel;
-use crate::simd::{SimdLevel, huge_vec};
+use crate::simd::{Kernel, Lanes, Simd, SimdLevel, dispatch, huge_vec};
+use crate::tuning::lazy::{CELLS, PLACED};
+use core::ops::Range;
 use glam::Vec4;
 
-/// The greatest number of cells along an axis.
-const MOST: usize = 16;
-
-/// References that are binned per task.
+/// Primitives that are binned per task if there are several threads.
 const BIN_CHUNK: usize = 1 << 16;
 
-/// A binary tree whose leaves have at most `most` references, and the ids of these in the order of the tree. The id of
-/// each reference must be its index.
-pub(crate) fn coarse_tree(references: &[Reference], most: usize) -> (BinaryTree, Vec<u32>) {
-    if references.is_empty() {
+/// Primitives whose bounds are found before they are binned: they stay in a near cache.
+const BLOCK: usize = 256;
+
+/// A binary tree over `0..n` whose leaves have at most `most` primitives, and the ids of these in the order of the tree; those of a
+/// leaf are a few ascending runs. `bounds` writes those of some primitives in ascending order.
+pub(crate) fn coarse_tree<B>(n: usize, bounds: &B, most: usize) -> (BinaryTree, Vec<u32>)
+where
+    B: Fn(&[u32], &mut [LaneBounds]) + Sync,
+{
+    if n == 0 {
         return (BinaryTree::new(), Vec::new());
     }
-    let grid = Grid::around(references, most);
-    let tasks = parallel::map(references.len().div_ceil(BIN_CHUNK), |i| {
-        grid.bin(&references[i * BIN_CHUNK..references.len().min((i + 1) * BIN_CHUNK)])
-    });
-    let (mut sum, mut begins) = (0, vec![0; grid.cells()]);
+    let grid = Grid::around(n, bounds, most);
+    let chunk = if parallel::threads() == 1 { n } else { BIN_CHUNK };
+    let tasks = parallel::map(n.div_ceil(chunk), |i| grid.binned(bounds, i * chunk..n.min((i + 1) * chunk)));
+    let mut counts = vec![0u32; grid.cells()];
     let mut cells = Vec::new();
-    let mut cell_references = Vec::new();
-    for (key, begin) in begins.iter_mut().enumerate() {
-        *begin = sum;
-        sum += tasks.iter().map(|binned| binned.counts[key] as usize).sum::<usize>();
-        if sum > *begin {
-            let bounds = tasks.iter().fold(Packed::EMPTY, |all, binned| all.least(binned.bounds[key]));
-            cell_references.push(Reference::of(bounds, cells.len() as u32));
-            cells.push(*begin..sum);
+    for (key, count) in counts.iter_mut().enumerate() {
+        let some = tasks.iter().filter(|task| task.counts[key] > 0);
+        *count = some.clone().map(|task| task.counts[key]).sum();
+        if let Some(bounds) = some.map(|task| task.bounds[key]).reduce(LaneBounds::union) {
+            cells.push(Reference::new(bounds.bounds(), key as u32));
         }
     }
-    let mut sorted = huge_vec(references.len());
-    sorted.resize(references.len(), 0);
-    for (id, &key) in tasks.iter().flat_map(|task| &task.keys).enumerate() {
-        sorted[begins[key as usize]] = id as u32;
-        begins[key as usize] += 1;
+    let tree = build_binary(&mut cells, 1..=1, None, None);
+    // Where the ids of each cell begin, in the order of the tree.
+    let (mut first, mut places) = (0, vec![0u32; grid.cells()]);
+    for cell in &cells {
+        places[cell.id() as usize] = first;
+        first += counts[cell.id() as usize];
     }
-    let tree = build_binary(&mut cell_references, 1..=1, None, None);
-    let cells: Vec<&[u32]> = cell_references.iter().map(|r| &sorted[cells[r.id() as usize].clone()]).collect();
-    let ids = huge_vec(references.len());
-    let mut builder = CoarseBuilder { references, tree: &tree, cells: &cells, most, binary: BinaryTree::new(), ids };
-    builder.node(0);
+    let mut ids = huge_vec(n);
+    ids.resize(n, 0);
+    for (id, &key) in (0..).zip(tasks.iter().flat_map(|task| &task.keys)) {
+        let place = &mut places[key as usize];
+        ids[*place as usize] = id;
+        *place += 1;
+    }
+    let counts = cells.iter().map(|cell| counts[cell.id() as usize]).collect();
+    let mut builder = CoarseBuilder { bounds, tree: &tree, counts, most, binary: BinaryTree::new(), ids };
+    builder.node(0, 0);
     (builder.binary, builder.ids)
 }
 
-/// A grid over a box.
+/// A grid over a box. Outside the box there is one more layer of cells on each side.
 struct Grid {
     low: Vec4,
     /// Cells per length.
     scale: Vec4,
+    /// Cells along an axis, with both layers.
     side: usize,
 }
 
-/// One chunk of references, binned into the cells of the grid.
+/// Some primitives, binned into the cells of the grid.
 struct Binned {
-    /// The cell of each reference.
+    /// The cell of each.
     keys: Vec<u16>,
-    /// For each cell the number of references, and their bounds.
+    /// For each cell the number of primitives, and their bounds.
     counts: Vec<u32>,
-    bounds: Vec<Packed>,
+    bounds: Vec<LaneBounds>,
 }
 
+/// Adding this constant rounds a small float to the nearest integer, which is then in its low bits.
+const ROUND: f32 = 8_388_608.0;
+
 impl Grid {
-    /// A grid around the centres of references, as fine as leaves of at most `most` need.
-    fn around(references: &[Reference], most: usize) -> Grid {
-        let (_, Box3 { min, max }) = summary(SimdLevel::best(), references);
+    /// A grid around the centres of most primitives, as fine as leaves of at most `most` need.
+    fn around<B: Fn(&[u32], &mut [LaneBounds])>(n: usize, bounds: &B, most: usize) -> Grid {
+        let (mut min, mut max) = (Vec4::INFINITY, Vec4::NEG_INFINITY);
+        let few: Vec<u32> = (0..n as u32).step_by(n / PLACED + 1).collect();
+        let mut boxes = vec![LaneBounds::EMPTY; few.len()];
+        bounds(&few, &mut boxes);
+        for centre in boxes.iter().map(LaneBounds::centre) {
+            (min, max) = (min.min(centre), max.max(centre));
+        }
         // Most scenes are surfaces: of `side` cubed cells about `side` squared are not empty.
-        let side = ((4 * references.len() / most) as f32).sqrt().ceil().clamp(1.0, MOST as f32);
-        let scale = (max - min).map(|extent| if extent > 0.0 { side / extent } else { 0.0 });
-        Grid { low: min.extend(0.0), scale: scale.extend(0.0), side: side as usize }
+        let side = ((4 * n / most) as f32).sqrt().ceil().clamp(1.0, CELLS as f32);
+        let extent = max - min;
+        let scale = |extent: f32| {
+            let scale = side / extent;
+            if scale.is_finite() { scale } else { 0.0 }
+        };
+        let scale = Vec4::new(scale(extent.x), scale(extent.y), scale(extent.z), 0.0);
+        Grid { low: min, scale, side: side as usize + 2 }
     }
 
     fn cells(&self) -> usize {
         self.side.pow(3)
     }
 
-    /// The cell of a reference.
-    fn key(&self, r: &Reference) -> usize {
-        let cell = ((r.centre() - self.low) * self.scale).as_uvec4().min(glam::UVec4::splat(self.side as u32 - 1));
-        (cell.z as usize * self.side + cell.y as usize) * self.side + cell.x as usize
+    /// The cell of a centre, in the units of [`LaneBounds::centre`].
+    #[inline(always)]
+    fn key(&self, centre: Vec4) -> usize {
+        // Half a cell less than the layer outside: rounding to the nearest is rounding down.
+        let at = (centre - self.low) * self.scale + Vec4::splat(0.5);
+        let at = at.max(Vec4::ZERO).min(Vec4::splat((self.side - 1) as f32)) + Vec4::splat(ROUND);
+        let [x, y, z, _] = at.to_array().map(|at| (at.to_bits() & 0xff) as usize);
+        (z * self.side + y) * self.side + x
     }
 
-    /// Bins references into the cells.
-    fn bin(&self, references: &[Reference]) -> Binned {
-        let mut keys = Vec::with_capacity(references.len());
-        let (mut counts, mut bounds) = (vec![0; self.cells()], vec![Packed::EMPTY; self.cells()]);
-        for r in references {
-            let key = self.key(r);
-            keys.push(key as u16);
-            counts[key] += 1;
-            bounds[key] = bounds[key].least(*r.packed());
+    /// Bins some primitives into the cells.
+    fn binned<B: Fn(&[u32], &mut [LaneBounds])>(&self, of: &B, ids: Range<usize>) -> Binned {
+        let mut bounds = huge_vec(self.cells());
+        bounds.resize(self.cells(), LaneBounds::EMPTY);
+        let mut binned = Binned { keys: Vec::with_capacity(ids.len()), counts: vec![0; self.cells()], bounds };
+        let (mut block_ids, mut block) = ([0; BLOCK], [LaneBounds::EMPTY; BLOCK]);
+        let simd = SimdLevel::best();
+        for first in ids.clone().step_by(BLOCK) {
+            let count = BLOCK.min(ids.end - first);
+            let (block_ids, block) = (&mut block_ids[..count], &mut block[..count]);
+            (first as u32..).zip(&mut *block_ids).for_each(|(id, to)| *to = id);
+            of(block_ids, block);
+            dispatch(simd, Bin { grid: self, block, binned: &mut binned });
         }
-        Binned { keys, counts, bounds }
+        binned
     }
 }
 
-/// Turns the tree over cells into the tree of references: subtrees with few enough references become leaves.
-struct CoarseBuilder<'a> {
-    references: &'a [Reference],
+/// Bins primitives with these bounds.
+struct Bin<'a> {
+    grid: &'a Grid,
+    block: &'a [LaneBounds],
+    binned: &'a mut Binned,
+}
+
+impl Kernel for Bin<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Bin { grid, block, binned: Binned { keys, counts, bounds } } = self;
+        let before = keys.len();
+        keys.extend(block.iter().map(|b| grid.key(b.centre()) as u16));
+        for (b, &key) in block.iter().zip(&keys[before..]) {
+            let key = key as usize;
+            counts[key] += 1;
+            let cell = &mut bounds[key].0;
+            s.store(s.min(s.load(cell), s.load(&b.0)), cell);
+        }
+    }
+}
+
+/// Appends references to primitives with these bounds.
+struct Refer<'a> {
+    ids: &'a [u32],
+    block: &'a [LaneBounds],
+    references: &'a mut Vec<Reference>,
+}
+
+/// The lane of [`LaneBounds`] for each lane of a packed reference.
+const PACKED: Lanes<u32> = [0, 1, 2, 4, 5, 6, 3, 3, 8, 9, 10, 12, 13, 14, 3, 3];
+
+impl Kernel for Refer<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let places = s.load_u(&PACKED);
+        for (b, &id) in self.block.iter().zip(self.ids) {
+            self.references.push(Reference::of_lanes(s, s.permute(s.load(&b.0), places), id));
+        }
+    }
+}
+
+/// Turns the tree over cells into the tree of primitives: subtrees with few enough become leaves.
+struct CoarseBuilder<'a, B> {
+    bounds: &'a B,
     tree: &'a [BinaryNode],
-    /// The ids in each cell, in the order of the tree.
-    cells: &'a [&'a [u32]],
+    /// The number of primitives in each cell, in the order of the tree.
+    counts: Vec<u32>,
     most: usize,
     binary: BinaryTree,
+    /// All ids, those of each cell together.
     ids: Vec<u32>,
 }
 
-impl CoarseBuilder<'_> {
-    /// Appends a node of the tree over cells, and its subtree.
-    fn node(&mut self, x: usize) {
+impl<B: Fn(&[u32], &mut [LaneBounds])> CoarseBuilder<'_, B> {
+    /// Appends a node of the tree over cells, and its subtree, whose primitives begin at index `first`. Returns where they end.
+    fn node(&mut self, x: usize, first: u32) -> u32 {
         let node = self.tree[x];
-        let cells = &self.cells[node.first as usize..][..node.count as usize];
-        let (at, first) = (self.binary.len(), self.ids.len() as u32);
-        let count: usize = cells.iter().map(|ids| ids.len()).sum();
-        if count > self.most && node.right == 0 {
-            let mut references: Vec<Reference> =
-                cells.iter().copied().flatten().map(|&id| self.references[id as usize]).collect();
-            let below = build_binary(&mut references, self.most..=self.most, None, None);
-            self.binary.extend(below.iter().map(|node| BinaryNode { first: first + node.first, ..*node }));
-            self.ids.extend(references.iter().map(Reference::id));
-            return;
+        let count: u32 = self.counts[node.first as usize..][..node.count as usize].iter().sum();
+        if count as usize > self.most && node.right == 0 {
+            self.crowded_cell(first, count);
+            return first + count;
         }
-        self.binary.push(BinaryNode { first, count: count as u32, right: 0, ..node });
-        if count <= self.most {
-            self.ids.extend(cells.iter().copied().flatten());
-            return;
+        let at = self.binary.len();
+        self.binary.push(BinaryNode { first, count, right: 0, ..node });
+        if count as usize > self.most {
+            let middle = self.node(x + 1, first);
+            self.binary[at].right = (self.binary.len() - at) as u32;
+            self.node(x + node.right as usize, middle);
         }
-        self.node(x + 1);
-        self.binary[at].right = (self.binary.len() - at) as u32;
-        self.node(x + node.right as usize);
+        first + count
+    }
+
+    /// Appends a subtree over the primitives of one cell.
+    fn crowded_cell(&mut self, first: u32, count: u32) {
+        let ids = &mut self.ids[first as usize..][..count as usize];
+        let mut references = Vec::with_capacity(ids.len());
+        let mut block = [LaneBounds::EMPTY; BLOCK];
+        for ids in ids.chunks(BLOCK) {
+            let block = &mut block[..ids.len()];
+            (self.bounds)(ids, block);
+            dispatch(SimdLevel::best(), Refer { ids, block, references: &mut references });
+        }
+        let below = build_binary(&mut references, self.most..=self.most, None, None);
+        self.binary.extend(below.iter().map(|node| BinaryNode { first: first + node.first, ..*node }));
+        for (id, r) in ids.iter_mut().zip(&references) {
+            *id = r.id();
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::LinearBox3;
+    use crate::geometry::{Box3, LinearBox3};
     use crate::random::Random;
     use glam::Vec3;
 
@@ -183,7 +270,12 @@ mod tests {
                         Reference::new(LinearBox3 { begin: of(p), end: of(end) }, id)
                     })
                     .collect();
-                let (tree, mut ids) = coarse_tree(&references, most);
+
+                let bounds = |id: u32| references[id as usize].bounds();
+                let bounds = |ids: &[u32], out: &mut [LaneBounds]| {
+                    ids.iter().zip(out).for_each(|(&id, to)| *to = LaneBounds::of(&bounds(id)));
+                };
+                let (tree, mut ids) = coarse_tree(n as usize, &bounds, most);
                 assert_eq!(check(&references, &tree, &ids, 0, most), tree.len());
                 let leaves = tree.iter().filter(|node| node.right == 0).count();
                 assert!(leaves <= 8 * (n as usize).div_ceil(most), "{leaves} leaves for {n}, {most} in each");

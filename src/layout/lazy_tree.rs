@@ -17,13 +17,12 @@ use super::wide_builder::{most_in_subtree, step};
 use super::wide_node::ChildRef;
 use super::wide_tree::WideTree;
 use super::write::Nodes;
-use crate::bvh::{BinaryNode, Collapse, Reference, coarse_tree};
+use crate::bvh::{BinaryNode, Collapse, coarse_tree};
 use crate::error::BuildError;
-use crate::geometry::{Frame, TimeInterval};
-use crate::parallel;
+use crate::geometry::{Frame, LaneBounds, TimeInterval};
 use crate::params::{LazyParams, WideParams};
 use crate::progress::Progress;
-use crate::simd::{Arena, LANES, huge_vec};
+use crate::simd::{Arena, LANES};
 use crate::time::COST_MODEL;
 use std::sync::OnceLock;
 
@@ -49,12 +48,10 @@ impl LazyTree {
     /// Divides the primitives of a set into subtrees, and builds the tree above them.
     pub fn build<S: WideSource>(set: &S, params: &LazyParams, progress: &Progress) -> Result<LazyTree, BuildError> {
         let over = TimeInterval::FULL;
-        let mut references: Vec<Reference> = huge_vec(set.len());
-        parallel::fill(&mut references, set.len(), |id| Reference::new(set.bounds(id as u32, over), id as u32));
-        step(progress, 0.5)?;
         let most = params.subtree.min(most_in_subtree(set));
-        let (binary, ids) = coarse_tree(&references, most);
-        drop(references);
+        let bounds = |ids: &[u32], out: &mut [LaneBounds]| set.lane_bounds(ids, out);
+        let (binary, ids) = coarse_tree(set.len(), &bounds, most);
+        step(progress, 0.5)?;
         // In preorder, the leaves are in the order of their primitives.
         let leaves = binary.iter().filter(|node| node.right == 0);
         let subtrees: Vec<Subtree> = leaves.map(|leaf| Subtree { first: leaf.first, tree: OnceLock::new() }).collect();

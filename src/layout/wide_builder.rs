@@ -20,8 +20,8 @@ use crate::primitive::{PrimitiveSet, Triangles};
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES, huge_vec};
 use crate::time::{
-    COST_MODEL, Draft, Region, SharedLeaves, TimeSlice, draft_tree, params_of_each_tree, prefetch_blocks, primitives,
-    regions,
+    COST_MODEL, Draft, DraftParams, Region, SharedLeaves, TimeSlice, draft_sample, draft_tree, prefetch_blocks,
+    primitives, regions,
 };
 use crate::tuning::lazy::{LEAST_SAMPLE, SAMPLED};
 use glam::Vec3;
@@ -41,7 +41,7 @@ impl WideTree {
         let listed: Vec<u32> = held.extract_if(.., |id| set.is_listed(*id)).collect();
         let [named, others] = split_listed(set, &listed);
         let budget = allowed_bytes(params, set.len(), set.further_key_bytes());
-        let mut tree = WideTree::fitted(set, [&held, named, others], params, budget, progress)?;
+        let mut tree = WideTree::fitted(set, [&held, named, others], &DraftParams::new(*params), budget, progress)?;
         let bytes = tree.arena.bytes();
         if bytes > budget && !params.division.is_forced() {
             return Err(BuildError::OverBudget { bytes, budget });
@@ -56,23 +56,20 @@ impl WideTree {
     /// The tree may be larger than the parameters allow. Fails only beyond the size of [`most_in_subtree`].
     pub(super) fn subtree<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> Result<WideTree, BuildError> {
         parallel::alone(|| {
-            let division = match params.division {
-                Division::Automatic => sampled_division(set, ids, params),
-                given => given,
-            };
+            let params = decided(set, ids, params);
             // Several ascending runs, of which a merge sort is made.
             let mut ids = ids.to_vec();
             ids.sort();
-            WideTree::sorted_subtree(set, &ids, &WideParams { division, ..*params })
+            WideTree::sorted_subtree(set, &ids, &params)
         })
     }
 
     /// [`WideTree::subtree`] over sorted ids.
-    fn sorted_subtree<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> Result<WideTree, BuildError> {
+    fn sorted_subtree<S: WideSource>(set: &S, ids: &[u32], params: &DraftParams) -> Result<WideTree, BuildError> {
         let (listed, held): (Vec<u32>, Vec<u32>) = ids.iter().partition(|&&id| set.is_listed(id));
         let [named, others] = split_listed(set, &listed);
         let bent = held.iter().map(|&id| further_key_bytes(set, id)).sum();
-        let budget = allowed_bytes(params, ids.len(), bent);
+        let budget = allowed_bytes(&params.wide, ids.len(), bent);
         let mut tree = WideTree::fitted(set, [&held, named, others], params, budget, &Progress::new(None))?;
         tree.counts = tree.counted(set);
         Ok(tree)
@@ -82,7 +79,7 @@ impl WideTree {
     fn fitted<S: WideSource>(
         set: &S,
         ids: [&[u32]; 3],
-        params: &WideParams,
+        params: &DraftParams,
         budget: usize,
         progress: &Progress,
     ) -> Result<WideTree, BuildError> {
@@ -91,16 +88,16 @@ impl WideTree {
         // temporal splits.
         for attempt in 0..ATTEMPTS {
             let bytes = tree.arena.bytes();
-            if bytes <= budget || params.division.is_forced() {
+            if bytes <= budget || params.wide.division.is_forced() {
                 return Ok(tree);
             }
             drop(tree);
-            let less = params.bytes_per_primitive * 0.8 * (budget as f32 / bytes as f32);
-            let params = match attempt + 1 < ATTEMPTS {
-                true => WideParams { bytes_per_primitive: less, ..*params },
-                false => WideParams { max_references: 1.0, division: Division::Whole, ..*params },
+            let less = params.wide.bytes_per_primitive * 0.8 * (budget as f32 / bytes as f32);
+            let wide = match attempt + 1 < ATTEMPTS {
+                true => WideParams { bytes_per_primitive: less, ..params.wide },
+                false => WideParams { max_references: 1.0, division: Division::Whole, ..params.wide },
             };
-            tree = WideTree::unlimited(set, ids, &params, progress)?;
+            tree = WideTree::unlimited(set, ids, &DraftParams { wide, ..*params }, progress)?;
         }
         Ok(tree)
     }
@@ -109,7 +106,7 @@ impl WideTree {
     fn unlimited<S: WideSource>(
         set: &S,
         ids: [&[u32]; 3],
-        params: &WideParams,
+        params: &DraftParams,
         progress: &Progress,
     ) -> Result<WideTree, BuildError> {
         let mut tree = WideTree::empty(if S::TRIANGLES { usize::MAX } else { 0 });
@@ -135,10 +132,10 @@ impl WideTree {
         &mut self,
         set: &S,
         ids: &[u32],
-        params: &WideParams,
+        params: &DraftParams,
         step: Step<'_>,
     ) -> Result<Subtree, BuildError> {
-        if let Division::SeparateTrees(count) = params.division {
+        if let Division::SeparateTrees(count) = params.wide.division {
             return self.separate_trees(set, ids, count, params, step);
         }
         let mut draft = draft_tree(set, ids, TimeSlice::WHOLE, params, None);
@@ -148,7 +145,7 @@ impl WideTree {
         if let [Region { node: 0, division: Division::SeparateTrees(count), .. }] = regions[..] {
             // The draft is dropped before the trees are made: holding one at a time takes less memory.
             drop(draft);
-            let params = params_of_each_tree(params, count);
+            let params = params.of_each_tree(count);
             return self.separate_trees(set, ids, count, &params, &|done| step(0.25 * done));
         }
         let all = draft.references.len() as f64;
@@ -157,7 +154,7 @@ impl WideTree {
             let node = draft.binary[region.node as usize];
             let root = match region.division {
                 Division::SeparateTrees(count) => {
-                    let params = params_of_each_tree(params, count);
+                    let params = params.of_each_tree(count);
                     self.separate_trees(set, &primitives(&draft, region.node), count, &params, &|_| step(0.0))?.root
                 }
                 Division::SharedLeaves(count) => {
@@ -186,7 +183,7 @@ impl WideTree {
         set: &S,
         ids: &[u32],
         count: usize,
-        params: &WideParams,
+        params: &DraftParams,
         step: Step<'_>,
     ) -> Result<Subtree, BuildError> {
         self.slices = self.slices.max(count);
@@ -296,19 +293,21 @@ const ATTEMPTS: usize = 2;
 /// Bytes that every tree may use in addition: the nodes of tiny trees are mostly empty.
 const LEAST_BYTES: usize = 8192;
 
-/// The best temporal split for a sample of neighbouring primitives of a subtree: trying it with all of them would take
-/// several times as long as building the subtree.
-fn sampled_division<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> Division {
-    let count = (ids.len() / SAMPLED).max(LEAST_SAMPLE).min(ids.len());
-    let bounds = |&id: &u32| set.bounds(id, TimeInterval::FULL);
-    if ids[..count].iter().map(bounds).all(|bounds| bounds.begin == bounds.end) {
-        return Division::Whole;
-    }
-    let draft = draft_tree(set, &ids[..count], TimeSlice::WHOLE, params, None);
-    match regions(set, &draft, params)[..] {
-        [Region { node: 0, division, .. }] => division,
-        _ => Division::Whole,
-    }
+/// Decides by a sample of neighbouring primitives of a subtree whether to pre-split, and on the temporal split: trying it with all
+/// of them would take several times as long as building the subtree.
+fn decided<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> DraftParams {
+    let ids = &ids[..(ids.len() / SAMPLED).max(LEAST_SAMPLE).min(ids.len())];
+    let (draft, presplit) = draft_sample(set, ids, params);
+    let params = DraftParams { wide: *params, decided: Some(presplit) };
+    let division = match params.wide.division {
+        Division::Automatic if !draft.binary.first().is_some_and(|root| root.moving) => Division::Whole,
+        Division::Automatic => match regions(set, &draft, &params)[..] {
+            [Region { node: 0, division, .. }] => division,
+            _ => Division::Whole,
+        },
+        given => given,
+    };
+    DraftParams { wide: WideParams { division, ..params.wide }, ..params }
 }
 
 /// The allowed size of a tree: the bytes per primitive, and the positions at keys beyond the second.

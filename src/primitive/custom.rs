@@ -4,7 +4,7 @@
 //! through [`PrimitiveSet`], in tree space. Triangle meshes are one such set; a list of [`Primitive`]s is another.
 
 use crate::error::BuildError;
-use crate::geometry::{Aabb, Box3, Ends, Frame, LinearBounds, LinearBox3, Ray, TimeInterval};
+use crate::geometry::{Aabb, Box3, Ends, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
 use crate::limits::MAX_COORDINATE;
 use crate::simd::LANES;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -113,6 +113,12 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     /// Linear bounds over an interval. They contain all hits of the kernel, up to the rounding that grows with the ray's
     /// distance; the slack of traversals covers that.
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3;
+    /// The bounds over the whole shutter of some primitives in ascending order.
+    fn lane_bounds(&self, ids: &[u32], out: &mut [LaneBounds]) {
+        for (&id, to) in ids.iter().zip(out) {
+            *to = LaneBounds::of(&self.bounds(id, TimeInterval::FULL));
+        }
+    }
     /// Bounds of the part inside `cell` at one instant, for choosing planes; empty if there is none.
     fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3 {
         match TimeInterval::half_open(time, time.next_up()) {

@@ -4,6 +4,7 @@ mod bent_bounds;
 mod check;
 mod copy_meshes;
 mod custom;
+mod lane_bounds;
 mod merge_keys;
 mod mesh;
 mod points;

@@ -5,7 +5,7 @@ use super::mesh::TriangleMesh;
 use super::sphere::MovingSphere;
 use super::triangles::Triangles;
 use crate::error::{BuildError, RefitError};
-use crate::geometry::{Box3, Ends, Frame, LinearBounds, LinearBox3, Ray, TimeInterval};
+use crate::geometry::{Box3, Ends, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
 use glam::DVec3;
 
 /// A shape that shares a tree with meshes ([`RayTree::of_scene`](crate::RayTree::of_scene)).
@@ -144,6 +144,14 @@ impl PrimitiveSet for Scene {
         match self.shape(id) {
             None => self.triangles.bounds(id, over),
             Some(shape) => self.shapes.bounds(shape, over),
+        }
+    }
+
+    fn lane_bounds(&self, ids: &[u32], out: &mut [LaneBounds]) {
+        let triangles = ids.partition_point(|&id| id < self.first);
+        self.triangles.lane_bounds(&ids[..triangles], &mut out[..triangles]);
+        for (&id, to) in ids[triangles..].iter().zip(&mut out[triangles..]) {
+            *to = LaneBounds::of(&self.bounds(id, TimeInterval::FULL));
         }
     }
 

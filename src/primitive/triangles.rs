@@ -6,7 +6,7 @@
 use super::custom::PrimitiveSet;
 use super::precise_vertices::PreciseVertices;
 use crate::geometry::{
-    Box3, Ends, Frame, INSTANTS, Instant, KeyTime, LinearBox3, TimeInterval, are_disjoint, clip_triangle,
+    Box3, Ends, Frame, INSTANTS, Instant, KeyTime, LaneBounds, LinearBox3, TimeInterval, are_disjoint, clip_triangle,
 };
 use crate::simd::{LANES, Lanes, as_coordinates, prefetch};
 use core::ops::Range;
@@ -72,7 +72,7 @@ impl Triangles {
 
     /// The index of a triangle's mesh.
     #[inline(always)]
-    fn mesh_of(&self, id: u32) -> usize {
+    pub(super) fn mesh_of(&self, id: u32) -> usize {
         let block = id as usize / BLOCK;
         let (first, last) = (self.mesh_at[block] as usize, self.mesh_at[block + 1] as usize);
         if first == last {
@@ -316,6 +316,10 @@ impl PrimitiveSet for Triangles {
         }
         let rounding = self.rounding(id, over);
         LinearBox3 { begin: bounds.begin.pad(rounding), end: bounds.end.pad(rounding) }
+    }
+
+    fn lane_bounds(&self, ids: &[u32], out: &mut [LaneBounds]) {
+        self.lane_bounds_of_meshes(ids, out);
     }
 
     fn leaf_kind(&self, id: u32) -> u32 {

@@ -15,13 +15,13 @@
 //! tried separately: slow stars around a fast core would hide the core. Neighbours with the same decision are joined
 //! into one region, so a homogeneous scene gets one tree with one split.
 
-use super::draft::{Draft, TimeSlice, draft_tree, time_slice};
+use super::draft::{Draft, DraftParams, TimeSlice, draft_tree, time_slice};
 use super::slices::{SharedLeaves, slice_bounds};
 use crate::bvh::{BinaryNode, Reference, mean_half_area};
 use crate::geometry::LinearBox3;
 use crate::limits::MAX_TIME_SLICES;
 use crate::parallel;
-use crate::params::{Division, WideParams};
+use crate::params::Division;
 use crate::primitive::PrimitiveSet;
 use crate::tuning::slices::{
     FEW, LEAST_TREELET, LEVELS, MAX_AREA_OF_HALVES, MAX_DIFFERENCE, MAX_SPLIT_COST, MAX_TWO_SLICES_COST, MIN_GAIN,
@@ -44,9 +44,9 @@ const MOST_BYTES: f64 = 1.5 * (1u64 << 30) as f64;
 
 /// The regions of a draft for the whole shutter, in the order of their nodes; none lies below another. A region has more references
 /// than a leaf block, unless it is the whole draft: where trees are written, its node is told from those of leaf blocks by its size.
-pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &WideParams) -> Vec<Region> {
+pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &DraftParams) -> Vec<Region> {
     let forced = |division| vec![Region { node: 0, division, cost: draft.collapse.total() }];
-    match params.division {
+    match params.wide.division {
         Division::Automatic => {}
         Division::Whole => return vec![],
         division => return forced(division),
@@ -252,11 +252,11 @@ struct Growth(f32);
 
 impl Growth {
     /// The growth that the budget allows for regions if the rest has its usual size, the same for all of them.
-    fn allowed(draft: &Draft, regions: &[Candidate<'_>], params: &WideParams) -> Growth {
+    fn allowed(draft: &Draft, regions: &[Candidate<'_>], params: &DraftParams) -> Growth {
         let bytes = |references: f64| references * f64::from(BYTES_PER_REFERENCE);
         let all = draft.references.len() as f64;
         let divided = regions.iter().map(|of| f64::from(draft.binary[of.node as usize].count)).sum::<f64>();
-        let budget = (f64::from(params.bytes_per_primitive) * draft.primitives as f64).min(MOST_BYTES);
+        let budget = (f64::from(params.wide.bytes_per_primitive) * draft.primitives as f64).min(MOST_BYTES);
         Growth(((budget - bytes(all)) / bytes(divided).max(1.0) + 1.0) as f32)
     }
 
@@ -278,7 +278,7 @@ fn latency_factor(growth: f32) -> f32 {
 }
 
 /// Decides on a region by the cost of its alternatives in samples of it.
-fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, params: &WideParams) -> Option<Region> {
+fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, params: &DraftParams) -> Option<Region> {
     let samples = samples(draft, node);
     let (moving, unmoved): (Vec<u32>, Vec<u32>) = samples.iter().partition(|&&x| draft.binary[x as usize].moving);
     let cost_of = |of: &[u32]| of.iter().map(|&x| draft.collapse.cost(x)).sum::<f32>();
@@ -325,9 +325,9 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
 }
 
 /// Mean cost of separate trees for equal time slices over the primitives of a subtree.
-fn separate_trees_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, count: usize, params: &WideParams) -> f32 {
+fn separate_trees_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, count: usize, params: &DraftParams) -> f32 {
     let ids = primitives(draft, of);
-    let params = params_of_each_tree(params, count);
+    let params = params.of_each_tree(count);
     let cost = |i: usize| {
         draft_tree(set, &ids, TimeSlice { index: i, of: count }, &params, Some(draft.cost_model)).collapse.total()
     };
@@ -335,15 +335,10 @@ fn separate_trees_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, count: 
 }
 
 /// Cost of a tree for a short time in the middle of the shutter.
-fn instant_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, params: &WideParams) -> f32 {
+fn instant_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, params: &DraftParams) -> f32 {
     let slice = TimeSlice { index: MAX_TIME_SLICES / 2, of: MAX_TIME_SLICES };
-    let params = params_of_each_tree(params, MAX_TIME_SLICES);
+    let params = params.of_each_tree(MAX_TIME_SLICES);
     draft_tree(set, &primitives(draft, of), slice, &params, Some(draft.cost_model)).collapse.total()
-}
-
-/// The parameters of one of several separate trees, between which the memory for pre-splitting is divided.
-pub(crate) fn params_of_each_tree(params: &WideParams, count: usize) -> WideParams {
-    WideParams { bytes_per_primitive: params.bytes_per_primitive / count as f32, ..*params }
 }
 
 /// The primitives below a node, sorted, without duplicates.
@@ -407,6 +402,7 @@ fn joined(binary: &[BinaryNode], x: u32, mut regions: Vec<Region>) -> Vec<Region
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::params::WideParams;
     use crate::primitive::Triangles;
     use crate::scene;
 
@@ -414,7 +410,7 @@ mod tests {
     fn regions_of(scene: &scene::Scene) -> (Vec<Region>, Vec<f64>) {
         let set = Triangles::new(&scene.meshes).unwrap();
         let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
-        let params = WideParams::default();
+        let params = DraftParams::new(WideParams::default());
         let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &params, None);
         let regions = regions(&set, &draft, &params);
         for pair in regions.windows(2) {
@@ -460,7 +456,7 @@ mod tests {
         let scene = scene::tornado(60_000);
         let set = Triangles::new(&scene.meshes).unwrap();
         let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
-        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &WideParams::default(), None);
+        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &DraftParams::new(WideParams::default()), None);
         let mut treelets = treelets(&set, &draft);
         let (right, low, high) = sides(&draft, 0, &treelets);
         let middles = [sides(&draft, 1, low).0, sides(&draft, right, high).0];

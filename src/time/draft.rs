@@ -96,19 +96,53 @@ fn widened(i: usize, n: usize, by: f64) -> TimeInterval {
     TimeInterval::half_open(begin, end).expect("a time slice is not empty")
 }
 
+/// How trees are drafted.
+#[derive(Clone, Copy)]
+pub(crate) struct DraftParams {
+    pub wide: WideParams,
+    /// What a sample of the primitives has decided, if there was one.
+    pub decided: Option<Presplit>,
+}
+
+impl DraftParams {
+    /// Parameters for which each draft decides by itself.
+    pub fn new(wide: WideParams) -> DraftParams {
+        DraftParams { wide, decided: None }
+    }
+
+    /// The parameters of one of several separate trees, between which the memory for pre-splitting is divided.
+    pub fn of_each_tree(&self, count: usize) -> DraftParams {
+        let bytes_per_primitive = self.wide.bytes_per_primitive / count as f32;
+        DraftParams { wide: WideParams { bytes_per_primitive, ..self.wide }, ..*self }
+    }
+
+    /// The references per primitive that pre-splitting may make.
+    fn most_references(&self) -> f32 {
+        self.wide.max_references.min(self.wide.bytes_per_primitive / BYTES_PER_REFERENCE)
+    }
+}
+
+/// Whether some primitives are pre-split.
+#[derive(Clone, Copy)]
+pub(crate) struct Presplit {
+    /// Half the area of a box per area of the triangle in it, see [`area_ratio`].
+    ratio: Option<f64>,
+    pays: bool,
+}
+
 /// Drafts one tree, pre-split if that pays. A cost model is given if its costs are to be compared with those of other
 /// trees.
 pub(crate) fn draft_tree<S: PrimitiveSet>(
     set: &S,
     ids: &[u32],
     slice: TimeSlice,
-    params: &WideParams,
+    params: &DraftParams,
     cost_model: Option<CostModel>,
 ) -> Draft {
     let over = slice.interval();
-    let budget = params.max_references.min(params.bytes_per_primitive / BYTES_PER_REFERENCE);
-    let ratio = area_ratio(set, ids, over);
-    let elongated = budget > 1.0 && ratio.is_some_and(|ratio| ratio >= MIN_AREA_RATIO);
+    let budget = params.most_references();
+    let ratio = params.decided.map_or_else(|| area_ratio(set, ids, over), |decided| decided.ratio);
+    let elongated = is_elongated(budget, ratio) && params.decided.is_none_or(|decided| decided.pays);
     // Room for all sub-references from the start: memory that is not touched costs nothing.
     let most = if elongated { (ids.len() as f64 * f64::from(budget)) as usize + 1 } else { ids.len() };
     let mut references = huge_vec(most);
@@ -117,11 +151,38 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
         let density = SurfaceDensity::of(&references, ratio.unwrap_or(LEAST_AREA_RATIO));
         CostModel { density, ..COST_MODEL }
     });
-    let presplits = elongated && presplit_pays(set, &references, slice, budget, cost_model);
+    let presplits = elongated
+        && params
+            .decided
+            .map_or_else(|| presplit_pays(set, &references, slice, budget, cost_model), |decided| decided.pays);
     if presplits {
         presplit(&mut references, |id| set.ends(id, over), budget);
     }
     Draft { primitives: ids.len(), ..draft_with(set, references, slice, presplits, cost_model) }
+}
+
+/// Drafts a tree over a sample, pre-split if that pays for the sample as a whole, and returns the decision.
+pub(crate) fn draft_sample<S: PrimitiveSet>(set: &S, ids: &[u32], params: &WideParams) -> (Draft, Presplit) {
+    let over = TimeInterval::FULL;
+    let budget = DraftParams::new(*params).most_references();
+    let ratio = area_ratio(set, ids, over);
+    let with = |pays: bool, cost_model: Option<CostModel>| {
+        let params = DraftParams { wide: *params, decided: Some(Presplit { ratio, pays }) };
+        draft_tree(set, ids, TimeSlice::WHOLE, &params, cost_model)
+    };
+    let whole = with(false, None);
+    if is_elongated(budget, ratio) {
+        let split = with(true, Some(whole.cost_model));
+        if split.collapse.total() < whole.collapse.total() * MAX_PRESPLIT_COST {
+            return (split, Presplit { ratio, pays: true });
+        }
+    }
+    (whole, Presplit { ratio, pays: false })
+}
+
+/// Whether triangles fill so little of their boxes that pre-splitting may pay.
+fn is_elongated(budget: f32, ratio: Option<f64>) -> bool {
+    budget > 1.0 && ratio.is_some_and(|ratio| ratio >= MIN_AREA_RATIO)
 }
 
 /// Whether pre-splitting pays in a few samples of neighbouring references.

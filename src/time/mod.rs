@@ -4,6 +4,8 @@ mod choose;
 mod draft;
 mod slices;
 
-pub(crate) use choose::{Region, params_of_each_tree, primitives, regions};
-pub(crate) use draft::{COST_MODEL, Draft, TimeSlice, draft_tree, prefetch_blocks, time_slice};
+pub(crate) use choose::{Region, primitives, regions};
+pub(crate) use draft::{
+    COST_MODEL, Draft, DraftParams, TimeSlice, draft_sample, draft_tree, prefetch_blocks, time_slice,
+};
 pub(crate) use slices::SharedLeaves;
