@@ -50,12 +50,14 @@ pub(crate) mod lazy {
     /// less (hall and coherent, `--subtree`).
     pub const SUBTREE: usize = 2048;
     /// The greatest number of cells along an axis of the grid that the coarse build puts primitives into, and the number of
-    /// primitives that its box is found from.
+    /// primitives that its box is found from. With 24 cells the build and what rays build take .90 to .97 of the time in hall, debris
+    /// and coherent, but 1.12 and 1.05 of it in camera and crowd.
     pub const CELLS: usize = 16;
     pub const PLACED: usize = 4096;
-    /// The temporal splits of a subtree are decided on one in this many of its primitives, and on at least this many.
-    pub const SAMPLED: usize = 8;
-    pub const LEAST_SAMPLE: usize = 128;
+    /// Pre-splits and temporal splits of a subtree are decided on one in this many of its primitives, and on at least this many. Twice
+    /// both takes 1 to 5 % longer for what rays build.
+    pub const SAMPLED: usize = 16;
+    pub const LEAST_SAMPLE: usize = 64;
 }
 
 /// Early split clipping of triangles before the build.

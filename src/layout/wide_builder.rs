@@ -300,9 +300,8 @@ fn decided<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> DraftPar
     let (draft, presplit) = draft_sample(set, ids, params);
     let params = DraftParams { wide: *params, decided: Some(presplit) };
     let division = match params.wide.division {
-        Division::Automatic if !draft.binary.first().is_some_and(|root| root.moving) => Division::Whole,
-        Division::Automatic => match regions(set, &draft, &params)[..] {
-            [Region { node: 0, division, .. }] => division,
+        Division::Automatic => match draft.map(|draft| regions(set, &draft, &params)).as_deref() {
+            Some(&[Region { node: 0, division, .. }]) => division,
             _ => Division::Whole,
         },
         given => given,

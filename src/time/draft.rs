@@ -151,33 +151,39 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
         let density = SurfaceDensity::of(&references, ratio.unwrap_or(LEAST_AREA_RATIO));
         CostModel { density, ..COST_MODEL }
     });
-    let presplits = elongated
-        && params
-            .decided
-            .map_or_else(|| presplit_pays(set, &references, slice, budget, cost_model), |decided| decided.pays);
+    // If that was decided, elongated primitives are to be split.
+    let presplits =
+        elongated && (params.decided.is_some() || presplit_pays(set, &references, slice, budget, cost_model));
     if presplits {
         presplit(&mut references, |id| set.ends(id, over), budget);
     }
     Draft { primitives: ids.len(), ..draft_with(set, references, slice, presplits, cost_model) }
 }
 
-/// Drafts a tree over a sample, pre-split if that pays for the sample as a whole, and returns the decision.
-pub(crate) fn draft_sample<S: PrimitiveSet>(set: &S, ids: &[u32], params: &WideParams) -> (Draft, Presplit) {
-    let over = TimeInterval::FULL;
-    let budget = DraftParams::new(*params).most_references();
-    let ratio = area_ratio(set, ids, over);
+/// Drafts a tree over a sample, pre-split if that pays for the sample as a whole, and returns the decision. There is no draft if
+/// nothing is to be decided: the sample does not move, and pre-splits are out of the question.
+pub(crate) fn draft_sample<S: PrimitiveSet>(set: &S, ids: &[u32], params: &WideParams) -> (Option<Draft>, Presplit) {
+    let ratio = area_ratio(set, ids, TimeInterval::FULL);
+    let elongated = is_elongated(DraftParams::new(*params).most_references(), ratio);
+    let moving = |&id: &u32| {
+        let bounds = set.bounds(id, TimeInterval::FULL);
+        bounds.begin != bounds.end
+    };
+    if !elongated && !ids.iter().any(moving) {
+        return (None, Presplit { ratio, pays: false });
+    }
     let with = |pays: bool, cost_model: Option<CostModel>| {
         let params = DraftParams { wide: *params, decided: Some(Presplit { ratio, pays }) };
         draft_tree(set, ids, TimeSlice::WHOLE, &params, cost_model)
     };
     let whole = with(false, None);
-    if is_elongated(budget, ratio) {
+    if elongated {
         let split = with(true, Some(whole.cost_model));
         if split.collapse.total() < whole.collapse.total() * MAX_PRESPLIT_COST {
-            return (split, Presplit { ratio, pays: true });
+            return (Some(split), Presplit { ratio, pays: true });
         }
     }
-    (whole, Presplit { ratio, pays: false })
+    (Some(whole), Presplit { ratio, pays: false })
 }
 
 /// Whether triangles fill so little of their boxes that pre-splitting may pay.
