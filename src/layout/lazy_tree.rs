@@ -7,7 +7,7 @@
 //! The boxes of the coarse tree hold their contents over the whole shutter. So the coarse tree has no time nodes, its build decides
 //! nothing by samples, and no primitive is split.
 //!
-//! **Why no two threads wait for each other.** The thread that builds a subtree does so alone ([`parallel::alone`]) and does not query
+//! **Why no two threads wait for each other.** The thread that builds a subtree does so alone ([`crate::parallel::alone`]) and does not query
 //! the tree. All other threads that need the same subtree wait for this one build, and hold no subtree of their own meanwhile.
 
 use super::leaf_block::{WideSource, write_list};

@@ -6,7 +6,7 @@ use crate::geometry::{LaneBounds, TimeInterval};
 use glam::Vec4;
 
 impl Triangles {
-    /// [`PrimitiveSet::lane_bounds`]: mesh by mesh.
+    /// `PrimitiveSet::lane_bounds`: mesh by mesh.
     pub(super) fn lane_bounds_of_meshes(&self, mut ids: &[u32], mut out: &mut [LaneBounds]) {
         while let Some(&first) = ids.first() {
             let mesh = self.mesh_of(first);
