@@ -6,8 +6,9 @@
 //! meaning, since directions are not normalized. Trees of instances can be instanced themselves.
 //!
 //! Contents: transforms as they are given (`transform`) and as queries evaluate them (`motion`), the extent of the instanced
-//! tree (`extent`), bounds of moving instances (`bounds`), how far rounded rays deviate (`distortion`), the primitive set for the build of the wide tree (`placements`), the tree (`tree`), its traversal
-//! (`query`), public queries (`tree_queries`), and closest points (`closest_point`).
+//! tree (`extent`), bounds of moving instances (`bounds`), how far rounded rays deviate (`distortion`), the primitive set for the
+//! build of the wide tree (`placements`), the tree (`tree`), its traversal (`query`), public queries (`tree_queries`), and closest
+//! points (`closest_point`).
 
 mod bounds;
 mod closest_point;

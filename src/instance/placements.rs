@@ -10,8 +10,7 @@ use crate::layout::WideSource;
 use crate::limits::MAX_COORDINATE;
 use crate::parallel;
 use crate::primitive::PrimitiveSet;
-use crate::ray::TreeRay;
-use crate::ray::{INNER_ULPS, Outline};
+use crate::ray::{INNER_ULPS, Outline, TreeRay};
 use glam::DVec3;
 
 /// The data of an instance that queries use, in two cache lines.

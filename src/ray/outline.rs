@@ -4,6 +4,11 @@
 //! misses a box follows from origin and direction alone, without a division: they are disjoint exactly if they are separated along the
 //! cross product of the direction and one of the axes (Gottschalk, Lin and Manocha, "OBBTree: A Hierarchical Structure for Rapid
 //! Interference Detection", 1996).
+//!
+//! **Proof that no ray is ruled out that hits.** Hits lie in the box, up to [`INNER_ULPS`], by which it is padded. If `o + t d` lies in a
+//! box around zero with half extents `h`, then `|o.y d.z - o.z d.y| = |(o + t d).y d.z - (o + t d).z d.y| <= h.y |d.z| + h.z |d.y|`, and
+//! so on for the other axes. In f64 both sides are off by less than 2^-50 of the length of `o` times that of `d`. Trees report no hits
+//! of origins farther away than 2^32 sizes, so this is less than 2^-18 of the size, for which the padding has room.
 
 use crate::geometry::{Aabb, Frame, LinearBounds, Ray, ULP};
 use crate::simd::{Simd, THREE, cross, magnitude, vector_lanes};
@@ -79,10 +84,7 @@ impl Outline {
         !inside && self.is_missed_from(s, vector_lanes(s, ray.origin), s.widen(ray.dir.to_array()), ray)
     }
 
-    /// The same for a ray with another origin and direction.
-    ///
-    /// Trees report no hits of origins farther away than 2^32 sizes, so the error of this test is less than 2^-18 of the size, which the
-    /// padding has room for.
+    /// The same for a ray with another origin and direction, wherever it begins.
     #[inline(always)]
     pub fn is_missed_from<S: Simd>(&self, s: S, origin: S::D, dir: S::D, ray: &Ray) -> bool {
         let time = s.splat_d(f64::from(ray.time));
