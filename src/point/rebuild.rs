@@ -50,7 +50,7 @@ impl PointTree {
             return Ok(false);
         }
         let Some(Layer::Static(tree)) = self.layers.pop() else { unreachable!("the layer was looked at") };
-        let mut tree = tree.moved(source.of_key(0));
+        let mut tree = tree.moved(source.of_only_key());
         let kept = tree.excess() <= MOST_EXCESS;
         if !kept {
             tree = source.static_tree(source.len, 0..source.len, &Progress::new(None));

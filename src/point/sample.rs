@@ -206,13 +206,12 @@ impl Kernel for Scan<'_> {
     fn run<S: Simd>(self, s: S) {
         let Scan { source, points, cells, mut inside, most } = self;
         let [earlier, later] = middle_keys(source);
-        let (earlier, later) = (source.of_key(earlier), source.of_key(later));
         let phases = s.load(&cells.phases);
         let (lo, hi) = (&cells.lo, &cells.hi);
         let lo = [s.load(&lo[0]), s.load(&lo[1]), s.load(&lo[2])];
         let hi = [s.load(&hi[0]), s.load(&hi[1]), s.load(&hi[2])];
         for &point in points {
-            let (open, close) = (&earlier[point as usize], &later[point as usize]);
+            let (open, close) = (source.at(point as usize, earlier), source.at(point as usize, later));
             let mut holding = Mask::MAX;
             for axis in 0..3 {
                 let at = s.splat(open[axis]) + s.splat(close[axis] - open[axis]) * phases;

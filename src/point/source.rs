@@ -9,7 +9,7 @@ use crate::limits::{MAX_KEYS, MAX_POINT_COORDINATE};
 use crate::parallel::{self, CHUNK};
 use crate::primitive::{PointSet, kept_keys};
 use crate::progress::Progress;
-use crate::simd::{Item, PointBlock, huge_vec};
+use crate::simd::{Item, PointBlock, huge_vec, prefetch};
 use core::sync::atomic::{AtomicUsize, Ordering};
 use glam::DVec3;
 
@@ -22,7 +22,8 @@ pub(super) struct Source {
     pub(super) keys: usize,
     /// What positions are relative to.
     pub(super) origin: DVec3,
-    /// Positions at the first key, then those at the second, and so on, relative to the origin.
+    /// Positions relative to the origin: those of a point at all its keys side by side, because a tree reads two of them in
+    /// an order that is random in memory.
     positions: Vec<[f32; 3]>,
     /// The same in f64, as they were given; empty where f32 is enough.
     exact: Vec<DVec3>,
@@ -79,13 +80,25 @@ impl Source {
     /// Position of a point at a key as the trees hold it.
     #[inline(always)]
     pub(super) fn at(&self, point: usize, key: usize) -> [f32; 3] {
-        self.positions[key * self.len + point]
+        self.positions[point * self.keys + key]
     }
 
-    /// Positions at a key.
+    /// Positions of all points that have one key.
+    pub(super) fn of_only_key(&self) -> &[[f32; 3]] {
+        debug_assert_eq!(self.keys, 1);
+        &self.positions
+    }
+
+    /// Prefetches the positions of a point at a key and the next, if there is such a point; a hint.
     #[inline(always)]
-    pub(super) fn of_key(&self, key: usize) -> &[[f32; 3]] {
-        &self.positions[key * self.len..][..self.len]
+    pub(super) fn prefetch(&self, point: usize, key: usize) {
+        if let Some(position) = self.positions.get(point * self.keys + key) {
+            prefetch(position);
+        }
+        if let Some(position) = self.positions.get(point * self.keys + key + 1) {
+            // It may be in the next cache line.
+            prefetch(&position[2]);
+        }
     }
 
     /// Whether all points exist throughout the shutter.
@@ -106,7 +119,7 @@ impl Source {
     /// Position of a point at a key as it was given, in sets that need f64.
     #[inline(always)]
     pub(super) fn exact(&self, point: usize, key: usize) -> DVec3 {
-        self.exact[key * self.len + point]
+        self.exact[point * self.keys + key]
     }
 
     /// Whether the set needs f64.
@@ -139,8 +152,8 @@ impl Source {
             let first = self.exact(point, 0);
             return (1..self.keys).all(|key| self.exact(point, key) == first);
         }
-        let first = self.at(point, 0);
-        (1..self.keys).all(|key| self.at(point, key) == first)
+        let all = &self.positions[point * self.keys..][..self.keys];
+        all.iter().all(|at| *at == all[0])
     }
 
     /// A static tree of `count` of the points.
@@ -191,7 +204,7 @@ impl Input {
         if !(may_be_static && is_plain(points, len)) {
             return Source::of(points, (len, keys), may_be_static, round_to_f32).map(Input::Other);
         }
-        let (mut blocks, reader) = (StaticTree::room(len), Reader::new(points, len));
+        let (mut blocks, reader) = (StaticTree::room(len), Reader::new(points, keys));
         let mut chunks = PointRows::in_blocks(&mut blocks, len).chunks(CHUNK);
         parallel::each(&mut chunks, |(first, rows)| {
             rows.take((*first..len).map(|point| Item { at: reader.read(point, 0), index: point as u32 }));
@@ -229,21 +242,21 @@ fn is_plain<P: PointSet + ?Sized>(points: &P, len: usize) -> bool {
 /// Reads f32 positions and remembers the first that is wrong, so that the loop which reads is as fast as a copy.
 struct Reader<'a, P: ?Sized> {
     points: &'a P,
-    len: usize,
-    /// Number of the first wrong position among those of all keys, one key behind the other.
+    keys: usize,
+    /// Number of the first wrong position, where those of a point are numbered one behind the other.
     wrong: AtomicUsize,
 }
 
 impl<'a, P: PointSet + ?Sized> Reader<'a, P> {
-    fn new(points: &'a P, len: usize) -> Reader<'a, P> {
-        Reader { points, len, wrong: AtomicUsize::new(usize::MAX) }
+    fn new(points: &'a P, keys: usize) -> Reader<'a, P> {
+        Reader { points, keys, wrong: AtomicUsize::new(usize::MAX) }
     }
 
     #[inline(always)]
     fn read(&self, point: usize, key: usize) -> [f32; 3] {
         let at = self.points.position(point, key);
         if !fits(at) {
-            self.wrong.fetch_min(key * self.len + point, Ordering::Relaxed);
+            self.wrong.fetch_min(point * self.keys + key, Ordering::Relaxed);
         }
         at.as_vec3().to_array()
     }
@@ -254,7 +267,7 @@ impl<'a, P: PointSet + ?Sized> Reader<'a, P> {
         if wrong == usize::MAX {
             return Ok(());
         }
-        let (point, key) = (wrong % self.len, wrong / self.len);
+        let (point, key) = (wrong / self.keys, wrong % self.keys);
         // A set that answers differently when asked again is wrong all the same.
         checked(self.points.position(point, key), point, key)?;
         Err(PointError::NonFinite { point, key })
@@ -266,10 +279,16 @@ type Read = (DVec3, Vec<[f32; 3]>, Vec<DVec3>);
 
 /// Positions of a set of f32 ones, bit for bit.
 fn narrow<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<Read, PointError> {
-    let (mut positions, reader) = (huge_vec(len * keys), Reader::new(points, len));
-    for key in 0..keys {
-        parallel::fill(&mut positions, len, |point| reader.read(point, key));
-    }
+    let reader = Reader::new(points, keys);
+    let positions = if keys == 2 {
+        let mut pairs = huge_vec(len);
+        parallel::fill(&mut pairs, len, |point| [reader.read(point, 0), reader.read(point, 1)]);
+        pairs.into_flattened()
+    } else {
+        let mut positions = huge_vec(len * keys);
+        parallel::fill(&mut positions, len * keys, |i| reader.read(i / keys, i % keys));
+        positions
+    };
     reader.finish()?;
     Ok((DVec3::ZERO, positions, Vec::new()))
 }
@@ -279,8 +298,8 @@ fn narrow<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<R
 fn relative<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<Read, PointError> {
     let mut wide = Vec::with_capacity(len * keys);
     let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for key in 0..keys {
-        for point in 0..len {
+    for point in 0..len {
+        for key in 0..keys {
             let at = points.position(point, key);
             if !at.is_finite() {
                 return Err(PointError::NonFinite { point, key });
@@ -293,10 +312,10 @@ fn relative<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result
     // Where zero is far from the set, query points would lose more by being f32 numbers than relative to its middle.
     let around_zero = lo.cmple(DVec3::ZERO).all() && hi.cmpge(DVec3::ZERO).all();
     if wide.is_empty() || (around_zero && wide.iter().all(single)) {
-        return narrow_of(&wide, len);
+        return narrow_of(&wide, keys);
     }
     let origin = lo * 0.5 + hi * 0.5;
-    let position = |(i, at): (usize, &DVec3)| Ok(checked(*at - origin, i % len, i / len)?.as_vec3().to_array());
+    let position = |(i, at): (usize, &DVec3)| Ok(checked(*at - origin, i / keys, i % keys)?.as_vec3().to_array());
     let positions = wide.iter().enumerate().map(position).collect::<Result<_, PointError>>()?;
     Ok((origin, positions, wide))
 }
@@ -306,13 +325,14 @@ fn merge_keys(positions: &mut Vec<[f32; 3]>, len: usize, keys: usize) -> usize {
     if keys <= 2 || len == 0 {
         return keys;
     }
-    let kept = kept_keys(keys, len, |key, point| positions[key * len + point].into());
+    let kept = kept_keys(keys, len, |key, point| positions[point * keys + key].into());
     if kept == keys {
         return keys;
     }
     let step = if kept > 1 { (keys - 1) / (kept - 1) } else { 0 };
-    for key in 1..kept {
-        positions.copy_within(key * step * len..(key * step + 1) * len, key * len);
+    // A position is never written before it was read.
+    for i in 0..kept * len {
+        positions[i] = positions[i / kept * keys + i % kept * step];
     }
     positions.truncate(kept * len);
     positions.shrink_to_fit();
@@ -320,8 +340,8 @@ fn merge_keys(positions: &mut Vec<[f32; 3]>, len: usize, keys: usize) -> usize {
 }
 
 /// f64 positions that are f32 numbers.
-fn narrow_of(wide: &[DVec3], len: usize) -> Result<Read, PointError> {
-    let position = |(i, at): (usize, &DVec3)| Ok(checked(*at, i % len, i / len)?.as_vec3().to_array());
+fn narrow_of(wide: &[DVec3], keys: usize) -> Result<Read, PointError> {
+    let position = |(i, at): (usize, &DVec3)| Ok(checked(*at, i / keys, i % keys)?.as_vec3().to_array());
     let positions = wide.iter().enumerate().map(position).collect::<Result<_, PointError>>()?;
     Ok((DVec3::ZERO, positions, Vec::new()))
 }
