@@ -155,7 +155,7 @@ pub(crate) mod points {
     /// A point is fast if it moves farther, relative to its neighbours, than this many times the size of a leaf: the
     /// one that they share in the middle of the slice, or the median of all leaves if that is smaller. (A point that
     /// has left the others by then shares a large leaf with few points.)
-    pub const FAST: f64 = 2.0;
+    pub const FAST: f32 = 2.0;
     /// A set is divided into static and moving points if at least this fraction is static.
     pub const MIN_STATIC_SHARE: f64 = 0.5;
     /// Bytes of leaves above which most of them miss all caches.

@@ -5,11 +5,10 @@
 //! in it is counted. If slices half as long promise to cost less, the tree of one of those is built as well. The trees of
 //! the structure that is finally chosen are reused.
 
-use super::build::{Plan, middle_segment, time_slices, tree};
-use super::fast_points::fast_numbers;
+use super::build::{Plan, middle_segment, time_slices, tree, tree_without_fast};
 use super::layers::Layer;
 use super::moving_reference::TimeSlice;
-use super::persistent_points::PersistentPoints;
+use super::moving_tree::MovingTree;
 use super::source::Source;
 use super::trials::{Trial, Trials, references_of};
 use crate::progress::Progress;
@@ -36,15 +35,19 @@ pub(super) fn moving_layers(
     let mut trials = Trials::new(source, points, max_references, simd);
     let best = trials.best(true);
     let why = explain(&trials.all, &best);
-    let (fast, slow) = if best.fast.is_some() { split_fast(source, points) } else { (Vec::new(), Vec::new()) };
-    let separated = best.fast.map(|plan| Separated::new(source, (&slow, best.plan), (&fast, plan), &trials, progress));
+    let (mut fast, mut slow, mut ready) = (Vec::new(), Vec::new(), None);
+    if best.fast.is_some() {
+        (fast, slow, ready) = split_fast(source, points, trials.leaf_size, progress);
+    }
+    let begin = |plan| Some(Separated::new(source, (&slow, ready.take()?), (&fast, plan), &trials, progress));
+    let separated = best.fast.filter(|_| !fast.is_empty()).and_then(begin);
     let separated = match separated {
         Some(separated) if separated.cost * MAX_PREDICTED_COST <= trials.best(false).cost => {
             return separated.finish(why, progress);
         }
         other => other,
     };
-    let (whole, cost, measured) = one_layer(source, points, &mut trials, progress);
+    let (whole, cost, measured) = one_layer(source, points, &mut trials, ready, progress);
     match separated {
         Some(separated) if separated.cost * MAX_COST <= cost => separated.finish(why, progress),
         Some(separated) => {
@@ -66,18 +69,22 @@ pub(super) fn plan_for_all(
 ) -> (Plan, String) {
     let mut trials = Trials::new(source, points, max_references, simd);
     let why = explain(&trials.all, &trials.best(false));
-    let (whole, _, measured) = one_layer(source, points, &mut trials, progress);
+    let (whole, _, measured) = one_layer(source, points, &mut trials, None, progress);
     (whole.plan, format!("{why}; {measured}"))
 }
 
-/// Begins the cheapest layer for all points; returns it, its cost, and a description of the measurements.
+/// Begins the cheapest layer for all points, of which the linear tree between the keys in the middle may be `ready`; returns it, its cost, and a description of the measurements.
 fn one_layer<'a>(
     source: &'a Source,
     points: &'a [u32],
     trials: &mut Trials,
+    ready: Option<MovingTree>,
     progress: &Progress,
 ) -> (PartialLayer<'a>, f64, String) {
-    let mut layer = PartialLayer::new(source, points, trials.best(false).plan, progress);
+    let mut layer = match (trials.best(false).plan, ready) {
+        (Plan::Boxes(1), Some(tree)) => PartialLayer::with(source, points, Plan::Boxes(1), tree),
+        (plan, _) => PartialLayer::new(source, points, plan, progress),
+    };
     let mut cost = layer.cost(trials);
     let mut measured = vec![format!("in the set itself {} {cost:.1}", name(layer.plan))];
     while !progress.cancelled() && trials.finer(layer.plan).is_some_and(|finer| finer < cost * MAX_PREDICTED_COST) {
@@ -92,22 +99,20 @@ fn one_layer<'a>(
     (layer, cost, measured.join(", "))
 }
 
-/// The fast points, and the others.
-fn split_fast(source: &Source, points: &[u32]) -> (Vec<u32>, Vec<u32>) {
-    let slice = time_slices(source.keys, 1)[middle_segment(source.keys)];
+/// The fast points, the others, and the linear tree of those between the keys in the middle.
+fn split_fast(
+    source: &Source,
+    points: &[u32],
+    leaf_size: f32,
+    progress: &Progress,
+) -> (Vec<u32>, Vec<u32>, Option<MovingTree>) {
+    let slice = &time_slices(source.keys, 1)[middle_segment(source.keys)];
+    // Counted as progress once it is known whether it is used.
+    let (tree, fast) = tree_without_fast(source, points, slice, Some(leaf_size), &progress.subtask(0.0));
     let mut is_fast = vec![false; source.len];
-    if source.all_persist() {
-        let references = PersistentPoints::new(source, points, &slice);
-        for number in fast_numbers(&references, &slice, slice.middle_phase()) {
-            is_fast[number as usize] = true;
-        }
-    } else {
-        let references = source.references(&slice, points.iter().map(|&i| i as usize), |i| i as u32);
-        for number in fast_numbers(&references[..], &slice, slice.middle_phase()) {
-            is_fast[references[number as usize].id as usize] = true;
-        }
-    }
-    points.iter().partition(|&&i| is_fast[i as usize])
+    fast.iter().for_each(|&point| is_fast[point as usize] = true);
+    let slow = points.iter().copied().filter(|&point| !is_fast[point as usize]).collect();
+    (fast, slow, Some(tree))
 }
 
 /// Two layers, one of them for the fast points.
@@ -120,12 +125,12 @@ struct Separated<'a> {
 impl<'a> Separated<'a> {
     fn new(
         source: &'a Source,
-        (slow, of_slow): (&'a [u32], Plan),
+        (slow, tree): (&'a [u32], MovingTree),
         (fast, of_fast): (&'a [u32], Plan),
         trials: &Trials,
         progress: &Progress,
     ) -> Separated<'a> {
-        let slow = PartialLayer::new(source, slow, of_slow, progress);
+        let slow = PartialLayer::with(source, slow, Plan::Boxes(1), tree);
         let begin = |plan: Plan| {
             let fast = PartialLayer::new(source, fast, plan, progress);
             let references = slow.references() + fast.references();
@@ -170,10 +175,16 @@ impl<'a> PartialLayer<'a> {
     /// Builds the tree of a time slice in the middle.
     fn new(source: &'a Source, points: &'a [u32], plan: Plan, progress: &Progress) -> PartialLayer<'a> {
         let slices = time_slices(source.keys, plan.time_slices());
-        let at = slices.len() / 2;
         // Counted as progress once it is known whether it is used.
-        let tree = Layer::Moving(vec![tree(source, points, &slices[at], &progress.subtask(0.0))]);
-        PartialLayer { source, points, plan, slices, at, tree }
+        let tree = tree(source, points, &slices[slices.len() / 2], &progress.subtask(0.0));
+        PartialLayer::with(source, points, plan, tree)
+    }
+
+    /// The same with that tree.
+    fn with(source: &'a Source, points: &'a [u32], plan: Plan, tree: MovingTree) -> PartialLayer<'a> {
+        let slices = time_slices(source.keys, plan.time_slices());
+        let at = slices.len() / 2;
+        PartialLayer { source, points, plan, slices, at, tree: Layer::Moving(vec![tree]) }
     }
 
     fn slice(&self) -> &TimeSlice {

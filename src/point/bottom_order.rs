@@ -32,6 +32,12 @@ impl<const N: usize> Rows<N> {
         (x[i], y[i], z[i], self.index[i]) = (item.at[0], item.at[1], item.at[2], item.index);
     }
 
+    #[inline(always)]
+    pub(super) fn get(&self, i: usize) -> Item {
+        let [x, y, z] = &self.at;
+        Item { at: [x[i], y[i], z[i]], index: self.index[i] }
+    }
+
     /// Takes `count` points of other rows, from number `first` on.
     #[inline(always)]
     pub(super) fn take(&mut self, from: &PointRows, first: usize, count: usize) {
@@ -189,14 +195,6 @@ mod tests {
             for (i, item) in self.items.iter_mut().enumerate() {
                 *item = rows.get(i);
             }
-        }
-    }
-
-    impl<const N: usize> Rows<N> {
-        #[inline(always)]
-        fn get(&self, i: usize) -> Item {
-            let [x, y, z] = &self.at;
-            Item { at: [x[i], y[i], z[i]], index: self.index[i] }
         }
     }
 

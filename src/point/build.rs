@@ -61,12 +61,27 @@ fn boundary(i: usize, per_segment: usize, keys: usize) -> f32 {
 
 /// The tree of some of the points for a time slice. Once `progress` is cancelled, it is empty.
 pub(super) fn tree(source: &Source, points: &[u32], slice: &TimeSlice, progress: &Progress) -> MovingTree {
+    tree_without_fast(source, points, slice, None, progress).0
+}
+
+/// The same without fast points, if the longest side of a leaf of usual size is given; and those points.
+pub(super) fn tree_without_fast(
+    source: &Source,
+    points: &[u32],
+    slice: &TimeSlice,
+    leaf_size: Option<f32>,
+    progress: &Progress,
+) -> (MovingTree, Vec<u32>) {
     let points = if progress.cancelled() { &[] } else { points };
     if source.all_persist() {
-        return MovingTree::build(&PersistentPoints::new(source, points, slice), *slice, progress);
+        let references = PersistentPoints::new(source, points, slice);
+        return MovingTree::build_without_fast(&references, *slice, leaf_size, progress);
     }
     let references = source.references(slice, points.iter().map(|&i| i as usize), |i| source.id(i));
-    MovingTree::build(&references[..], *slice, progress)
+    let (tree, numbers) = MovingTree::build_without_fast(&references[..], *slice, leaf_size, progress);
+    let active = |i: &u32| source.active(*i as usize).intersect(slice.interval).is_some();
+    let points: Vec<u32> = points.iter().copied().filter(|i| !numbers.is_empty() && active(i)).collect();
+    (tree, numbers.into_iter().map(|number| points[number as usize]).collect())
 }
 
 /// Builds a moving layer of some of the points.

@@ -6,23 +6,131 @@ use super::moving_reference::{References, TimeSlice, take_positions};
 use super::order::order_rows;
 use super::point_rows::PointRows;
 use crate::progress::Progress;
-use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
+use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch};
 use crate::tuning::points::FAST;
 
-/// The numbers of the references that move far during a time slice, relative to their neighbours at a phase of it.
-pub(super) fn fast_numbers<R: References + ?Sized>(references: &R, slice: &TimeSlice, phase: f64) -> Vec<u32> {
-    let count = references.len();
-    let (mut memory, mut more) = (PointRows::memory(count), PointRows::memory(count));
-    let mut from = PointRows::in_blocks(&mut memory, count);
-    take_positions(from.borrow(), references, phase);
-    let mut rows = PointRows::in_blocks(&mut more, count);
-    order_rows(from, &mut rows, LANES, &Progress::new(None));
-    let simd = SimdLevel::best();
-    let sizes = dispatch(simd, OrderLeaves { rows: &mut rows, count });
-    let Some(half) = sizes.len().checked_sub(1).map(|last| last / 2) else { return Vec::new() };
-    let (_, &mut median, _) = sizes.clone().select_nth_unstable_by(half, f32::total_cmp);
-    let numbers = &rows.index[..count];
-    dispatch(simd, Compare { references, slice, numbers, sizes: &sizes, median })
+/// What is fast among some references.
+pub(super) struct Fast {
+    /// The numbers of those that move far during a time slice, relative to their neighbours at a phase of it.
+    pub(super) numbers: Vec<u32>,
+    /// The longest side of a leaf of usual size.
+    pub(super) leaf_size: f32,
+}
+
+impl Fast {
+    pub(super) fn of<R: References + ?Sized>(references: &R, slice: &TimeSlice, phase: f64) -> Fast {
+        let count = references.len();
+        let (mut memory, mut more) = (PointRows::memory(count), PointRows::memory(count));
+        let mut from = PointRows::in_blocks(&mut memory, count);
+        take_positions(from.borrow(), references, phase);
+        let mut rows = PointRows::in_blocks(&mut more, count);
+        order_rows(from, &mut rows, LANES, &Progress::new(None));
+        let simd = SimdLevel::best();
+        let sizes = dispatch(simd, OrderLeaves { rows: &mut rows, count });
+        let Some(half) = sizes.len().checked_sub(1).map(|last| last / 2) else {
+            return Fast { numbers: Vec::new(), leaf_size: 0.0 };
+        };
+        let (_, &mut leaf_size, _) = sizes.clone().select_nth_unstable_by(half, f32::total_cmp);
+        let among = Among { references, slice, leaf_size };
+        let numbers = dispatch(simd, Compare { among, numbers: &rows.index[..count], sizes: &sizes });
+        Fast { numbers, leaf_size }
+    }
+}
+
+/// References some of which may be fast.
+pub(super) struct Among<'a, R: ?Sized> {
+    pub(super) references: &'a R,
+    pub(super) slice: &'a TimeSlice,
+    /// The longest side of a leaf of usual size.
+    pub(super) leaf_size: f32,
+}
+
+impl<R: References + ?Sized> Among<'_, R> {
+    /// Moves the fast ones among the first `count` of a bottom node, which are in order, to `fast`, and puts the others in
+    /// order again. Returns how many these are. If all are fast, none is.
+    #[inline(always)]
+    pub(super) fn take<S: Simd>(
+        &self,
+        s: S,
+        (rows, count): (&mut Rows<MOST>, usize),
+        spare: &mut Rows<SPARE>,
+        fast: &mut Vec<u32>,
+    ) -> usize {
+        let (mut masks, mut found) = ([0; LANES], 0);
+        for (leaf, mask) in masks.iter_mut().enumerate().take(count.div_ceil(LANES)) {
+            let numbers = &rows.index[leaf * LANES..count.min((leaf + 1) * LANES)];
+            *mask = self.lanes(s, numbers, size(s, rows, leaf));
+            found += mask.count_ones() as usize;
+        }
+        if found == 0 || found == count {
+            return count;
+        }
+        let mut kept = 0;
+        for i in 0..count {
+            let item = rows.get(i);
+            if masks[i / LANES] >> (i % LANES) & 1 != 0 {
+                fast.push(item.index);
+            } else {
+                rows.set(kept, &item);
+                kept += 1;
+            }
+        }
+        rows.order(s, kept, LANES, spare);
+        kept
+    }
+
+    /// The fast ones of a leaf, given its longest side.
+    #[inline(always)]
+    fn lanes<S: Simd>(&self, s: S, numbers: &[u32], size: f32) -> Mask {
+        let TimeSlice { interval, phases: [begin, end], .. } = *self.slice;
+        // Lanes without a reference are behind all others.
+        let mut displacement = [[f32::INFINITY; LANES]; 3];
+        let mut duration = [(end - begin) as f32; LANES];
+        for (lane, &number) in numbers.iter().enumerate() {
+            let m = self.references.reference(number);
+            for (axis, row) in displacement.iter_mut().enumerate() {
+                row[lane] = m.close[axis] - m.open[axis];
+            }
+            if m.interval != interval {
+                let [begin, end] = m.range(self.slice);
+                duration[lane] = (end - begin) as f32;
+            }
+        }
+        let limit = s.splat(FAST * if size < self.leaf_size { size } else { self.leaf_size });
+        let (duration, exists) = (s.load(&duration), Mask::MAX >> (LANES - numbers.len()));
+        let first = [displacement[0][0], displacement[1][0], displacement[2][0]];
+        let most = duration * farthest(s, &displacement, first);
+        // No point is twice as far from the middle of all as all are from the first.
+        if s.lt(limit, most + most) & exists == 0 {
+            return 0;
+        }
+        let half = numbers.len() / 2;
+        let [x, y, z] = &displacement;
+        let usual = [middle(s, x, half), middle(s, y, half), middle(s, z, half)];
+        s.lt(limit, duration * farthest(s, &displacement, usual)) & exists
+    }
+}
+
+/// How far each lane is from a place, along the axis on which it is farthest.
+#[inline(always)]
+fn farthest<S: Simd>(s: S, rows: &[Lanes<f32>; 3], place: [f32; 3]) -> S::F {
+    let mut far = s.splat(0.0);
+    for axis in 0..3 {
+        let (row, place) = (s.load(&rows[axis]), s.splat(place[axis]));
+        far = s.max(far, s.max(row - place, place - row));
+    }
+    far
+}
+
+/// The longest side of a leaf.
+#[inline(always)]
+fn size<S: Simd>(s: S, rows: &Rows<MOST>, leaf: usize) -> f32 {
+    let mut size = 0.0;
+    for row in &rows.at {
+        let (least, most) = extremes(s, &row.as_chunks().0[leaf..=leaf]);
+        size = if most - least > size { most - least } else { size };
+    }
+    size
 }
 
 /// Puts references in order below bottom nodes as well; returns the longest side of each leaf.
@@ -44,63 +152,31 @@ impl Kernel for OrderLeaves<'_, '_> {
             rows.order(s, below, LANES, &mut spare);
             all.index[begin..begin + below].copy_from_slice(&rows.index[..below]);
             for leaf in 0..below.div_ceil(LANES) {
-                let mut size = 0.0;
-                for row in &rows.at {
-                    let (least, most) = extremes(s, &row.as_chunks().0[leaf..=leaf]);
-                    size = if most - least > size { most - least } else { size };
-                }
-                sizes.push(size);
+                sizes.push(size(s, &rows, leaf));
             }
         }
         sizes
     }
 }
 
-/// Finds references that move far, among those of all leaves.
+/// Finds fast references among those of all leaves.
 struct Compare<'a, R: ?Sized> {
-    references: &'a R,
-    slice: &'a TimeSlice,
+    among: Among<'a, R>,
     /// Those of one leaf behind those of the other.
     numbers: &'a [u32],
     sizes: &'a [f32],
-    median: f32,
 }
 
 impl<R: References + ?Sized> Kernel for Compare<'_, R> {
     type Output = Vec<u32>;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Vec<u32> {
-        let Compare { references, slice, numbers, sizes, median } = self;
+        let Compare { among, numbers, sizes } = self;
         let mut fast = Vec::new();
-        let whole = slice.range([slice.interval.begin(), slice.interval.end_bound()]);
-        for (number, (leaf, size)) in numbers.chunks(LANES).zip(sizes).enumerate() {
-            for &later in numbers.iter().skip((number + 8) * LANES).take(LANES) {
-                references.prefetch(later);
-            }
-            let least = f64::from(size.min(median));
-            // Behind all others.
-            let mut displacement = [[f64::INFINITY; LANES]; 3];
-            let mut range = [whole; LANES];
-            for (lane, &number) in leaf.iter().enumerate() {
-                let m = references.reference(number);
-                for (axis, row) in displacement.iter_mut().enumerate() {
-                    row[lane] = f64::from(m.close[axis]) - f64::from(m.open[axis]);
-                }
-                if m.interval != slice.interval {
-                    range[lane] = m.range(slice);
-                }
-            }
-            let mut usual = [0.0; 3];
-            for axis in 0..3 {
-                usual[axis] = middle(s, &displacement[axis], leaf.len() / 2);
-            }
-            for (lane, &number) in leaf.iter().enumerate() {
-                let mut far = 0.0;
-                for axis in 0..3 {
-                    far = f64::max(far, (displacement[axis][lane] - usual[axis]).abs());
-                }
-                let [begin, end] = range[lane];
-                if far * (end - begin) > FAST * least {
+        for (numbers, size) in numbers.chunks(LANES).zip(sizes) {
+            let mask = among.lanes(s, numbers, *size);
+            for (lane, &number) in numbers.iter().enumerate() {
+                if mask >> lane & 1 != 0 {
                     fast.push(number);
                 }
             }
@@ -111,15 +187,11 @@ impl<R: References + ?Sized> Kernel for Compare<'_, R> {
 
 /// The number that so many of sixteen are before in ascending order.
 #[inline(always)]
-fn middle<S: Simd>(s: S, row: &Lanes<f64>, number: usize) -> f64 {
+fn middle<S: Simd>(s: S, row: &Lanes<f32>, number: usize) -> f32 {
+    let all = s.load(row);
     for &x in row {
-        let (mut not_below, mut not_above) = (0, 0);
-        for four in row.as_chunks().0 {
-            let (four, x) = (s.load_d(four), s.splat_d(x));
-            not_below += s.le_d(x, four).count_ones() as usize;
-            not_above += s.le_d(four, x).count_ones() as usize;
-        }
-        if LANES - not_below <= number && number < not_above {
+        let below = s.lt(all, s.splat(x)).count_ones() as usize;
+        if below <= number && number < s.le(all, s.splat(x)).count_ones() as usize {
             return x;
         }
     }
@@ -133,22 +205,22 @@ mod tests {
 
     #[test]
     fn the_middle_is_that_of_the_sorted_numbers() {
-        struct Middle<'a>(&'a Lanes<f64>, usize);
+        struct Middle<'a>(&'a Lanes<f32>, usize);
         impl Kernel for Middle<'_> {
-            type Output = f64;
+            type Output = f32;
             #[inline(always)]
-            fn run<S: Simd>(self, s: S) -> f64 {
+            fn run<S: Simd>(self, s: S) -> f32 {
                 middle(s, self.0, self.1)
             }
         }
         let mut random = Random(3);
         for round in 0..200 {
             let count = 1 + round % LANES;
-            let mut row = [f64::INFINITY; LANES];
+            let mut row = [f32::INFINITY; LANES];
             // Some of them equal.
-            row[..count].iter_mut().for_each(|x| *x = f64::from((random.signed() * 8.0).floor()));
+            row[..count].iter_mut().for_each(|x| *x = (random.signed() * 8.0).floor());
             let mut sorted = row;
-            sorted.sort_by(f64::total_cmp);
+            sorted.sort_by(f32::total_cmp);
             for level in SimdLevel::available() {
                 assert_eq!(dispatch(level, Middle(&row, count / 2)), sorted[count / 2]);
             }

@@ -1,6 +1,7 @@
 //! From moving points below bottom nodes to leaf blocks and boxes that move linearly.
 
 use super::bottom_order::{MOST, Rows, SPARE};
+use super::fast_points::Among;
 use super::linear_bounds::{LinearBox, LinearBoxes, TrajectoryRows};
 use super::moving_leaf::{LaneIntervals, LeafRows};
 use super::moving_reference::{References, TimeSlice};
@@ -14,6 +15,8 @@ pub(super) struct Ordered<'a, R: ?Sized> {
     pub(super) slice: &'a TimeSlice,
     /// Positions and numbers of the references, those of one bottom node behind those of the other.
     pub(super) rows: &'a PointRows<'a>,
+    /// The longest side of a leaf of usual size, if fast references are to be left out.
+    pub(super) without_fast: Option<f32>,
 }
 
 /// Bottom nodes and the leaves below them, to be filled.
@@ -36,8 +39,9 @@ const BELOW: usize = LANES * LANES;
 /// Nodes that one thread fills at a time.
 const SHARE: usize = 64;
 
-/// Takes the references of each bottom node, puts them in order, and writes its leaves and boxes.
-pub(super) fn fill<R: References + ?Sized>(bottoms: MovingBottomNodes<'_>, from: &Ordered<'_, R>) {
+/// Takes the references of each bottom node, puts them in order, and writes its leaves and boxes. Returns the numbers of
+/// those that were left out; the last lanes of their bottom nodes remain empty.
+pub(super) fn fill<R: References + ?Sized>(bottoms: MovingBottomNodes<'_>, from: &Ordered<'_, R>) -> Vec<u32> {
     let MovingBottomNodes { first, count, nodes, times, boxes, leaves } = bottoms;
     if nodes.len() > SHARE {
         let half = nodes.len() / 2;
@@ -54,14 +58,15 @@ pub(super) fn fill<R: References + ?Sized>(bottoms: MovingBottomNodes<'_>, from:
             boxes: more_boxes,
             leaves: more_leaves,
         };
-        parallel::both(|| fill(low, from), || fill(high, from));
-        return;
+        let (mut fast, more_fast) = parallel::both(|| fill(low, from), || fill(high, from));
+        fast.extend(more_fast);
+        return fast;
     }
     // What is written does not depend on the instruction set.
     dispatch(
         SimdLevel::best(),
         Fill { bottoms: MovingBottomNodes { first, count, nodes, times, boxes, leaves }, from },
-    );
+    )
 }
 
 struct Fill<'a, 'b, R: ?Sized> {
@@ -70,11 +75,12 @@ struct Fill<'a, 'b, R: ?Sized> {
 }
 
 impl<R: References + ?Sized> Kernel for Fill<'_, '_, R> {
-    type Output = ();
+    type Output = Vec<u32>;
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
+    fn run<S: Simd>(self, s: S) -> Vec<u32> {
         let Fill { bottoms: MovingBottomNodes { first, count, nodes, times, boxes, mut leaves }, from } = self;
-        let Ordered { references, slice, rows: all } = from;
+        let Ordered { references, slice, rows: all, without_fast } = from;
+        let mut fast = Vec::new();
         let (mut rows, mut spare) = (Rows::<MOST>::EMPTY, Rows::<SPARE>::EMPTY);
         let mut trajectories = throughout(slice);
         let (whole, timed) = (trajectories.range.map(|row| row[0]), leaves.timed());
@@ -83,6 +89,11 @@ impl<R: References + ?Sized> Kernel for Fill<'_, '_, R> {
             let (begin, count) = (first + before, count.saturating_sub(before).min(BELOW));
             rows.take(all, begin, count);
             rows.order(s, count, LANES, &mut spare);
+            let (room, mut count) = (count.div_ceil(LANES), count);
+            if let Some(leaf_size) = *without_fast {
+                let among = Among { references: *references, slice, leaf_size };
+                count = among.take(s, (&mut rows, count), &mut spare, &mut fast);
+            }
             let mut children = [LinearBox::EMPTY; LANES];
             let mut of_node = LaneIntervals::NEVER;
             let used_children = count.div_ceil(LANES);
@@ -114,6 +125,11 @@ impl<R: References + ?Sized> Kernel for Fill<'_, '_, R> {
                 node.set(leaf, child);
                 of_node.set(leaf, child.times);
             }
+            for leaf in used_children..room {
+                for lane in 0..LANES {
+                    leaves.clear(number * LANES + leaf, lane);
+                }
+            }
             if let Some(times) = times.get_mut(number) {
                 *times = of_node;
             }
@@ -121,6 +137,7 @@ impl<R: References + ?Sized> Kernel for Fill<'_, '_, R> {
                 boxes[number] = LinearBox::of_boxes(s, &children[..used_children]);
             }
         }
+        fast
     }
 }
 

@@ -101,13 +101,13 @@ impl MovingRecord {
     pub(super) fn checked(self, slice: TimeSlice) -> Result<MovingTree, FileError> {
         let MovingRecord { count, nodes, node_times, leaves } = self;
         let blocks = leaves.blocks.len();
-        require(count.div_ceil(LANES as u64) == blocks as u64, "the number of leaves does not match its points")?;
-        let count = count as usize;
-        let shape = Shape::with_leaf(count, 1);
+        require(leaves.count() as u64 == count, "the number of leaves does not match its points")?;
+        // Lanes may be empty where fast points were left out.
+        let (count, shape) = (count as usize, Shape::with_leaf(blocks * LANES, 1));
         let timed = !node_times.is_empty();
         let fits = nodes.len() == shape.nodes() && (!timed || node_times.len() == nodes.len());
         require(fits, "the number of nodes does not match its points")?;
-        leaves.check(timed, Some(count))?;
+        leaves.check(timed, None)?;
         for (node, lanes) in shape.lanes(blocks) {
             let times = node_times.get(node);
             let fine = (0..LANES).all(|lane| is_child(&nodes[node], times, lane, lane < lanes));

@@ -34,6 +34,17 @@ pub(super) struct MovingTree {
 impl MovingTree {
     /// Builds the complete tree: each reference is in one leaf.
     pub(super) fn build<R: References + ?Sized>(references: &R, slice: TimeSlice, progress: &Progress) -> MovingTree {
+        MovingTree::build_without_fast(references, slice, None, progress).0
+    }
+
+    /// The same without references that are fast ([`fast_points`](super::fast_points)), if the longest side of a leaf of usual
+    /// size is given; and the numbers of those. Their lanes are empty, the shape of the tree is that with them.
+    pub(super) fn build_without_fast<R: References + ?Sized>(
+        references: &R,
+        slice: TimeSlice,
+        without_fast: Option<f32>,
+        progress: &Progress,
+    ) -> (MovingTree, Vec<u32>) {
         let count = references.len();
         // Points are put in order in the memory of the blocks that they end up in, and as much besides as they need.
         let (mut blocks, mut more) = (Block::zeroed(count.div_ceil(LANES)), PointRows::memory(count));
@@ -55,7 +66,7 @@ impl MovingTree {
             boxes: &mut boxes,
             leaves: leaves.rows(),
         };
-        fill(bottoms, &Ordered { references, slice: &slice, rows: &rows });
+        let fast = fill(bottoms, &Ordered { references, slice: &slice, rows: &rows, without_fast });
         for level in 1..shape.levels {
             for (node, children) in (shape.begin[level]..).zip(boxes.chunks(LANES)) {
                 for (lane, child) in children.iter().enumerate() {
@@ -69,7 +80,8 @@ impl MovingTree {
         }
         let first = first_children(&shape);
         progress.finished(1.0 - ORDERING);
-        MovingTree { slice, nodes, first, leaves, node_times, levels: shape.levels, references: count }
+        let references = count - fast.len();
+        (MovingTree { slice, nodes, first, leaves, node_times, levels: shape.levels, references }, fast)
     }
 
     /// Whether references have intervals.

@@ -8,7 +8,7 @@
 //! subset yields a box that holds the wanted share of all points. One pass over all points then finds those inside.
 
 use super::build::{middle_segment, time_slices, time_slices_of};
-use super::fast_points::fast_numbers;
+use super::fast_points::Fast;
 use super::moving_reference::{MovingReference, TimeSlice};
 use super::select::select;
 use super::source::Source;
@@ -50,6 +50,8 @@ pub(super) struct Sample {
     pub(super) slice: TimeSlice,
     /// Number of points of the set per point of the sample.
     pub(super) scale: f64,
+    /// The longest side of a leaf of usual size; 0 unless fast points are marked.
+    pub(super) leaf_size: f32,
 }
 
 /// The largest number of points that are drawn to locate samples.
@@ -88,13 +90,14 @@ impl<'a> Sampler<'a> {
         let whole = time_slices(source.keys, 1)[middle_segment(source.keys)];
         let sample = |(slice, inside): (&TimeSlice, &Vec<u32>)| {
             let mut references = source.references(&whole, inside.iter().map(|&i| i as usize), |i| i as u32);
+            let mut leaf_size = 0.0;
             if marked {
-                for number in fast_numbers(&references[..], &whole, slice.middle_phase()) {
-                    references[number as usize].fast = true;
-                }
+                let fast = Fast::of(&references[..], &whole, slice.middle_phase());
+                fast.numbers.iter().for_each(|number| references[*number as usize].fast = true);
+                leaf_size = fast.leaf_size;
             }
             let scale = points.len() as f64 / inside.len().max(1) as f64;
-            Sample { references, slice: *slice, scale }
+            Sample { references, slice: *slice, scale, leaf_size }
         };
         found.slices.iter().zip(&found.inside).map(sample).collect()
     }

@@ -44,6 +44,8 @@ pub(super) struct Trials<'a> {
     simd: SimdLevel,
     sampler: Sampler<'a>,
     pub(super) all: Vec<Trial>,
+    /// The longest side of a leaf of usual size.
+    pub(super) leaf_size: f32,
 }
 
 /// The largest number of time slices of a segment.
@@ -53,10 +55,13 @@ impl<'a> Trials<'a> {
     /// Tries finer and finer time slices for all points (at least one), and for the fast ones alone if they are few, until
     /// halving the slices does not help any more.
     pub(super) fn new(source: &'a Source, points: &'a [u32], most: f32, simd: SimdLevel) -> Trials<'a> {
-        let mut trials =
-            Trials { source, points, most, simd, sampler: Sampler::new(source, points, simd), all: Vec::new() };
+        let sampler = Sampler::new(source, points, simd);
+        let mut trials = Trials { source, points, most, simd, sampler, all: Vec::new(), leaf_size: 0.0 };
         let simple = Plan::Boxes(1);
         let samples = trials.sampler.samples(1, true);
+        let mut sizes: Vec<f32> = samples.iter().map(|sample| sample.leaf_size).collect();
+        sizes.sort_by(f32::total_cmp);
+        trials.leaf_size = sizes[sizes.len() / 2];
         let fast: usize = samples.iter().map(|s| s.references.iter().filter(|m| m.fast).count()).sum();
         let few = fast > 0 && fast * 4 < samples.iter().map(|s| s.references.len()).sum::<usize>();
         let mut before = [trials.add(&samples, simple, None); 2];
@@ -159,7 +164,7 @@ fn search_cost(visited: f64, references: usize) -> f64 {
 
 /// The weighted work of searches during the time slice that a sample represents, and its references.
 fn work(sample: &Sample, searches: usize, (plan, fast): (Plan, Option<Plan>), simd: SimdLevel) -> (f64, usize) {
-    let Sample { references, slice, scale } = sample;
+    let Sample { references, slice, scale, .. } = sample;
     let TimeSlice { keys, segment, interval, .. } = slice;
     let group = |plan: Plan, keep: &dyn Fn(&MovingReference) -> bool| {
         let count = plan.time_slices();
