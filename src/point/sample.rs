@@ -37,7 +37,7 @@ struct Found {
 }
 
 /// Numbers of time slices for which one pass over the points finds the samples, each twice the one before.
-const AT_ONCE: usize = 2;
+const AT_ONCE: usize = 4;
 
 /// Cells for which points are tested at once.
 const CELLS: usize = SAMPLES * AT_ONCE;
