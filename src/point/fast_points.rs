@@ -201,7 +201,48 @@ fn middle<S: Simd>(s: S, row: &Lanes<f32>, number: usize) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::TimeInterval;
+    use crate::point::moving_reference::MovingReference;
+    use crate::point::moving_tree::MovingTree;
     use crate::random::Random;
+
+    /// A tree without fast references, the numbers of those, and the numbers of what is in the tree, in ascending order.
+    fn split(references: &[MovingReference], slice: &TimeSlice) -> (MovingTree, Vec<u32>, Vec<u32>) {
+        let leaf_size = Some(Fast::of(references, slice, slice.middle_phase()).leaf_size);
+        let (mut tree, mut fast) = MovingTree::build_without_fast(references, *slice, leaf_size, &Progress::new(None));
+        let mut left: Vec<u32> = tree.leaves.ids_in_order().map(|id| *id).collect();
+        left.sort_unstable();
+        fast.sort_unstable();
+        (tree, fast, left)
+    }
+
+    #[test]
+    fn trees_leave_out_what_is_fast_and_nothing_else() {
+        let slice = TimeSlice { keys: 2, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
+        let mut random = Random(9);
+        for every in [20, 300, usize::MAX] {
+            let reference = |i: usize| {
+                let (at, by) = (random.vec(), random.vec() * if i % every == 1 { 5.0 } else { 1e-4 });
+                let [open, close] = [at - 0.5 * by, at + 0.5 * by].map(|at| at.to_array());
+                let active = TimeInterval::FULL;
+                MovingReference { open, close, interval: active, active, id: i as u32, fast: false }
+            };
+            let references: Vec<MovingReference> = (0..5000).map(reference).collect();
+            let (tree, fast, left) = split(&references, &slice);
+            assert_eq!(tree.references, left.len());
+            let mut all = [&fast[..], &left[..]].concat();
+            all.sort_unstable();
+            assert!(all.into_iter().eq(0..5000), "one in {every}");
+            let slow = fast.iter().filter(|&&i| i as usize % every != 1).count();
+            assert_eq!(slow, 0, "of those that are one in {every}");
+            let expected = (0..5000).filter(|i| i % every == 1).count();
+            // Some move little by chance.
+            assert!(fast.len() * 10 >= expected * 9, "{} of {expected}", fast.len());
+            let mut compared = Fast::of(&references[..], &slice, slice.middle_phase()).numbers;
+            compared.sort_unstable();
+            assert_eq!(fast, compared);
+        }
+    }
 
     #[test]
     fn the_middle_is_that_of_the_sorted_numbers() {

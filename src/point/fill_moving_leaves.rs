@@ -63,10 +63,7 @@ pub(super) fn fill<R: References + ?Sized>(bottoms: MovingBottomNodes<'_>, from:
         return fast;
     }
     // What is written does not depend on the instruction set.
-    dispatch(
-        SimdLevel::best(),
-        Fill { bottoms: MovingBottomNodes { first, count, nodes, times, boxes, leaves }, from },
-    )
+    dispatch(SimdLevel::best(), Fill { bottoms: MovingBottomNodes { first, count, nodes, times, boxes, leaves }, from })
 }
 
 struct Fill<'a, 'b, R: ?Sized> {

@@ -30,7 +30,8 @@ impl References for PersistentPoints<'_> {
     }
     #[inline(always)]
     fn reference(&self, number: u32) -> MovingReference {
-        let (open, close) = (self.source.at(number as usize, self.keys[0]), self.source.at(number as usize, self.keys[1]));
+        let (open, close) =
+            (self.source.at(number as usize, self.keys[0]), self.source.at(number as usize, self.keys[1]));
         let id = self.source.id(number as usize);
         MovingReference { open, close, interval: self.interval, active: TimeInterval::FULL, id, fast: false }
     }
