@@ -73,7 +73,8 @@ pub(super) fn plan_for_all(
     (whole.plan, format!("{why}; {measured}"))
 }
 
-/// Begins the cheapest layer for all points, of which the linear tree between the keys in the middle may be `ready`; returns it, its cost, and a description of the measurements.
+/// Begins the cheapest layer for all points; returns it, its cost, and a description of the measurements. The linear tree of all points
+/// between the keys in the middle may be `ready`.
 fn one_layer<'a>(
     source: &'a Source,
     points: &'a [u32],
