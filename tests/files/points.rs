@@ -155,21 +155,43 @@ fn answers(tree: &PointTree, searches: usize, seed: u64) -> String {
     out
 }
 
+/// Writes and reads a tree, and compares all that it tells.
+fn check(name: &str, tree: PointTree) {
+    let bytes = file(&tree);
+    let again = read(&bytes).unwrap_or_else(|error| panic!("{name}: {error}"));
+    assert!(file(&again) == bytes, "{name}: written again it is another file");
+    assert_eq!(answers(&again, 24, 5), answers(&tree, 24, 5), "{name}");
+    assert_eq!((again.len(), again.origin()), (tree.len(), tree.origin()), "{name}");
+    for (new, old) in again.statistics().layers.iter().zip(&tree.statistics().layers) {
+        let counts = |s: &mbkd::PointLayerStatistics| (s.kind, s.points, s.references, s.nodes, s.levels);
+        assert_eq!((counts(new), &new.why), (counts(old), &old.why), "{name}");
+    }
+    let (mut new, mut old) = (again, tree);
+    assert_eq!(new.take_order(), old.take_order(), "{name}");
+}
+
 #[test]
 fn trees_come_back_bit_for_bit() {
     for (name, tree) in trees() {
-        let bytes = file(&tree);
-        let again = read(&bytes).unwrap_or_else(|error| panic!("{name}: {error}"));
-        assert!(file(&again) == bytes, "{name}: written again it is another file");
-        assert_eq!(answers(&again, 24, 5), answers(&tree, 24, 5), "{name}");
-        assert_eq!((again.len(), again.origin()), (tree.len(), tree.origin()), "{name}");
-        for (new, old) in again.statistics().layers.iter().zip(&tree.statistics().layers) {
-            let counts = |s: &mbkd::PointLayerStatistics| (s.kind, s.points, s.references, s.nodes, s.levels);
-            assert_eq!((counts(new), &new.why), (counts(old), &old.why), "{name}");
-        }
-        let (mut new, mut old) = (again, tree);
-        assert_eq!(new.take_order(), old.take_order(), "{name}");
+        check(&name, tree);
     }
+}
+
+/// Fast points leave empty lanes in the leaves of the others.
+#[test]
+fn trees_with_fast_points_apart_come_back_bit_for_bit() {
+    let mut random = Random(3);
+    let speed = |i: usize| if i.is_multiple_of(20) { 1.0 } else { 1e-3 };
+    let points: Vec<MovingPoint> = (0..40_000)
+        .map(|i| {
+            let open = random.vec();
+            MovingPoint::new(open, open + random.vec() * speed(i))
+        })
+        .collect();
+    let tree = PointTree::build(&points, &PointParams::default()).unwrap();
+    let layers: Vec<usize> = tree.statistics().layers.iter().map(|layer| layer.points).collect();
+    assert_eq!((layers.len(), layers.iter().sum()), (2, points.len()), "{layers:?}");
+    check("fast points apart", tree);
 }
 
 #[test]
