@@ -35,8 +35,7 @@ pub(crate) trait Collect {
     fn offer(&mut self, found: Found) -> bool;
     /// A distance in tree space. A hit that is certainly no farther away, on a primitive that the query sees, need not be offered.
     #[inline(always)]
-    fn certain(&self, ray: &TreeRay) -> f32 {
-        let _ = ray;
+    fn certain(&self, _ray: &TreeRay) -> f32 {
         f32::NEG_INFINITY
     }
     /// Reports that there is such a hit.

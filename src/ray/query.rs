@@ -24,10 +24,8 @@ pub(crate) trait Query {
     type Answer;
     /// The answer of a ray that hits nothing.
     const NOTHING: Self::Answer;
-    /// The ray.
-    fn ray(&self) -> &Ray;
-    /// The map to tree space.
-    fn frame(&self) -> &Frame;
+    /// The ray, and the map to tree space.
+    fn placed_ray(&self) -> (&Ray, &Frame);
     /// Answers the query from a layout.
     fn answer(self, layout: impl RayLayout) -> Self::Answer;
 }
@@ -40,6 +38,14 @@ pub(crate) struct QueryArgs<'a, G, F, O> {
     pub observer: &'a mut O,
 }
 
+impl<G: RaySource, F, O> QueryArgs<'_, G, F, O> {
+    /// See [`Query::placed_ray`].
+    #[inline(always)]
+    fn placed_ray(&self) -> (&Ray, &Frame) {
+        (self.ray, self.set.frame())
+    }
+}
+
 /// The closest-hit query.
 pub(crate) struct ClosestQuery<'a, G, F, O>(pub QueryArgs<'a, G, F, O>);
 
@@ -48,13 +54,8 @@ impl<G: RaySource, F: Filter, O: Observer> Query for ClosestQuery<'_, G, F, O> {
     const NOTHING: Option<Hit> = None;
 
     #[inline(always)]
-    fn ray(&self) -> &Ray {
-        self.0.ray
-    }
-
-    #[inline(always)]
-    fn frame(&self) -> &Frame {
-        self.0.set.frame()
+    fn placed_ray(&self) -> (&Ray, &Frame) {
+        self.0.placed_ray()
     }
 
     #[inline(always)]
@@ -83,13 +84,8 @@ impl<G: RaySource, F: Filter, O: Observer> Query for AnyQuery<'_, G, F, O> {
     const NOTHING: bool = false;
 
     #[inline(always)]
-    fn ray(&self) -> &Ray {
-        self.0.ray
-    }
-
-    #[inline(always)]
-    fn frame(&self) -> &Frame {
-        self.0.set.frame()
+    fn placed_ray(&self) -> (&Ray, &Frame) {
+        self.0.placed_ray()
     }
 
     #[inline(always)]
@@ -124,13 +120,8 @@ impl<G: RaySource, F: Filter, O: Observer> Query for AllQuery<'_, G, F, O> {
     const NOTHING: ControlFlow<()> = ControlFlow::Continue(());
 
     #[inline(always)]
-    fn ray(&self) -> &Ray {
-        self.args.ray
-    }
-
-    #[inline(always)]
-    fn frame(&self) -> &Frame {
-        self.args.set.frame()
+    fn placed_ray(&self) -> (&Ray, &Frame) {
+        self.args.placed_ray()
     }
 
     #[inline(always)]
@@ -165,7 +156,8 @@ impl<Q: Query> Kernel for OfWide<'_, Q> {
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Q::Answer {
-        if self.outline.is_missed(s, self.query.ray(), self.query.frame()) {
+        let (ray, frame) = self.query.placed_ray();
+        if self.outline.is_missed(s, ray, frame) {
             return Q::NOTHING;
         }
         let mut memory = StackOf::new();
