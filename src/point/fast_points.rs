@@ -245,6 +245,38 @@ mod tests {
     }
 
     #[test]
+    fn bottom_nodes_of_fast_references_only_keep_them() {
+        let slice = TimeSlice { keys: 2, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
+        let mut random = Random(4);
+        // Behind 8000 slow ones, 2000 that fly apart from a small place.
+        let reference = |i: u32| {
+            let (at, by) = match i {
+                ..8000 => (random.vec(), random.vec() * 1e-4),
+                _ => (random.vec() * 0.1 + 9.0, random.vec().normalize() * 5.0),
+            };
+            let [open, close] = [at - 0.5 * by, at + 0.5 * by].map(|at| at.to_array());
+            MovingReference {
+                open,
+                close,
+                interval: TimeInterval::FULL,
+                active: TimeInterval::FULL,
+                id: i,
+                fast: false,
+            }
+        };
+        let references: Vec<MovingReference> = (0..10_000).map(reference).collect();
+        let (tree, fast, left) = split(&references, &slice);
+        let mut all = [&fast[..], &left[..]].concat();
+        all.sort_unstable();
+        assert!(all.into_iter().eq(0..10_000));
+        assert_eq!(tree.references, left.len());
+        assert!(fast.iter().all(|&i| i >= 8000));
+        // Nodes that hold slow ones as well lose their fast ones.
+        assert!(!fast.is_empty(), "no node is mixed");
+        assert!(left.len() >= 8000 + LANES * LANES, "{} are left", left.len());
+    }
+
+    #[test]
     fn the_middle_is_that_of_the_sorted_numbers() {
         struct Middle<'a>(&'a Lanes<f32>, usize);
         impl Kernel for Middle<'_> {

@@ -81,7 +81,7 @@ impl RayTree {
     /// triangle once it moved.)
     ///
     /// Takes O(n) time, in parallel with the feature `rayon`, with the same result for any number of threads. The first
-    /// refit takes up to 1.6 times as long, since it indexes the tree.
+    /// refit takes up to 2.5 times as long, since it indexes the tree.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};

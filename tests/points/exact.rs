@@ -100,7 +100,9 @@ fn every_query_equals_comparing_all_points() {
 #[test]
 fn larger_sets_reach_every_level_of_the_tree() {
     let seed = 77;
-    for kind in ["uniform", "surface", "random", "coherent", "fast few", "short intervals", "wild speeds"] {
+    for kind in
+        ["uniform", "surface", "random", "coherent", "fast few", "fast cluster", "short intervals", "wild speeds"]
+    {
         let mut rng = Rng(seed);
         let cloud = cloud(kind, 30_000, &mut rng);
         for structure in STRUCTURES {

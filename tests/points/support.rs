@@ -80,7 +80,7 @@ impl Rng {
 }
 
 /// The kinds of sets that searches are tested on.
-pub const KINDS: [&str; 16] = [
+pub const KINDS: [&str; 17] = [
     "uniform",
     "surface",
     "equal",
@@ -97,6 +97,7 @@ pub const KINDS: [&str; 16] = [
     "short intervals",
     "converging",
     "tiny steps",
+    "fast cluster",
 ];
 
 /// `count` points of a kind.
@@ -119,6 +120,12 @@ pub fn cloud(kind: &str, count: usize, rng: &mut Rng) -> Cloud {
             "coherent" => MovingPoint::new(p, p + Vec3::new(0.4 + 0.1 * p.y, 0.2, -0.1 * p.x)),
             "random" => MovingPoint::new(p, p + rng.vec() * spacing * 2.0),
             "fast few" => MovingPoint::new(p, if i % 17 == 0 { p + rng.vec() * 3.0 } else { p + rng.vec() * 1e-3 }),
+            // All fast points are neighbours of each other at mid-shutter.
+            "fast cluster" if i % 17 == 0 => {
+                let (middle, half) = (p * 0.1 + 5.0, rng.vec().normalize_or(Vec3::X) * 1.5);
+                MovingPoint::new(middle - half, middle + half)
+            }
+            "fast cluster" => MovingPoint::new(p, p + rng.vec() * 1e-3),
             "wild speeds" => MovingPoint::new(p, p + rng.vec() * 10f32.powi((rng.bits() % 12) as i32 - 6)),
             "short intervals" => {
                 let begin = rng.unit() * 0.95;
