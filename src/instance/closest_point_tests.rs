@@ -5,39 +5,19 @@ use crate::baseline::BruteForce;
 use crate::geometry::{Placement, TimeInterval};
 use crate::params::{BuildParams, Division, KdParams, LazyParams, WideParams};
 use crate::primitive::{MovingSphere, Shape, TriangleMesh};
+use crate::random::Random;
 use crate::ray::{ClosestPoint, ClosestPointQuery, Counters, PlacedQuery, RayTree, Visible};
 use crate::simd::SimdLevel;
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 use std::sync::Arc;
 
-/// A small generator (splitmix64), in [-1, 1).
-struct Random(u64);
+/// A time, often exactly that of a key.
+fn time(random: &mut Random) -> f32 {
+    if below(random, 4) == 0 { below(random, 5) as f32 / 4.0 } else { random.unit() }
+}
 
-impl Random {
-    fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    fn signed(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
-
-    fn time(&mut self) -> f32 {
-        // Often exactly a key.
-        if self.below(4) == 0 { self.below(5) as f32 / 4.0 } else { self.signed().abs() as f32 }
-    }
-
-    fn below(&mut self, n: usize) -> usize {
-        (self.bits() % n as u64) as usize
-    }
-
-    fn vec(&mut self) -> DVec3 {
-        DVec3::new(self.signed(), self.signed(), self.signed())
-    }
+fn below(random: &mut Random, n: usize) -> usize {
+    ((random.bits() >> 33) % n as u64) as usize
 }
 
 /// The contents of an instance, for brute force.
@@ -99,15 +79,15 @@ impl All {
         let mut found = 0;
         for i in 0..queries {
             let far = if i % 16 == 0 { 1e5 } else { 1.0 };
-            let query = ClosestPointQuery::new(random.vec() * reach * far, random.time());
-            let query = if i % 3 == 0 { query.within((random.signed().abs() * reach) as f32) } else { query };
+            let query = ClosestPointQuery::new(random.dvec() * reach * far, time(random));
+            let query = if i % 3 == 0 { query.within((random.signed_f64().abs() * reach) as f32) } else { query };
             let all = |mask, accept: &dyn Fn(&InstancePoint) -> bool| {
                 self.nearest(&query.into(), InstancePath::default(), mask, accept)
             };
             let near = self.tree.closest_point(query.point, query.time, query.max_distance);
             assert_eq!(near, all(u32::MAX, &|_| true), "{query:?}");
             let odd = |p: &InstancePoint| (p.near.primitive + p.path[0]) % 2 == 1;
-            let mask = 1 << random.below(3);
+            let mask = 1 << below(random, 3);
             assert_eq!(self.tree.closest_point_filtered(&query, mask, odd), all(mask, &odd), "{query:?} {mask}");
             found += usize::from(near.is_some());
         }
@@ -118,9 +98,9 @@ impl All {
 fn soup(n: usize, keys: usize, random: &mut Random) -> TriangleMesh {
     let mut positions = vec![Vec::new(); keys];
     for _ in 0..n {
-        let (at, corners) = (random.vec(), [(); 3].map(|_| random.vec() * 0.2));
+        let (at, corners) = (random.dvec(), [(); 3].map(|_| random.dvec() * 0.2));
         for key in &mut positions {
-            let by = random.vec() * 0.3;
+            let by = random.dvec() * 0.3;
             // Some on a grid, so that there are ties.
             key.extend(corners.map(|c| {
                 if n.is_multiple_of(2) {
@@ -158,20 +138,20 @@ fn prototypes(random: &mut Random) -> Vec<(InstanceOf, Brute)> {
 /// Instances that rotate, scale per axis, or are sheared; some with an active interval.
 fn instances(random: &mut Random, of: &[(InstanceOf, Brute)], n: usize, orders: f64) -> Vec<(Instance, Brute)> {
     let mut one = |i: usize| {
-        let (tree, brute) = of[random.below(of.len())].clone();
-        let signs = random.vec().signum();
+        let (tree, brute) = of[below(random, of.len())].clone();
+        let signs = random.dvec().signum();
         let mut pose = |_| Pose {
-            scale: signs * DVec3::from([(); 3].map(|()| 10f64.powf(orders * random.signed()))),
-            rotation: DQuat::from_axis_angle(random.vec().normalize(), 3.0 * random.signed()),
-            translation: random.vec() * 6.0,
+            scale: signs * DVec3::from([(); 3].map(|()| 10f64.powf(orders * random.signed_f64()))),
+            rotation: DQuat::from_axis_angle(random.dvec().normalize(), 3.0 * random.signed_f64()),
+            translation: random.dvec() * 6.0,
         };
         let poses: Vec<Pose> = (0..[1, 2, 3, 5][i % 4]).map(&mut pose).collect();
         let transform: Transform = match i % 3 {
             0 => {
                 let mut matrix = poses[0].matrix();
                 let moved = |by: DVec3| DAffine3 { translation: matrix.translation + by, ..matrix };
-                let there = moved(random.vec());
-                matrix.matrix3 *= DMat3::from_cols(DVec3::X, DVec3::new(random.signed(), 1.0, 0.0), DVec3::Z);
+                let there = moved(random.dvec());
+                matrix.matrix3 *= DMat3::from_cols(DVec3::X, DVec3::new(random.signed_f64(), 1.0, 0.0), DVec3::Z);
                 vec![DAffine3 { matrix3: matrix.matrix3, ..there }, matrix].into()
             }
             _ => poses.into(),
@@ -227,7 +207,8 @@ fn few_instances_are_searched_and_batches_answer_in_order() {
     let of = Arc::new(RayTree::build(&[soup(2000, 2, &mut random)], &BuildParams::default()).unwrap());
     let row = |i: usize| Instance::new(of.clone(), Pose { translation: DVec3::X * 4.0 * i as f64, ..Pose::IDENTITY });
     let tree = InstanceTree::build((0..500).map(row).collect(), &WideParams::default()).unwrap();
-    let query = |_| ClosestPointQuery::new(random.vec() + DVec3::X * 4.0 * random.below(500) as f64, random.time());
+    let query =
+        |_| ClosestPointQuery::new(random.dvec() + DVec3::X * 4.0 * below(&mut random, 500) as f64, time(&mut random));
     let mut queries: Vec<ClosestPointQuery> = (0..600).map(query).collect();
     queries[5].point.x = f64::NAN;
     let mut counters = Counters::default();
