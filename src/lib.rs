@@ -53,7 +53,6 @@
 //! assert_eq!(tree.closest_hit(&ray.at_time(1.0)).unwrap().t, 4.0);
 //! # Ok::<(), mbkd::BuildError>(())
 //! ```
-#![deny(unsafe_code)]
 
 pub mod baseline;
 mod bvh;

@@ -6,8 +6,7 @@
 //! offsets are asserted at compile time. The two versions differ only in how a query takes its context: version 3
 //! requires one, version 4 has optional arguments.
 //!
-//! All calls into Embree are in this file, and with them the `unsafe` code of the program (the clock has one more
-//! call).
+//! All calls into Embree are in this file, and with them all `unsafe` code of the program.
 #![allow(unsafe_code)]
 
 use glam::Vec3;

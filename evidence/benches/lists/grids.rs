@@ -1,4 +1,7 @@
 //! Grids of cells as wide as the radius, sorted by counting, as in particle codes.
+//!
+//! The peer in vectors is written with intrinsics, which are `unsafe` to call.
+#![allow(unsafe_code)]
 
 use mbkd::glam::{IVec3, Vec3};
 

@@ -1,5 +1,8 @@
 //! Bytes that a structure holds, counted at the allocator. Counting is off but for the builds that are weighed, so that it
 //! does not slow down what is timed.
+//!
+//! An allocator is `unsafe` to implement; every call is handed on as it came.
+#![allow(unsafe_code)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicBool, AtomicIsize, Ordering};
