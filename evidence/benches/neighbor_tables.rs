@@ -234,7 +234,8 @@ fn batches(tree: &PointTree, at: &[(Vec3, f32)], peers: &[f64], repeat: usize) {
 }
 
 /// The rows of the moving table.
-const MOVING_ROWS: [&str; 8] = [
+const MOVING_ROWS: [&str; 9] = [
+    "two streams",
     "coherent 10%",
     "random 0.5x",
     "random 1x",
@@ -246,7 +247,7 @@ const MOVING_ROWS: [&str; 8] = [
 ];
 
 /// Rows of the table of builds only.
-const BUILD_ROWS: [&str; 4] = ["explosion", "two streams", "wave", "1% fast"];
+const BUILD_ROWS: [&str; 3] = ["explosion", "wave", "1% fast"];
 
 /// The points of a row of the tables of moving points and of builds, by the row's name.
 fn moving_set(row: &str, n: usize) -> Vec<MovingPoint> {

@@ -28,14 +28,18 @@ const KEYS_PER: usize = 32;
 /// Both consist of whole vectors, and `count` is less than their length. There may be infinite coordinates behind, on
 /// all axes at once.
 pub(super) fn divide(from: &PointRows, count: usize, to: &mut PointRows) {
-    let level = SimdLevel::best();
     let axis = widest_axis(from.len(), |i| from.get(i).at);
-    let keys = &*from.at[axis];
+    divide_by(from, &*from.at[axis], count, to);
+}
+
+/// The same by any keys, one for each point; those behind the last point are infinite.
+pub(super) fn divide_by(from: &PointRows, keys: &[f32], count: usize, to: &mut PointRows) {
+    let level = SimdLevel::best();
     let (bound, equal) = dispatch(level, Threshold { keys, count, scratch: to.at[0] });
     let (mut low, mut high) = to.borrow().split_at(count);
     if parallel::threads() == 1 || keys.len() <= SHARE {
         let (low, high) = (low.borrow(), high.borrow());
-        return dispatch(level, DivideRange { from, range: [0, keys.len()], axis, bound, equal, low, high });
+        return dispatch(level, DivideRange { from, range: [0, keys.len()], keys, bound, equal, low, high });
     }
     let counts = parallel::map(keys.len().div_ceil(SHARE), |share| {
         let keys = &keys[share * SHARE..keys.len().min((share + 1) * SHARE)];
@@ -50,7 +54,7 @@ pub(super) fn divide(from: &PointRows, count: usize, to: &mut PointRows) {
         shares.push(Some(DivideRange {
             from,
             range: [begin, end],
-            axis,
+            keys,
             bound,
             equal: own,
             low: own_low,
@@ -228,7 +232,8 @@ pub(super) fn counted<S: Simd>(s: S, keys: &[Lanes<f32>], bound: f32) -> (usize,
 struct DivideRange<'a, 'b> {
     from: &'a PointRows<'a>,
     range: [usize; 2],
-    axis: usize,
+    /// The keys of all points.
+    keys: &'a [f32],
     /// What is below goes to `low`, and so do the first `equal` of those that are equal.
     bound: f32,
     equal: usize,
@@ -240,14 +245,14 @@ impl Kernel for DivideRange<'_, '_> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let DivideRange { from, range: [begin, end], axis, bound, mut equal, mut low, mut high } = self;
+        let DivideRange { from, range: [begin, end], keys, bound, mut equal, mut low, mut high } = self;
         let bound = s.splat(bound);
         let (mut left, mut right) = (0, 0);
         let mut masks = [0; AHEAD];
         for begin in (begin..end).step_by(AHEAD * LANES) {
             let vectors = (begin..end.min(begin + AHEAD * LANES)).step_by(LANES);
             for (mask, at) in masks.iter_mut().zip(vectors.clone()) {
-                let key = s.load(lanes_at(from.at[axis], at));
+                let key = s.load(lanes_at(keys, at));
                 *mask = s.lt(key, bound);
                 if equal > 0 {
                     let ties = lowest_lanes(s.eq(key, bound), equal);
@@ -309,7 +314,7 @@ mod tests {
             let mut other = PointRows::in_blocks(&mut memory, items.len());
             let range = [0, from.len()];
             let (low, high) = other.borrow().split_at(count);
-            dispatch(level, DivideRange { from: &from, range, axis, bound, equal, low, high });
+            dispatch(level, DivideRange { from: &from, range, keys: from.at[axis], bound, equal, low, high });
             assert!((0..other.len()).all(|i| other.get(i).index == divided[i].index));
         }
     }

@@ -24,7 +24,7 @@ impl Fast {
         let mut from = PointRows::in_blocks(&mut memory, count);
         take_positions(from.borrow(), references, phase);
         let mut rows = PointRows::in_blocks(&mut more, count);
-        order_rows(from, &mut rows, LANES, &Progress::new(None));
+        order_rows(from, &mut rows, LANES, None, &Progress::new(None));
         let simd = SimdLevel::best();
         let sizes = dispatch(simd, OrderLeaves { rows: &mut rows, count });
         let Some(half) = sizes.len().checked_sub(1).map(|last| last / 2) else {

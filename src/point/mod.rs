@@ -32,6 +32,7 @@ mod layers;
 mod linear_bounds;
 mod linear_face;
 mod lists;
+mod motion_groups;
 mod moving_file;
 mod moving_leaf;
 mod moving_reference;

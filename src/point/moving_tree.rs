@@ -6,7 +6,7 @@
 use super::fill_moving_leaves::{MovingBottomNodes, Ordered, fill};
 use super::linear_bounds::{LinearBox, LinearBoxes};
 use super::moving_leaf::{Block, LaneIntervals, MovingLeaves};
-use super::moving_reference::{References, TimeSlice, take_positions};
+use super::moving_reference::{MovingReference, References, TimeSlice, take_positions};
 use super::moving_view::{AtTime, HasLeaves};
 use super::order::{ORDERING, order_rows};
 use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath};
@@ -51,7 +51,18 @@ impl MovingTree {
         let mut from = PointRows::in_blocks(&mut blocks, count);
         take_positions(from.borrow(), references, slice.middle_phase());
         let mut rows = PointRows::in_blocks(&mut more, count);
-        order_rows(from, &mut rows, LANES, &progress.subtask(ORDERING));
+        let part = (slice.phases[1] - slice.phases[0]) as f32;
+        let displacements = |numbers: &[u32], to: &mut [[f32; 3]]| {
+            for (i, (&number, to)) in numbers.iter().zip(to).enumerate().filter(|(_, (number, _))| **number != u32::MAX) {
+                // The accesses are practically random.
+                if let Some(&later) = numbers.get(i + LANES) {
+                    references.prefetch(later);
+                }
+                let MovingReference { open, close, .. } = references.reference(number);
+                *to = core::array::from_fn(|axis| (close[axis] - open[axis]) * part);
+            }
+        };
+        order_rows(from, &mut rows, LANES, Some(&displacements), &progress.subtask(ORDERING));
         let timed = references.timed(&slice);
         let shape = Shape::with_leaf(count, 1);
         let mut leaves = MovingLeaves::of(blocks, timed, references.have_active_intervals());

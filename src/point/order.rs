@@ -7,10 +7,12 @@
 //! The source of the layout is the implicit, left-balanced k-d tree; ours is sixteen wide.
 
 use super::complete_tree::{left_part, subtree, subtrees_of};
-use super::divide::divide;
+use super::divide::{divide, divide_by};
+use super::motion_groups::{Displacements, MotionDivision, divide_by_motion};
 use super::point_rows::PointRows;
 use crate::parallel;
 use crate::progress::Progress;
+use crate::simd::LANES;
 
 /// Ranges shorter than this are not shared between threads.
 const SHARE: usize = 1 << 14;
@@ -23,10 +25,16 @@ pub(super) const ORDERING: f64 = 0.7;
 ///
 /// O(n log n), O(log n) stack; the order is the same for any number of threads. Once `progress` is cancelled, large ranges stay as
 /// they are.
-pub(super) fn order_rows(from: PointRows, to: &mut PointRows, leaf: usize, progress: &Progress) {
+pub(super) fn order_rows(
+    from: PointRows,
+    to: &mut PointRows,
+    leaf: usize,
+    motion: Option<Displacements<'_>>,
+    progress: &Progress,
+) {
     let progress = progress.subtask(1.0 / from.len() as f64);
     let block = subtree(from.len(), leaf);
-    order_blocks((from, to.borrow()), block, leaf, true, &progress);
+    order_blocks((from, to.borrow()), block, leaf, motion, true, &progress);
 }
 
 /// Orders the first of two rows, whose subtrees have `block` points each, by writing them to one and the other in turn. They end in
@@ -35,6 +43,7 @@ fn order_blocks(
     (mut from, mut to): (PointRows, PointRows),
     block: usize,
     leaf: usize,
+    motion: Option<Displacements<'_>>,
     lands: bool,
     progress: &Progress,
 ) {
@@ -49,13 +58,24 @@ fn order_blocks(
         }
         return;
     };
-    // Across the widest axis.
-    let left = left_part(count, block);
-    divide(&from, left, &mut to);
+    let above_bottom = block == leaf * LANES;
+    let by_motion = motion.filter(|_| above_bottom).and_then(|by| divide_by_motion(&from, block, by));
+    let (left, motion) = match by_motion {
+        Some(MotionDivision { keys, left }) => {
+            divide_by(&from, &keys, left, &mut to);
+            (left, motion)
+        }
+        None => {
+            // Across the widest axis.
+            let left = left_part(count, block);
+            divide(&from, left, &mut to);
+            (left, motion.filter(|_| !above_bottom))
+        }
+    };
     let (low, high) = to.borrow().split_at(left);
     let (low_from, high_from) = from.borrow().split_at(left);
-    let order_low = || order_blocks((low, low_from), block, leaf, !lands, progress);
-    let order_high = || order_blocks((high, high_from), block, leaf, !lands, progress);
+    let order_low = || order_blocks((low, low_from), block, leaf, motion, !lands, progress);
+    let order_high = || order_blocks((high, high_from), block, leaf, motion, !lands, progress);
     if left < SHARE {
         order_low();
         order_high();
@@ -68,7 +88,7 @@ fn order_blocks(
 mod tests {
     use super::*;
     use crate::random::Random;
-    use crate::simd::{Item, LANES};
+    use crate::simd::Item;
 
     #[test]
     fn every_item_stays_and_halves_are_separated() {
@@ -79,7 +99,7 @@ mod tests {
             let [from, to] = &mut memory;
             let (mut from, mut to) = (PointRows::in_blocks(from, count), PointRows::in_blocks(to, count));
             from.take((0..count as u32).map(|index| Item { at: [next(), 0.001 * next(), 0.001 * next()], index }));
-            order_rows(from, &mut to, LANES, &Progress::new(None));
+            order_rows(from, &mut to, LANES, None, &Progress::new(None));
             let items: Vec<Item> = (0..count).map(|i| to.get(i)).collect();
             let mut seen: Vec<u32> = items.iter().map(|i| i.index).collect();
             seen.sort_unstable();
