@@ -156,8 +156,9 @@ pub(crate) mod points {
     /// one that they share in the middle of the slice, or the median of all leaves if that is smaller. (A point that
     /// has left the others by then shares a large leaf with few points.)
     pub const FAST: f32 = 2.0;
-    /// Points are divided by motion instead of positions where that costs less than this fraction.
-    pub const MAX_GROUP_COST: f64 = 0.9;
+    /// Points are divided by motion instead of position if that costs less than this fraction: it leaves points on the wrong
+    /// side, and nodes overlap more.
+    pub const MAX_MOTION_COST: f64 = 0.9;
     /// A set is divided into static and moving points if at least this fraction is static.
     pub const MIN_STATIC_SHARE: f64 = 0.5;
     /// Bytes of leaves above which most of them miss all caches.

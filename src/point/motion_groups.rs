@@ -1,166 +1,151 @@
-//! Dividing points by their motion where several flows pass through each other.
+//! Dividing points by their motion, where several flows pass through each other.
 //!
-//! A leaf of points that are close together in the middle of a time slice has a large box if they come from different flows: linear
-//! faces that hold points on both ways at the ends of the slice are as far apart in its middle. Points of one flow lie farther apart,
-//! since only some of the points of a place belong to it, but their leaves stay small. So a tree may divide a range of points by their
-//! motion instead of their positions. The cost of both is compared on a sample of the range: the number of leaves that a ball of their
-//! size meets, averaged over the slice.
+//! A leaf of points that are close together in the middle of a time slice has a large box if they belong to different flows: faces are
+//! linear in time, so faces around points that part are as far from each other in the middle of the slice as at its ends. A leaf of one
+//! flow holds points that are farther apart in the middle, since only some of those at a place belong to it, but its box is small at all
+//! times. So a range of points can be divided by motion instead of position.
 //!
-//! Flows also turn, stretch and shear. This is motion that a division by positions takes care of, so motion is considered relative to
-//! the affine motion of the range, fitted to the sample by least squares.
+//! Which is better is decided by a sample of the range. The cost is the number of leaves that a ball as large as a leaf meets, averaged
+//! over the slice. The points on both sides of a division have larger leaves, and their displacements spread less.
 //!
-//! Compare the choice between axes of position and of velocity in trees of moving points: Tao, Papadias and Sun, "The TPR*-tree", 2003.
+//! A flow also turns, stretches and shears. Dividing by position takes care of that, so what counts is the displacement relative to the
+//! affine motion that fits the sample best.
+//!
+//! Divisions by velocity are known from indexes of moving objects: Tao, Papadias and Sun, "The TPR*-tree: an optimized spatio-temporal
+//! access method for predictive queries" (2003).
 
-use super::point_rows::PointRows;
-use crate::simd::{Item, LANES};
-use crate::tuning::points::MAX_GROUP_COST;
+use crate::simd::LANES;
+use crate::tuning::points::MAX_MOTION_COST;
 use glam::{DMat3, DVec3};
 
-/// Writes the displacement of points during a time slice, given their numbers. A number that is `u32::MAX` stands for no point.
-pub(super) type Displacements<'a> = &'a (dyn Fn(&[u32], &mut [[f32; 3]]) + Sync);
+/// A point, and its displacement during a time slice.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Displaced {
+    pub(super) at: DVec3,
+    pub(super) by: DVec3,
+}
 
-/// A division by motion.
+/// A division of a range of points by motion.
 pub(super) struct MotionDivision {
-    /// The key of each point, by which points are divided.
-    pub(super) keys: Vec<f32>,
     /// The number of points with the lowest keys.
     pub(super) left: usize,
+    expected: AffineMotion,
+    axis: usize,
 }
 
-/// Points of the range that are examined, about.
-const SAMPLE: usize = 128;
+/// The number of points of a range that should be examined.
+pub(super) const SAMPLE: usize = 128;
 
-/// The spread of evenly distributed numbers, relative to their standard deviation.
-const SPREAD: f64 = 3.4641;
+/// Half of the distance between the least and the greatest of evenly distributed numbers, relative to their standard deviation: the size
+/// of a box around points at one place, averaged over the slice, if these numbers are their displacements.
+const HALF_SPREAD: f64 = 1.732;
 
-/// The mean size of a box with linear faces around points at one place: half of the spread of their displacements.
-const SIZE: f64 = 0.5 * SPREAD;
-
-/// The division by motion of a range of points into subtrees of `block` each; `None` if a division by positions is better.
-pub(super) fn divide_by_motion(rows: &PointRows, block: usize, displacements: Displacements<'_>) -> Option<MotionDivision> {
-    let count = rows.len();
-    let sample = Sample::of(rows, displacements);
-    let leaf = sample.leaf(count);
-    let whole = sample.whole();
-    let apart = cost(leaf, 1.0, whole.spread());
-    if MAX_GROUP_COST * apart < cost(leaf, 1.0, DVec3::ZERO) {
-        return None;
-    }
-    let mut best: Option<(f64, usize, usize)> = None;
-    for axis in 0..3 {
-        let mut order: Vec<&DVec3> = sample.off.iter().collect();
-        order.sort_by(|a, b| a[axis].total_cmp(&b[axis]));
-        let (mut low, mut taken) = (Moments::default(), 0);
-        for left in (block..count).step_by(block) {
-            let share = left as f64 / count as f64;
-            let upto = (share * order.len() as f64).round() as usize;
-            order[taken..upto].iter().for_each(|off| low.add(**off));
-            taken = upto;
-            let high = whole.without(&low);
-            let cost = share * cost(leaf, share, low.spread()) + (1.0 - share) * cost(leaf, 1.0 - share, high.spread());
-            if best.is_none_or(|(least, ..)| cost < least) {
-                best = Some((cost, axis, left));
+impl MotionDivision {
+    /// The division of `count` points, of which a sample is given, into subtrees of `block` points each. `None` if division by position
+    /// is better.
+    pub(super) fn of(sample: &[Displaced], count: usize, block: usize) -> Option<MotionDivision> {
+        let expected = AffineMotion::of(sample);
+        let leaf = leaf_size(sample, count);
+        let off: Vec<DVec3> = sample.iter().map(|point| expected.off(point)).collect();
+        let mut whole = Moments::default();
+        off.iter().for_each(|&off| whole.add(off));
+        let most = MAX_MOTION_COST * cost(leaf, 1.0, whole.deviation());
+        // A small spread is most common.
+        if most < cost(leaf, 1.0, DVec3::ZERO) {
+            return None;
+        }
+        let (mut best, mut least) = (None, most);
+        for axis in 0..3 {
+            let mut order = off.clone();
+            order.sort_unstable_by(|a, b| a[axis].total_cmp(&b[axis]));
+            let (mut low, mut taken) = (Moments::default(), 0);
+            for left in (block..count).step_by(block) {
+                let part = left * order.len() / count;
+                order[taken..part].iter().for_each(|&off| low.add(off));
+                taken = part;
+                let (share, high) = (left as f64 / count as f64, whole.without(&low));
+                let cost = share * cost(leaf, share, low.deviation())
+                    + (1.0 - share) * cost(leaf, 1.0 - share, high.deviation());
+                if cost < least {
+                    (best, least) = (Some((axis, left)), cost);
+                }
             }
         }
+        best.map(|(axis, left)| MotionDivision { left, expected, axis })
     }
-    let (_, axis, left) = best.filter(|best| best.0 < MAX_GROUP_COST * apart)?;
-    Some(MotionDivision { keys: sample.keys(rows, axis, displacements), left })
+
+    /// The key by which a point is divided from others.
+    #[inline(always)]
+    pub(super) fn key(&self, point: &Displaced) -> f64 {
+        self.expected.off(point)[self.axis]
+    }
 }
 
-/// The number of leaves that a ball meets, relative to that of the leaves that points have without motion. These are `leaf` long; those of
-/// a `share` of the points are larger.
-fn cost(leaf: DVec3, share: f64, spread: DVec3) -> f64 {
-    // As long as the leaves of points in space or on a surface.
-    let ball = leaf.max_element().min(leaf.x + leaf.y + leaf.z - leaf.max_element() - leaf.min_element());
-    let size = leaf / share.cbrt() + ball + spread * SIZE;
-    size.x * size.y * size.z
+/// The number of leaves that a ball meets, relative to the number of leaves that have a corner in it. The leaves of all points are `leaf`
+/// long without motion; those of a `share` of them are larger.
+fn cost(leaf: DVec3, share: f64, deviation: DVec3) -> f64 {
+    // Of points on a surface, leaves are flat.
+    let ball = leaf.x.max(leaf.y).min(leaf.y.max(leaf.z)).min(leaf.x.max(leaf.z));
+    (leaf / share.cbrt() + ball + HALF_SPREAD * deviation).element_product()
 }
 
-/// Some of the points of a range.
-struct Sample {
-    /// Positions relative to `middle`, extents.
+/// The size of the leaves of `count` points that are spread like those of a sample.
+fn leaf_size(sample: &[Displaced], count: usize) -> DVec3 {
+    let least = sample.iter().fold(DVec3::INFINITY, |least, point| least.min(point.at));
+    let greatest = sample.iter().fold(DVec3::NEG_INFINITY, |greatest, point| greatest.max(point.at));
+    let mut size = greatest - least;
+    let mut count = count;
+    while count > LANES {
+        let longest = size.max_position();
+        size[longest] *= 0.5;
+        count = count.div_ceil(2);
+    }
+    size
+}
+
+/// Displacement as an affine function of the position.
+struct AffineMotion {
     middle: DVec3,
-    extent: DVec3,
-    /// Displacement of the range, in the middle and by position.
     displacement: DVec3,
     by_position: DMat3,
-    /// How far each point is displaced relative to that.
-    off: Vec<DVec3>,
 }
 
-fn wide(x: [f32; 3]) -> DVec3 {
-    DVec3::from_array(x.map(f64::from))
-}
-
-impl Sample {
-    fn of(rows: &PointRows, displacements: Displacements<'_>) -> Sample {
-        let step = (rows.len() / SAMPLE).max(1);
-        let items = (0..rows.len()).step_by(step).map(|i| rows.get(i)).filter(|item| item.at[0] < f32::INFINITY);
-        let items: Vec<Item> = items.collect();
-        let numbers: Vec<u32> = items.iter().map(|item| item.index).collect();
-        let mut by = vec![[0.0; 3]; items.len()];
-        displacements(&numbers, &mut by);
-        let points: Vec<(DVec3, DVec3)> = items.iter().zip(by).map(|(item, by)| (wide(item.at), wide(by))).collect();
-        let n = points.len() as f64;
-        let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        let (mut middle, mut mean) = (DVec3::ZERO, DVec3::ZERO);
-        for (at, by) in &points {
-            (lo, hi) = (lo.min(*at), hi.max(*at));
-            (middle, mean) = (middle + *at / n, mean + *by / n);
+impl AffineMotion {
+    /// That of least squares.
+    fn of(sample: &[Displaced]) -> AffineMotion {
+        let part = 1.0 / sample.len() as f64;
+        let (mut middle, mut displacement) = (DVec3::ZERO, DVec3::ZERO);
+        for point in sample {
+            middle += part * point.at;
+            displacement += part * point.by;
         }
-        let outer = |a: DVec3, b: DVec3| DMat3::from_cols(a * b.x, a * b.y, a * b.z);
         let (mut squares, mut products) = (DMat3::ZERO, DMat3::ZERO);
-        for (at, by) in &points {
-            squares += outer(*at - middle, *at - middle);
-            products += outer(*by - mean, *at - middle);
+        for point in sample {
+            let at = point.at - middle;
+            squares += outer(at, at);
+            products += outer(point.by - displacement, at);
         }
-        // Where points lie in a plane or a line, the motion across it is taken as zero.
-        let extent = hi - lo;
-        let least = extent.length_squared() * n * 1e-6 + f64::MIN_POSITIVE;
-        let by_position = products * (squares + DMat3::from_diagonal(DVec3::splat(least))).inverse();
-        let mut sample = Sample { middle, extent, displacement: mean, by_position, off: Vec::new() };
-        sample.off = points.iter().map(|(at, by)| *by - sample.expected(*at)).collect();
-        sample
+        // Across a plane or a line in which all points lie, displacement is constant.
+        let size = squares.x_axis.x + squares.y_axis.y + squares.z_axis.z;
+        let regular = squares + DMat3::from_diagonal(DVec3::splat(1e-6 * size));
+        let by_position = if size > 0.0 { products * regular.inverse() } else { DMat3::ZERO };
+        // Of points that nearly coincide, squares vanish.
+        let by_position = if by_position.is_finite() { by_position } else { DMat3::ZERO };
+        AffineMotion { middle, displacement, by_position }
     }
 
-    fn expected(&self, at: DVec3) -> DVec3 {
-        self.displacement + self.by_position * (at - self.middle)
-    }
-
-    /// How far points are displaced along an axis relative to what is expected.
-    fn keys(&self, rows: &PointRows, axis: usize, displacements: Displacements<'_>) -> Vec<f32> {
-        let mut by = vec![[0.0; 3]; rows.len()];
-        displacements(rows.index, &mut by);
-        let by_position = self.by_position.row(axis);
-        let constant = self.displacement[axis] - by_position.dot(self.middle);
-        let key = |(i, by): (usize, &[f32; 3])| {
-            let at = wide(rows.get(i).at);
-            // Behind the last point there are infinite ones.
-            if at.x < f64::INFINITY { (f64::from(by[axis]) - constant - by_position.dot(at)) as f32 } else { f32::INFINITY }
-        };
-        by.iter().enumerate().map(key).collect()
-    }
-
-    /// The size of the leaves of `count` such points.
-    fn leaf(&self, count: usize) -> DVec3 {
-        let mut size = self.extent;
-        let mut count = count;
-        while count > LANES {
-            let axis = if size.x >= size.y.max(size.z) { 0 } else if size.y >= size.z { 1 } else { 2 };
-            size[axis] *= 0.5;
-            count /= 2;
-        }
-        size
-    }
-
-    fn whole(&self) -> Moments {
-        let mut all = Moments::default();
-        self.off.iter().for_each(|off| all.add(*off));
-        all
+    /// The displacement of a point relative to what is expected at its position.
+    #[inline(always)]
+    fn off(&self, point: &Displaced) -> DVec3 {
+        point.by - self.displacement - self.by_position * (point.at - self.middle)
     }
 }
 
-/// Sums of numbers and their squares.
+fn outer(a: DVec3, b: DVec3) -> DMat3 {
+    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
+}
+
+/// Sums of numbers and of their squares, per axis.
 #[derive(Clone, Copy, Default)]
 struct Moments {
     count: f64,
@@ -174,15 +159,87 @@ impl Moments {
         self.sum += x;
         self.squares += x * x;
     }
+
     fn without(&self, part: &Moments) -> Moments {
         Moments { count: self.count - part.count, sum: self.sum - part.sum, squares: self.squares - part.squares }
     }
+
     /// The standard deviation.
-    fn spread(&self) -> DVec3 {
-        if self.count < 1.0 {
-            return DVec3::ZERO;
+    fn deviation(&self) -> DVec3 {
+        let count = self.count.max(1.0);
+        let mean = self.sum / count;
+        (self.squares / count - mean * mean).max(DVec3::ZERO).map(f64::sqrt)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+
+    /// Points in a cube, sixteen times sixteen leaves of them, displaced by a function of the position and a number.
+    fn points(by: impl Fn(DVec3, usize, &mut Random) -> DVec3) -> Vec<Displaced> {
+        let mut random = Random(3);
+        let mut point = |i| {
+            let at = random.vec().as_dvec3();
+            Displaced { at, by: by(at, i, &mut random) }
+        };
+        (0..4096).map(&mut point).collect()
+    }
+
+    fn divided(points: &[Displaced]) -> Option<MotionDivision> {
+        let sample: Vec<Displaced> = points.iter().copied().step_by(points.len() / SAMPLE).collect();
+        MotionDivision::of(&sample, points.len(), 256)
+    }
+
+    /// The numbers of the points on both sides that are displaced forward along x, and of all on the left.
+    fn forward(points: &[Displaced], division: &MotionDivision) -> [usize; 3] {
+        let mut order: Vec<&Displaced> = points.iter().collect();
+        order.sort_by(|a, b| division.key(a).total_cmp(&division.key(b)));
+        let (low, high) = order.split_at(division.left);
+        let count = |side: &[&Displaced]| side.iter().filter(|point| point.by.x > 0.0).count();
+        [count(low), count(high), division.left]
+    }
+
+    #[test]
+    fn flows_are_divided_from_each_other() {
+        for forwards in [2, 4] {
+            let way = |i: usize| if i.is_multiple_of(forwards) { DVec3::X } else { DVec3::NEG_X };
+            let all = points(|_, i, _| way(i));
+            let division = divided(&all).expect("two flows");
+            let [low, high, left] = forward(&all, &division);
+            assert!(low < left / 8 && high > (4096 - left) * 7 / 8, "{low} and {high}, {left} on the left");
+            // In flows that turn, stretch and shear as well.
+            let turn = |at: DVec3| DVec3::new(2.0 * at.y, at.z - 2.0 * at.x, 3.0 * at.x);
+            let turned = points(|at, i, _| way(i) + turn(at));
+            assert_eq!(divided(&turned).map(|division| division.left), Some(division.left));
         }
-        let mean = self.sum / self.count;
-        (self.squares / self.count - mean * mean).max(DVec3::ZERO).map(f64::sqrt)
+    }
+
+    #[test]
+    fn points_are_not_divided_where_that_costs_more() {
+        assert!(divided(&points(|_, _, _| DVec3::ZERO)).is_none());
+        assert!(divided(&points(|_, _, random| random.vec().as_dvec3() * 0.05)).is_none());
+        // Affine motion is no reason, however fast.
+        assert!(divided(&points(|at, _, _| at * 50.0 + DVec3::X)).is_none());
+        // Two flows that part by less than a leaf.
+        assert!(divided(&points(|_, i, _| DVec3::X * 0.05 * (i % 2) as f64)).is_none());
+        // Random motion over many leaves is.
+        assert!(divided(&points(|_, _, random| random.vec().as_dvec3())).is_some());
+    }
+
+    #[test]
+    fn points_in_one_place_or_on_a_line_have_finite_keys() {
+        for along in [DVec3::ZERO, DVec3::X, DVec3::splat(1e-30), DVec3::splat(1e18)] {
+            let all = points(|_, _, _| DVec3::ZERO).into_iter().enumerate();
+            let moved = |(i, point): (usize, Displaced)| {
+                let by = if i % 2 == 0 { DVec3::Y } else { DVec3::NEG_Y };
+                Displaced { at: point.at.x * along, by }
+            };
+            let all: Vec<Displaced> = all.map(moved).collect();
+            if let Some(division) = divided(&all) {
+                assert!(all.iter().all(|point| division.key(point).is_finite()), "along {along}");
+            }
+        }
     }
 }

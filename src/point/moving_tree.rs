@@ -10,7 +10,7 @@ use super::moving_reference::{MovingReference, References, TimeSlice, take_posit
 use super::moving_view::{AtTime, HasLeaves};
 use super::order::{ORDERING, order_rows};
 use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath};
-use super::point_rows::PointRows;
+use super::point_rows::{NO_POINT, PointRows};
 use super::slice_tree::SliceTree;
 use super::snapshot::{CoordinateView, Target, View, diagonal, outside, rows};
 use super::static_tree::Shape;
@@ -51,15 +51,16 @@ impl MovingTree {
         let mut from = PointRows::in_blocks(&mut blocks, count);
         take_positions(from.borrow(), references, slice.middle_phase());
         let mut rows = PointRows::in_blocks(&mut more, count);
-        let part = (slice.phases[1] - slice.phases[0]) as f32;
+        let phases = (slice.phases[1] - slice.phases[0]) as f32;
         let displacements = |numbers: &[u32], to: &mut [[f32; 3]]| {
-            for (i, (&number, to)) in numbers.iter().zip(to).enumerate().filter(|(_, (number, _))| **number != u32::MAX) {
+            let points = numbers.iter().zip(to).enumerate();
+            for (i, (&number, to)) in points.filter(|(_, (number, _))| **number != NO_POINT.index) {
                 // The accesses are practically random.
                 if let Some(&later) = numbers.get(i + LANES) {
                     references.prefetch(later);
                 }
                 let MovingReference { open, close, .. } = references.reference(number);
-                *to = core::array::from_fn(|axis| (close[axis] - open[axis]) * part);
+                *to = core::array::from_fn(|axis| (close[axis] - open[axis]) * phases);
             }
         };
         order_rows(from, &mut rows, LANES, Some(&displacements), &progress.subtask(ORDERING));

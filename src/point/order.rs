@@ -1,18 +1,22 @@
 //! Bringing points into the order of a complete tree.
 //!
 //! The tree needs no pointers because all its subtrees are full except the last on each level. So
-//! ordering is all there is to building: divide the range across its widest axis, the left half as large
+//! ordering is all there is to building: divide the range across its widest axis or by motion, the left half as large
 //! as whole subtrees allow, and continue in both halves. A selection finds the border, nothing is sorted. `divide` does that for
 //! thousands of points, `bottom` for the last few hundred.
 //! The source of the layout is the implicit, left-balanced k-d tree; ours is sixteen wide.
 
 use super::complete_tree::{left_part, subtree, subtrees_of};
 use super::divide::{divide, divide_by};
-use super::motion_groups::{Displacements, MotionDivision, divide_by_motion};
-use super::point_rows::PointRows;
+use super::motion_groups::{Displaced, MotionDivision, SAMPLE};
+use super::point_rows::{NO_POINT, PointRows};
 use crate::parallel;
 use crate::progress::Progress;
-use crate::simd::LANES;
+use crate::simd::{Item, LANES};
+use glam::DVec3;
+
+/// Writes the displacements of points during a time slice, given their numbers; of no points, nothing.
+pub(super) type Displacements<'a> = &'a (dyn Fn(&[u32], &mut [[f32; 3]]) + Sync);
 
 /// Ranges shorter than this are not shared between threads.
 const SHARE: usize = 1 << 14;
@@ -21,7 +25,7 @@ const SHARE: usize = 1 << 14;
 pub(super) const ORDERING: f64 = 0.7;
 
 /// Writes the points of `from` to `to`, which is as long, so that bottom node i holds the i-th run of sixteen leaves. What is in
-/// `from` then is of no use.
+/// `from` then is of no use. Given displacements, points are also divided by motion ([`super::motion_groups`]).
 ///
 /// O(n log n), O(log n) stack; the order is the same for any number of threads. Once `progress` is cancelled, large ranges stay as
 /// they are.
@@ -58,17 +62,18 @@ fn order_blocks(
         }
         return;
     };
+    // Flows are divided where all nodes below are bottom nodes, so that flows of that place count.
     let above_bottom = block == leaf * LANES;
-    let by_motion = motion.filter(|_| above_bottom).and_then(|by| divide_by_motion(&from, block, by));
+    let by_motion = motion.filter(|_| above_bottom).and_then(|by| divided_by_motion(&from, block, by));
     let (left, motion) = match by_motion {
-        Some(MotionDivision { keys, left }) => {
+        Some((keys, left)) => {
             divide_by(&from, &keys, left, &mut to);
             (left, motion)
         }
         None => {
-            // Across the widest axis.
             let left = left_part(count, block);
             divide(&from, left, &mut to);
+            // Parts of a place without flows have none.
             (left, motion.filter(|_| !above_bottom))
         }
     };
@@ -84,11 +89,32 @@ fn order_blocks(
     }
 }
 
+/// The keys by which to divide points by motion, and how many go to the left; `None` if division by position is better.
+fn divided_by_motion(rows: &PointRows, block: usize, displacements: Displacements<'_>) -> Option<(Vec<f32>, usize)> {
+    let wide = |x: [f32; 3]| DVec3::from_array(x.map(f64::from));
+    let items = (0..rows.len()).step_by((rows.len() / SAMPLE).max(1)).map(|i| rows.get(i));
+    let items: Vec<Item> = items.filter(|item| item.index != NO_POINT.index).collect();
+    let numbers: Vec<u32> = items.iter().map(|item| item.index).collect();
+    let mut by = vec![[0.0; 3]; items.len()];
+    displacements(&numbers, &mut by);
+    let sample = items.iter().zip(&by).map(|(item, &by)| Displaced { at: wide(item.at), by: wide(by) });
+    let division = MotionDivision::of(&sample.collect::<Vec<_>>(), rows.len(), block)?;
+    by.resize(rows.len(), [0.0; 3]);
+    displacements(rows.index, &mut by);
+    let key = |(i, &by): (usize, &[f32; 3])| {
+        let item = rows.get(i);
+        if item.index == NO_POINT.index {
+            return f32::INFINITY;
+        }
+        division.key(&Displaced { at: wide(item.at), by: wide(by) }) as f32
+    };
+    Some((by.iter().enumerate().map(key).collect(), division.left))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::random::Random;
-    use crate::simd::Item;
 
     #[test]
     fn every_item_stays_and_halves_are_separated() {

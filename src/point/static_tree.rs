@@ -137,7 +137,13 @@ impl StaticTree {
         let shape = Shape::flattest(count);
         let mut more = PointRows::memory(count);
         let mut rows = PointRows::in_blocks(&mut more, count);
-        order_rows(PointRows::in_blocks(&mut blocks, count), &mut rows, shape.leaf(), None, &progress.subtask(ORDERING));
+        order_rows(
+            PointRows::in_blocks(&mut blocks, count),
+            &mut rows,
+            shape.leaf(),
+            None,
+            &progress.subtask(ORDERING),
+        );
         let tree = StaticTree::around(count, blocks, shape, &Sorted { rows: &rows, id_of });
         progress.finished(1.0 - ORDERING);
         tree

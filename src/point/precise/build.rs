@@ -1,7 +1,7 @@
 //! Building a tree over f64 points.
 
 use super::linear_box::{FULL, LinearBox, Node, NodeRows};
-use super::order::{Item, order};
+use super::order::{Displacement, Item, order};
 use super::tree::{Block, PreciseTree, Rows, between};
 use crate::geometry::TimeInterval;
 use crate::point::moving_leaf::LaneIntervals;
@@ -30,7 +30,12 @@ impl PreciseTree {
         };
         let mut items: Vec<Item> = points.filter_map(item).collect();
         let shape = PreciseTree::shape(items.len(), moves);
-        order(&mut items, shape.leaf(), &progress.subtask(ORDERING));
+        let displacement = |point: u32| {
+            let [begin, end] = slice.phases.map(|phase| between(keys(point as usize), phase));
+            end - begin
+        };
+        let motion = moves.then_some(&displacement as Displacement<'_>);
+        order(&mut items, shape.leaf(), motion, &progress.subtask(ORDERING));
         let leaves = items.len().div_ceil(shape.leaf());
         let blocks = leaves * shape.leaf_blocks;
         let active = |item: &Item| source.active(item.point as usize);
