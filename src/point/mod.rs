@@ -55,6 +55,7 @@ mod select;
 mod slice_tree;
 mod snapshot;
 mod source;
+mod spread;
 mod static_file;
 mod static_tree;
 mod statistics;

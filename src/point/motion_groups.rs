@@ -175,6 +175,7 @@ impl Moments {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::point::spread::spread;
     use crate::random::Random;
 
     /// Points in a cube, sixteen times sixteen leaves of them, displaced by a function of the position and a number.
@@ -188,7 +189,7 @@ mod tests {
     }
 
     fn divided(points: &[Displaced]) -> Option<MotionDivision> {
-        let sample: Vec<Displaced> = points.iter().copied().step_by(points.len() / SAMPLE).collect();
+        let sample: Vec<Displaced> = (0..SAMPLE).map(|i| points[spread(i, points.len())]).collect();
         MotionDivision::of(&sample, points.len(), 256)
     }
 

@@ -10,6 +10,7 @@ use super::complete_tree::{left_part, subtree, subtrees_of};
 use super::divide::{divide, divide_by};
 use super::motion_groups::{Displaced, MotionDivision, SAMPLE};
 use super::point_rows::{NO_POINT, PointRows};
+use super::spread::spread;
 use crate::parallel;
 use crate::progress::Progress;
 use crate::simd::{Item, LANES};
@@ -92,7 +93,7 @@ fn order_blocks(
 /// The keys by which to divide points by motion, and how many go to the left; `None` if division by position is better.
 fn divided_by_motion(rows: &PointRows, block: usize, displacements: Displacements<'_>) -> Option<(Vec<f32>, usize)> {
     let wide = |x: [f32; 3]| DVec3::from_array(x.map(f64::from));
-    let items = (0..rows.len()).step_by((rows.len() / SAMPLE).max(1)).map(|i| rows.get(i));
+    let items = (0..SAMPLE).map(|i| rows.get(spread(i, rows.len())));
     let items: Vec<Item> = items.filter(|item| item.index != NO_POINT.index).collect();
     let numbers: Vec<u32> = items.iter().map(|item| item.index).collect();
     let mut by = vec![[0.0; 3]; items.len()];

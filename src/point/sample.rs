@@ -12,6 +12,7 @@ use super::fast_points::Fast;
 use super::moving_reference::{MovingReference, TimeSlice};
 use super::select::select;
 use super::source::Source;
+use super::spread::spread;
 use super::widest_axis::widest_axis;
 use crate::simd::{Item, Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch};
 use crate::tuning::points::{SAMPLE, SAMPLED, SAMPLES};
@@ -56,15 +57,6 @@ pub(super) struct Sample {
 
 /// The largest number of points that are drawn to locate samples.
 const DRAWN: usize = 1 << 12;
-
-/// The step of a low-discrepancy sequence: the fractional part of the golden ratio, times 2^64.
-const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
-
-/// The `i`-th number of a sequence below `count` that is spread evenly.
-pub(super) fn spread(i: usize, count: usize) -> usize {
-    let fraction = (i as u64).wrapping_mul(GOLDEN).wrapping_add(1 << 63);
-    ((u128::from(fraction) * count as u128) >> 64) as usize
-}
 
 impl<'a> Sampler<'a> {
     /// A sampler of at least one point.

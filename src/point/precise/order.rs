@@ -3,6 +3,7 @@
 use crate::parallel;
 use crate::point::complete_tree::{left_part, subtree, subtrees_of};
 use crate::point::motion_groups::{self, Displaced, MotionDivision};
+use crate::point::spread::spread;
 use crate::point::widest_axis::SAMPLE;
 use crate::progress::Progress;
 use crate::simd::LANES;
@@ -56,7 +57,7 @@ fn blocks(items: &mut [Item], block: usize, leaf: usize, motion: Option<Displace
 /// Divides points by motion and returns how many are on the left; `None` if division by position is better.
 fn divide_by_motion(items: &mut [Item], block: usize, displacement: Displacement<'_>) -> Option<usize> {
     let displaced = |item: &Item| Displaced { at: item.at, by: displacement(item.point) };
-    let sample = items.iter().step_by((items.len() / motion_groups::SAMPLE).max(1)).map(displaced);
+    let sample = (0..motion_groups::SAMPLE).map(|i| displaced(&items[spread(i, items.len())]));
     let division = MotionDivision::of(&sample.collect::<Vec<_>>(), items.len(), block)?;
     let mut keys: Vec<(f64, Item)> = items.iter().map(|item| (division.key(&displaced(item)), *item)).collect();
     keys.select_nth_unstable_by(division.left, |a, b| a.0.total_cmp(&b.0).then(a.1.point.cmp(&b.1.point)));
