@@ -5,8 +5,8 @@ use core::fmt::Write;
 use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    FileError, MovingPoint, NeighborCsr, PointArrays, PointLayerKind, PointParams, PointStructure, PointTree, SimdLevel, TimeInterval,
-    TreePoint, Visitor,
+    FileError, MovingPoint, NeighborCsr, PointArrays, PointLayerKind, PointParams, PointStructure, PointTree,
+    SimdLevel, TimeInterval, TreePoint, Visitor,
 };
 
 fn fixed(n: usize, random: &mut Random) -> Vec<Vec3> {

@@ -396,6 +396,12 @@ fn bad_input_is_a_typed_error_or_a_documented_answer() {
         let params = GatherParams { window, ..GatherParams::default() };
         assert!(PhotonMap::<f32>::build(&[], &params).is_err());
     }
+    // Whether or not there are photons to which the structure matters.
+    let params = GatherParams { structure: PointStructure::TimeSlices(0), ..GatherParams::default() };
+    for photons in [vec![], vec![photon(0.0, Vec3::Z, 1.0, at(0.5))], vec![photon(0.0, Vec3::Z, 1.0, carried)]] {
+        let error = PhotonMap::build(&photons, &params).unwrap_err();
+        assert!(matches!(error, GatherError::Parameter { name: "structure", .. }), "{error:?}");
+    }
 
     let mut scratch = GatherScratch::new();
     let empty = PhotonMap::<f32>::build(&[], &GatherParams::default()).unwrap();
