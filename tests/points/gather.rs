@@ -396,12 +396,6 @@ fn bad_input_is_a_typed_error_or_a_documented_answer() {
         let params = GatherParams { window, ..GatherParams::default() };
         assert!(PhotonMap::<f32>::build(&[], &params).is_err());
     }
-    // Whether or not there are photons to which the structure matters.
-    let params = GatherParams { structure: PointStructure::TimeSlices(0), ..GatherParams::default() };
-    for photons in [vec![], vec![photon(0.0, Vec3::Z, 1.0, at(0.5))], vec![photon(0.0, Vec3::Z, 1.0, carried)]] {
-        let error = PhotonMap::build(&photons, &params).unwrap_err();
-        assert!(matches!(error, GatherError::Parameter { name: "structure", .. }), "{error:?}");
-    }
 
     let mut scratch = GatherScratch::new();
     let empty = PhotonMap::<f32>::build(&[], &GatherParams::default()).unwrap();
@@ -458,4 +452,16 @@ fn bad_input_is_a_typed_error_or_a_documented_answer() {
         points.scatter(&[(Vec3::X, 0.5)], at, 0.1, &mut [0; 2], |_, _, _| ()).unwrap_err().to_string(),
         "2 elements where 1 are needed"
     );
+}
+
+/// Whether or not there are photons to which the structure matters.
+#[test]
+fn every_map_refuses_structures_out_of_range() {
+    let params = GatherParams { structure: PointStructure::TimeSlices(0), ..GatherParams::default() };
+    let stamped = Photon::at_time(Vec3::ZERO, Vec3::Z, 1.0f32, 0.5);
+    let carried = Photon { time: PhotonTime::Carried { time: 0.5, velocity: Vec3::X }, ..stamped };
+    for photons in [vec![], vec![stamped], vec![carried]] {
+        let error = PhotonMap::build(&photons, &params).unwrap_err();
+        assert!(matches!(error, GatherError::Parameter { name: "structure", .. }), "{error:?}");
+    }
 }
