@@ -22,6 +22,7 @@
 //! | `limits` | all limits on input |
 //! | `tuning` | all fitted constants, each with the command that fits it |
 //! | `error` | why a build refuses its input |
+//! | `random` | random numbers of `check_primitive`, and of the unit tests |
 //! | `parallel` | parallel loops over several threads |
 //! | `simd` | sixteen lanes with run-time dispatch, and the memory they read; the only `unsafe` code |
 //! | `file` | tree files: header, checksum, numbers and arrays as bytes |
@@ -69,7 +70,6 @@ mod params;
 pub mod point;
 mod primitive;
 mod progress;
-#[cfg(test)]
 mod random;
 pub mod ray;
 mod simd;

@@ -1,6 +1,6 @@
-//! Random numbers of the unit tests.
+//! Random numbers of `check_primitive` and of the unit tests.
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
 /// A linear congruential generator: Knuth's for 64 bits.
 pub(crate) struct Random(pub u64);
@@ -12,6 +12,24 @@ impl Random {
         self.0
     }
 
+    /// In [0, 1), with all bits of an f64.
+    pub fn unit_f64(&mut self) -> f64 {
+        (self.bits() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// In [-1, 1), likewise.
+    pub fn signed_f64(&mut self) -> f64 {
+        (self.bits() >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    }
+
+    /// In the cube [-1, 1)³, likewise.
+    pub fn dvec(&mut self) -> DVec3 {
+        DVec3::new(self.signed_f64(), self.signed_f64(), self.signed_f64())
+    }
+}
+
+#[cfg(test)]
+impl Random {
     /// In [0, 1).
     pub fn unit(&mut self) -> f32 {
         (self.bits() >> 40) as f32 / (1 << 24) as f32
@@ -22,18 +40,8 @@ impl Random {
         (self.bits() >> 40) as f32 / (1 << 23) as f32 - 1.0
     }
 
-    /// In [-1, 1), with all bits of an f64.
-    pub fn signed_f64(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
-
     /// In the cube [-1, 1)³.
-    pub fn vec(&mut self) -> Vec3 {
-        Vec3::new(self.signed(), self.signed(), self.signed())
-    }
-
-    /// The same with all bits of f64.
-    pub fn dvec(&mut self) -> DVec3 {
-        DVec3::new(self.signed_f64(), self.signed_f64(), self.signed_f64())
+    pub fn vec(&mut self) -> glam::Vec3 {
+        glam::Vec3::new(self.signed(), self.signed(), self.signed())
     }
 }

@@ -147,7 +147,7 @@ impl<G: Geometry> RayTree<G> {
     }
 
     /// [`RayTree::closest_hit`] among the hits for which `accept` returns true, on meshes whose
-    /// [`mask`](TriangleMesh::mask) shares a bit with `mask`. Custom primitives have all bits.
+    /// [`mask`](TriangleMesh::mask) shares a bit with `mask`. Spheres and custom primitives have all bits.
     ///
     /// `accept` must be pure. It may be called several times for the same hit, and is not called for every hit.
     ///

@@ -5,8 +5,8 @@ use core::fmt::Write;
 use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    FileError, MovingPoint, NeighborCsr, PointArrays, PointParams, PointStructure, PointTree, SimdLevel, TimeInterval,
-    TreePoint, Visitor,
+    FileError, MovingPoint, NeighborCsr, PointArrays, PointLayerKind, PointParams, PointStructure, PointTree,
+    SimdLevel, TimeInterval, TreePoint, Visitor,
 };
 
 fn fixed(n: usize, random: &mut Random) -> Vec<Vec3> {
@@ -177,21 +177,52 @@ fn trees_come_back_bit_for_bit() {
     }
 }
 
+/// 40 000 points of which every `one_in`th moves up to `fast` along each axis, and the others hardly. `active` gives
+/// the active intervals of the others.
+fn with_fast_points(
+    (one_in, fast): (usize, f32),
+    active: impl Fn(&mut Random) -> TimeInterval,
+    random: &mut Random,
+) -> Vec<MovingPoint> {
+    let point = |i: usize| {
+        let open = random.vec();
+        if i.is_multiple_of(one_in) {
+            return MovingPoint::new(open, open + random.vec() * fast);
+        }
+        MovingPoint::new(open, open + random.vec() * 1e-3).active(active(random))
+    };
+    (0..40_000).map(point).collect()
+}
+
+/// The tree of points of which the automatic choice puts the fast ones in a layer of their own: with only two time slices
+/// allowed, that is by far the cheapest.
+fn separated(points: &[MovingPoint]) -> PointTree {
+    let tree = PointTree::build(points, &PointParams { max_references: 2.0, ..PointParams::default() }).unwrap();
+    let layers = &tree.statistics().layers;
+    let moving = layers.iter().filter(|layer| matches!(layer.kind, PointLayerKind::Linear { .. }));
+    let moving: Vec<usize> = moving.map(|layer| layer.points).collect();
+    assert_eq!((moving.len(), moving.iter().sum()), (2, points.len()), "{layers:?}");
+    tree
+}
+
 /// Fast points leave empty lanes in the leaves of the others.
 #[test]
 fn trees_with_fast_points_apart_come_back_bit_for_bit() {
     let mut random = Random(3);
-    let speed = |i: usize| if i.is_multiple_of(20) { 1.0 } else { 1e-3 };
-    let points: Vec<MovingPoint> = (0..40_000)
-        .map(|i| {
-            let open = random.vec();
-            MovingPoint::new(open, open + random.vec() * speed(i))
-        })
-        .collect();
-    let tree = PointTree::build(&points, &PointParams::default()).unwrap();
-    let layers: Vec<usize> = tree.statistics().layers.iter().map(|layer| layer.points).collect();
-    assert_eq!((layers.len(), layers.iter().sum()), (2, points.len()), "{layers:?}");
+    let tree = separated(&with_fast_points((20, 1.0), |_| TimeInterval::FULL, &mut random));
     check("fast points apart", tree);
+}
+
+/// The leaves that have empty lanes have active intervals too, and so do the nodes above them, some of which lack a leaf.
+#[test]
+fn trees_with_fast_points_apart_and_active_intervals_come_back_bit_for_bit() {
+    let mut random = Random(3);
+    let half = |random: &mut Random| {
+        let begin = random.unit() * 0.5;
+        TimeInterval::new(begin, begin + 0.5).unwrap()
+    };
+    let tree = separated(&with_fast_points((12, 3.0), half, &mut random));
+    check("fast points apart, with active intervals", tree);
 }
 
 #[test]

@@ -124,6 +124,19 @@ fn larger_sets_reach_every_level_of_the_tree() {
     }
 }
 
+/// Which sets of the test above have fast points in a layer of their own. Those of "fast cluster" are among each other when
+/// samples are taken, so the automatic choice does not see that they would be better apart, and divides the shutter.
+#[test]
+fn automatic_layers_of_sets_with_fast_points() {
+    for (kind, layers) in [("fast few", 2), ("fast cluster", 1)] {
+        let tree = build(&cloud(kind, 30_000, &mut Rng(77)), PointStructure::Automatic, SimdLevel::best());
+        let statistics = tree.statistics();
+        let moving = |kind: PointLayerKind| matches!(kind, PointLayerKind::Linear { .. });
+        let found = statistics.layers.iter().filter(|layer| moving(layer.kind)).count();
+        assert_eq!(found, layers, "{kind}: {statistics}");
+    }
+}
+
 #[test]
 fn small_sets_of_every_size() {
     let mut rng = Rng(3);

@@ -453,3 +453,15 @@ fn bad_input_is_a_typed_error_or_a_documented_answer() {
         "2 elements where 1 are needed"
     );
 }
+
+/// Whether or not there are photons to which the structure matters.
+#[test]
+fn every_map_refuses_structures_out_of_range() {
+    let params = GatherParams { structure: PointStructure::TimeSlices(0), ..GatherParams::default() };
+    let stamped = Photon::at_time(Vec3::ZERO, Vec3::Z, 1.0f32, 0.5);
+    let carried = Photon { time: PhotonTime::Carried { time: 0.5, velocity: Vec3::X }, ..stamped };
+    for photons in [vec![], vec![stamped], vec![carried]] {
+        let error = PhotonMap::build(&photons, &params).unwrap_err();
+        assert!(matches!(error, GatherError::Parameter { name: "structure", .. }), "{error:?}");
+    }
+}

@@ -443,6 +443,11 @@ fn a_bound_on_speeds_certifies_no_longer_than_it_takes() {
         );
     }
     assert_eq!(certified_duration(1.0, 1.0, 0.0), f32::INFINITY);
+    // Lists of all pairs miss none.
+    for (radius, skin) in [(1.0, f32::INFINITY), (f32::INFINITY, 0.0), (f32::MAX, f32::MAX)] {
+        assert_eq!(certified_duration(radius, skin, 1.0), f32::INFINITY);
+    }
+    assert_eq!(certified_duration(1.0, 1.0, f32::INFINITY), 0.0);
     assert_eq!(certified_duration(1.0, f32::NAN, 1.0), 0.0);
     assert_eq!(certified_duration(-1.0, 1.0, 1.0), 0.0);
 }

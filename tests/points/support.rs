@@ -120,7 +120,7 @@ pub fn cloud(kind: &str, count: usize, rng: &mut Rng) -> Cloud {
             "coherent" => MovingPoint::new(p, p + Vec3::new(0.4 + 0.1 * p.y, 0.2, -0.1 * p.x)),
             "random" => MovingPoint::new(p, p + rng.vec() * spacing * 2.0),
             "fast few" => MovingPoint::new(p, if i % 17 == 0 { p + rng.vec() * 3.0 } else { p + rng.vec() * 1e-3 }),
-            // All fast points are neighbours of each other at mid-shutter.
+            // All fast points are neighbours of each other at mid-shutter (and `Automatic` does not separate them).
             "fast cluster" if i % 17 == 0 => {
                 let (middle, half) = (p * 0.1 + 5.0, rng.vec().normalize_or(Vec3::X) * 1.5);
                 MovingPoint::new(middle - half, middle + half)

@@ -1,7 +1,8 @@
 //! Parameters of photon maps.
 
 use super::error::GatherError;
-use crate::point::tree::PointStructure;
+use crate::point::error::PointError;
+use crate::point::tree::{PointParams, PointStructure};
 use crate::simd::SimdLevel;
 
 /// How a photon map, or a set of visible points, is built. Answers do not depend on it, except that
@@ -35,6 +36,10 @@ impl GatherParams {
         if self.neighbors == 0 {
             return Err(GatherError::Parameter { name: "neighbors", expected: "at least 1" });
         }
-        Ok(())
+        // Checked for all maps, though it only matters to photons that exist for a while or move.
+        match (PointParams { structure: self.structure, ..PointParams::default() }).validate() {
+            Err(PointError::Parameter { name, expected }) => Err(GatherError::Parameter { name, expected }),
+            other => Ok(other?),
+        }
     }
 }

@@ -116,7 +116,7 @@ impl<F: Fn(&PointPath, &PointPath) -> bool> Visitor for First<'_, F> {
 }
 
 /// How long lists with a skin hold every pair within `radius`, if no point is ever faster than `speed`: rounded down,
-/// infinite if nothing moves, 0 for arguments that are negative or NaN.
+/// infinite if nothing moves or the lists hold all pairs, 0 for arguments that are negative or NaN.
 ///
 /// A pair that is not in the lists is farther apart than `radius + skin`, and two points approach each other by at most
 /// twice the speed: it takes `skin / (2·speed)`. No point may have moved by more than its speed times that, rounding of
@@ -132,10 +132,10 @@ pub fn certified_duration(radius: f32, skin: f32, speed: f32) -> f32 {
     if !(radius >= 0.0 && skin >= 0.0 && speed >= 0.0) {
         return 0.0;
     }
-    if speed == 0.0 {
+    let reach = radius + skin;
+    if speed == 0.0 || reach == f32::INFINITY {
         return f32::INFINITY;
     }
-    let reach = f64::from(radius + skin) * (1.0 - 1.0 / f64::from(1 << 21));
-    let time = (reach - f64::from(radius)).max(0.0) / (2.0 * f64::from(speed));
-    if time.is_finite() { rounded_down(time) } else { 0.0 }
+    let reach = f64::from(reach) * (1.0 - 1.0 / f64::from(1 << 21));
+    rounded_down((reach - f64::from(radius)).max(0.0) / (2.0 * f64::from(speed)))
 }

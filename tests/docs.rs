@@ -1,0 +1,67 @@
+//! What the documentation names exists: files, and tests.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// All files below a folder whose names end like this.
+fn files(folder: &Path, endings: &[&str], found: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        if path.is_dir() {
+            if !name.starts_with('.') && name != "target" {
+                files(&path, endings, found);
+            }
+        } else if endings.iter().any(|ending| name.ends_with(ending)) {
+            found.push(path);
+        }
+    }
+}
+
+/// The code spans of a text. (Spans with spaces are commands and expressions.)
+fn code_spans(text: &str) -> impl Iterator<Item = &str> {
+    text.lines().flat_map(|line| line.split('`').skip(1).step_by(2)).filter(|span| !span.contains(' '))
+}
+
+fn comments(code: &str) -> String {
+    let lines = code.lines().map(str::trim_start).filter(|line| line.starts_with("//"));
+    lines.collect::<Vec<_>>().join("\n")
+}
+
+#[test]
+fn files_and_tests_that_are_named_exist() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut paths = Vec::new();
+    files(root, &[".rs", ".md"], &mut paths);
+    let read = |path: &PathBuf| std::fs::read_to_string(path).unwrap();
+    let (rust, pages): (Vec<_>, Vec<_>) = paths.iter().partition(|path| path.extension().is_some_and(|e| e == "rs"));
+    let code: Vec<String> = rust.iter().map(|path| read(path)).collect();
+    let functions: BTreeSet<&str> = code
+        .iter()
+        .flat_map(|text| text.split("fn ").skip(1))
+        .filter_map(|rest| rest.split(|c: char| !c.is_alphanumeric() && c != '_').next())
+        .collect();
+    let texts = rust.iter().zip(code.iter().map(|text| comments(text)));
+    // The changelog tells what was.
+    let pages = pages.iter().filter(|path| !path.ends_with("CHANGELOG.md")).map(|path| (path, read(path)));
+    let (mut named, mut missing) = ([0, 0], Vec::new());
+    for (path, text) in texts.chain(pages) {
+        for span in code_spans(&text) {
+            let is_file = span.ends_with(".rs") && span.chars().all(|c| c.is_alphanumeric() || "_/.-".contains(c));
+            // Names of tests are sentences.
+            let is_test = span.matches('_').count() >= 5 && span.chars().all(|c| c.is_ascii_lowercase() || c == '_');
+            named[0] += usize::from(is_file);
+            named[1] += usize::from(is_test);
+            let exists = match (is_file, is_test) {
+                (true, _) => rust.iter().any(|file| file.ends_with(span.trim_start_matches("../"))),
+                (_, true) => functions.contains(span),
+                _ => true,
+            };
+            if !exists {
+                missing.push(format!("{}: {span}", path.strip_prefix(root).unwrap().display()));
+            }
+        }
+    }
+    assert!(missing.is_empty(), "{}", missing.join("\n"));
+    assert!(named[0] > 100 && named[1] > 20, "few names were understood: {named:?}");
+}
