@@ -13,6 +13,9 @@ pub(crate) const MAX_KEYS: usize = 1 << 16;
 /// The most time slices of a point tree that can be requested.
 pub(crate) const MAX_POINT_TIME_SLICES: usize = 1024;
 
+/// The most trees of a point tree, one for each time slice of each segment between keys, unless there is one per segment.
+pub(crate) const MAX_POINT_TREES: usize = 1 << 14;
+
 /// The most slices of the shutter in a wide tree.
 pub(crate) const MAX_TIME_SLICES: usize = 16;
 

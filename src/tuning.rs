@@ -158,7 +158,7 @@ pub(crate) mod points {
     pub const FAST: f32 = 2.0;
     /// Points are divided by motion instead of position if that costs less than this fraction: it leaves points on the wrong
     /// side, and nodes overlap more.
-    pub const MAX_MOTION_COST: f64 = 0.9;
+    pub const MAX_MOTION_COST: f64 = 0.85;
     /// A set is divided into static and moving points if at least this fraction is static.
     pub const MIN_STATIC_SHARE: f64 = 0.5;
     /// Bytes of leaves above which most of them miss all caches.

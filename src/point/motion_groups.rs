@@ -42,7 +42,7 @@ const HALF_SPREAD: f64 = 1.732;
 
 impl MotionDivision {
     /// The division of `count` points, of which a sample is given, into subtrees of `block` points each. `None` if division by position
-    /// is better.
+    /// is better. Where flows do not fill whole subtrees, the last one of a flow has points of the next one as well.
     pub(super) fn of(sample: &[Displaced], count: usize, block: usize) -> Option<MotionDivision> {
         let expected = AffineMotion::of(sample);
         let leaf = leaf_size(sample, count);
@@ -58,12 +58,14 @@ impl MotionDivision {
         for axis in 0..3 {
             let mut order = off.clone();
             order.sort_unstable_by(|a, b| a[axis].total_cmp(&b[axis]));
-            let (mut low, mut taken) = (Moments::default(), 0);
-            for left in (block..count).step_by(block) {
-                let part = left * order.len() / count;
-                order[taken..part].iter().for_each(|&off| low.add(off));
-                taken = part;
-                let (share, high) = (left as f64 / count as f64, whole.without(&low));
+            let mut low = Moments::default();
+            for (pair, part) in order.chunks(2).zip((2..order.len()).step_by(2)) {
+                pair.iter().for_each(|&off| low.add(off));
+                let (share, high) = (part as f64 / order.len() as f64, whole.without(&low));
+                let left = (share * count as f64 / block as f64).round() as usize * block;
+                if left == 0 || left >= count {
+                    continue;
+                }
                 let cost = share * cost(leaf, share, low.deviation())
                     + (1.0 - share) * cost(leaf, 1.0 - share, high.deviation());
                 if cost < least {

@@ -8,7 +8,7 @@ use super::linear_bounds::{LinearBox, LinearBoxes};
 use super::moving_leaf::{Block, LaneIntervals, MovingLeaves};
 use super::moving_reference::{MovingReference, References, TimeSlice, take_positions};
 use super::moving_view::{AtTime, HasLeaves};
-use super::order::{ORDERING, order_rows};
+use super::order::{Displacements, ORDERING, order_rows};
 use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath};
 use super::point_rows::{NO_POINT, PointRows};
 use super::slice_tree::SliceTree;
@@ -63,7 +63,9 @@ impl MovingTree {
                 *to = core::array::from_fn(|axis| (close[axis] - open[axis]) * phases);
             }
         };
-        order_rows(from, &mut rows, LANES, Some(&displacements), &progress.subtask(ORDERING));
+        // Fast references would be divided from the others instead of left out.
+        let motion = without_fast.is_none().then_some(&displacements as Displacements<'_>);
+        order_rows(from, &mut rows, LANES, motion, &progress.subtask(ORDERING));
         let timed = references.timed(&slice);
         let shape = Shape::with_leaf(count, 1);
         let mut leaves = MovingLeaves::of(blocks, timed, references.have_active_intervals());

@@ -11,7 +11,7 @@ use super::source::{Input, Source};
 use super::static_tree::StaticTree;
 use super::statistics::{PointLayerKind, PointLayerStatistics, PointStatistics};
 use crate::geometry::TimeInterval;
-use crate::limits::MAX_POINT_TIME_SLICES;
+use crate::limits::{MAX_POINT_TIME_SLICES, MAX_POINT_TREES};
 use crate::primitive::PointSet;
 use crate::progress::{Callback, Progress};
 use crate::simd::{PointBlock, SimdLevel};
@@ -27,7 +27,8 @@ pub enum PointStructure {
     Automatic,
     /// Linear boxes over the whole shutter, without splits: best for coherent or small motion.
     Linear,
-    /// Linear boxes in this many trees (at least 1), one per time slice: best for long incoherent motion.
+    /// Linear boxes in this many trees (1 to 1024), one per time slice: best for long incoherent motion. With more than two
+    /// keys each segment between keys has so many, at most 16384 in all (or one for each segment).
     TimeSlices(usize),
     /// The k-d tree of the paper. A point that crosses a plane is stored on both sides, on each with the time it spends there.
     Mbkd,
@@ -192,6 +193,12 @@ impl PointTree {
 
     /// Builds the tree of a set that was read.
     pub(super) fn of(source: &Source, params: &PointParams, progress: &Progress) -> Result<PointTree, PointError> {
+        if let PointStructure::TimeSlices(slices @ 2..) = params.structure
+            && slices * source.keys.saturating_sub(1) > MAX_POINT_TREES
+        {
+            let expected = "one with at most 16384 time slices in all, those of each segment between keys";
+            return Err(PointError::Parameter { name: "structure", expected });
+        }
         let (len, origin) = (source.len, source.origin);
         let mut tree = PointTree::without_layers(len, origin, params.simd, source.ids_are_indices());
         if source.is_precise() {

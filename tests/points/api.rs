@@ -318,6 +318,15 @@ fn bad_input_is_a_typed_error() {
     for structure in [PointStructure::TimeSlices(0), PointStructure::TimeSlices(5000)] {
         assert!(matches!(PointTree::build(&two, &params(structure)), Err(PointError::Parameter { .. })));
     }
+    // So many slices in each of 29 segments.
+    let there_and_back: Vec<&[Vec3]> =
+        (0..30).map(|i| if i % 2 == 0 { &two[..] } else { &[Vec3::ONE, Vec3::X][..] }).collect();
+    let set = PointArrays { keys: &there_and_back, active: &[], ids: &[] };
+    for (slices, allowed) in [(1, true), (8, true), (1024, false)] {
+        let tree = PointTree::build(&set, &params(PointStructure::TimeSlices(slices)));
+        assert_eq!(tree.is_ok(), allowed, "{slices} slices");
+        assert!(allowed || matches!(tree, Err(PointError::Parameter { name: "structure", .. })));
+    }
     for max_references in [0.5, f32::NAN, f32::INFINITY] {
         let p = PointParams { max_references, ..PointParams::default() };
         assert!(matches!(PointTree::build(&two, &p), Err(PointError::Parameter { name: "max_references", .. })));

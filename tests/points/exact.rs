@@ -100,9 +100,17 @@ fn every_query_equals_comparing_all_points() {
 #[test]
 fn larger_sets_reach_every_level_of_the_tree() {
     let seed = 77;
-    for kind in
-        ["uniform", "surface", "random", "coherent", "fast few", "fast cluster", "short intervals", "wild speeds"]
-    {
+    for kind in [
+        "uniform",
+        "surface",
+        "random",
+        "coherent",
+        "fast few",
+        "fast cluster",
+        "flows",
+        "short intervals",
+        "wild speeds",
+    ] {
         let mut rng = Rng(seed);
         let cloud = cloud(kind, 30_000, &mut rng);
         for structure in STRUCTURES {
@@ -134,6 +142,37 @@ fn automatic_layers_of_sets_with_fast_points() {
         let moving = |kind: PointLayerKind| matches!(kind, PointLayerKind::Linear { .. });
         let found = statistics.layers.iter().filter(|layer| moving(layer.kind)).count();
         assert_eq!(found, layers, "{kind}: {statistics}");
+    }
+}
+
+/// Two flows through each other, which part by 19 spacings: one tree divides them, and a search visits a third of the blocks that it
+/// would visit otherwise. Counted, so exact.
+#[test]
+fn flows_through_each_other_cost_little_more_than_static_points() {
+    for way in [2, 3] {
+        let mut rng = Rng(8);
+        let spacing = 2.0 / 60_000f32.cbrt();
+        let points: Vec<MovingPoint> = (0..60_000)
+            .map(|i| {
+                let (p, by) = (rng.vec(), Vec3::X * 9.5 * spacing * if i % way == 0 { 1.0 } else { -1.0 });
+                MovingPoint::new(p - by, p + by)
+            })
+            .collect();
+        let cloud = Cloud::moving(&points);
+        let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
+        let still = (0..points.len()).map(|i| cloud.at(i, 0.5)).collect();
+        let still = build(&Cloud::still(still), PointStructure::Automatic, SimdLevel::best());
+        let [mut own, mut work] = [0; 2];
+        for i in 0..300 {
+            let time = rng.unit();
+            let q = cloud.at(i * 199, time) + rng.vec() * 0.3 * spacing;
+            work += tree.query(q, time).work(8).blocks;
+            own += still.query(q, time).work(8).blocks;
+        }
+        let statistics = tree.statistics();
+        assert_eq!(statistics.layers[0].kind, PointLayerKind::Linear { time_slices: 1 }, "{statistics}");
+        assert_eq!(statistics.references_per_point(), 1.0);
+        assert!(work < 2 * own, "{work} blocks, {own} of static points");
     }
 }
 

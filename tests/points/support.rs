@@ -80,7 +80,7 @@ impl Rng {
 }
 
 /// The kinds of sets that searches are tested on.
-pub const KINDS: [&str; 17] = [
+pub const KINDS: [&str; 18] = [
     "uniform",
     "surface",
     "equal",
@@ -98,6 +98,7 @@ pub const KINDS: [&str; 17] = [
     "converging",
     "tiny steps",
     "fast cluster",
+    "flows",
 ];
 
 /// `count` points of a kind.
@@ -126,6 +127,11 @@ pub fn cloud(kind: &str, count: usize, rng: &mut Rng) -> Cloud {
                 MovingPoint::new(middle - half, middle + half)
             }
             "fast cluster" => MovingPoint::new(p, p + rng.vec() * 1e-3),
+            // Three flows through each other in a rotating field: points are divided by motion.
+            "flows" => {
+                let way = [Vec3::X, Vec3::NEG_X, Vec3::Y][i % 3];
+                MovingPoint::new(p, p + way + Vec3::new(-p.y, p.x, 0.0))
+            }
             "wild speeds" => MovingPoint::new(p, p + rng.vec() * 10f32.powi((rng.bits() % 12) as i32 - 6)),
             "short intervals" => {
                 let begin = rng.unit() * 0.95;
