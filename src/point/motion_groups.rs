@@ -40,6 +40,12 @@ pub(super) const SAMPLE: usize = 128;
 /// of a box around points at one place, averaged over the slice, if these numbers are their displacements.
 const HALF_SPREAD: f64 = 1.732;
 
+/// Of the sorted sample every so many points a cut is tried.
+const STEP: usize = 4;
+
+/// Points are not divided along an axis if displacements spread less than this, in leaves.
+const LEAST_SPREAD: f64 = 0.5;
+
 impl MotionDivision {
     /// The division of `count` points, of which a sample is given, into subtrees of `block` points each. `None` if division by position
     /// is better. Where flows do not fill whole subtrees, the last one of a flow has points of the next one as well.
@@ -49,26 +55,26 @@ impl MotionDivision {
         let off: Vec<DVec3> = sample.iter().map(|point| expected.off(point)).collect();
         let mut whole = Moments::default();
         off.iter().for_each(|&off| whole.add(off));
-        let most = MAX_MOTION_COST * cost(leaf, 1.0, whole.deviation());
+        let most = MAX_MOTION_COST * cost(leaf, leaf, whole.deviation());
         // A small spread is most common.
-        if most < cost(leaf, 1.0, DVec3::ZERO) {
+        if most < cost(leaf, leaf, DVec3::ZERO) {
             return None;
         }
         let (mut best, mut least) = (None, most);
+        let cuts: Vec<Cut> = (STEP..off.len()).step_by(STEP).map(|part| Cut::new(part, off.len(), leaf)).collect();
         for axis in 0..3 {
+            // Little is to be gained along this axis.
+            if HALF_SPREAD * whole.deviation()[axis] < LEAST_SPREAD * leaf.max_element() {
+                continue;
+            }
             let mut order = off.clone();
             order.sort_unstable_by(|a, b| a[axis].total_cmp(&b[axis]));
             let mut low = Moments::default();
-            for (pair, part) in order.chunks(2).zip((2..order.len()).step_by(2)) {
-                pair.iter().for_each(|&off| low.add(off));
-                let (share, high) = (part as f64 / order.len() as f64, whole.without(&low));
-                let left = (share * count as f64 / block as f64).round() as usize * block;
-                if left == 0 || left >= count {
-                    continue;
-                }
-                let cost = share * cost(leaf, share, low.deviation())
-                    + (1.0 - share) * cost(leaf, 1.0 - share, high.deviation());
-                if cost < least {
+            for (some, cut) in order.chunks(STEP).zip(&cuts) {
+                some.iter().for_each(|&off| low.add(off));
+                let left = (cut.share * count as f64 / block as f64).round() as usize * block;
+                let cost = cut.cost(leaf, low.deviation(), whole.without(&low).deviation());
+                if cost < least && left > 0 && left < count {
                     (best, least) = (Some((axis, left)), cost);
                 }
             }
@@ -83,12 +89,31 @@ impl MotionDivision {
     }
 }
 
-/// The number of leaves that a ball meets, relative to the number of leaves that have a corner in it. The leaves of all points are `leaf`
-/// long without motion; those of a `share` of them are larger.
-fn cost(leaf: DVec3, share: f64, deviation: DVec3) -> f64 {
+/// A division of a sample in two.
+struct Cut {
+    /// The share of the points that are on the left.
+    share: f64,
+    /// The sizes of leaves on both sides without motion.
+    leaves: [DVec3; 2],
+}
+
+impl Cut {
+    fn new(part: usize, count: usize, leaf: DVec3) -> Cut {
+        let share = part as f64 / count as f64;
+        Cut { share, leaves: [share, 1.0 - share].map(|share| leaf / share.cbrt()) }
+    }
+
+    fn cost(&self, leaf: DVec3, low: DVec3, high: DVec3) -> f64 {
+        self.share * cost(leaf, self.leaves[0], low) + (1.0 - self.share) * cost(leaf, self.leaves[1], high)
+    }
+}
+
+/// The number of leaves of a size that a ball meets, relative to the number of leaves that have a corner in it. The ball is as large as
+/// the leaves of all points, `leaf`.
+fn cost(leaf: DVec3, size: DVec3, deviation: DVec3) -> f64 {
     // Of points on a surface, leaves are flat.
     let ball = leaf.x.max(leaf.y).min(leaf.y.max(leaf.z)).min(leaf.x.max(leaf.z));
-    (leaf / share.cbrt() + ball + HALF_SPREAD * deviation).element_product()
+    (size + ball + HALF_SPREAD * deviation).element_product()
 }
 
 /// The size of the leaves of `count` points that are spread like those of a sample.
