@@ -159,6 +159,8 @@ pub(crate) mod points {
     /// Points are divided by motion instead of position if that costs less than this fraction: it leaves points on the wrong
     /// side, and nodes overlap more.
     pub const MAX_MOTION_COST: f64 = 0.85;
+    /// They are not divided along an axis if displacements spread less than this there, in leaves.
+    pub const MIN_MOTION_SPREAD: f64 = 0.5;
     /// A set is divided into static and moving points if at least this fraction is static.
     pub const MIN_STATIC_SHARE: f64 = 0.5;
     /// Bytes of leaves above which most of them miss all caches.

@@ -15,7 +15,7 @@
 //! access method for predictive queries" (2003).
 
 use crate::simd::LANES;
-use crate::tuning::points::MAX_MOTION_COST;
+use crate::tuning::points::{MAX_MOTION_COST, MIN_MOTION_SPREAD};
 use glam::{DMat3, DVec3};
 
 /// A point, and its displacement during a time slice.
@@ -36,15 +36,12 @@ pub(super) struct MotionDivision {
 /// The number of points of a range that should be examined.
 pub(super) const SAMPLE: usize = 128;
 
-/// Half of the distance between the least and the greatest of evenly distributed numbers, relative to their standard deviation: the size
-/// of a box around points at one place, averaged over the slice, if these numbers are their displacements.
+/// Half of the distance between the least and the greatest of evenly distributed numbers, relative to their standard deviation (the root
+/// of 3): the size of a box around points at one place, averaged over the slice, if these numbers are their displacements.
 const HALF_SPREAD: f64 = 1.732;
 
 /// Of the sorted sample every so many points a cut is tried.
 const STEP: usize = 4;
-
-/// Points are not divided along an axis if displacements spread less than this, in leaves.
-const LEAST_SPREAD: f64 = 0.5;
 
 impl MotionDivision {
     /// The division of `count` points, of which a sample is given, into subtrees of `block` points each. `None` if division by position
@@ -64,7 +61,7 @@ impl MotionDivision {
         let cuts: Vec<Cut> = (STEP..off.len()).step_by(STEP).map(|part| Cut::new(part, off.len(), leaf)).collect();
         for axis in 0..3 {
             // Little is to be gained along this axis.
-            if HALF_SPREAD * whole.deviation()[axis] < LEAST_SPREAD * leaf.max_element() {
+            if HALF_SPREAD * whole.deviation()[axis] < MIN_MOTION_SPREAD * leaf.max_element() {
                 continue;
             }
             let mut order = off.clone();
