@@ -58,6 +58,8 @@ pub(in crate::point) struct KNearest<'a, K, O> {
     scale: f32,
     candidates: &'a mut Candidates,
     queue: LeafQueue,
+    /// Leaves of the current bottom node that are queued or visited, while its other leaves wait for a threshold.
+    seen: Mask,
     keep: &'a K,
     observe: &'a mut O,
 }
@@ -86,6 +88,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             scale: 1.0,
             candidates,
             queue,
+            seen: 0,
             keep,
             observe,
         }
@@ -100,9 +103,22 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         go: impl FnOnce(&mut KNearest<'_, L, P>),
     ) {
         let KNearest { k, threshold, origin, cull, bound, shrink, guesses, scale, .. } = *self;
-        let (candidates, queue) = (&mut *self.candidates, LeafQueue::new());
-        let mut lent =
-            KNearest { k, threshold, origin, cull, bound, shrink, guesses, scale, candidates, queue, keep, observe };
+        let (candidates, queue, seen) = (&mut *self.candidates, LeafQueue::new(), 0);
+        let mut lent = KNearest {
+            k,
+            threshold,
+            origin,
+            cull,
+            bound,
+            shrink,
+            guesses,
+            scale,
+            candidates,
+            queue,
+            seen,
+            keep,
+            observe,
+        };
         go(&mut lent);
         let KNearest { threshold, origin, cull, guesses, scale, .. } = lent;
         (self.threshold, self.origin, self.cull, self.guesses, self.scale) = (threshold, origin, cull, guesses, scale);
@@ -326,6 +342,30 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         lanes
     }
 
+    /// Of some leaves of a bottom node the nearest ones that hold enough points for a threshold, if a leaf holds `points`.
+    #[inline(always)]
+    fn nearest_leaves<S: Simd>(&self, s: S, boxes: S::F, leaves: Mask, points: usize) -> Mask {
+        let enough = (3 * self.k).div_ceil(points) + 1;
+        if leaves.count_ones() as usize <= enough {
+            return leaves;
+        }
+        let mut left = keys(s, s.select(leaves, boxes, s.splat(f32::INFINITY)));
+        let mut nearest = 0;
+        for _ in 0..enough {
+            let (lane, _) = unpack(s.reduce_min_u(left));
+            nearest |= 1 << lane;
+            left = s.select_u(1 << lane, s.splat_u(u32::MAX), left);
+        }
+        nearest
+    }
+
+    /// Whether leaves of the bottom node that was tested last wait for a threshold: it is to be tested again once the queued ones are
+    /// visited.
+    #[inline(always)]
+    pub(super) fn has_waiting_leaves(&self) -> bool {
+        self.seen != 0
+    }
+
     /// The squared distance above which boxes are culled (strictly).
     #[inline(always)]
     pub(super) fn cull(&self) -> f32 {
@@ -356,7 +396,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         boxes: S::F,
     ) -> bool {
         let first = view.first_block(node);
-        let mut found = 0;
+        let mut found = core::mem::take(&mut self.seen);
         if self.origin == Origin::Caller {
             let few = self.k <= MOST_COLUMNS;
             let much_less_than_leaf = few && self.k < LANES * view.leaf_blocks() / 2;
@@ -366,6 +406,15 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             }
             if few && self.origin == Origin::Caller {
                 found = self.seed(s, view, target, first, boxes);
+            } else if self.origin == Origin::Caller {
+                // From far away, and where points are few: points of the nearest leaves give a threshold for the others.
+                let left = s.le(boxes, s.splat(self.cull)) & !found;
+                let nearest = self.nearest_leaves(s, boxes, left, LANES * view.leaf_blocks());
+                if nearest != left {
+                    self.queue.push_lanes(s, view, first, nearest);
+                    self.seen = found | nearest;
+                    return true;
+                }
             }
         }
         self.queue.push_lanes(s, view, first, s.le(boxes, s.splat(self.cull)) & !found);

@@ -33,10 +33,11 @@ pub(in crate::point) fn walk<S: Simd, V: View, K: Keep, O: Observe>(
         if level == 0 {
             let boxes = view.box_distances(s, target, node);
             look = search.push_leaves(s, view, target, node, boxes);
-            over = top == 0;
-            level = 1;
+            let again = search.has_waiting_leaves();
+            over = top == 0 && !again;
+            level = usize::from(!again);
             left = s.load_u(&open[1]);
-            key = next[1];
+            key = if again { DONE } else { next[1] };
         } else {
             // The keys of a new node stay in a register: a round trip through memory would delay the next load.
             let (boxes, holding) = view.boxes(s, target, node);
@@ -58,6 +59,9 @@ pub(in crate::point) fn walk<S: Simd, V: View, K: Keep, O: Observe>(
             }
             if over {
                 return;
+            }
+            if level == 0 {
+                break;
             }
             let (lane, distance) = unpack(key);
             // The key of a finished lane unpacks to NaN, which is not within any bound.
