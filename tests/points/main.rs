@@ -5,6 +5,7 @@ mod api;
 mod approximate;
 mod double;
 mod exact;
+mod far_away;
 mod fickle;
 mod gather;
 mod gather_theory;

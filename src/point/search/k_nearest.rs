@@ -345,7 +345,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
     /// Of some leaves of a bottom node the nearest ones that hold enough points for a threshold, if a leaf holds `points`.
     #[inline(always)]
     fn nearest_leaves<S: Simd>(&self, s: S, boxes: S::F, leaves: Mask, points: usize) -> Mask {
-        let enough = (3 * self.k).div_ceil(points) + 1;
+        let enough = (2 * self.k).div_ceil(points) + 1;
         if leaves.count_ones() as usize <= enough {
             return leaves;
         }
