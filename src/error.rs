@@ -184,15 +184,22 @@ pub enum RefitError {
         /// The mesh.
         mesh: usize,
     },
-    /// A mesh needs another number of keys than leaf blocks have room for, after redundant keys are merged
+    /// A mesh needs another number of keys than leaf blocks are laid out for, after redundant keys are merged
     /// (see [`TriangleMesh`](crate::TriangleMesh)). A static mesh always fits.
     Keys {
         /// The mesh.
         mesh: usize,
-        /// The number that there is room for.
+        /// The number that the tree was built for.
         expected: usize,
         /// The number that it needs.
         found: usize,
+    },
+    /// There is no mesh with this index.
+    NoMesh {
+        /// The index that was named as moved.
+        mesh: usize,
+        /// The number of meshes.
+        meshes: usize,
     },
     /// A mesh is kept in f64 ([`TriangleMesh::precise`](crate::TriangleMesh::precise)) and was not, or the other way round.
     Precision {
@@ -225,7 +232,13 @@ impl fmt::Display for RefitError {
                 write!(f, "mesh {mesh} has other triangles than the tree was built of: build it again")
             }
             RefitError::Keys { mesh, expected, found } => {
-                write!(f, "mesh {mesh} needs {found} keys, but the tree has room for {expected}: build it again")
+                write!(
+                    f,
+                    "mesh {mesh} needs {found} keys after merging, and the tree was built for {expected}: build it again"
+                )
+            }
+            RefitError::NoMesh { mesh, meshes } => {
+                write!(f, "mesh {mesh} is named as moved, but there are only {meshes}")
             }
             RefitError::Precision { mesh } => {
                 write!(f, "mesh {mesh} is to be kept in another precision than the tree was built with: build it again")

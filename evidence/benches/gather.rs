@@ -12,6 +12,7 @@
 //! rebuilt for each pass, but with the points themselves in the cells instead of lists of them; ours refits its tree to
 //! the new radii.
 
+use clap::Parser;
 use kiddo::SquaredEuclidean;
 use mbkd::glam::{IVec3, Vec3};
 use mbkd::point::{
@@ -48,13 +49,30 @@ fn race(rounds: usize, items: usize, runs: &mut [&mut dyn FnMut() -> f64]) -> Ve
     times.iter().map(|t| t[t.len() / 2]).zip(sums).collect()
 }
 
+#[derive(Parser)]
+#[command(about = "Photon gathers against kiddo and hash grids, in tables")]
+struct Args {
+    /// Number of photons.
+    #[arg(long, default_value_t = 1_000_000, value_parser = at_least_one)]
+    photons: usize,
+    /// Queries per repetition.
+    #[arg(long, default_value_t = 50_000, value_parser = at_least_one)]
+    queries: usize,
+    /// Repetitions; the median is reported.
+    #[arg(long, default_value_t = 5, value_parser = at_least_one)]
+    repeat: usize,
+    /// Passed by cargo to every benchmark.
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+fn at_least_one(text: &str) -> Result<usize, String> {
+    text.parse().ok().filter(|&n| n > 0).ok_or_else(|| "a whole number, at least 1".to_string())
+}
+
 fn main() {
-    let number = |name: &str, default: usize| {
-        let mut args = std::env::args().skip_while(|arg| arg != name);
-        args.nth(1).and_then(|n| n.parse().ok()).unwrap_or(default)
-    };
-    let (photons, queries, rounds) =
-        (number("--photons", 1_000_000), number("--queries", 50_000), number("--repeat", 5));
+    let args = Args::parse();
+    let (photons, queries, rounds) = (args.photons, args.queries, args.repeat);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("one thread can be started");
     pool.install(|| {
         gathers(photons, queries, rounds);

@@ -1,9 +1,10 @@
 //! What f64 points cost: the same set with f32 and with f64 positions, one thread. A thousand queries of each in turn;
 //! the median of the ratios of such pairs, and the least time of each.
 //!
-//! `cargo run --release --example double_points -- [points] [rows with this in their name]`; 100 000 and a million points
+//! `cargo run --release --example double_points -- --points 100000 --rows uniform`; all rows with 100 000 and a million points
 //! unless said otherwise.
 
+use clap::Parser;
 use mbkd::glam::DVec3;
 use mbkd::{NeighborBuffer, NeighborCsr, PointArrays, PointParams, PointTree};
 use mbkd_evidence::accuracy::Random;
@@ -140,11 +141,21 @@ fn compare(scene: &str, count: usize, moving: bool) -> Result<(), Box<dyn std::e
     Ok(())
 }
 
+#[derive(Parser)]
+#[command(about = "What f64 points cost, beside the same set in f32")]
+struct Args {
+    /// Numbers of points.
+    #[arg(long, value_delimiter = ',', default_values_t = [100_000, 1_000_000])]
+    points: Vec<usize>,
+    /// Only the rows with this in their names.
+    #[arg(long, default_value = "")]
+    rows: String,
+}
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let given: Vec<String> = std::env::args().skip(1).collect();
-    let counts = given.first().map_or(Ok(vec![100_000, 1_000_000]), |n| n.parse().map(|n| vec![n]))?;
-    for count in counts {
-        for scene in SCENES.into_iter().filter(|scene| given.get(1).is_none_or(|part| scene.contains(part))) {
+    let args = Args::parse();
+    for count in args.points {
+        for scene in SCENES.into_iter().filter(|scene| scene.contains(&args.rows)) {
             for moving in [false, true] {
                 compare(scene, count, moving)?;
             }

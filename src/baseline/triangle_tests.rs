@@ -64,16 +64,25 @@ impl TriangleTests {
     }
 
     /// The number of kept keys of a triangle's motion, at least 1; they are spaced evenly over the shutter.
+    ///
+    /// # Panics
+    /// If there is no such triangle.
     pub fn keys(&self, index: u32) -> usize {
         self.scene.triangles.keys(index)
     }
 
     /// The corners of a triangle at a time of the shutter.
+    ///
+    /// # Panics
+    /// If there is no such triangle.
     pub fn corners(&self, index: u32, time: f32) -> [Vec3; 3] {
         self.scene.triangles.corners(index, time)
     }
 
     /// Bounds that hold the corners of a triangle at every time of an interval.
+    ///
+    /// # Panics
+    /// If there is no such triangle.
     pub fn bounds(&self, index: u32, over: TimeInterval) -> LinearBounds {
         let bounds = self.scene.bounds(index, over);
         let wide = |b: Box3| Aabb { min: b.min.as_dvec3(), max: b.max.as_dvec3() };
@@ -95,6 +104,9 @@ impl TriangleTests {
     }
 
     /// The hit of a ray and a triangle, in the ray's range and no farther than `limit`.
+    ///
+    /// # Panics
+    /// If there is no such triangle.
     #[inline]
     pub fn hit(&self, ray: &PreparedRay, index: u32, limit: f32) -> Option<Hit> {
         if !self.scene.always_active() && !self.scene.active(index).contains(ray.time()) {

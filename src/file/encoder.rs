@@ -4,9 +4,10 @@ use super::checksum::Checksum;
 use super::error::FileError;
 use super::header::{FileKind, HEADER, Header};
 use super::record::Record;
+use core::sync::atomic::{AtomicU64, Ordering};
 use std::fs::File;
-use std::io::Write;
-use std::path::Path;
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
 
 /// Arrays begin at multiples of this in a file: a cache line, so that a file can be used where it is mapped.
 pub(super) const ALIGNMENT: u64 = 64;
@@ -44,18 +45,36 @@ pub(crate) fn write(
 }
 
 /// Writes a temporary file by `write` next to `path`, and then renames it: a reader of `path` finds either the previous
-/// file or the complete new one.
+/// file or the complete new one, whoever else saves there. What is no regular file, as a pipe, is written to directly.
 pub(crate) fn save(path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<(), FileError>) -> Result<(), FileError> {
-    let mut name = path.file_name().unwrap_or_default().to_os_string();
-    name.push(format!(".{}.part", std::process::id()));
-    let part = path.with_file_name(name);
-    let mut file = File::create(&part)?;
+    // The file behind a symbolic link, not the link, is replaced.
+    let target = std::fs::canonicalize(path);
+    let path = target.as_deref().unwrap_or(path);
+    if std::fs::metadata(path).is_ok_and(|of| !of.is_file()) {
+        return write(&mut File::options().write(true).open(path)?);
+    }
+    let (part, mut file) = temporary_file(path)?;
     let written = write(&mut file).and_then(|()| Ok(std::fs::rename(&part, path)?));
     if written.is_err() {
         // An error of the removal matters less than the error of the write.
         let _ = std::fs::remove_file(&part);
     }
     written
+}
+
+/// Creates a file next to `path` that did not exist: another thread or machine may be saving to the same path.
+fn temporary_file(path: &Path) -> std::io::Result<(PathBuf, File)> {
+    static COUNT: AtomicU64 = AtomicU64::new(0);
+    loop {
+        let count = COUNT.fetch_add(1, Ordering::Relaxed);
+        let mut name = path.file_name().unwrap_or_default().to_os_string();
+        name.push(format!(".{}.{count}.part", std::process::id()));
+        let part = path.with_file_name(name);
+        match File::create_new(&part) {
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+            created => return Ok((part, created?)),
+        }
+    }
 }
 
 impl Encoder<'_> {

@@ -17,7 +17,7 @@ const BEYOND: f32 = 1.0 + f32::EPSILON;
 /// assert_eq!(first.intersect(last), None);
 /// # Ok::<(), mbkd::IntervalError>(())
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, PartialEq)]
 pub struct TimeInterval {
     begin: f32,
     end: f32,
@@ -88,6 +88,12 @@ impl TimeInterval {
     }
 }
 
+impl core::fmt::Debug for TimeInterval {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("TimeInterval").field("begin", &self.begin).field("end", &self.end()).finish()
+    }
+}
+
 impl Default for TimeInterval {
     fn default() -> Self {
         TimeInterval::FULL
@@ -105,6 +111,7 @@ mod tests {
             assert!(error.to_string().contains("0 <= begin < end <= 1"));
         }
         assert_eq!(TimeInterval::new(0.0, 1.0).unwrap(), TimeInterval::FULL);
+        assert_eq!(format!("{:?}", TimeInterval::FULL), "TimeInterval { begin: 0.0, end: 1.0 }");
     }
 
     #[test]

@@ -85,8 +85,9 @@ impl Distortion {
     }
 }
 
-/// The greatest number of halvings of the time between two keys.
-const DEPTH: u32 = 12;
+/// The greatest number of halvings of the time between two keys. Only the times around a nearly singular matrix are halved so often,
+/// as when an object shrinks to a millionth; where all matrices are singular, the first part of the greatest depth ends the search.
+const DEPTH: u32 = 40;
 
 enum Around {
     Known(Distortion),
@@ -128,6 +129,10 @@ mod tests {
     fn paths_through_singular_matrices_are_rejected_and_others_are_bounded() {
         assert_eq!(Distortion::between(DMat3::IDENTITY, -DMat3::IDENTITY), None);
         assert_eq!(Distortion::between(DMat3::IDENTITY, DMat3::from_diagonal(DVec3::new(1.0, 1.0, 0.0))), None);
+        let shrunk = Distortion::between(DMat3::IDENTITY, DMat3::from_diagonal(DVec3::splat(1e-6))).unwrap();
+        assert!(shrunk.skeel < 20.0, "{}", shrunk.skeel);
+        let flat = DMat3::from_diagonal(DVec3::new(1.0, 2.0, 0.0));
+        assert_eq!(Distortion::between(flat, flat * 3.0), None);
         let (first, last) = (DMat3::IDENTITY, DMat3::from_rotation_z(2.5) * 3.0);
         let bound = Distortion::between(first, last).unwrap();
         for i in 0..=1000 {

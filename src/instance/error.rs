@@ -37,21 +37,26 @@ pub enum InstanceError {
         /// The key.
         key: usize,
     },
-    /// A transform is singular, or so nearly that rays cannot be mapped into the instance's space: it flattens, shears
-    /// or (if the instance is a tree of instances) scales by very different factors. Beyond about 2^18 in total.
+    /// A transform is singular, or so nearly that its inverse is not finite.
     Singular {
         /// The instance.
         instance: usize,
         /// The key.
         key: usize,
     },
-    /// A transform becomes singular at some time between two keys: entries of matrices, or scales, are interpolated
-    /// through zero.
+    /// A transform becomes singular at some time between two keys, or so nearly that it cannot be told apart: entries of matrices, or
+    /// scales, are interpolated through zero.
     SingularBetween {
         /// The instance.
         instance: usize,
         /// The key before that time.
         key: usize,
+    },
+    /// At some time the transform distorts space so much that rays cannot be mapped into the instance's space exactly enough: it shears,
+    /// nearly flattens or (if the instance is a tree of instances) scales by very different factors. Rounding may grow by 2^18 at most.
+    Distorted {
+        /// The instance.
+        instance: usize,
     },
     /// The instance lies farther from zero than [`crate::MAX_COORDINATE`] at some time.
     TooLarge {
@@ -86,6 +91,11 @@ impl fmt::Display for InstanceError {
                 f,
                 "instance {instance}: between keys {key} and {} its transform becomes singular, or nearly",
                 key + 1
+            ),
+            InstanceError::Distorted { instance } => write!(
+                f,
+                "instance {instance}: its transform shears or flattens so much that rounding grows by more than 2^18; \
+                 bake it into the vertices"
             ),
             InstanceError::TooLarge { instance } => {
                 write!(f, "instance {instance} is placed beyond {MAX_COORDINATE:e}; move or scale the scene")

@@ -70,7 +70,7 @@ impl Placements {
         for (instance, (one, distortion)) in placed.into_iter().enumerate() {
             let slack = Slack::new(&distortion, &extents[one.tree as usize]);
             if !(slack.per_distance <= MAX_DEVIATION && slack.fixed.is_finite()) {
-                return Err(InstanceError::Singular { instance, key: 0 });
+                return Err(InstanceError::Distorted { instance });
             }
             deviation = deviation.max(slack.per_distance * padding);
             slacks.push(Slack { per_distance: slack.per_distance * padding, fixed: slack.fixed * padding });

@@ -87,7 +87,7 @@ fn one_layer<'a>(
         (plan, _) => PartialLayer::new(source, points, plan, progress),
     };
     let mut cost = layer.cost(trials);
-    let mut measured = vec![format!("in the set itself {} {cost:.1}", name(layer.plan))];
+    let mut measured = vec![format!("in the whole set {} {cost:.1}", name(layer.plan))];
     while !progress.cancelled() && trials.finer(layer.plan).is_some_and(|finer| finer < cost * MAX_PREDICTED_COST) {
         let next = PartialLayer::new(source, points, Plan::Boxes(2 * layer.plan.time_slices()), progress);
         let of_next = next.cost(trials);
@@ -97,7 +97,8 @@ fn one_layer<'a>(
         }
         (layer, cost) = (next, of_next);
     }
-    (layer, cost, measured.join(", "))
+    let measured = format!("{}: {}", measured.join(", "), name(layer.plan));
+    (layer, cost, measured)
 }
 
 /// The fast points, the others, and the linear tree of those between the keys in the middle.
@@ -155,7 +156,7 @@ impl<'a> Separated<'a> {
         let all = (slow.points.len() + fast.points.len()) as f64;
         let share = |of: &PartialLayer| progress.subtask(of.points.len() as f64 / all);
         let (of_slow, of_fast) = (share(&slow), share(&fast));
-        let why = format!("{why}; in the set itself fast points apart in {} {cost:.1}", name(fast.plan));
+        let why = format!("{why}; in the whole set fast points apart in {} {cost:.1}", name(fast.plan));
         let slow = slow.finish(why, &of_slow);
         vec![slow, fast.finish("fast points, apart from the others".to_string(), &of_fast)]
     }
@@ -231,5 +232,5 @@ fn explain(trials: &[Trial], best: &Trial) -> String {
         None => name(trial.plan),
     };
     let costs: Vec<String> = trials.iter().map(|t| format!("{} {:.1}", name(t), t.cost)).collect();
-    format!("{} costs least in trial searches ({})", name(best), costs.join(", "))
+    format!("chosen from trial searches: {} (costs: {})", name(best), costs.join(", "))
 }

@@ -46,8 +46,9 @@ pub struct PointParams {
     /// The structure for moving points. Default: automatic. If all points of a set are static, it always has the static
     /// structure.
     pub structure: PointStructure,
-    /// The greatest number of references per point, in the k-d tree and over time slices; at least 1, default 8. A
-    /// reference takes 32 to 48 bytes. Time slices that are requested explicitly are not limited.
+    /// The greatest number of references per point for each segment between two keys, in the k-d tree and over time slices; at least
+    /// 1, default 8. Points with n keys may so have n - 1 times as many, since each segment has a tree of its own. A reference takes
+    /// 32 to 48 bytes. Time slices that are requested explicitly are not limited.
     pub max_references: f32,
     /// Whether positions given in f64 are rounded to f32, relative to the middle of the set. They are then off by up to
     /// 2^-25 of its size, but need as little memory and time as f32 positions. Default: no; answers are exact in f64. (If

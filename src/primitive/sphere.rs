@@ -93,8 +93,8 @@ impl Primitive for MovingSphere {
         self.padded_bounds(over, PADDING)
     }
 
-    /// The nearer of the two intersections that lies in the ray's range; `u` and `v` are the longitude and
-    /// latitude of the unit normal, as its x and y.
+    /// The nearer of the two intersections that lies in the ray's range; `u` and `v` are the x and y
+    /// of the unit normal. (Its z may have either sign: the normal itself is the hit point minus the centre, divided by the radius.)
     fn intersect(&self, ray: &Ray) -> Option<Intersection> {
         let (center, radius) = self.at(ray.time);
         let d = ray.dir.as_dvec3();

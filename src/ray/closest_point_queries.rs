@@ -18,8 +18,8 @@ impl<G: Geometry> RayTree<G> {
     /// implement [`Primitive::closest_point`](crate::Primitive::closest_point).
     ///
     /// Answers are exact in the sense of [`BruteForce::closest_point`](crate::baseline::BruteForce::closest_point): the
-    /// same bits as from testing every primitive. The distance from a triangle is computed in f64 and rounded to f32;
-    /// it is never too small, and too large by less than 2e-8 of the triangle's longest edge.
+    /// same bits as from testing every primitive. The distance from a triangle is computed in f64, where it is
+    /// never too small, and too large by less than 2e-8 of the triangle's longest edge; then it is rounded to the nearest f32.
     ///
     /// Returns `None` for a point that is NaN, infinite or beyond
     /// [`MAX_COORDINATE`](crate::MAX_COORDINATE), a time outside `[0, 1]`, and a `max_distance` that is negative or NaN.

@@ -97,7 +97,8 @@ impl RayTree {
         })
     }
 
-    /// [`RayTree::write_to`] a file, which appears under this name only once it is complete.
+    /// [`RayTree::write_to`] a file, which appears under this name only once it is complete: it is written next to it and then
+    /// renamed. A symbolic link is followed; a pipe or device is written to directly.
     ///
     /// # Errors
     /// As [`RayTree::write_to`].
@@ -164,7 +165,8 @@ impl<P: Primitive> RayTree<Shapes<P>> {
         })
     }
 
-    /// [`RayTree::write_to`] a file, which appears under this name only once it is complete.
+    /// [`RayTree::write_to`] a file, which appears under this name only once it is complete: it is written next to it and then
+    /// renamed. A symbolic link is followed; a pipe or device is written to directly.
     ///
     /// # Errors
     /// As [`RayTree::write_to`].

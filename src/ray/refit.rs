@@ -120,8 +120,11 @@ impl RayTree {
     /// ```
     ///
     /// # Errors
-    /// As [`RayTree::refit`].
+    /// As [`RayTree::refit`]; [`RefitError::NoMesh`] for an index beyond the meshes.
     pub fn refit_moved(&mut self, meshes: &[TriangleMesh], moved: &[usize]) -> Result<Refit, RefitError> {
+        if let Some(&mesh) = moved.iter().find(|&&mesh| mesh >= meshes.len()) {
+            return Err(RefitError::NoMesh { mesh, meshes: meshes.len() });
+        }
         let moved = (0..=meshes.len()).map(|mesh| moved.contains(&mesh)).collect();
         self.refit_scene(meshes, None, moved)
     }

@@ -195,6 +195,49 @@ fn files_are_saved_whole_and_loaded() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
+/// Whoever loads meanwhile finds one of the trees, whole.
+#[test]
+fn threads_may_save_to_the_same_path() {
+    let folder = std::env::temp_dir().join(format!("mbkd-same-path-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = folder.join("tree");
+    let trees: Vec<RayTree> = trees().into_iter().map(|(_, tree)| tree).take(2).collect();
+    let whole: Vec<Vec<u8>> = trees.iter().map(file).collect();
+    trees[0].save(&path).unwrap();
+    std::thread::scope(|threads| {
+        for tree in &trees {
+            threads.spawn(|| (0..40).for_each(|_| tree.save(&path).unwrap()));
+        }
+        for _ in 0..40 {
+            let found = std::fs::read(&path).unwrap();
+            assert!(whole.contains(&found), "{} bytes", found.len());
+        }
+    });
+    assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1, "no temporary file is left");
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[cfg(unix)]
+#[test]
+fn links_are_followed_and_what_is_no_file_is_written_to() {
+    let folder = std::env::temp_dir().join(format!("mbkd-links-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let (path, link) = (folder.join("tree"), folder.join("link"));
+    let (_, tree) = trees().pop().unwrap();
+    std::fs::write(&path, b"before").unwrap();
+    std::os::unix::fs::symlink(&path, &link).unwrap();
+    tree.save(&link).unwrap();
+    assert!(std::fs::symlink_metadata(&link).unwrap().is_symlink());
+    assert_eq!(std::fs::read(&path).unwrap(), file(&tree));
+    assert!(matches!(tree.save(&folder), Err(FileError::Io(_))), "a folder");
+    let nowhere = std::path::Path::new("/dev/null");
+    if nowhere.exists() {
+        tree.save(nowhere).unwrap();
+        assert!(!std::fs::metadata(nowhere).unwrap().is_file());
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
 #[test]
 fn files_are_the_same_for_any_number_of_threads() {
     let scene = mbkd_scenes::mixed(20_000);

@@ -421,7 +421,7 @@ fn automatic_reports_its_choice_and_the_reason() {
     };
     let coherent = kinds("coherent");
     assert_eq!(coherent.layers[0].kind, PointLayerKind::Linear { time_slices: 1 });
-    assert!(coherent.layers[0].why.contains("costs least"));
+    assert!(coherent.layers[0].why.contains("trial searches"));
     let fast = kinds("fast few");
     assert!(fast.layers[0].why.contains("fast points apart"), "not tried: {fast}");
     assert!(kinds("wild speeds").references_per_point() > 1.0);

@@ -462,11 +462,33 @@ fn bad_instances_are_refused_with_their_number() {
     let through = vec![DAffine3::IDENTITY, DAffine3::IDENTITY, DAffine3::from_scale(-DVec3::ONE)];
     assert_eq!(error(through.into()), InstanceError::SingularBetween { instance: i, key: 1 });
     assert_eq!(error(moved(DVec3::splat(1e31)).into()), InstanceError::TooLarge { instance: i });
+    let sheared = DMat3::from_cols(DVec3::X, DVec3::new(1e7, 1.0, 0.0), DVec3::Z);
+    assert_eq!(error(DAffine3::from_mat3(sheared).into()), InstanceError::Distorted { instance: i });
     let params = WideParams { max_references: 0.0, ..WideParams::default() };
     assert!(matches!(InstanceTree::build(vec![], &params), Err(InstanceError::Build(_))));
-    for error in [InstanceError::TooDeep { instance: 3 }, error(moved(DVec3::NAN).into())] {
+    for error in [
+        InstanceError::TooDeep { instance: 3 },
+        InstanceError::Distorted { instance: 3 },
+        error(moved(DVec3::NAN).into()),
+    ] {
         assert!(error.to_string().starts_with("instance"), "{error}");
     }
+}
+
+#[test]
+fn an_object_may_shrink_to_a_millionth() {
+    let of = Arc::new(RayTree::build(&[soup(200, 1, 0.5, 0.0, 5)], &BuildParams::default()).unwrap());
+    let shrink = vec![DAffine3::IDENTITY, DAffine3::from_scale(DVec3::splat(1e-6))];
+    let tree = InstanceTree::build(vec![Instance::new(of.clone(), shrink)], &WideParams::default()).unwrap();
+    let mut hits = 0;
+    for i in 0..200 {
+        let time = i as f32 / 200.0;
+        let ray = Ray::new(Vec3::new(0.3, 0.2, 4.0), Vec3::new(-0.075, -0.05, -1.0)).at_time(time);
+        let local = tree.local_ray(0, &ray).unwrap();
+        assert_eq!(tree.closest_hit(&ray).map(|hit| hit.hit), of.closest_hit(&local));
+        hits += usize::from(of.closest_hit(&local).is_some());
+    }
+    assert!(hits > 20, "{hits}");
 }
 
 #[test]

@@ -228,6 +228,8 @@ fn static_blocks_are_not_written_and_blocks_known_to_be_static_not_visited() {
     // Only the nodes above the subtrees are visited.
     assert!(nothing.nodes + nothing.leaves == 0 && nothing.kept < blocks / 50, "{nothing:?} of {blocks}");
     assert!(tree.refit_moved(&meshes, &[2]).unwrap().leaves > 0);
+    let beyond = meshes.len();
+    assert_eq!(tree.refit_moved(&meshes, &[beyond]), Err(RefitError::NoMesh { mesh: beyond, meshes: beyond }));
     agrees(&tree, &meshes, &rays(100, 1.5, 9), "told later");
 }
 

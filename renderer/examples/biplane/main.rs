@@ -17,6 +17,7 @@ mod solids;
 #[cfg(test)]
 mod tests;
 
+use clap::Parser;
 use glb::Writer;
 use mbkd::glam::Vec3;
 use std::path::{Path, PathBuf};
@@ -24,8 +25,16 @@ use std::path::{Path, PathBuf};
 /// Length of the clip in seconds.
 const SECONDS: f32 = 1.6;
 
+#[derive(Parser)]
+#[command(about = "Writes the model of a biplane that tows a banner around a small planet, as a GLB file")]
+struct Args {
+    /// The file, by default the one in the repository.
+    #[arg(short, long, default_value_os_t = path())]
+    output: PathBuf,
+}
+
 fn main() -> std::io::Result<()> {
-    let (path, bytes) = (path(), biplane());
+    let (path, bytes) = (Args::parse().output, biplane());
     std::fs::write(&path, &bytes)?;
     println!("wrote {}: {} bytes", path.display(), bytes.len());
     Ok(())

@@ -95,8 +95,9 @@ impl PointTree {
     /// that begins or ends to exist at a key, only the motion on that side of the key counts. (A
     /// [`closest_approach`](PointTree::closest_approach) may also be at the end alone.)
     ///
-    /// The lists do not depend on the structure, the number of threads or the instruction set. The order of lists, and of
-    /// the encounters within them, is that of the tree, or that of ids where it consists of several. Points with the same
+    /// The encounters do not depend on the structure, the number of threads or the instruction set. The order of lists, and of
+    /// the encounters within them, is that of the tree, or that of ids where it consists of several; a point that does not exist in
+    /// the interval may have an empty list or none. Points with the same
     /// id are no neighbours of each other; where the tree consists of several, they have one list together.
     ///
     /// Cost: a little more than lists at a time while points move less than their spacing relative to their
