@@ -127,7 +127,7 @@ impl<'a> Separated<'a> {
     fn new(
         source: &'a Source,
         (slow, tree): (&'a [u32], MovingTree),
-        (fast, of_fast): (&'a [u32], Plan),
+        (fast, plan): (&'a [u32], Plan),
         trials: &Trials,
         progress: &Progress,
     ) -> Separated<'a> {
@@ -138,16 +138,25 @@ impl<'a> Separated<'a> {
             let cost = trials.measured(&[&slow.tree, &fast.tree], references, fast.slice());
             (fast, cost)
         };
-        let (mut fast, mut cost) = begin(of_fast);
+        let affordable = |slices: usize| {
+            let references = slow.references() + references_of(source, fast, slices);
+            trials.may_have(slices, references as f64)
+        };
+        // There may be more fast points than samples promised.
+        let mut slices = plan.time_slices();
+        while slices > 1 && !affordable(slices) {
+            slices /= 2;
+        }
+        let (mut of_fast, mut cost) = begin(Plan::Boxes(slices));
         // Trees over a few points are built quickly.
-        while !progress.cancelled() && trials.affordable(2 * fast.plan.time_slices()) {
-            let finer = begin(Plan::Boxes(2 * fast.plan.time_slices()));
+        while !progress.cancelled() && affordable(2 * of_fast.plan.time_slices()) {
+            let finer = begin(Plan::Boxes(2 * of_fast.plan.time_slices()));
             if finer.1 >= cost * MAX_COST {
                 break;
             }
-            (fast, cost) = finer;
+            (of_fast, cost) = finer;
         }
-        Separated { slow, fast, cost }
+        Separated { slow, fast: of_fast, cost }
     }
 
     fn finish(self, why: String, progress: &Progress) -> Vec<Chosen> {

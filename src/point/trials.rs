@@ -68,7 +68,15 @@ impl<'a> Trials<'a> {
         let mut before = [trials.add(&samples, simple, None); 2];
         let mut goes_on = [true, few];
         let mut slices = 2;
-        while goes_on != [false; 2] && trials.affordable(slices) {
+        loop {
+            let with_fast = |m: &MovingReference| if m.fast { trees_of(m.active, slices, source.keys) } else { 1 };
+            let per_point = samples.iter().map(|s| s.scale * s.references.iter().map(with_fast).sum::<usize>() as f64);
+            let within =
+                [trials.affordable(slices), trials.may_have(slices, per_point.sum::<f64>() / samples.len() as f64)];
+            goes_on = [goes_on[0] && within[0], goes_on[1] && within[1]];
+            if goes_on == [false; 2] {
+                break;
+            }
             let (samples, plan) = (trials.sampler.samples(slices, few), Plan::Boxes(slices));
             for (i, (slow, fast)) in [(plan, None), (simple, Some(plan))].into_iter().enumerate() {
                 if goes_on[i] {
@@ -132,11 +140,17 @@ impl<'a> Trials<'a> {
         (self.points.len() / SEARCHED).clamp(least, most)
     }
 
-    /// Whether a segment may have this many time slices.
+    /// Whether a segment may have this many time slices of all points.
     pub(super) fn affordable(&self, slices: usize) -> bool {
-        let all = || references_of(self.source, self.points, slices) as f64;
-        let within = || all() <= f64::from(self.most) * self.points.len() as f64;
-        slices <= FINEST && (slices as f32 <= self.most || within())
+        if slices as f32 <= self.most {
+            return slices <= FINEST;
+        }
+        self.may_have(slices, references_of(self.source, self.points, slices) as f64)
+    }
+
+    /// Whether a segment may have this many time slices of some points, if there are so many references to all in all.
+    pub(super) fn may_have(&self, slices: usize, references: f64) -> bool {
+        slices <= FINEST && references <= f64::from(self.most) * self.points.len() as f64
     }
 }
 
