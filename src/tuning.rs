@@ -152,6 +152,11 @@ pub(crate) mod points {
     /// The cost of a structure in samples, relative to another one in the whole set, below which a tree of it is built and
     /// measured. Samples underestimate costs by a few percent.
     pub const MAX_PREDICTED_COST: f64 = 0.87;
+    /// Time slices half as long must cost at most this fraction for still shorter ones to be tried, and so for those of a few fast points to
+    /// be chosen, which take little memory.
+    pub const MAX_REFINED_COST: f64 = 0.98;
+    /// Time slices that cost less than this fraction of what was expected of them make it doubtful that fewer are too few.
+    pub const CONFIRMED: f64 = 0.9;
     /// A point is fast if it moves farther, relative to its neighbours, than this many times the size of a leaf: the
     /// one that they share in the middle of the slice, or the median of all leaves if that is smaller. (A point that
     /// has left the others by then shares a large leaf with few points.)

@@ -2,7 +2,7 @@
 //!
 //! Samples give a first choice ([`super::trials`]). They hardly contain points that come from far away, so a structure
 //! may turn out to cost more. Therefore the tree of one time slice is built over the whole set, and the work of searches
-//! in it is counted. If slices half as long promise to cost less, the tree of one of those is built as well. The trees of
+//! in it is counted. If shorter slices promise to cost less, the tree of one of those is built as well. The trees of
 //! the structure that is finally chosen are reused.
 
 use super::build::{Plan, middle_segment, time_slices, tree, tree_without_fast};
@@ -13,7 +13,7 @@ use super::source::Source;
 use super::trials::{Trial, Trials, references_of};
 use crate::progress::Progress;
 use crate::simd::SimdLevel;
-use crate::tuning::points::{MAX_COST, MAX_PREDICTED_COST};
+use crate::tuning::points::{MAX_COST, MAX_PREDICTED_COST, MAX_REFINED_COST};
 
 /// A layer, and the reason for its plan.
 pub(super) struct Chosen {
@@ -42,7 +42,7 @@ pub(super) fn moving_layers(
     let begin = |plan| Some(Separated::new(source, (&slow, ready.take()?), (&fast, plan), &trials, progress));
     let separated = best.fast.filter(|_| !fast.is_empty()).and_then(begin);
     let separated = match separated {
-        Some(separated) if separated.cost * MAX_PREDICTED_COST <= trials.best(false).cost => {
+        Some(separated) if separated.cost * MAX_PREDICTED_COST <= trials.least_of_one_layer() => {
             return separated.finish(why, progress);
         }
         other => other,
@@ -88,8 +88,8 @@ fn one_layer<'a>(
     };
     let mut cost = layer.cost(trials);
     let mut measured = vec![format!("in the whole set {} {cost:.1}", name(layer.plan))];
-    while !progress.cancelled() && trials.finer(layer.plan).is_some_and(|finer| finer < cost * MAX_PREDICTED_COST) {
-        let next = PartialLayer::new(source, points, Plan::Boxes(2 * layer.plan.time_slices()), progress);
+    while let Some(finer) = trials.finer(layer.plan, cost).filter(|_| !progress.cancelled()) {
+        let next = PartialLayer::new(source, points, finer, progress);
         let of_next = next.cost(trials);
         measured.push(format!("{} {of_next:.1}", name(next.plan)));
         if of_next >= cost * MAX_COST {
@@ -128,7 +128,7 @@ impl<'a> Separated<'a> {
     fn new(
         source: &'a Source,
         (slow, tree): (&'a [u32], MovingTree),
-        (fast, of_fast): (&'a [u32], Plan),
+        (fast, plan): (&'a [u32], Plan),
         trials: &Trials,
         progress: &Progress,
     ) -> Separated<'a> {
@@ -139,16 +139,25 @@ impl<'a> Separated<'a> {
             let cost = trials.measured(&[&slow.tree, &fast.tree], references, fast.slice());
             (fast, cost)
         };
-        let (mut fast, mut cost) = begin(of_fast);
-        // Trees over a few points are built quickly.
-        while !progress.cancelled() && trials.affordable(2 * fast.plan.time_slices()) {
-            let finer = begin(Plan::Boxes(2 * fast.plan.time_slices()));
-            if finer.1 >= cost * MAX_COST {
+        let affordable = |slices: usize| {
+            let references = slow.references() + references_of(source, fast, slices);
+            trials.may_have(slices, references as f64)
+        };
+        // There may be more fast points than samples promised.
+        let mut slices = plan.time_slices();
+        while slices > 1 && !affordable(slices) {
+            slices /= 2;
+        }
+        let (mut of_fast, mut cost) = begin(Plan::Boxes(slices));
+        // Trees over a few points are built quickly and take little memory.
+        while !progress.cancelled() && affordable(2 * of_fast.plan.time_slices()) {
+            let finer = begin(Plan::Boxes(2 * of_fast.plan.time_slices()));
+            if finer.1 > cost * MAX_REFINED_COST {
                 break;
             }
-            (fast, cost) = finer;
+            (of_fast, cost) = finer;
         }
-        Separated { slow, fast, cost }
+        Separated { slow, fast: of_fast, cost }
     }
 
     fn finish(self, why: String, progress: &Progress) -> Vec<Chosen> {

@@ -101,6 +101,12 @@ impl MovingReference {
         core::array::from_fn(|axis| self.at(axis, phase) as f32)
     }
 
+    /// The same where it is in the middle of a time slice.
+    pub(super) fn at_rest(&self, slice: &TimeSlice) -> MovingReference {
+        let at = self.position(slice.middle_phase());
+        MovingReference { open: at, close: at, ..*self }
+    }
+
     /// The phases of its active interval, as given by [`TimeSlice::range`].
     pub(super) fn range(&self, slice: &TimeSlice) -> [f64; 2] {
         slice.range([self.interval.begin(), self.interval.end_bound()])

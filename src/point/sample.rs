@@ -14,7 +14,8 @@ use super::select::select;
 use super::source::Source;
 use super::spread::spread;
 use super::widest_axis::widest_axis;
-use crate::simd::{Item, Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch};
+use crate::geometry::TimeInterval;
+use crate::simd::{Item, Kernel, LANES, Mask, Simd, SimdLevel, dispatch, lanes_at};
 use crate::tuning::points::{SAMPLE, SAMPLED, SAMPLES};
 
 /// Takes samples of some points of a set, between the keys in the middle.
@@ -26,24 +27,7 @@ pub(super) struct Sampler<'a> {
     drawn: Vec<[[f32; 3]; 2]>,
     /// The wanted number of points in a sample.
     wanted: f32,
-    /// What was found so far.
-    found: Vec<Found>,
 }
-
-/// The points of samples for trees over `per_segment` time slices of a segment.
-struct Found {
-    per_segment: usize,
-    slices: [TimeSlice; SAMPLES],
-    inside: [Vec<u32>; SAMPLES],
-}
-
-/// Numbers of time slices for which one pass over the points finds the samples, each twice the one before.
-const AT_ONCE: usize = 4;
-
-/// Cells for which points are tested at once.
-const CELLS: usize = SAMPLES * AT_ONCE;
-
-const _: () = assert!(CELLS <= LANES);
 
 /// Points that are close together in the middle of a time slice.
 pub(super) struct Sample {
@@ -53,6 +37,22 @@ pub(super) struct Sample {
     pub(super) scale: f64,
     /// The longest side of a leaf of usual size; 0 unless fast points are marked.
     pub(super) leaf_size: f32,
+}
+
+impl Sample {
+    /// Its points as they are in the middle of the time slice, without those that do not exist then.
+    pub(super) fn at_rest(&self) -> Sample {
+        let middle = self.slice.middle();
+        let exist = self.references.iter().filter(|m| m.active.contains(middle));
+        let at_rest = |m: &MovingReference| MovingReference { active: TimeInterval::FULL, ..m.at_rest(&self.slice) };
+        Sample { references: exist.map(at_rest).collect(), ..*self }
+    }
+
+    /// The same points, the fast ones where they are in the middle of the time slice.
+    pub(super) fn with_fast_at_rest(&self) -> Sample {
+        let at_rest = |m: &MovingReference| if m.fast { m.at_rest(&self.slice) } else { *m };
+        Sample { references: self.references.iter().map(at_rest).collect(), ..*self }
+    }
 }
 
 /// The largest number of points that are drawn to locate samples.
@@ -69,17 +69,21 @@ impl<'a> Sampler<'a> {
         let wanted = (points.len() / SAMPLED).clamp(least, most) as f32 / (durations / count as f32).max(0.125);
         let keys = middle_keys(source);
         let drawn = drawn().map(|point| keys.map(|key| source.at(point, key))).collect();
-        Sampler { source, points, simd, drawn, wanted, found: Vec::new() }
+        Sampler { source, points, simd, drawn, wanted }
     }
 
     /// Samples for trees over `per_segment` time slices of a segment between two keys. Fast points are marked if `marked`.
-    pub(super) fn samples(&mut self, per_segment: usize, marked: bool) -> Vec<Sample> {
-        if !self.found.iter().any(|found| found.per_segment == per_segment) {
-            self.find(per_segment);
-        }
+    pub(super) fn samples(&self, per_segment: usize, marked: bool) -> Vec<Sample> {
         let (source, points) = (self.source, self.points);
-        let found = self.found.iter().find(|found| found.per_segment == per_segment).expect("it was found");
-        let whole = time_slices(source.keys, 1)[middle_segment(source.keys)];
+        let segment = middle_segment(source.keys);
+        let finer: Vec<TimeSlice> = time_slices_of(segment, source.keys, per_segment).collect();
+        let slices: [TimeSlice; SAMPLES] = core::array::from_fn(|i| finer[spread(i, finer.len())]);
+        let cells = self.cells(&slices.map(|slice| slice.middle_phase() as f32));
+        let mut inside: [Vec<u32>; SAMPLES] = Default::default();
+        // If many points coincide, some of them suffice.
+        let most = 2 * self.wanted as usize;
+        dispatch(self.simd, Scan { source, points, cells: &cells, inside: &mut inside, most });
+        let whole = time_slices(source.keys, 1)[segment];
         let sample = |(slice, inside): (&TimeSlice, &Vec<u32>)| {
             let mut references = source.references(&whole, inside.iter().map(|&i| i as usize), |i| i as u32);
             let mut leaf_size = 0.0;
@@ -91,56 +95,36 @@ impl<'a> Sampler<'a> {
             let scale = points.len() as f64 / inside.len().max(1) as f64;
             Sample { references, slice: *slice, scale, leaf_size }
         };
-        found.slices.iter().zip(&found.inside).map(sample).collect()
+        slices.iter().zip(&inside).map(sample).collect()
     }
 
-    /// Finds the points of samples for so many time slices, and for the next finer ones.
-    fn find(&mut self, per_segment: usize) {
-        let (source, points) = (self.source, self.points);
-        let segment = middle_segment(source.keys);
-        let first = self.found.len();
-        let mut cells = Cells::NOWHERE;
-        for (lanes, per_segment) in (0..AT_ONCE).map(|i| (i * SAMPLES, per_segment << i)) {
-            let finer: Vec<TimeSlice> = time_slices_of(segment, source.keys, per_segment).collect();
-            let slices: [TimeSlice; SAMPLES] = core::array::from_fn(|i| finer[spread(i, finer.len())]);
-            self.narrow(&mut cells, lanes, &slices.map(|slice| slice.middle_phase() as f32));
-            self.found.push(Found { per_segment, slices, inside: Default::default() });
-        }
-        // If many points coincide, some of them suffice.
-        let most = 2 * self.wanted as usize;
-        let inside: Vec<&mut Vec<u32>> = self.found[first..].iter_mut().flat_map(|found| &mut found.inside).collect();
-        dispatch(self.simd, Scan { source, points, cells: &cells, inside, most });
-    }
-
-    /// Shrinks each cell of a group, whose first lane is given, to one of those that result from dividing space into cells
-    /// with the wanted number of points at its phase.
-    fn narrow(&self, cells: &mut Cells, first: usize, phases: &[f32; SAMPLES]) {
+    /// For each phase one of the cells that result from dividing space into cells with the wanted number of points at that phase.
+    fn cells(&self, phases: &[f32; SAMPLES]) -> [Cell; SAMPLES] {
+        let everything = |phase| Cell { phase, lo: [f32::NEG_INFINITY; 3], hi: [f32::INFINITY; 3] };
+        let mut cells = phases.map(everything);
         let runs = (self.points.len() as f32 / self.wanted).round().max(1.0) as usize;
         for (i, &phase) in phases.iter().enumerate() {
-            cells.phases[first + i] = phase;
             if phases[..i].contains(&phase) {
                 continue;
             }
             // Cells at the same time are found together.
             let same = (i..SAMPLES).filter(|&other| phases[other] == phase);
             let mut wanted: Vec<(usize, usize)> =
-                same.map(|cell| (first + cell, (2 * cell + 1) * runs / (2 * SAMPLES))).collect();
-            for (cell, _) in &wanted {
-                cells.open(*cell);
-            }
+                same.map(|cell| (cell, (2 * cell + 1) * runs / (2 * SAMPLES))).collect();
             let item = |[open, close]: &[[f32; 3]; 2]| Item {
                 at: core::array::from_fn(|axis| open[axis] + (close[axis] - open[axis]) * phase),
                 index: 0,
             };
             let mut items: Vec<Item> = self.drawn.iter().map(item).collect();
-            divide(&mut items, &mut wanted, runs, cells);
+            divide(&mut items, &mut wanted, runs, &mut cells);
         }
+        cells
     }
 }
 
-/// Divides space into `runs` cells of equally many items, as far as there are wanted ones: pairs of a lane and the number of
-/// its cell, in ascending order.
-fn divide(items: &mut [Item], wanted: &mut [(usize, usize)], runs: usize, cells: &mut Cells) {
+/// Divides space into `runs` cells of equally many items, as far as there are wanted ones: pairs of an index and the number of
+/// that cell, in ascending order.
+fn divide(items: &mut [Item], wanted: &mut [(usize, usize)], runs: usize, cells: &mut [Cell]) {
     if wanted.is_empty() || runs <= 1 || items.len() <= 1 {
         return;
     }
@@ -151,9 +135,9 @@ fn divide(items: &mut [Item], wanted: &mut [(usize, usize)], runs: usize, cells:
     let border = items[cut].at[axis];
     let (low, high) = items.split_at_mut(cut);
     let (before, behind) = wanted.split_at_mut(wanted.partition_point(|(_, number)| *number < left));
-    before.iter().for_each(|(lane, _)| cells.hi[axis][*lane] = border);
-    for (lane, number) in &mut *behind {
-        cells.lo[axis][*lane] = border;
+    before.iter().for_each(|(cell, _)| cells[*cell].hi[axis] = border);
+    for (cell, number) in &mut *behind {
+        cells[*cell].lo[axis] = border;
         *number -= left;
     }
     divide(low, before, left, cells);
@@ -166,32 +150,23 @@ fn middle_keys(source: &Source) -> [usize; 2] {
     [segment, (segment + 1).min(source.keys - 1)]
 }
 
-/// Boxes, one in each lane, and the phases at which points are in them.
-struct Cells {
-    phases: Lanes<f32>,
-    /// Lower and upper faces per axis.
-    lo: [Lanes<f32>; 3],
-    hi: [Lanes<f32>; 3],
+/// A box, and the phase at which points are in it.
+#[derive(Clone, Copy)]
+struct Cell {
+    phase: f32,
+    lo: [f32; 3],
+    hi: [f32; 3],
 }
 
-impl Cells {
-    const NOWHERE: Cells =
-        Cells { phases: [0.0; LANES], lo: [[f32::INFINITY; LANES]; 3], hi: [[f32::NEG_INFINITY; LANES]; 3] };
-
-    /// Makes a box everything.
-    fn open(&mut self, lane: usize) {
-        for axis in 0..3 {
-            (self.lo[axis][lane], self.hi[axis][lane]) = (f32::NEG_INFINITY, f32::INFINITY);
-        }
-    }
-}
+/// Points whose positions are brought into rows at once.
+const TILE: usize = 8 * LANES;
 
 /// Finds the points in each cell, at most so many.
 struct Scan<'a> {
     source: &'a Source,
     points: &'a [u32],
-    cells: &'a Cells,
-    inside: Vec<&'a mut Vec<u32>>,
+    cells: &'a [Cell; SAMPLES],
+    inside: &'a mut [Vec<u32>; SAMPLES],
     most: usize,
 }
 
@@ -199,26 +174,34 @@ impl Kernel for Scan<'_> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Scan { source, points, cells, mut inside, most } = self;
+        let Scan { source, points, cells, inside, most } = self;
         let [earlier, later] = middle_keys(source);
-        let phases = s.load(&cells.phases);
-        let (lo, hi) = (&cells.lo, &cells.hi);
-        let lo = [s.load(&lo[0]), s.load(&lo[1]), s.load(&lo[2])];
-        let hi = [s.load(&hi[0]), s.load(&hi[1]), s.load(&hi[2])];
-        for &point in points {
-            let (open, close) = (source.at(point as usize, earlier), source.at(point as usize, later));
-            let mut holding = Mask::MAX;
-            for axis in 0..3 {
-                let at = s.splat(open[axis]) + s.splat(close[axis] - open[axis]) * phases;
-                // Adjacent boxes share the points on their border.
-                holding &= s.le(lo[axis], at) & s.le(at, hi[axis]);
-            }
-            while holding != 0 {
-                let inside = &mut inside[holding.trailing_zeros() as usize];
-                if inside.len() < most {
-                    inside.push(point);
+        let (mut open, mut close) = ([[0.0; TILE]; 3], [[0.0; TILE]; 3]);
+        for points in points.chunks(TILE) {
+            for (i, &point) in points.iter().enumerate() {
+                let (from, to) = (source.at(point as usize, earlier), source.at(point as usize, later));
+                for axis in 0..3 {
+                    (open[axis][i], close[axis][i]) = (from[axis], to[axis]);
                 }
-                holding &= holding - 1;
+            }
+            for (begin, points) in points.chunks(LANES).enumerate() {
+                let exist = Mask::MAX >> (LANES - points.len());
+                for (cell, inside) in cells.iter().zip(inside.iter_mut()) {
+                    let (phase, mut holding) = (s.splat(cell.phase), exist);
+                    for axis in 0..3 {
+                        let from = s.load(lanes_at(&open[axis], begin * LANES));
+                        let to = s.load(lanes_at(&close[axis], begin * LANES));
+                        let at = from + (to - from) * phase;
+                        // Adjacent boxes share the points on their border.
+                        holding &= s.le(s.splat(cell.lo[axis]), at) & s.le(at, s.splat(cell.hi[axis]));
+                    }
+                    while holding != 0 {
+                        if inside.len() < most {
+                            inside.push(points[holding.trailing_zeros() as usize]);
+                        }
+                        holding &= holding - 1;
+                    }
+                }
             }
         }
     }
@@ -228,7 +211,6 @@ impl Kernel for Scan<'_> {
 mod tests {
     use super::*;
     use crate::MovingPoint;
-    use crate::geometry::TimeInterval;
     use crate::random::Random;
     use glam::Vec3;
 
@@ -241,7 +223,7 @@ mod tests {
                 (0..n).map(|_| MovingPoint::new(random.vec(), random.vec()).active(intervals[active])).collect();
             let source = Source::read(&points[..], false).unwrap();
             let all: Vec<u32> = (0..n as u32).collect();
-            let mut sampler = Sampler::new(&source, &all, SimdLevel::best());
+            let sampler = Sampler::new(&source, &all, SimdLevel::best());
             for slices in [1, 8] {
                 for sample in sampler.samples(slices, false) {
                     let count = sample.references.len() as f32;
@@ -267,7 +249,7 @@ mod tests {
         let points = vec![MovingPoint::new(Vec3::ONE, Vec3::X); 100_000];
         let source = Source::read(&points[..], false).unwrap();
         let all: Vec<u32> = (0..points.len() as u32).collect();
-        let mut sampler = Sampler::new(&source, &all, SimdLevel::best());
+        let sampler = Sampler::new(&source, &all, SimdLevel::best());
         assert!(sampler.samples(2, true).iter().all(|s| s.references.len() == 2 * sampler.wanted as usize));
     }
 }

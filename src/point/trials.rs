@@ -4,6 +4,8 @@
 //! long they exist; no formula over these was as good as trials. So samples of the set are built
 //! in each candidate structure, and the work of a few hundred searches among them is counted in
 //! nodes and blocks. Counting instead of timing makes the choice the same on every machine.
+//!
+//! The work if all points rested is counted as well: where little is to be gained, nothing else is tried.
 
 use super::build::{Plan, time_slices_of};
 use super::counted_search::{CountedSearch, search_counted};
@@ -21,9 +23,12 @@ use crate::geometry::{KeyTime, TimeInterval};
 use crate::progress::Progress;
 use crate::simd::{Item, Lanes, Mask, SimdLevel};
 use crate::tuning::points::{
-    BLOCK_COST, HALF_UNCACHED_BYTES, MAX_COST, REFERENCE_BYTES, SEARCHED, SEARCHES, UNCACHED_COST,
+    BLOCK_COST, CONFIRMED, HALF_UNCACHED_BYTES, MAX_COST, MAX_PREDICTED_COST, MAX_REFINED_COST, REFERENCE_BYTES,
+    SEARCHED, SEARCHES, UNCACHED_COST,
 };
+use core::iter;
 use glam::Vec3;
+use std::borrow::Cow;
 
 /// A structure that was tried, and its cost per search, in node visits of a small tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,39 +52,141 @@ pub(super) struct Trials<'a> {
     pub(super) all: Vec<Trial>,
     /// The longest side of a leaf of usual size.
     pub(super) leaf_size: f32,
+    /// The work of a search if all points rested. No number of time slices makes it less.
+    at_rest: f64,
 }
 
 /// The largest number of time slices of a segment.
 const FINEST: usize = 32;
 
+const LINEAR: Plan = Plan::Boxes(1);
+
+/// Of the searches of a trial, one in so many is made among points at rest: they differ little from each other.
+const BOUNDED: usize = 2;
+
+/// Points by whose active intervals references are estimated.
+const SOME: usize = 512;
+
 impl<'a> Trials<'a> {
-    /// Tries finer and finer time slices for all points (at least one), and for the fast ones alone if they are few, until
-    /// halving the slices does not help any more.
+    /// Tries one tree for all points (at least one), then time slices for all, and for the fast ones alone if they are few.
+    ///
+    /// How many slices are tried first is guessed from the work with one of them and that at rest. Then finer and finer ones are tried
+    /// as long as halving the slices helps and still can, and coarser ones if the guess is not confirmed.
     pub(super) fn new(source: &'a Source, points: &'a [u32], most: f32, simd: SimdLevel) -> Trials<'a> {
         let sampler = Sampler::new(source, points, simd);
-        let mut trials = Trials { source, points, most, simd, sampler, all: Vec::new(), leaf_size: 0.0 };
-        let simple = Plan::Boxes(1);
-        let samples = trials.sampler.samples(1, true);
-        let mut sizes: Vec<f32> = samples.iter().map(|sample| sample.leaf_size).collect();
+        let mut trials = Trials { source, points, most, simd, sampler, all: Vec::new(), leaf_size: 0.0, at_rest: 0.0 };
+        let whole = trials.sampler.samples(1, true);
+        let mut sizes: Vec<f32> = whole.iter().map(|sample| sample.leaf_size).collect();
         sizes.sort_by(f32::total_cmp);
         trials.leaf_size = sizes[sizes.len() / 2];
-        let fast: usize = samples.iter().map(|s| s.references.iter().filter(|m| m.fast).count()).sum();
-        let few = fast > 0 && fast * 4 < samples.iter().map(|s| s.references.len()).sum::<usize>();
-        let mut before = [trials.add(&samples, simple, None); 2];
-        let mut goes_on = [true, few];
-        let mut slices = 2;
-        while goes_on != [false; 2] && trials.affordable(slices) {
-            let (samples, plan) = (trials.sampler.samples(slices, few), Plan::Boxes(slices));
-            for (i, (slow, fast)) in [(plan, None), (simple, Some(plan))].into_iter().enumerate() {
-                if goes_on[i] {
-                    let cost = trials.add(&samples, slow, fast);
-                    goes_on[i] = cost <= before[i] * 0.98;
-                    before[i] = cost;
+        let linear = trials.add(&whole, LINEAR, None);
+        trials.at_rest = trials.work_at_rest(&whole);
+        let guess = trials.guess(1, linear).max(2);
+        let mut goes_on = [true, trials.fast_matter(&whole, linear)];
+        let mut before = [linear; 2];
+        let mut slices = guess;
+        loop {
+            goes_on[0] = goes_on[0] && trials.may_gain(slices, trials.least() * MAX_COST);
+            goes_on[1] = goes_on[1] && trials.may_have(slices, references_with_fast(&whole, slices));
+            if goes_on == [false; 2] {
+                break;
+            }
+            let (samples, plan) = (trials.sampler.samples(slices, goes_on[1]), Plan::Boxes(slices));
+            if goes_on[0] {
+                let cost = trials.add(&samples, plan, None);
+                if slices == guess && guess > 2 {
+                    // Points may meet in the middle of the shutter, which is not the middle of these slices.
+                    trials.at_rest = trials.work_at_rest(&samples);
                 }
+                goes_on[0] = cost <= before[0] * MAX_REFINED_COST;
+                before[0] = cost;
+            }
+            if goes_on[1] {
+                let cost = trials.add(&samples, LINEAR, Some(plan));
+                // How finely they are divided is found out in the set itself.
+                goes_on[1] = cost <= before[1] * MAX_REFINED_COST && trials.best(true).fast.is_none();
+                before[1] = cost;
             }
             slices *= 2;
         }
+        // Where few points cause most of the work, it decreases faster than expected.
+        let limit = CONFIRMED * trials.expected(1, linear)(guess);
+        let mut slices = if trials.tried(guess).is_some_and(|cost| cost < limit) { guess / 2 } else { 1 };
+        while slices > 1 {
+            let samples = trials.sampler.samples(slices, false);
+            let cost = trials.add(&samples, Plan::Boxes(slices), None);
+            slices = if cost * MAX_COST <= trials.least() { slices / 2 } else { 1 };
+        }
         trials
+    }
+
+    /// The work of a search in samples if their points rested.
+    fn work_at_rest(&self, samples: &[Sample]) -> f64 {
+        let at_rest: Vec<Sample> = samples.iter().map(Sample::at_rest).collect();
+        self.work(&at_rest, (LINEAR, None), self.searches() / BOUNDED).visited
+    }
+
+    /// Whether a layer for the fast points may pay: whether they are few, and it would pay if they rested.
+    fn fast_matter(&self, samples: &[Sample], linear: f64) -> bool {
+        let all = || samples.iter().flat_map(|sample| &sample.references);
+        let fast = all().filter(|m| m.fast).count();
+        if fast == 0 || fast * 4 >= all().count() {
+            return false;
+        }
+        let at_rest: Vec<Sample> = samples.iter().map(Sample::with_fast_at_rest).collect();
+        self.work(&at_rest, (LINEAR, Some(LINEAR)), self.searches() / BOUNDED).cost <= linear * MAX_REFINED_COST
+    }
+
+    /// What numbers of time slices should cost if so many cost so much. Boxes exceed those of points at rest by lengths that are
+    /// proportional to the duration of a slice. A search visits the boxes at a place, so the work is proportional to their volume.
+    fn expected(&self, slices: usize, cost: f64) -> impl Fn(usize) -> f64 {
+        let memory = |slices| self.memory_cost(slices);
+        let visited = cost - memory(slices);
+        let excess = ((visited / self.at_rest).cbrt() - 1.0).max(0.0) * slices as f64;
+        move |slices| self.at_rest * (1.0 + excess / slices as f64).powi(3) + memory(slices)
+    }
+
+    /// The smallest number of time slices that should be as good as any, from the one whose cost is known.
+    fn guess(&self, slices: usize, cost: f64) -> usize {
+        let expected = self.expected(slices, cost);
+        let finer =
+            || iter::successors(Some(slices), |n| Some(2 * n)).take_while(|n| *n == slices || self.affordable(*n));
+        let least = finer().map(&expected).fold(f64::INFINITY, f64::min);
+        finer().find(|n| expected(*n) * MAX_COST <= least).unwrap_or(slices)
+    }
+
+    /// The least cost of one layer for all points that was tried, or is expected by what was tried.
+    pub(super) fn least_of_one_layer(&self) -> f64 {
+        let Trial { plan, cost, .. } = self.best(false);
+        let slices = plan.time_slices();
+        self.expected(slices, cost)(self.guess(slices, cost))
+    }
+
+    /// Whether so many time slices of all points are affordable and may cost less than a limit.
+    fn may_gain(&self, slices: usize, limit: f64) -> bool {
+        self.at_rest + self.memory_cost(slices) < limit && self.affordable(slices)
+    }
+
+    /// The cost of memory of so many time slices of all points: of some of them, if not all exist throughout.
+    fn memory_cost(&self, slices: usize) -> f64 {
+        let count = self.points.len();
+        let some: Vec<u32> = match self.source.all_persist() {
+            true => Vec::new(),
+            false => (0..count.min(SOME)).map(|i| self.points[spread(i, count)]).collect(),
+        };
+        let trees = references_of(self.source, &some, slices) as f64 / some.len().max(1) as f64;
+        memory_cost((count as f64 * if some.is_empty() { slices as f64 } else { trees }) as usize)
+    }
+
+    /// The least cost of what was tried.
+    fn least(&self) -> f64 {
+        self.all.iter().map(|trial| trial.cost).fold(f64::INFINITY, f64::min)
+    }
+
+    /// The cost of so many time slices of all points, if they were tried.
+    fn tried(&self, slices: usize) -> Option<f64> {
+        let same = |trial: &&Trial| (trial.plan, trial.fast) == (Plan::Boxes(slices), None);
+        self.all.iter().find(same).map(|trial| trial.cost)
     }
 
     /// The smallest structure among those of about the least cost; of equally small ones the first, which is the
@@ -91,16 +198,19 @@ impl<'a> Trials<'a> {
         *cheap.min_by_key(|trial| trial.references).unwrap_or(&self.all[0])
     }
 
-    /// The cost with time slices half as long, if these are affordable.
-    pub(super) fn finer(&mut self, plan: Plan) -> Option<f64> {
-        let plan = Plan::Boxes(2 * plan.time_slices());
-        if let Some(trial) = self.all.iter().find(|trial| (trial.plan, trial.fast) == (plan, None)) {
-            return Some(trial.cost);
+    /// The plan with shorter time slices whose measurement in the whole set is worth its tree, given the cost of one there.
+    pub(super) fn finer(&mut self, plan: Plan, cost: f64) -> Option<Plan> {
+        let (slices, limit) = (plan.time_slices(), cost * MAX_PREDICTED_COST);
+        let halved = 2 * slices;
+        if !self.may_gain(halved, limit) {
+            return None;
         }
-        self.affordable(plan.time_slices()).then(|| {
-            let samples = self.sampler.samples(plan.time_slices(), false);
-            self.add(&samples, plan, None)
-        })
+        let predicted = self.tried(halved).unwrap_or_else(|| {
+            let samples = self.sampler.samples(halved, false);
+            self.add(&samples, Plan::Boxes(halved), None)
+        });
+        // Samples did not see what makes this one expensive, so they may not see what makes the next one expensive either.
+        (predicted < limit).then(|| Plan::Boxes(self.guess(slices, cost).max(halved)))
     }
 
     /// The cost of layers over all points with this many references in all, measured in their trees of one time slice.
@@ -111,19 +221,28 @@ impl<'a> Trials<'a> {
             [slice.segment, later].map(|key| self.source.at(point, key))
         };
         let points: Vec<_> = (0..self.searches()).map(ends).collect();
-        search_cost(visited(layers, slice, &points, self.simd), references)
+        visited(layers, slice, &points, self.simd) + memory_cost(references)
     }
 
-    /// Tries a structure and returns its cost. Samples without active points in their time slice are skipped.
+    /// Tries a structure and returns its cost.
     fn add(&mut self, samples: &[Sample], plan: Plan, fast: Option<Plan>) -> f64 {
-        let non_empty = samples.iter().filter(|sample| !sample.references.is_empty());
-        let count = non_empty.clone().count().max(1);
-        let searches = self.searches().div_ceil(count);
-        let all = non_empty.map(|s| work(s, searches, (plan, fast), self.simd));
-        let (cost, references) = all.fold((0.0, 0), |sum, (cost, n)| (sum.0 + cost, sum.1 + n));
-        let cost = cost / count as f64;
+        let Work { cost, references, .. } = self.work(samples, (plan, fast), self.searches());
         self.all.push(Trial { plan, fast, cost, references });
         cost
+    }
+
+    /// The work of searches in samples, on average. Those without active points in their time slice are skipped.
+    fn work(&self, samples: &[Sample], plans: (Plan, Option<Plan>), searches: usize) -> Work {
+        let non_empty = samples.iter().filter(|sample| !sample.references.is_empty());
+        let count = non_empty.clone().count().max(1);
+        let searches = searches.div_ceil(count);
+        let mut sum = Work { visited: 0.0, cost: 0.0, references: 0 };
+        for own in non_empty.map(|sample| work(sample, searches, plans, self.simd)) {
+            sum.visited += own.visited / count as f64;
+            sum.cost += own.cost / count as f64;
+            sum.references += own.references;
+        }
+        sum
     }
 
     /// The number of searches of a trial.
@@ -132,12 +251,27 @@ impl<'a> Trials<'a> {
         (self.points.len() / SEARCHED).clamp(least, most)
     }
 
-    /// Whether a segment may have this many time slices.
+    /// Whether a segment may have this many time slices of all points.
     pub(super) fn affordable(&self, slices: usize) -> bool {
-        let all = || references_of(self.source, self.points, slices) as f64;
-        let within = || all() <= f64::from(self.most) * self.points.len() as f64;
-        slices <= FINEST && (slices as f32 <= self.most || within())
+        if slices as f32 <= self.most {
+            return slices <= FINEST;
+        }
+        self.may_have(slices, references_of(self.source, self.points, slices) as f64)
     }
+
+    /// Whether a segment may have this many time slices of some points, if there are so many references to all in all.
+    pub(super) fn may_have(&self, slices: usize, references: f64) -> bool {
+        slices <= FINEST && references <= f64::from(self.most) * self.points.len() as f64
+    }
+}
+
+/// The number of references to all points if this many time slices of a segment hold the fast ones, by samples.
+fn references_with_fast(samples: &[Sample], slices: usize) -> f64 {
+    let own = |sample: &Sample| {
+        let trees = |m: &MovingReference| if m.fast { trees_of(m.active, slices, sample.slice.keys) } else { 1 };
+        sample.scale * sample.references.iter().map(trees).sum::<usize>() as f64
+    };
+    samples.iter().map(own).sum::<f64>() / samples.len() as f64
 }
 
 /// The number of references to points, with this many time slices for each segment.
@@ -157,14 +291,24 @@ fn trees_of(active: TimeInterval, slices: usize, keys: usize) -> usize {
     at(active.end()) - at(active.begin()) + 1
 }
 
-/// The cost of a search from the weighted number of visited nodes and blocks, and the number of references.
-fn search_cost(visited: f64, references: usize) -> f64 {
+/// The cost of memory to a search, from the number of references.
+fn memory_cost(references: usize) -> f64 {
     let bytes = references as f64 * REFERENCE_BYTES;
-    UNCACHED_COST * bytes / (bytes + HALF_UNCACHED_BYTES) + visited
+    UNCACHED_COST * bytes / (bytes + HALF_UNCACHED_BYTES)
 }
 
-/// The weighted work of searches during the time slice that a sample represents, and its references.
-fn work(sample: &Sample, searches: usize, (plan, fast): (Plan, Option<Plan>), simd: SimdLevel) -> (f64, usize) {
+/// What searches in a structure do, on average.
+struct Work {
+    /// The weighted number of visited nodes and blocks.
+    visited: f64,
+    /// With the cost of memory.
+    cost: f64,
+    /// References of the sampled points.
+    references: usize,
+}
+
+/// The work of searches during the time slice that a sample represents.
+fn work(sample: &Sample, searches: usize, (plan, fast): (Plan, Option<Plan>), simd: SimdLevel) -> Work {
     let Sample { references, slice, scale, .. } = sample;
     let TimeSlice { keys, segment, interval, .. } = slice;
     let group = |plan: Plan, keep: &dyn Fn(&MovingReference) -> bool| {
@@ -173,7 +317,10 @@ fn work(sample: &Sample, searches: usize, (plan, fast): (Plan, Option<Plan>), si
         let slice = time_slices_of(*segment, *keys, count).find(answers).unwrap_or(*slice);
         let inside =
             |m: &MovingReference| Some(MovingReference { interval: m.active.intersect(slice.interval)?, ..*m });
-        let inside: Vec<MovingReference> = references.iter().filter(|m| keep(m)).filter_map(inside).collect();
+        let inside: Cow<[MovingReference]> = match (fast, count) {
+            (None, 1) => Cow::Borrowed(references),
+            _ => references.iter().filter(|m| keep(m)).filter_map(inside).collect(),
+        };
         let layer = Layer::Moving(vec![MovingTree::build(&inside[..], slice, &Progress::new(None))]);
         let kept = references.iter().filter(|m| keep(m));
         let count: usize = kept.map(|m| trees_of(m.active, count, *keys)).sum();
@@ -186,12 +333,12 @@ fn work(sample: &Sample, searches: usize, (plan, fast): (Plan, Option<Plan>), si
     let layers: Vec<&Layer> = groups.iter().map(|(layer, _)| layer).collect();
     let points: Vec<_> = central(references, slice, searches).into_iter().map(|m| [m.open, m.close]).collect();
     let count: usize = groups.iter().map(|(_, count)| count).sum();
-    let all = (count as f64 * scale) as usize;
     // The tree of the whole set is higher, and searches visit one more node on each further level.
     let whole = (references.len() as f64 * scale) as usize;
     let higher = [references.len(), whole].map(|count| Shape::with_leaf(count, 1).levels);
     let higher = higher[1].saturating_sub(higher[0]) as f64;
-    (search_cost(visited(&layers, slice, &points, simd) + higher, all), count)
+    let visited = visited(&layers, slice, &points, simd) + higher;
+    Work { visited, cost: visited + memory_cost((count as f64 * scale) as usize), references: count }
 }
 
 /// The weighted number of nodes and blocks that a search for eight neighbours visits in layers, averaged over searches

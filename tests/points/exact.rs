@@ -145,6 +145,23 @@ fn automatic_layers_of_sets_with_fast_points() {
     }
 }
 
+/// Slices of fast points only take little memory, so a budget that is too small for slices of all points may suffice.
+#[test]
+fn fast_points_are_divided_in_time_within_a_small_budget() {
+    let cloud = cloud("fast few", 30_000, &mut Rng(77));
+    for (max_references, layers) in [(1.0, 1), (1.5, 2)] {
+        let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();
+        let points = PointArrays { keys: &keys, active: &cloud.active, ids: &[] };
+        let tree = PointTree::build(&points, &PointParams { max_references, ..PointParams::default() }).unwrap();
+        let statistics = tree.statistics();
+        assert_eq!(statistics.layers.len(), layers, "{statistics}");
+        let references: usize = statistics.layers.iter().map(|layer| layer.references).sum();
+        assert!(references as f32 <= max_references * 30_000.0, "{statistics}");
+        let slices = |kind| if let PointLayerKind::Linear { time_slices } = kind { time_slices } else { 0 };
+        assert_eq!(slices(statistics.layers[layers - 1].kind) > 1, layers == 2, "{statistics}");
+    }
+}
+
 /// Two flows through each other, which part by 19 spacings: a linear tree divides them. Counted, so exact; without a division by motion
 /// a search visits more than seven times as many as among static points.
 #[test]
