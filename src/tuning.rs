@@ -96,6 +96,8 @@ pub(crate) mod slices {
     pub const LEAST_TREELET: usize = 1024;
     /// Number of sampled references of a treelet.
     pub const TREELET_SAMPLE: u32 = 64;
+    /// If halves of the shutter gain nothing, so many of its sixteenths are tried on bent motion.
+    pub const SHORT_SLICES: usize = 4;
     /// Splitting a treelet pays if boxes for each half of the shutter have less than this fraction of the area.
     pub const MAX_AREA_OF_HALVES: f32 = 0.87;
     /// A region must gain this fraction of the cost of the whole tree.

@@ -6,26 +6,26 @@
 //! that share their leaf blocks, or over several separate trees.
 //!
 //! A greedy decision at one node cannot see the gain of splits further down, and building all alternatives would take
-//! many times as long as the build itself. So there are two steps. The first one makes a map: the tree is divided into
-//! some hundred *treelets*, and a small sample of each treelet shows how much smaller its boxes would be if they were made
-//! for each half of the shutter. If they are hardly smaller, the treelet needs no split. *Regions* are the subtrees with
+//! many times as long as the build itself. So there are two steps. The first one makes a map: a small sample of each of some
+//! hundred treelets ([`super::treelets`]) shows how much smaller its boxes would be if they were made for slices of the
+//! shutter. If they are hardly smaller, the treelet needs no split. *Regions* are the subtrees with
 //! the greatest total gain, each with enough gain of its own and of similar treelets. The second step builds, for each
 //! region, alternatives over samples and compares their expected costs, weighted by the memory they take; finer splits
 //! are tried only while the last step paid. If every split of a region with dissimilar halves is rejected, its halves are
 //! tried separately: slow stars around a fast core would hide the core. Neighbours with the same decision are joined
 //! into one region, so a homogeneous scene gets one tree with one split.
 
-use super::draft::{Draft, DraftParams, TimeSlice, draft_tree, time_slice};
-use super::slices::{SharedLeaves, slice_bounds};
-use crate::bvh::{BinaryNode, Reference, mean_half_area};
-use crate::geometry::LinearBox3;
+use super::draft::{Draft, DraftParams, TimeSlice, draft_tree};
+use super::slices::SharedLeaves;
+use super::treelets::{Treelet, descend, treelets};
+use crate::bvh::{BinaryNode, Reference};
 use crate::limits::MAX_TIME_SLICES;
 use crate::parallel;
 use crate::params::Division;
 use crate::primitive::PrimitiveSet;
 use crate::tuning::slices::{
-    FEW, LEAST_TREELET, LEVELS, MAX_AREA_OF_HALVES, MAX_DIFFERENCE, MAX_SPLIT_COST, MAX_TWO_SLICES_COST, MIN_GAIN,
-    NEAR_INSTANT_COST, NODE_BYTES_SHARE, NODE_LATENCY_SHARE, SAMPLE, SAMPLES, TREELET_SAMPLE, TREELETS,
+    FEW, LEVELS, MAX_AREA_OF_HALVES, MAX_DIFFERENCE, MAX_SPLIT_COST, MAX_TWO_SLICES_COST, MIN_GAIN, NEAR_INSTANT_COST,
+    NODE_BYTES_SHARE, NODE_LATENCY_SHARE, SAMPLE, SAMPLES,
 };
 use crate::tuning::wide::BYTES_PER_REFERENCE;
 
@@ -88,16 +88,6 @@ fn divided(
     }
 }
 
-/// A small subtree and its estimates.
-#[derive(Clone, Copy, Debug)]
-struct Treelet {
-    node: u32,
-    /// Expected cost of a ray in it.
-    cost: f32,
-    /// Area of its boxes when made for each half of the shutter, relative to the area for the whole.
-    halves: f32,
-}
-
 /// A subtree that may gain from a split, and its treelets.
 #[derive(Clone, Copy)]
 struct Candidate<'a> {
@@ -105,67 +95,11 @@ struct Candidate<'a> {
     treelets: &'a [Treelet],
 }
 
-/// Divides a draft into treelets, in order.
-fn treelets<S: PrimitiveSet>(set: &S, draft: &Draft) -> Vec<Treelet> {
-    let Some(root) = draft.binary.first().filter(|root| root.moving) else { return Vec::new() };
-    let most = (root.count as usize / TREELETS).max(LEAST_TREELET) as u32;
-    let (mut nodes, mut stack) = (Vec::new(), vec![0]);
-    while let Some(x) = stack.pop() {
-        let node = &draft.binary[x as usize];
-        if node.count <= most || node.right == 0 {
-            nodes.push(x);
-        } else {
-            stack.extend([x + node.right, x + 1]);
-        }
-    }
-    parallel::map(nodes.len(), |i| {
-        let mut areas = Areas::default();
-        let x = descend(&draft.binary, nodes[i], draft.binary[nodes[i] as usize].count / 2, TREELET_SAMPLE);
-        if draft.binary[x as usize].moving {
-            add_areas(set, draft, x, &mut areas);
-        }
-        let halves = if areas.whole > 0.0 { (areas.halves / areas.whole).min(1.0) } else { 1.0 };
-        Treelet { node: nodes[i], cost: draft.collapse.cost(nodes[i]), halves }
-    })
-}
-
-/// Mean areas of boxes, summed: linear over the shutter, and over each half.
-#[derive(Default)]
-struct Areas {
-    whole: f32,
-    halves: f32,
-}
-
-/// Adds the areas of the boxes of a small subtree; returns its boxes for both halves of the shutter.
-fn add_areas<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32, areas: &mut Areas) -> [LinearBox3; 2] {
-    let node = &draft.binary[x as usize];
-    let union = |[a, b]: [LinearBox3; 2], [c, d]: [LinearBox3; 2]| [a.union(c), b.union(d)];
-    let halves = if node.right == 0 {
-        let of = draft.references(node).iter().map(|r| in_halves(set, draft, r));
-        of.fold([LinearBox3::EMPTY; 2], union)
-    } else {
-        union(add_areas(set, draft, x + 1, areas), add_areas(set, draft, x + node.right, areas))
-    };
-    areas.whole += mean_half_area(&node.bounds);
-    areas.halves += 0.5 * halves.iter().map(mean_half_area).sum::<f32>();
-    halves
-}
-
-/// The bounds of a reference for both halves of the shutter. Linear motion has one box at mid-shutter for both.
-fn in_halves<S: PrimitiveSet>(set: &S, draft: &Draft, r: &Reference) -> [LinearBox3; 2] {
-    let first = slice_bounds(set, r, draft, time_slice(0, 2));
-    if set.leaf_kind(r.id()) != 0 {
-        return [first, slice_bounds(set, r, draft, time_slice(1, 2))];
-    }
-    let LinearBox3 { begin, end } = r.bounds();
-    [LinearBox3 { begin, end: first.end }, LinearBox3 { begin: first.end, end }]
-}
-
 /// Sums over treelets, weighted by their costs.
 #[derive(Clone, Copy, Default)]
 struct Sum {
     cost: f32,
-    halves: f32,
+    in_slices: f32,
 }
 
 impl Sum {
@@ -173,18 +107,18 @@ impl Sum {
         let mut sum = Sum::default();
         for treelet in treelets {
             sum.cost += treelet.cost;
-            sum.halves += treelet.cost * treelet.halves;
+            sum.in_slices += treelet.cost * treelet.in_slices;
         }
         sum
     }
 
     /// An estimate of the gain of splitting all of it.
     fn gain(self) -> f32 {
-        MAX_AREA_OF_HALVES * self.cost - self.halves
+        MAX_AREA_OF_HALVES * self.cost - self.in_slices
     }
 
     fn mean(self) -> f32 {
-        if self.cost > 0.0 { self.halves / self.cost } else { 1.0 }
+        if self.cost > 0.0 { self.in_slices / self.cost } else { 1.0 }
     }
 }
 
@@ -198,7 +132,7 @@ fn sides<'a>(draft: &Draft, x: u32, treelets: &'a [Treelet]) -> (u32, &'a [Treel
 /// Appends the subtrees of `x`, which consists of `treelets`, that gain most from a split, each at least `least`; returns
 /// their total gain.
 fn find<'a>(draft: &Draft, x: u32, treelets: &'a [Treelet], least: f32, found: &mut Vec<Candidate<'a>>) -> f32 {
-    if treelets.iter().all(|p| p.halves >= MAX_AREA_OF_HALVES) {
+    if treelets.iter().all(|p| p.in_slices >= MAX_AREA_OF_HALVES) {
         return 0.0;
     }
     let own = Sum::of(treelets).gain() - least;
@@ -292,6 +226,16 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
         (unmoved_cost + parallel::map(moving.len(), each).into_iter().sum::<f32>()) / whole
     };
     let mut best = (MAX_SPLIT_COST, Division::Whole, 1.0);
+    // Whether a division takes less time than the best before it.
+    let try_division = |division: Division, best: &mut (f32, Division, f32)| {
+        let cost = cost(division);
+        let time = cost * latency_factor(Growth::by(division, NODE_LATENCY_SHARE));
+        let better = time < best.0;
+        if better {
+            *best = (time, division, cost);
+        }
+        better
+    };
     // Doubles the number of slices as long as that pays; returns the cost of two slices. The first step may fall a
     // little short.
     let try_slices = |kind: fn(usize) -> Division, best: &mut (f32, Division, f32)| {
@@ -313,6 +257,17 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
         two
     };
     let two = try_slices(Division::SharedLeaves, &mut best);
+    // Motion that turns around gains nothing in halves of the shutter. Where it is taken as a whole, as in shared leaves, its boxes are
+    // those of all the ways around, which say little about which triangles are near each other.
+    if best.1 == Division::Whole && set.bent() {
+        for kind in [Division::SharedLeaves as fn(usize) -> Division, Division::SeparateTrees] {
+            for count in [MAX_TIME_SLICES, MAX_TIME_SLICES / 2] {
+                if Growth::by(kind(count), NODE_BYTES_SHARE) <= most.0 && !try_division(kind(count), &mut best) {
+                    break;
+                }
+            }
+        }
+    }
     // Bent motion is split for its chords, which shared leaves do as well as separate trees. The cost of separate trees is at
     // least that of the tree for an instant.
     let at_best = || (unmoved_cost + moving.iter().map(|&x| instant_cost(set, draft, x, params)).sum::<f32>()) / whole;
@@ -364,22 +319,6 @@ fn samples(draft: &Draft, of: u32) -> Vec<u32> {
     samples
 }
 
-/// The subtree of at most `most` references that contains index `at` of a subtree; or its leaf.
-fn descend(binary: &[BinaryNode], mut x: u32, mut at: u32, most: u32) -> u32 {
-    loop {
-        let node = &binary[x as usize];
-        if node.count <= most || node.right == 0 {
-            return x;
-        }
-        let left = binary[x as usize + 1].count;
-        if at < left {
-            x += 1;
-        } else {
-            (x, at) = (x + node.right, at - left);
-        }
-    }
-}
-
 /// Joins regions below `x` that are the two halves of a node and have the same split.
 fn joined(binary: &[BinaryNode], x: u32, mut regions: Vec<Region>) -> Vec<Region> {
     if regions.len() < 2 {
@@ -403,8 +342,9 @@ fn joined(binary: &[BinaryNode], x: u32, mut regions: Vec<Region>) -> Vec<Region
 mod tests {
     use super::*;
     use crate::params::WideParams;
-    use crate::primitive::Triangles;
+    use crate::primitive::{TriangleMesh, Triangles};
     use crate::scene;
+    use glam::{Quat, Vec3};
 
     /// A scene's regions, and for each mesh the share of its triangles that lie in them.
     fn regions_of(scene: &scene::Scene) -> (Vec<Region>, Vec<f64>) {
@@ -464,7 +404,7 @@ mod tests {
         // Both halves are alike, and half of each would gain much.
         for treelet in &mut treelets {
             let fast = treelet.node < middles[0] || (right..middles[1]).contains(&treelet.node);
-            treelet.halves = if fast { 0.4 } else { 0.95 };
+            treelet.in_slices = if fast { 0.4 } else { 0.95 };
         }
         assert!(difference(means(&draft, 0, &treelets, 1)) < MAX_DIFFERENCE);
         let refuses_whole = |node: u32| {
@@ -479,8 +419,38 @@ mod tests {
         };
         assert_eq!(divided(&treelets), [2, right + 1]);
         for treelet in &mut treelets {
-            treelet.halves = 0.6;
+            treelet.in_slices = 0.6;
         }
         assert_eq!(divided(&treelets), []);
+    }
+
+    /// Blades that turn twice, over a static floor.
+    fn fan(keys: usize) -> scene::Scene {
+        let (mut scene, mut floor) = (scene::tornado(1), scene::Shape::default());
+        floor.block(Vec3::new(-2.0, -2.0, -2.0), Vec3::new(2.0, -1.9, 2.0));
+        let at = |key: usize| {
+            let turned = Quat::from_rotation_z(2.0 * core::f32::consts::TAU * key as f32 / (keys - 1) as f32);
+            let corner = |i: usize| {
+                let (blade, i) = (i / 1800, i % 1800);
+                let (triangle, corner) = (i / 3, i % 3);
+                let along = 0.2 + (triangle / 4) as f32 / 180.0 + if corner == 1 { 0.01 } else { 0.0 };
+                let across = (triangle % 4) as f32 * 0.05 + if corner == 2 { 0.05 } else { 0.0 };
+                turned * (Quat::from_rotation_z(blade as f32 * 1.25) * Vec3::new(along, across, across))
+            };
+            (0..9000).map(corner).collect::<Vec<_>>()
+        };
+        let blades = TriangleMesh::new((0..3000).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(), {
+            (0..keys).map(at).collect::<Vec<_>>()
+        });
+        scene.meshes = vec![floor.fixed(), blades];
+        scene
+    }
+
+    #[test]
+    fn two_turns_are_divided_though_halves_of_the_shutter_gain_nothing() {
+        let (regions, inside) = regions_of(&fan(33));
+        let many = |r: &Region| matches!(r.division, Division::SharedLeaves(8..) | Division::SeparateTrees(8..));
+        assert!(!regions.is_empty() && regions.iter().all(many), "{regions:?}");
+        assert!(inside[1] > 0.99, "{inside:?}");
     }
 }

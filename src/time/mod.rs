@@ -3,6 +3,7 @@
 mod choose;
 mod draft;
 mod slices;
+mod treelets;
 
 pub(crate) use choose::{Region, primitives, regions};
 pub(crate) use draft::{

@@ -1,0 +1,122 @@
+//! A map of a draft for the whole shutter: where shorter time slices would make boxes smaller.
+//!
+//! The tree is divided into some hundred *treelets*, and a small sample of each shows how much smaller its boxes would be if they
+//! were made for each half of the shutter. Static and coherently moving geometry gains nothing. A motion that turns around, like
+//! that of a fan that turns once or of a foot in one step, fills the same boxes in half the time and smaller ones only in a shorter
+//! time, so bent motion that gains nothing in halves is tried in a few of the shortest slices.
+
+use super::draft::{Draft, time_slice};
+use super::slices::slice_bounds;
+use crate::bvh::{BinaryNode, Reference, mean_half_area};
+use crate::geometry::{LinearBox3, TimeInterval};
+use crate::limits::MAX_TIME_SLICES;
+use crate::parallel;
+use crate::primitive::PrimitiveSet;
+use crate::tuning::slices::{LEAST_TREELET, MAX_AREA_OF_HALVES, SHORT_SLICES, TREELET_SAMPLE, TREELETS};
+
+/// A small subtree and its estimates.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Treelet {
+    pub node: u32,
+    /// Expected cost of a ray in it.
+    pub cost: f32,
+    /// Area of its boxes when made for slices of the shutter, relative to the area for the whole: for halves, or for the shortest
+    /// slices if halves gain nothing.
+    pub in_slices: f32,
+}
+
+/// Divides a draft into treelets, in order.
+pub(super) fn treelets<S: PrimitiveSet>(set: &S, draft: &Draft) -> Vec<Treelet> {
+    let Some(root) = draft.binary.first().filter(|root| root.moving) else { return Vec::new() };
+    let most = (root.count as usize / TREELETS).max(LEAST_TREELET) as u32;
+    let (mut nodes, mut stack) = (Vec::new(), vec![0]);
+    while let Some(x) = stack.pop() {
+        let node = &draft.binary[x as usize];
+        if node.count <= most || node.right == 0 {
+            nodes.push(x);
+        } else {
+            stack.extend([x + node.right, x + 1]);
+        }
+    }
+    parallel::map(nodes.len(), |i| {
+        let x = descend(&draft.binary, nodes[i], draft.binary[nodes[i] as usize].count / 2, TREELET_SAMPLE);
+        Treelet { node: nodes[i], cost: draft.collapse.cost(nodes[i]), in_slices: area_in_slices(set, draft, x) }
+    })
+}
+
+/// The area of the boxes of a small subtree when made for slices of the shutter, relative to the area for the whole.
+fn area_in_slices<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32) -> f32 {
+    if !draft.binary[x as usize].moving {
+        return 1.0;
+    }
+    let mut areas = [0.0; 2];
+    add_areas(draft, x, &|r| in_halves(set, draft, r), &mut areas);
+    let whole = whole_area(draft, x);
+    let relative = |area: f32| if whole > 0.0 { (area / whole).min(1.0) } else { 1.0 };
+    let halves = relative(0.5 * (areas[0] + areas[1]));
+    let first = draft.references(&draft.binary[x as usize]).first();
+    // With three keys both halves are straight.
+    let bent = first.is_some_and(|r| set.leaf_kind(r.id()) > 3);
+    if halves < MAX_AREA_OF_HALVES || !bent {
+        return halves;
+    }
+    let slices: [TimeInterval; SHORT_SLICES] =
+        core::array::from_fn(|i| time_slice((2 * i + 1) * MAX_TIME_SLICES / (2 * SHORT_SLICES), MAX_TIME_SLICES));
+    let mut areas = [0.0; SHORT_SLICES];
+    let each = |r: &Reference| slices.map(|slice| slice_bounds(set, r, draft, slice));
+    add_areas(draft, x, &each, &mut areas);
+    relative(areas.iter().sum::<f32>() / SHORT_SLICES as f32).min(halves)
+}
+
+/// The sum of the areas of the boxes of a subtree.
+fn whole_area(draft: &Draft, x: u32) -> f32 {
+    let node = &draft.binary[x as usize];
+    let below = if node.right == 0 { 0.0 } else { whole_area(draft, x + 1) + whole_area(draft, x + node.right) };
+    below + mean_half_area(&node.bounds)
+}
+
+/// Adds the areas of the boxes of a small subtree with other bounds of its references, several at once; returns its boxes.
+fn add_areas<const N: usize>(
+    draft: &Draft,
+    x: u32,
+    bounds: &impl Fn(&Reference) -> [LinearBox3; N],
+    areas: &mut [f32; N],
+) -> [LinearBox3; N] {
+    let node = &draft.binary[x as usize];
+    let union = |a: [LinearBox3; N], b: [LinearBox3; N]| core::array::from_fn(|i| a[i].union(b[i]));
+    let boxes = if node.right == 0 {
+        draft.references(node).iter().map(bounds).fold([LinearBox3::EMPTY; N], union)
+    } else {
+        union(add_areas(draft, x + 1, bounds, areas), add_areas(draft, x + node.right, bounds, areas))
+    };
+    for (area, bounds) in areas.iter_mut().zip(&boxes) {
+        *area += mean_half_area(bounds);
+    }
+    boxes
+}
+
+/// The bounds of a reference for both halves of the shutter. Linear motion has one box at mid-shutter for both.
+fn in_halves<S: PrimitiveSet>(set: &S, draft: &Draft, r: &Reference) -> [LinearBox3; 2] {
+    let first = slice_bounds(set, r, draft, time_slice(0, 2));
+    if set.leaf_kind(r.id()) != 0 {
+        return [first, slice_bounds(set, r, draft, time_slice(1, 2))];
+    }
+    let LinearBox3 { begin, end } = r.bounds();
+    [LinearBox3 { begin, end: first.end }, LinearBox3 { begin: first.end, end }]
+}
+
+/// The subtree of at most `most` references that contains index `at` of a subtree; or its leaf.
+pub(super) fn descend(binary: &[BinaryNode], mut x: u32, mut at: u32, most: u32) -> u32 {
+    loop {
+        let node = &binary[x as usize];
+        if node.count <= most || node.right == 0 {
+            return x;
+        }
+        let left = binary[x as usize + 1].count;
+        if at < left {
+            x += 1;
+        } else {
+            (x, at) = (x + node.right, at - left);
+        }
+    }
+}
