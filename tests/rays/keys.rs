@@ -2,7 +2,7 @@
 
 use super::common::{Random, closed_sphere, difference, soup};
 use mbkd::baseline::BruteForce;
-use mbkd::glam::{DVec3, Vec3};
+use mbkd::glam::{DVec3, Quat, Vec3};
 use mbkd::{
     BuildError, BuildParams, ClosestPointQuery, Counters, Division, KdParams, Keys, Ray, RayTree, Statistics,
     TriangleMesh, WideParams,
@@ -226,6 +226,38 @@ fn rays_that_miss_a_bent_figure_do_the_same_as_beside_a_straight_one() {
     println!("hit {hit:?} missed {missed:?}\n{:?}\n{:?}", a.statistics(), b.statistics());
     assert!(missed[1].abs_diff(missed[0]) * 10 < missed[0], "{missed:?}");
     assert!(hit[1] * 2 <= hit[0] * 3, "{hit:?}");
+}
+
+/// Blades around an axis that turn once. Halves of the shutter gain nothing: in each of them a triangle passes the same places.
+#[test]
+fn a_full_turn_costs_rays_little_more_than_a_quarter() {
+    let fan = |turns: f32, keys: usize| {
+        let corner = |i: usize| {
+            let (blade, triangle, corner) = (i / 1800, i % 1800 / 3, i % 3);
+            let along = 0.2 + triangle as f32 / 720.0 + if corner == 1 { 0.01 } else { 0.0 };
+            let across = (triangle % 4) as f32 * 0.05 + if corner == 2 { 0.05 } else { 0.0 };
+            Quat::from_rotation_z(blade as f32 * 1.25) * Vec3::new(along, across, across)
+        };
+        let turned =
+            |key: usize| Quat::from_rotation_z(turns * core::f32::consts::TAU * key as f32 / (keys - 1) as f32);
+        let at = |key: usize| (0..9000).map(|i| turned(key) * corner(i)).collect::<Vec<_>>();
+        TriangleMesh::new(
+            (0..3000).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
+            (0..keys).map(at).collect::<Vec<_>>(),
+        )
+    };
+    let work = |mesh: TriangleMesh| {
+        let tree = RayTree::build(&[mesh], &BuildParams::default()).unwrap();
+        let (mut random, mut counters) = (Random(3), Counters::default());
+        for _ in 0..1000 {
+            let from = DVec3::new(random.signed().into(), random.signed().into(), 3.0);
+            let ray = Ray::new(from, random.vec() * 0.1 + Vec3::NEG_Z).at_time(random.unit());
+            let _ = tree.closest_hit_observed(&ray, &mut counters);
+        }
+        counters.nodes + counters.leaves
+    };
+    let (quarter, once) = (work(fan(0.25, 5)), work(fan(1.0, 17)));
+    assert!(once <= 2 * quarter, "{once} nodes and leaf blocks instead of {quarter}");
 }
 
 #[test]
