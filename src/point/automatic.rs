@@ -12,7 +12,7 @@ use super::moving_tree::MovingTree;
 use super::source::Source;
 use super::trials::{Trial, Trials, references_of};
 use crate::progress::Progress;
-use crate::simd::SimdLevel;
+use crate::simd::{LANES, SimdLevel};
 use crate::tuning::points::{MAX_COST, MAX_PREDICTED_COST, MAX_REFINED_COST};
 
 /// A layer, and the reason for its plan.
@@ -24,6 +24,12 @@ pub(super) struct Chosen {
     pub(super) why: String,
 }
 
+/// So many points fit below one bottom node. No structure makes searches among them much cheaper, and trials would cost many times as
+/// much as the tree.
+const FEW: usize = LANES * LANES;
+
+const WHY_FEW: &str = "so few points fit below one node";
+
 /// The layers of some points of a set, at least one, with at most `max_references` per point.
 pub(super) fn moving_layers(
     source: &Source,
@@ -32,6 +38,10 @@ pub(super) fn moving_layers(
     simd: SimdLevel,
     progress: &Progress,
 ) -> Vec<Chosen> {
+    if points.len() <= FEW {
+        let layer = PartialLayer::new(source, points, Plan::Boxes(1), progress);
+        return vec![layer.finish(WHY_FEW.to_string(), progress)];
+    }
     let mut trials = Trials::new(source, points, max_references, simd);
     let best = trials.best(true);
     let why = explain(&trials.all, &best);
@@ -67,6 +77,9 @@ pub(super) fn plan_for_all(
     simd: SimdLevel,
     progress: &Progress,
 ) -> (Plan, String) {
+    if points.len() <= FEW {
+        return (Plan::Boxes(1), WHY_FEW.to_string());
+    }
     let mut trials = Trials::new(source, points, max_references, simd);
     let why = explain(&trials.all, &trials.best(false));
     let (whole, _, measured) = one_layer(source, points, &mut trials, None, progress);
