@@ -170,12 +170,11 @@ impl<'a> Trials<'a> {
     /// The cost of memory of so many time slices of all points: of some of them, if not all exist throughout.
     fn memory_cost(&self, slices: usize) -> f64 {
         let count = self.points.len();
-        let some: Vec<u32> = match self.source.all_persist() {
-            true => Vec::new(),
-            false => (0..count.min(SOME)).map(|i| self.points[spread(i, count)]).collect(),
-        };
-        let trees = references_of(self.source, &some, slices) as f64 / some.len().max(1) as f64;
-        memory_cost((count as f64 * if some.is_empty() { slices as f64 } else { trees }) as usize)
+        if self.source.all_persist() {
+            return memory_cost(count * slices);
+        }
+        let some: Vec<u32> = (0..count.min(SOME)).map(|i| self.points[spread(i, count)]).collect();
+        memory_cost((count as f64 * references_of(self.source, &some, slices) as f64 / some.len() as f64) as usize)
     }
 
     /// The least cost of what was tried.

@@ -226,28 +226,24 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
         (unmoved_cost + parallel::map(moving.len(), each).into_iter().sum::<f32>()) / whole
     };
     let mut best = (MAX_SPLIT_COST, Division::Whole, 1.0);
-    // Whether a division takes less time than the best before it.
+    let fits = |division: Division| Growth::by(division, NODE_BYTES_SHARE) <= most.0;
+    // Returns the time and the cost of a division.
     let try_division = |division: Division, best: &mut (f32, Division, f32)| {
         let cost = cost(division);
         let time = cost * latency_factor(Growth::by(division, NODE_LATENCY_SHARE));
-        let better = time < best.0;
-        if better {
+        if time < best.0 {
             *best = (time, division, cost);
         }
-        better
+        (time, cost)
     };
     // Doubles the number of slices as long as that pays; returns the cost of two slices. The first step may fall a
     // little short.
     let try_slices = |kind: fn(usize) -> Division, best: &mut (f32, Division, f32)| {
         let (mut last, mut two, mut count) = (1.1 * best.0, 1.0, 2);
-        while count <= MAX_TIME_SLICES && Growth::by(kind(count), NODE_BYTES_SHARE) <= most.0 {
-            let cost = cost(kind(count));
-            let time = cost * latency_factor(Growth::by(kind(count), NODE_LATENCY_SHARE));
+        while count <= MAX_TIME_SLICES && fits(kind(count)) {
+            let (time, cost) = try_division(kind(count), best);
             if count == 2 {
                 two = cost;
-            }
-            if time < best.0 {
-                *best = (time, kind(count), cost);
             }
             if time >= last || two > MAX_TWO_SLICES_COST {
                 break;
@@ -257,12 +253,13 @@ fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, para
         two
     };
     let two = try_slices(Division::SharedLeaves, &mut best);
-    // Motion that turns around gains nothing in halves of the shutter. Where it is taken as a whole, as in shared leaves, its boxes are
-    // those of all the ways around, which say little about which triangles are near each other.
+    // Motion that turns around gains nothing in halves of the shutter. Separate trees are tried as well: its boxes over the whole
+    // shutter, by which shared leaves are formed, tell little about which triangles are near each other.
     if best.1 == Division::Whole && set.bent() {
         for kind in [Division::SharedLeaves as fn(usize) -> Division, Division::SeparateTrees] {
             for count in [MAX_TIME_SLICES, MAX_TIME_SLICES / 2] {
-                if Growth::by(kind(count), NODE_BYTES_SHARE) <= most.0 && !try_division(kind(count), &mut best) {
+                let before = best.0;
+                if fits(kind(count)) && try_division(kind(count), &mut best).0 >= before {
                     break;
                 }
             }

@@ -37,7 +37,7 @@ pub(in crate::point) fn walk<S: Simd, V: View, K: Keep, O: Observe>(
             over = top == 0 && !again;
             level = usize::from(!again);
             left = s.load_u(&open[1]);
-            key = if again { DONE } else { next[1] };
+            key = next[1];
         } else {
             // The keys of a new node stay in a register: a round trip through memory would delay the next load.
             let (boxes, holding) = view.boxes(s, target, node);
@@ -61,6 +61,7 @@ pub(in crate::point) fn walk<S: Simd, V: View, K: Keep, O: Observe>(
                 return;
             }
             if level == 0 {
+                // Other leaves of the same node.
                 break;
             }
             let (lane, distance) = unpack(key);
