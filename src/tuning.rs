@@ -114,17 +114,22 @@ pub(crate) mod slices {
     pub const NODE_LATENCY_SHARE: f32 = 0.8;
     /// A temporal split is used if it costs less than this fraction of the unsplit tree: it takes memory and time to build.
     pub const MAX_SPLIT_COST: f32 = 0.87;
-    /// Two slices with shared leaves must cost less than this fraction of the unsplit tree for separate trees to be tried.
+    /// If nothing has paid, two slices with shared leaves must cost less than this for separate trees to be tried.
     pub const MAX_TWO_SLICES_COST: f32 = 0.85;
-    /// If shared leaves of motion with more than two keys cost at most this times a tree for a single instant, separate
-    /// trees, which take several times as long to build, are not tried (`cargo bench --bench keys`).
-    pub const NEAR_INSTANT_COST: f32 = 1.25;
+    /// Separate trees, and more of them, must take less than this fraction of the time.
+    pub const MAX_FURTHER_TIME: f32 = 0.95;
+    /// Separate trees must take less than this fraction of the time of shared leaves if motion has more than two keys: they take
+    /// several times as long to build, and hold keys again (`cargo bench --bench keys`).
+    pub const MAX_SEPARATE_TIME: f32 = 0.8;
     /// Nodes are a quarter to nearly a half of a tree's bytes; leaf blocks are the rest, which time slices share.
     pub const NODE_BYTES_SHARE: f32 = 0.45;
-    /// A temporal split is decided on this many subtrees, which together have a sixteenth of all references of a region, each of
-    /// this many. Smaller ones would predict too little for separate trees: primitives that are together at mid-shutter separate.
-    pub const SAMPLES: RangeInclusive<usize> = 4..=6;
-    pub const SAMPLE: RangeInclusive<usize> = 2048..=4096;
+    /// A temporal split is decided on at most this many subtrees of at least so many references.
+    pub const SAMPLES: usize = 4;
+    pub const LEAST_SAMPLE: usize = 128;
+    /// Together they have one in so many of the references of a region: one in eight, if these are not more than enough. Smaller ones
+    /// would predict too little for separate trees, since primitives that are together at mid-shutter separate.
+    pub const SAMPLED: RangeInclusive<usize> = 8..=16;
+    pub const ENOUGH: usize = 6144;
 }
 
 /// Trees over points: the choice of a structure, and the sizes from which on memory latency matters.

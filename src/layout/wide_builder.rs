@@ -158,7 +158,8 @@ impl WideTree {
                     self.separate_trees(set, &primitives(&draft, region.node), count, &params, &|_| step(0.0))?.root
                 }
                 Division::SharedLeaves(count) => {
-                    let shared = SharedLeaves::build(set, &draft, region.node, count);
+                    let slices: Vec<usize> = (0..count).collect();
+                    let shared = SharedLeaves::build(set, &draft, region.node, count, &slices);
                     self.write_shared_leaves(set, &draft, &shared)?
                 }
                 Division::Automatic | Division::Whole => continue,

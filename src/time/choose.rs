@@ -10,23 +10,17 @@
 //! hundred treelets ([`super::treelets`]) shows how much smaller its boxes would be if they were made for slices of the
 //! shutter. If they are hardly smaller, the treelet needs no split. *Regions* are the subtrees with
 //! the greatest total gain, each with enough gain of its own and of similar treelets. The second step builds, for each
-//! region, alternatives over samples and compares their expected costs, weighted by the memory they take; finer splits
-//! are tried only while the last step paid. If every split of a region with dissimilar halves is rejected, its halves are
-//! tried separately: slow stars around a fast core would hide the core. Neighbours with the same decision are joined
+//! region, alternatives over samples and compares their expected times ([`super::trials`]). If every split of a region with
+//! dissimilar halves is rejected, its halves are tried separately: slow stars around a fast core would hide the core. Neighbours with the same decision are joined
 //! into one region, so a homogeneous scene gets one tree with one split.
 
-use super::draft::{Draft, DraftParams, TimeSlice, draft_tree};
-use super::slices::SharedLeaves;
-use super::treelets::{Treelet, descend, treelets};
-use crate::bvh::{BinaryNode, Reference};
-use crate::limits::MAX_TIME_SLICES;
-use crate::parallel;
+use super::draft::{Draft, DraftParams};
+use super::treelets::{Treelet, treelets};
+use super::trials::decide;
+use crate::bvh::BinaryNode;
 use crate::params::Division;
 use crate::primitive::PrimitiveSet;
-use crate::tuning::slices::{
-    FEW, LEVELS, MAX_AREA_OF_HALVES, MAX_DIFFERENCE, MAX_SPLIT_COST, MAX_TWO_SLICES_COST, MIN_GAIN, NEAR_INSTANT_COST,
-    NODE_BYTES_SHARE, NODE_LATENCY_SHARE, SAMPLE, SAMPLES,
-};
+use crate::tuning::slices::{FEW, LEVELS, MAX_AREA_OF_HALVES, MAX_DIFFERENCE, MIN_GAIN};
 use crate::tuning::wide::BYTES_PER_REFERENCE;
 
 /// A subtree of a draft that gets a temporal split.
@@ -55,8 +49,11 @@ pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &DraftPar
     let treelets = treelets(set, draft);
     let least = MIN_GAIN * Sum::of(&treelets).cost;
     find(draft, 0, &treelets, least, &mut found);
-    let growth = Growth::allowed(draft, &found, params);
-    let decide = |node| decide(set, draft, node, growth, params);
+    let most = allowed_growth(draft, &found, params);
+    let decide = |node| {
+        let (division, cost) = decide(set, draft, node, most, params)?;
+        Some(Region { node, division, cost: cost * draft.collapse.cost(node) })
+    };
     let mut decided = Vec::new();
     for candidate in found {
         divided(draft, candidate, least, &decide, &mut decided);
@@ -180,140 +177,13 @@ fn difference([least, greatest]: [f32; 2]) -> f32 {
     greatest - least
 }
 
-/// The factor by which a region may grow.
-#[derive(Clone, Copy)]
-struct Growth(f32);
-
-impl Growth {
-    /// The growth that the budget allows for regions if the rest has its usual size, the same for all of them.
-    fn allowed(draft: &Draft, regions: &[Candidate<'_>], params: &DraftParams) -> Growth {
-        let bytes = |references: f64| references * f64::from(BYTES_PER_REFERENCE);
-        let all = draft.references.len() as f64;
-        let divided = regions.iter().map(|of| f64::from(draft.binary[of.node as usize].count)).sum::<f64>();
-        let budget = (f64::from(params.wide.bytes_per_primitive) * draft.primitives as f64).min(MOST_BYTES);
-        Growth(((budget - bytes(all)) / bytes(divided).max(1.0) + 1.0) as f32)
-    }
-
-    /// The factor by which a split multiplies a tree's bytes, if nodes are this share of them.
-    fn by(division: Division, nodes: f32) -> f32 {
-        match division {
-            Division::Automatic | Division::Whole => 1.0,
-            Division::SharedLeaves(count) => 1.0 + nodes * (count - 1) as f32,
-            Division::SeparateTrees(count) => count as f32,
-        }
-    }
-}
-
-/// The factor by which a ray takes longer in a tree `growth` times as large, with the same number of steps and tests,
-/// because of cache misses. The fourth root was measured for single rays on coherent, debris, needles, needles30 and
-/// tornado, 10 to 280 MB.
-fn latency_factor(growth: f32) -> f32 {
-    growth.sqrt().sqrt()
-}
-
-/// Decides on a region by the cost of its alternatives in samples of it.
-fn decide<S: PrimitiveSet>(set: &S, draft: &Draft, node: u32, most: Growth, params: &DraftParams) -> Option<Region> {
-    let samples = samples(draft, node);
-    let (moving, unmoved): (Vec<u32>, Vec<u32>) = samples.iter().partition(|&&x| draft.binary[x as usize].moving);
-    let cost_of = |of: &[u32]| of.iter().map(|&x| draft.collapse.cost(x)).sum::<f32>();
-    let (whole, unmoved_cost) = (cost_of(&samples), cost_of(&unmoved));
-    let cost = |division: Division| {
-        let each = |i: usize| match division {
-            Division::SharedLeaves(count) => SharedLeaves::build(set, draft, moving[i], count).cost(),
-            Division::SeparateTrees(count) => separate_trees_cost(set, draft, moving[i], count, params),
-            Division::Automatic | Division::Whole => draft.collapse.cost(moving[i]),
-        };
-        (unmoved_cost + parallel::map(moving.len(), each).into_iter().sum::<f32>()) / whole
-    };
-    let mut best = (MAX_SPLIT_COST, Division::Whole, 1.0);
-    let fits = |division: Division| Growth::by(division, NODE_BYTES_SHARE) <= most.0;
-    // Returns the time and the cost of a division.
-    let try_division = |division: Division, best: &mut (f32, Division, f32)| {
-        let cost = cost(division);
-        let time = cost * latency_factor(Growth::by(division, NODE_LATENCY_SHARE));
-        if time < best.0 {
-            *best = (time, division, cost);
-        }
-        (time, cost)
-    };
-    // Doubles the number of slices as long as that pays; returns the cost of two slices. The first step may fall a
-    // little short.
-    let try_slices = |kind: fn(usize) -> Division, best: &mut (f32, Division, f32)| {
-        let (mut last, mut two, mut count) = (1.1 * best.0, 1.0, 2);
-        while count <= MAX_TIME_SLICES && fits(kind(count)) {
-            let (time, cost) = try_division(kind(count), best);
-            if count == 2 {
-                two = cost;
-            }
-            if time >= last || two > MAX_TWO_SLICES_COST {
-                break;
-            }
-            (last, count) = (time, 2 * count);
-        }
-        two
-    };
-    let two = try_slices(Division::SharedLeaves, &mut best);
-    // Motion that turns around gains nothing in halves of the shutter. Separate trees are tried as well: its boxes over the whole
-    // shutter, by which shared leaves are formed, tell little about which triangles are near each other.
-    if best.1 == Division::Whole && set.bent() {
-        for kind in [Division::SharedLeaves as fn(usize) -> Division, Division::SeparateTrees] {
-            for count in [MAX_TIME_SLICES, MAX_TIME_SLICES / 2] {
-                let before = best.0;
-                if fits(kind(count)) && try_division(kind(count), &mut best).0 >= before {
-                    break;
-                }
-            }
-        }
-    }
-    // Bent motion is split for its chords, which shared leaves do as well as separate trees. The cost of separate trees is at
-    // least that of the tree for an instant.
-    let at_best = || (unmoved_cost + moving.iter().map(|&x| instant_cost(set, draft, x, params)).sum::<f32>()) / whole;
-    let done = set.bent() && best.2 < 1.0 && best.2 <= NEAR_INSTANT_COST * at_best();
-    if two <= MAX_TWO_SLICES_COST && !done {
-        try_slices(Division::SeparateTrees, &mut best);
-    }
-    let (_, division, cost) = best;
-    (division != Division::Whole).then(|| Region { node, division, cost: cost * draft.collapse.cost(node) })
-}
-
-/// Mean cost of separate trees for equal time slices over the primitives of a subtree.
-fn separate_trees_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, count: usize, params: &DraftParams) -> f32 {
-    let ids = primitives(draft, of);
-    let params = params.of_each_tree(count);
-    let cost = |i: usize| {
-        draft_tree(set, &ids, TimeSlice { index: i, of: count }, &params, Some(draft.cost_model)).collapse.total()
-    };
-    (0..count).map(cost).sum::<f32>() / count as f32
-}
-
-/// Cost of a tree for a short time in the middle of the shutter.
-fn instant_cost<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, params: &DraftParams) -> f32 {
-    let slice = TimeSlice { index: MAX_TIME_SLICES / 2, of: MAX_TIME_SLICES };
-    let params = params.of_each_tree(MAX_TIME_SLICES);
-    draft_tree(set, &primitives(draft, of), slice, &params, Some(draft.cost_model)).collapse.total()
-}
-
-/// The primitives below a node, sorted, without duplicates.
-pub(crate) fn primitives(draft: &Draft, of: u32) -> Vec<u32> {
-    let mut ids: Vec<u32> = draft.references(&draft.binary[of as usize]).iter().map(Reference::id).collect();
-    ids.sort_unstable();
-    ids.dedup();
-    ids
-}
-
-/// Evenly spaced subtrees of a region to decide on; the region itself if it is small.
-fn samples(draft: &Draft, of: u32) -> Vec<u32> {
-    let n = draft.binary[of as usize].count as usize;
-    let size = (n / 64).clamp(*SAMPLE.start(), *SAMPLE.end());
-    let count = (n / (16 * size)).clamp(*SAMPLES.start(), *SAMPLES.end()).min(n / SAMPLE.start()).max(1);
-    let mut samples = Vec::with_capacity(count);
-    for i in 0..count {
-        let x = descend(&draft.binary, of, ((2 * i + 1) * n / (2 * count)) as u32, size as u32);
-        if samples.last() != Some(&x) {
-            samples.push(x);
-        }
-    }
-    samples
+/// The factor by which the budget allows regions to grow if the rest has its usual size, the same for all of them.
+fn allowed_growth(draft: &Draft, regions: &[Candidate<'_>], params: &DraftParams) -> f32 {
+    let bytes = |references: f64| references * f64::from(BYTES_PER_REFERENCE);
+    let all = draft.references.len() as f64;
+    let divided = regions.iter().map(|of| f64::from(draft.binary[of.node as usize].count)).sum::<f64>();
+    let budget = (f64::from(params.wide.bytes_per_primitive) * draft.primitives as f64).min(MOST_BYTES);
+    ((budget - bytes(all)) / bytes(divided).max(1.0) + 1.0) as f32
 }
 
 /// Joins regions below `x` that are the two halves of a node and have the same split.
@@ -337,6 +207,8 @@ fn joined(binary: &[BinaryNode], x: u32, mut regions: Vec<Region>) -> Vec<Region
 
 #[cfg(test)]
 mod tests {
+    use super::super::draft::{TimeSlice, draft_tree};
+    use super::super::trials::primitives;
     use super::*;
     use crate::params::WideParams;
     use crate::primitive::{TriangleMesh, Triangles};

@@ -6,10 +6,10 @@
 //! cost times visits, which the collapse returns.
 
 use crate::bvh::{
-    BinaryNode, BinaryTree, Collapse, CostModel, LeafKind, Reference, SurfaceDensity, build_binary, neighbourhoods,
-    presplit,
+    BinaryNode, BinaryTree, Collapse, CostModel, LeafKind, Reference, SurfaceDensity, WideChild, build_binary,
+    neighbourhoods, presplit,
 };
-use crate::geometry::{Box3, KeyTime, TimeInterval};
+use crate::geometry::{Box3, KeyTime, LinearBox3, TimeInterval};
 use crate::parallel;
 use crate::params::WideParams;
 use crate::primitive::PrimitiveSet;
@@ -39,6 +39,8 @@ pub(crate) struct Draft {
     pub primitives: usize,
     /// Whether references may be sub-references, which bound a part of their primitive.
     pub presplit: bool,
+    /// Half the area of a box per area of the triangle in it.
+    ratio: Option<f64>,
     /// The model that its costs are computed with.
     pub cost_model: CostModel,
     pub binary: BinaryTree,
@@ -46,6 +48,30 @@ pub(crate) struct Draft {
 }
 
 impl Draft {
+    /// What was decided on pre-splitting, for drafts of other slices.
+    pub fn decided(&self) -> Presplit {
+        Presplit { ratio: self.ratio, pays: self.presplit }
+    }
+
+    /// The expected cost of a subtree for rays during a slice of the shutter, with the boxes of the whole.
+    pub fn cost_during(&self, of: u32, slice: TimeSlice) -> f32 {
+        let [first, last] = slice.times();
+        let (mut cost, mut nodes, mut children) =
+            (0.0, vec![WideChild { node: of, leaf: self.collapse.is_leaf(of) }], Vec::new());
+        while let Some(WideChild { node: x, leaf }) = nodes.pop() {
+            let node = &self.binary[x as usize];
+            let bounds = LinearBox3 { begin: node.bounds.at(first), end: node.bounds.at(last) };
+            let factor = if node.moving { 1.0 } else { self.cost_model.static_factor };
+            let step = if leaf { self.cost_model.leaf_of(node.count as usize) } else { self.cost_model.node };
+            cost += step * factor * self.cost_model.density.visits(&bounds);
+            if !leaf {
+                self.collapse.children(&self.binary, x, &mut children);
+                nodes.extend(&children);
+            }
+        }
+        cost
+    }
+
     /// The references below a binary node.
     pub fn references(&self, node: &BinaryNode) -> &[Reference] {
         &self.references[node.first as usize..][..node.count as usize]
@@ -123,7 +149,7 @@ impl DraftParams {
 }
 
 /// Whether some primitives are pre-split.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 pub(crate) struct Presplit {
     /// Half the area of a box per area of the triangle in it, see [`area_ratio`].
     ratio: Option<f64>,
@@ -157,7 +183,7 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
     if presplits {
         presplit(&mut references, |id| set.ends(id, over), budget);
     }
-    Draft { primitives: ids.len(), ..draft_with(set, references, slice, presplits, cost_model) }
+    Draft { primitives: ids.len(), ratio, ..draft_with(set, references, slice, presplits, cost_model) }
 }
 
 /// Drafts a tree over a sample, pre-split if that pays for the sample as a whole, and returns the decision. There is no draft if
@@ -238,7 +264,8 @@ fn draft_with<S: PrimitiveSet>(
         fits.then_some(COST_MODEL.leaf_of(node.count as usize))
     });
     let primitives = references.len();
-    Draft { slice, over: slice.interval(), references, primitives, presplit, cost_model, binary, collapse }
+    let over = slice.interval();
+    Draft { slice, over, references, primitives, presplit, ratio: None, cost_model, binary, collapse }
 }
 
 /// Whether references may form a leaf block: they are of one kind and, unless they cannot be split further, fit.

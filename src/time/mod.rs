@@ -4,9 +4,11 @@ mod choose;
 mod draft;
 mod slices;
 mod treelets;
+mod trials;
 
-pub(crate) use choose::{Region, primitives, regions};
+pub(crate) use choose::{Region, regions};
 pub(crate) use draft::{
     COST_MODEL, Draft, DraftParams, TimeSlice, draft_sample, draft_tree, prefetch_blocks, time_slice,
 };
 pub(crate) use slices::SharedLeaves;
+pub(crate) use trials::primitives;

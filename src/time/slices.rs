@@ -24,17 +24,20 @@ pub(crate) struct Slice {
 }
 
 impl SharedLeaves {
-    /// Rebuilds the nodes above the leaf blocks of a draft's subtree for `count` equal time slices of the shutter.
-    pub fn build<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, count: usize) -> SharedLeaves {
+    /// Rebuilds the nodes above the leaf blocks of a draft's subtree for some of `count` equal time slices of the shutter, in order.
+    pub fn build<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, count: usize, slices: &[usize]) -> SharedLeaves {
         let clusters = draft.collapse.leaves(&draft.binary, of);
-        let boundaries: Option<Vec<Vec<Box3>>> =
-            (1..count).map(|i| boundary(set, draft, &clusters, i, count)).collect();
-        let trees = parallel::map(count, |slice| {
+        // The boxes at the beginning of each slice, where they are needed.
+        let needed = |i: usize| i > 0 && (slices.contains(&i) || slices.contains(&(i - 1)));
+        let boundary = |i: usize| if needed(i) { boundary(set, draft, &clusters, i, count) } else { Some(Vec::new()) };
+        let boundaries: Option<Vec<Vec<Box3>>> = (0..count).map(boundary).collect();
+        let trees = parallel::map(slices.len(), |i| {
+            let slice = slices[i];
             let over = time_slice(slice, count);
             let bounds = |i: usize| match &boundaries {
                 Some(boundaries) => LinearBox3 {
-                    begin: if slice == 0 { clusters[i].bounds.begin } else { boundaries[slice - 1][i] },
-                    end: if slice + 1 == count { clusters[i].bounds.end } else { boundaries[slice][i] },
+                    begin: if slice == 0 { clusters[i].bounds.begin } else { boundaries[slice][i] },
+                    end: if slice + 1 == count { clusters[i].bounds.end } else { boundaries[slice + 1][i] },
                 },
                 None => {
                     let of = draft.references(&clusters[i]).iter();

@@ -106,7 +106,7 @@ fn in_halves<S: PrimitiveSet>(set: &S, draft: &Draft, r: &Reference) -> [LinearB
 }
 
 /// The subtree of at most `most` references that contains index `at` of a subtree; or its leaf.
-pub(super) fn descend(binary: &[BinaryNode], mut x: u32, mut at: u32, most: u32) -> u32 {
+fn descend(binary: &[BinaryNode], mut x: u32, mut at: u32, most: u32) -> u32 {
     loop {
         let node = &binary[x as usize];
         if node.count <= most || node.right == 0 {

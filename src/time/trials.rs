@@ -1,0 +1,381 @@
+//! The cost of temporal splits of a region, found by building them over samples of it.
+//!
+//! The samples are subtrees that stand for equal shares of the region's cost. Each tries one slice of a division, another one in each
+//! sample, and compares its cost with that of the undivided tree during the same slice. Trees for the shortest slices come first: no
+//! division costs a ray fewer steps, so they tell which ones are worth a trial at all.
+
+use super::draft::{Draft, DraftParams, Presplit, TimeSlice, draft_tree};
+use super::slices::SharedLeaves;
+use crate::bvh::Reference;
+use crate::limits::MAX_TIME_SLICES;
+use crate::parallel;
+use crate::params::Division;
+use crate::primitive::PrimitiveSet;
+use crate::tuning::slices::{
+    ENOUGH, LEAST_SAMPLE, MAX_FURTHER_TIME, MAX_SEPARATE_TIME, MAX_SPLIT_COST, MAX_TWO_SLICES_COST, NODE_BYTES_SHARE,
+    NODE_LATENCY_SHARE, SAMPLED, SAMPLES,
+};
+
+/// The division of a region that takes the least time, and its cost in steps and tests relative to none; `None` if none pays. A region
+/// may grow by the factor `most`.
+pub(super) fn decide<S: PrimitiveSet>(
+    set: &S,
+    draft: &Draft,
+    region: u32,
+    most: f32,
+    params: &DraftParams,
+) -> Option<(Division, f32)> {
+    let samples = Samples::new(set, draft, region, params);
+    if samples.moving.is_empty() {
+        return None;
+    }
+    let mut search = Search { least: samples.least_cost(), most, samples, best: None, limit: MAX_SPLIT_COST };
+    let two = search.try_kind(Division::SharedLeaves);
+    match search.best {
+        None if two.is_none_or(|two| two > MAX_TWO_SLICES_COST && !set.bent()) => return None,
+        None => {}
+        // Bent motion is divided for its chords, which shared leaves do nearly as well.
+        Some(Trial { time, .. }) if set.bent() => search.limit = MAX_SEPARATE_TIME * time,
+        Some(Trial { time, .. }) => search.limit = MAX_FURTHER_TIME * time,
+    }
+    search.try_kind(Division::SeparateTrees);
+    search.best.map(|Trial { division, cost, .. }| (division, cost))
+}
+
+/// A division that was tried: its cost in steps and tests, and its time, relative to none.
+#[derive(Clone, Copy)]
+struct Trial {
+    division: Division,
+    cost: f32,
+    time: f32,
+}
+
+/// The search for the best division.
+struct Search<'a, S> {
+    samples: Samples<'a, S>,
+    /// The factor by which the region may grow.
+    most: f32,
+    /// The cost of trees for the shortest slices, relative to none.
+    least: f32,
+    best: Option<Trial>,
+    /// The next one must take less time than this.
+    limit: f32,
+}
+
+impl<S: PrimitiveSet> Search<'_, S> {
+    /// Tries more and more slices as long as that pays. Motion that turns around gains little in halves of the shutter, so the shortest
+    /// slices are tried then, and twice as long ones. Returns the cost of two slices if they were tried.
+    fn try_kind(&mut self, kind: fn(usize) -> Division) -> Option<f32> {
+        let mut two = None;
+        // The first step may fall a little short.
+        let mut last = 1.1 * MAX_SPLIT_COST;
+        for count in [2, 4, 8, MAX_TIME_SLICES] {
+            let Some(Trial { cost, time, .. }) = self.try_division(kind(count), count) else { continue };
+            if count == 2 {
+                two = Some(cost);
+            }
+            if time >= last {
+                if count == 2 && self.samples.set.bent() {
+                    for count in [MAX_TIME_SLICES, MAX_TIME_SLICES / 2] {
+                        self.try_division(kind(count), count);
+                    }
+                }
+                break;
+            }
+            last = time;
+        }
+        two
+    }
+
+    /// Tries a division into so many slices, unless it is too large or cannot cost little enough.
+    fn try_division(&mut self, division: Division, count: usize) -> Option<Trial> {
+        let fits = growth(division, NODE_BYTES_SHARE) <= self.most;
+        // Once a division has paid, the estimate may fall a little short too.
+        let limit = if self.best.is_some() { 1.1 * self.limit } else { self.limit };
+        if !fits || time(division, self.least_cost(count)) >= limit {
+            return None;
+        }
+        let cost = self.samples.cost(division);
+        let trial = Trial { division, cost, time: time(division, cost) };
+        if trial.time < self.limit {
+            self.best = Some(trial);
+            self.limit = trial.time;
+            if let Division::SeparateTrees(_) = division {
+                self.limit *= MAX_FURTHER_TIME;
+            }
+        }
+        Some(trial)
+    }
+
+    /// What so many slices cost at least. Boxes exceed those for an instant by lengths that are proportional to the duration of a
+    /// slice, if motion is straight, so their areas by at most its square.
+    fn least_cost(&self, count: usize) -> f32 {
+        let further = if self.samples.set.bent() { 0.0 } else { (1.0 - self.least).max(0.0) };
+        self.least + further / (count * count) as f32
+    }
+}
+
+/// The factor by which a division multiplies a tree's bytes, if nodes are this share of them.
+fn growth(division: Division, nodes: f32) -> f32 {
+    match division {
+        Division::Automatic | Division::Whole => 1.0,
+        Division::SharedLeaves(count) => 1.0 + nodes * (count - 1) as f32,
+        Division::SeparateTrees(count) => count as f32,
+    }
+}
+
+/// The time of a ray with a division that costs `cost` in steps and tests, relative to none. With the same number of steps and tests
+/// a ray takes longer in a larger tree because of cache misses. The fourth root was measured for single rays on coherent, debris,
+/// needles, needles30 and tornado, 10 to 280 MB. (Keys hardly count: a ray reads two of each primitive, however many there are.)
+fn time(division: Division, cost: f32) -> f32 {
+    cost * growth(division, NODE_LATENCY_SHARE).sqrt().sqrt()
+}
+
+/// Samples of a region in which its divisions are tried.
+struct Samples<'a, S> {
+    set: &'a S,
+    draft: &'a Draft,
+    params: &'a DraftParams,
+    /// The subtrees that move.
+    moving: Vec<u32>,
+    /// How many shares of the cost each of them stands for, and how many those that do not move.
+    shares: Vec<f32>,
+    unmoved: f32,
+    /// The share of the cost of nodes that are larger than samples, which gain nothing from straight motion. From bent motion they
+    /// do: it makes all boxes larger, not only those of neighbours that separate.
+    above: f32,
+}
+
+impl<'a, S: PrimitiveSet> Samples<'a, S> {
+    fn new(set: &'a S, draft: &'a Draft, region: u32, params: &'a DraftParams) -> Samples<'a, S> {
+        let (samples, most) = samples(draft, region);
+        let moves = |&(x, _): &(u32, f32)| draft.binary[x as usize].moving;
+        let (moving, shares): (Vec<u32>, Vec<f32>) = samples.iter().copied().filter(moves).unzip();
+        let unmoved = samples.iter().filter(|sample| !moves(sample)).map(|(_, shares)| shares).sum();
+        let above = if set.bent() { 0.0 } else { cost_above(draft, region, most) / draft.collapse.cost(region) };
+        Samples { set, draft, params, moving, shares, unmoved, above }
+    }
+
+    /// The cost of trees for the shortest slices, relative to no division.
+    fn least_cost(&self) -> f32 {
+        self.separate_trees(MAX_TIME_SLICES, self.params)
+    }
+
+    /// The cost of a division, relative to none.
+    fn cost(&self, division: Division) -> f32 {
+        match division {
+            Division::SharedLeaves(count) => self.relative(|i| {
+                let slices = self.slices(i, count);
+                let cost = SharedLeaves::build(self.set, self.draft, self.moving[i], count, &slices).cost();
+                [cost, self.whole(i, count, &slices)]
+            }),
+            Division::SeparateTrees(count) => self.separate_trees(count, &self.params.of_each_tree(count)),
+            Division::Automatic | Division::Whole => 1.0,
+        }
+    }
+
+    /// The cost of separate trees for some of `count` slices, relative to no division. Whether long triangles are pre-split is decided
+    /// in the first tree.
+    fn separate_trees(&self, count: usize, params: &DraftParams) -> f32 {
+        let costs = |i: usize, mut decided: Option<Presplit>| {
+            let (ids, slices) = (primitives(self.draft, self.moving[i]), self.tree_slices(i, count));
+            let mut sum = 0.0;
+            for &index in &slices {
+                let slice = TimeSlice { index, of: count };
+                let params = DraftParams { decided, ..*params };
+                let draft = draft_tree(self.set, &ids, slice, &params, Some(self.draft.cost_model));
+                sum += draft.collapse.total();
+                decided = Some(draft.decided());
+            }
+            ([sum / slices.len() as f32, self.whole(i, count, &slices)], decided)
+        };
+        let (first, decided) = costs(0, params.decided);
+        self.relative(|i| if i == 0 { first } else { costs(i, decided).0 })
+    }
+
+    /// The mean ratio of two costs of each sample.
+    fn relative(&self, each: impl Fn(usize) -> [f32; 2] + Sync) -> f32 {
+        let costs = parallel::map(self.moving.len(), each);
+        let moving: f32 = costs.iter().zip(&self.shares).map(|([with, without], shares)| shares * with / without).sum();
+        let below = (moving + self.unmoved) / (self.shares.iter().sum::<f32>() + self.unmoved);
+        self.above + (1.0 - self.above) * below
+    }
+
+    /// The mean cost of a sample during some of `count` slices, without a division: boxes may be larger at the ends of the shutter than
+    /// in its middle.
+    fn whole(&self, i: usize, count: usize, slices: &[usize]) -> f32 {
+        let cost = |&index: &usize| self.draft.cost_during(self.moving[i], TimeSlice { index, of: count });
+        slices.iter().map(cost).sum::<f32>() / slices.len() as f32
+    }
+
+    /// The slices of `count` that are tried in sample `i`, another one in each, spread evenly; two in a single sample.
+    fn slices(&self, i: usize, count: usize) -> Vec<usize> {
+        self.spread(i, 0, count)
+    }
+
+    /// The slices for which separate trees are tried: those in the middle half of the shutter. The primitives of a sample are
+    /// neighbours in the middle of the shutter and disperse before and after; a tree for a slice finds other neighbours.
+    fn tree_slices(&self, i: usize, count: usize) -> Vec<usize> {
+        self.spread(i, count / 4, count - 2 * (count / 4))
+    }
+
+    fn spread(&self, i: usize, from: usize, count: usize) -> Vec<usize> {
+        let samples = self.moving.len();
+        let all = samples.max(2);
+        (i..all).step_by(samples).map(|i| from + (2 * i + 1) * count / (2 * all)).collect()
+    }
+}
+
+/// The primitives below a node, sorted, without duplicates.
+pub(crate) fn primitives(draft: &Draft, of: u32) -> Vec<u32> {
+    let mut ids: Vec<u32> = draft.references(&draft.binary[of as usize]).iter().map(Reference::id).collect();
+    ids.sort_unstable();
+    ids.dedup();
+    ids
+}
+
+/// Subtrees of a region to decide on, each in the middle of one or more equal shares of its cost; and their greatest size.
+fn samples(draft: &Draft, region: u32) -> (Vec<(u32, f32)>, u32) {
+    let n = draft.binary[region as usize].count as usize;
+    let all = (n / *SAMPLED.end()).max(ENOUGH.min(n / *SAMPLED.start())).max(1);
+    let count = (all / LEAST_SAMPLE).clamp(1, SAMPLES);
+    let most = (all / count) as u32;
+    let at = |i: usize| (i as f32 + 0.5) / count as f32;
+    let mut samples: Vec<(u32, f32)> = Vec::with_capacity(count);
+    for x in (0..count).map(|i| descend_by_cost(draft, region, at(i), most)) {
+        match samples.last_mut() {
+            Some((last, shares)) if *last == x => *shares += 1.0,
+            _ => samples.push((x, 1.0)),
+        }
+    }
+    (samples, most)
+}
+
+/// The cost of a subtree but for its subtrees of at most `most` references.
+fn cost_above(draft: &Draft, of: u32, most: u32) -> f32 {
+    let (mut below, mut stack) = (0.0, vec![of]);
+    while let Some(x) = stack.pop() {
+        let node = &draft.binary[x as usize];
+        if node.count <= most || node.right == 0 {
+            below += draft.collapse.cost(x);
+        } else {
+            stack.extend([x + 1, x + node.right]);
+        }
+    }
+    (draft.collapse.cost(of) - below).max(0.0)
+}
+
+/// The subtree of at most `most` references at a fraction of the cost of a subtree; or its leaf.
+fn descend_by_cost(draft: &Draft, mut x: u32, mut at: f32, most: u32) -> u32 {
+    loop {
+        let node = &draft.binary[x as usize];
+        if node.count <= most || node.right == 0 {
+            return x;
+        }
+        let right = x + node.right;
+        let [low, high] = [x + 1, right].map(|child| draft.collapse.cost(child));
+        let share = if low + high > 0.0 { low / (low + high) } else { 0.5 };
+        (x, at) = if at < share { (x + 1, at / share) } else { (right, (at - share) / (1.0 - share)) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::params::WideParams;
+    use crate::primitive::Triangles;
+    use crate::scene;
+
+    fn params() -> DraftParams {
+        DraftParams::new(WideParams::default())
+    }
+
+    fn drafted(scene: &scene::Scene) -> (Triangles, Draft) {
+        let set = Triangles::new(&scene.meshes).unwrap();
+        let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
+        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &params(), None);
+        (set, draft)
+    }
+
+    #[test]
+    fn samples_lie_in_the_middle_of_equal_shares_of_the_cost() {
+        let (_, draft) = drafted(&scene::mixed(60_000));
+        let (found, most) = samples(&draft, 0);
+        assert_eq!(found.iter().map(|(_, shares)| shares).sum::<f32>(), SAMPLES as f32);
+        let mut share = 0.0;
+        for (x, shares) in found {
+            assert!(draft.binary[x as usize].count <= most);
+            // The share of the cost on the left of the sample, and its own, as the descent counts them.
+            let (mut at, mut before, mut own) = (0, 0.0, 1.0);
+            while at != x {
+                let right = at + draft.binary[at as usize].right;
+                let [low, high] = [at + 1, right].map(|child| draft.collapse.cost(child));
+                if x < right {
+                    (at, own) = (at + 1, own * low / (low + high));
+                } else {
+                    (at, before, own) = (right, before + own * low / (low + high), own * high / (low + high));
+                }
+            }
+            for middle in [share + 0.5, share + shares - 0.5].map(|middle| middle / SAMPLES as f32) {
+                assert!(before <= middle + 1e-5 && middle <= before + own + 1e-5, "{x}: {before} {own} {middle}");
+            }
+            share += shares;
+        }
+        assert!(cost_above(&draft, 0, most) > 0.0 && cost_above(&draft, 0, u32::MAX) == 0.0);
+    }
+
+    #[test]
+    fn samples_try_slices_evenly_and_separate_trees_those_in_the_middle() {
+        let scene = scene::tornado(60_000);
+        let (set, draft) = drafted(&scene);
+        let params = params();
+        let samples = Samples::new(&set, &draft, 0, &params);
+        let tried = |count: usize| (0..SAMPLES).flat_map(|i| samples.slices(i, count)).collect::<Vec<_>>();
+        assert_eq!([tried(2), tried(4), tried(8)], [vec![0, 0, 1, 1], vec![0, 1, 2, 3], vec![1, 3, 5, 7]]);
+        let trees = |count: usize| (0..SAMPLES).flat_map(|i| samples.tree_slices(i, count)).collect::<Vec<_>>();
+        assert_eq!([trees(2), trees(4), trees(8)], [vec![0, 0, 1, 1], vec![1, 1, 2, 2], vec![2, 3, 4, 5]]);
+        let single = Samples { moving: samples.moving[..1].to_vec(), shares: vec![1.0], ..samples };
+        assert_eq!([single.slices(0, 2), single.slices(0, 16)], [vec![0, 1], vec![4, 12]]);
+    }
+
+    /// The mean area of a box over time is the mean of those over slices; its volume is taken at the middle.
+    #[test]
+    fn the_cost_during_slices_adds_up_to_the_cost_of_the_whole() {
+        let (_, draft) = drafted(&scene::mixed(20_000));
+        let whole = draft.collapse.total();
+        for of in [1, 2, 8] {
+            let slices = (0..of).map(|index| draft.cost_during(0, TimeSlice { index, of }));
+            let mean = slices.sum::<f32>() / of as f32;
+            assert!((mean / whole - 1.0).abs() < 0.05, "{of}: {mean} instead of {whole}");
+        }
+    }
+
+    #[test]
+    fn some_of_the_slices_with_shared_leaves_are_those_of_all() {
+        let (set, draft) = drafted(&scene::tornado(4000));
+        let costs = |slices: &[usize]| {
+            let shared = SharedLeaves::build(&set, &draft, 0, 4, slices);
+            shared.trees.iter().map(|tree| tree.collapse.total()).collect::<Vec<_>>()
+        };
+        let all = costs(&[0, 1, 2, 3]);
+        assert_eq!(costs(&[0, 3]), [all[0], all[3]]);
+        assert_eq!(costs(&[2]), [all[2]]);
+    }
+
+    /// Trials tell what the whole would cost: two trees of the tornado's dust, each built over everything.
+    #[test]
+    fn trials_of_samples_predict_the_cost_of_the_whole() {
+        let (set, draft) = drafted(&scene::tornado(60_000));
+        let params = params();
+        let ids = primitives(&draft, 0);
+        for count in [2, 4] {
+            let predicted = Samples::new(&set, &draft, 0, &params).cost(Division::SeparateTrees(count));
+            let tree = |index: usize| {
+                let params = params.of_each_tree(count);
+                draft_tree(&set, &ids, TimeSlice { index, of: count }, &params, Some(draft.cost_model)).collapse.total()
+            };
+            let actual = (0..count).map(tree).sum::<f32>() / count as f32 / draft.collapse.total();
+            assert!((0.75..1.4).contains(&(predicted / actual)), "{count}: {predicted} instead of {actual}");
+        }
+    }
+}
