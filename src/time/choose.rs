@@ -11,8 +11,8 @@
 //! shutter. If they are hardly smaller, the treelet needs no split. *Regions* are the subtrees with
 //! the greatest total gain, each with enough gain of its own and of similar treelets. The second step builds, for each
 //! region, alternatives over samples and compares their expected times ([`super::trials`]). If every split of a region with
-//! dissimilar halves is rejected, its halves are tried separately: slow stars around a fast core would hide the core. Neighbours with the same decision are joined
-//! into one region, so a homogeneous scene gets one tree with one split.
+//! dissimilar halves is rejected, its halves are tried separately: slow stars around a fast core would hide the core.
+//! Neighbours with the same decision are joined into one region, so a homogeneous scene gets one tree with one split.
 
 use super::draft::{Draft, DraftParams};
 use super::treelets::{Treelet, treelets};
