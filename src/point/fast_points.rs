@@ -37,8 +37,8 @@ impl Fast {
     }
 }
 
-/// Where at most so many of sixteen leaves' references are fast, the others stay in their leaves: less than a thirtieth of the
-/// lanes remain empty, and putting them in order again would take as long as all the rest.
+/// Where at most so many of the references of sixteen leaves are fast, the others stay in their leaves: a thirtieth of the lanes remain empty
+/// at most, and putting the others in order again takes as long as the first time (`neighbor_tables builds --rows fast`).
 const FEW: usize = LANES / 2;
 
 /// References some of which may be fast.

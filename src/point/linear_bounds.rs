@@ -17,9 +17,8 @@
 //! difference, s and the product are rounded by |b − a|u at most, the sum by max(|a|, |b|)u. With e, that is (2|b − a| + max(|a|, |b|))·2u,
 //! of which the largest in the leaf counts ([`LinearBox::throughout`]).
 //!
-//! All bounds are raised by 2^-10 of themselves, which covers the f64 rounding of
-//! the build, and by 2^-148 for products that underflow. They hold per axis, and depend on the contents of the box: a
-//! distant point pads the boxes that hold it and no others.
+//! All bounds are raised by 2^-10 of themselves, which covers the rounding of the bounds and of f64 in the build, and by 2^-148 for products
+//! that underflow. They hold per axis, and depend on the contents of the box: a distant point pads the boxes that hold it and no others.
 
 use super::divide::least_lane;
 use super::linear_face::{Face, FaceFit, FacesFit, TINY, UNIT, VECTORS};
@@ -285,7 +284,7 @@ impl Spans {
     }
 }
 
-/// The magnitude of each lane.
+/// The magnitudes of all lanes.
 #[inline(always)]
 fn sizes<S: Simd>(s: S, a: S::F) -> S::F {
     s.max(a, s.splat(0.0) - a)
@@ -394,17 +393,24 @@ mod tests {
         let mut random = Random(3);
         for round in 0..300 {
             let trajectories = trajectories(round, &mut random);
-            let range = |i: usize| if round % 3 == 0 { [0.0, 1.0] } else { [0.25 * (i % 3) as f64, 1.0] };
+            let range = |i: usize| match round % 3 {
+                0 => [0.0, 1.0],
+                // A phase in between is rounded as well.
+                1 => [1.0 / 3.0, 6.0 / 7.0],
+                _ => [0.25 * (i % 3) as f64, 1.0],
+            };
             let trajectory = |(i, trajectory): (usize, &[Vec3; 2])| (trajectory.map(|p| p.to_array()), range(i));
             let spans: Vec<Trajectory> = trajectories.iter().enumerate().map(trajectory).collect();
             let leaves: Vec<LinearBox> = spans.chunks(8).map(linear_box).collect();
             let nodes: Vec<LinearBox> = leaves.chunks(4).map(LinearBox::around).collect();
             let root = LinearBox::around(&nodes);
-            for step in 0..=40 {
-                let at = KeyTime::new(step as f32 / 40.0, 2);
+            let ends = range(0).map(|phase| phase as f32);
+            for time in (0..=40).map(|step| step as f32 / 40.0).chain(ends) {
+                let at = KeyTime::new(time, 2);
                 let phase = if at.from_end { at.s + 1.0 } else { at.s };
                 for (i, trajectory) in trajectories.iter().enumerate() {
-                    if f64::from(phase) < range(i)[0] {
+                    let [begin, end] = range(i);
+                    if !(begin..=end).contains(&f64::from(phase)) {
                         continue;
                     }
                     let p = at.position(trajectory[0], trajectory[1]);

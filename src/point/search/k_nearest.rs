@@ -9,6 +9,9 @@
 //! points. All leaves that it touches are known before the first of them has arrived from memory, and nothing has to
 //! wait for a distance. If the ball turns out to hold fewer than k points, the search restarts with a larger
 //! one. If k is much less than a leaf holds, the distances in the nearest leaves give a better threshold than an estimate.
+//!
+//! Thresholds are sought beyond the distance of the nearest leaf: from far away all distances are about that, and one in proportion
+//! to the whole distance would have all points below it or none.
 
 use super::candidates::{Candidates, append};
 use super::keys::{LANE_BITS, keys, smallest, unpack};
