@@ -1,6 +1,7 @@
 //! The automatic choice of a structure, and its build.
 //!
-//! Samples give a first choice ([`super::trials`]). They hardly contain points that come from far away, so a structure
+//! Samples give a first choice ([`super::trials`]). Where few points are fast and cause most of the work, they are put apart without more
+//! trials, and these only follow if that costs more than expected. Samples hardly contain points that come from far away, so a structure
 //! may turn out to cost more. Therefore the tree of one time slice is built over the whole set, and the work of searches
 //! in it is counted. If shorter slices promise to cost less, the tree of one of those is built as well. The trees of
 //! the structure that is finally chosen are reused.
@@ -43,20 +44,32 @@ pub(super) fn moving_layers(
         return vec![layer.finish(WHY_FEW.to_string(), progress)];
     }
     let mut trials = Trials::new(source, points, max_references, simd);
-    let best = trials.best(true);
-    let why = explain(&trials.all, &best);
     let (mut fast, mut slow, mut ready) = (Vec::new(), Vec::new(), None);
-    if best.fast.is_some() {
+    let fast_first = trials.fast_first();
+    if !fast_first {
+        trials.try_slices(true);
+    }
+    if fast_first || trials.best(true).fast.is_some() {
         (fast, slow, ready) = split_fast(source, points, trials.leaf_size, progress);
     }
-    let begin = |plan| Some(Separated::new(source, (&slow, ready.take()?), (&fast, plan), &trials, progress));
-    let separated = best.fast.filter(|_| !fast.is_empty()).and_then(begin);
-    let separated = match separated {
-        Some(separated) if separated.cost * MAX_PREDICTED_COST <= trials.least_of_one_layer() => {
-            return separated.finish(why, progress);
-        }
-        other => other,
+    let mut separated = None;
+    if !fast.is_empty()
+        && let Some(tree) = ready.take()
+    {
+        separated = Some(Separated::new(source, (&slow, tree), &fast, &trials, progress));
+    }
+    let costs_less = |trials: &Trials, separated: &Option<Separated>, factor: f64| {
+        separated.as_ref().is_some_and(|separated| separated.cost * factor <= trials.least_of_one_layer())
     };
+    let mut chosen = fast_first && costs_less(&trials, &separated, MAX_COST);
+    if fast_first && !chosen {
+        trials.try_slices(false);
+    }
+    chosen = chosen || costs_less(&trials, &separated, MAX_PREDICTED_COST);
+    if let Some(separated) = separated.take_if(|_| chosen) {
+        return separated.finish(explain(&trials), progress);
+    }
+    let why = explain(&trials);
     let (whole, cost, measured) = one_layer(source, points, &mut trials, ready, progress);
     match separated {
         Some(separated) if separated.cost * MAX_COST <= cost => separated.finish(why, progress),
@@ -81,7 +94,8 @@ pub(super) fn plan_for_all(
         return (Plan::Boxes(1), WHY_FEW.to_string());
     }
     let mut trials = Trials::new(source, points, max_references, simd);
-    let why = explain(&trials.all, &trials.best(false));
+    trials.try_slices(false);
+    let why = explain(&trials);
     let (whole, _, measured) = one_layer(source, points, &mut trials, None, progress);
     (whole.plan, format!("{why}; {measured}"))
 }
@@ -141,7 +155,7 @@ impl<'a> Separated<'a> {
     fn new(
         source: &'a Source,
         (slow, tree): (&'a [u32], MovingTree),
-        (fast, plan): (&'a [u32], Plan),
+        fast: &'a [u32],
         trials: &Trials,
         progress: &Progress,
     ) -> Separated<'a> {
@@ -156,8 +170,8 @@ impl<'a> Separated<'a> {
             let references = slow.references() + references_of(source, fast, slices);
             trials.may_have(slices, references as f64)
         };
-        // There may be more fast points than samples promised.
-        let mut slices = plan.time_slices();
+        // Fast points gain more by time slices than all together. There may be more of them than samples promised.
+        let mut slices = 2 * trials.few_slices();
         while slices > 1 && !affordable(slices) {
             slices /= 2;
         }
@@ -248,11 +262,11 @@ fn name(plan: Plan) -> String {
 }
 
 /// A description of the trials.
-fn explain(trials: &[Trial], best: &Trial) -> String {
+fn explain(trials: &Trials) -> String {
     let name = |trial: &Trial| match trial.fast {
         Some(fast) => format!("fast points apart in {}", name(fast)),
         None => name(trial.plan),
     };
-    let costs: Vec<String> = trials.iter().map(|t| format!("{} {:.1}", name(t), t.cost)).collect();
-    format!("chosen from trial searches: {} (costs: {})", name(best), costs.join(", "))
+    let costs: Vec<String> = trials.all.iter().map(|t| format!("{} {:.1}", name(t), t.cost)).collect();
+    format!("chosen from trial searches: {} (costs: {})", name(&trials.best(true)), costs.join(", "))
 }

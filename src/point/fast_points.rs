@@ -37,6 +37,10 @@ impl Fast {
     }
 }
 
+/// Where at most so many of the references of sixteen leaves are fast, the others stay in their leaves: a thirtieth of the lanes remain empty
+/// at most, and putting the others in order again takes as long as the first time (`neighbor_tables builds --rows fast`).
+const FEW: usize = LANES / 2;
+
 /// References some of which may be fast.
 pub(super) struct Among<'a, R: ?Sized> {
     pub(super) references: &'a R,
@@ -46,8 +50,8 @@ pub(super) struct Among<'a, R: ?Sized> {
 }
 
 impl<R: References + ?Sized> Among<'_, R> {
-    /// Moves the fast ones among the first `count` of a bottom node, which are in order, to `fast`, and puts the others in
-    /// order again. Returns how many these are. If all are fast, none is.
+    /// Moves the fast ones among the first `count` of a bottom node, which are in order, to `fast`. Returns how many of the others each leaf
+    /// has; these are put in order again unless few are gone. If all are fast, none is.
     #[inline(always)]
     pub(super) fn take<S: Simd>(
         &self,
@@ -55,18 +59,24 @@ impl<R: References + ?Sized> Among<'_, R> {
         (rows, count): (&mut Rows<MOST>, usize),
         spare: &mut Rows<SPARE>,
         fast: &mut Vec<u32>,
-    ) -> usize {
-        let (mut masks, mut found) = ([0; LANES], 0);
-        for (leaf, mask) in masks.iter_mut().enumerate().take(count.div_ceil(LANES)) {
+    ) -> Lanes<usize> {
+        let leaves = count.div_ceil(LANES);
+        let (mut masks, mut kept_in, mut found) = ([0; LANES], sizes_of_leaves(count), 0);
+        for leaf in 0..leaves {
             let numbers = &rows.index[leaf * LANES..count.min((leaf + 1) * LANES)];
-            *mask = self.lanes(s, numbers, size(s, rows, leaf));
-            found += mask.count_ones() as usize;
+            masks[leaf] = self.lanes(s, numbers, size(s, rows, leaf));
+            kept_in[leaf] -= masks[leaf].count_ones() as usize;
+            found += masks[leaf].count_ones() as usize;
         }
         if found == 0 || found == count {
-            return count;
+            return sizes_of_leaves(count);
         }
+        let stay = found <= FEW && kept_in[..leaves].iter().all(|&kept| kept > 0);
         let mut kept = 0;
         for i in 0..count {
+            if stay && i % LANES == 0 {
+                kept = i;
+            }
             let item = rows.get(i);
             if masks[i / LANES] >> (i % LANES) & 1 != 0 {
                 fast.push(item.index);
@@ -75,8 +85,11 @@ impl<R: References + ?Sized> Among<'_, R> {
                 kept += 1;
             }
         }
+        if stay {
+            return kept_in;
+        }
         rows.order(s, kept, LANES, spare);
-        kept
+        sizes_of_leaves(kept)
     }
 
     /// The fast ones of a leaf, given its longest side.
@@ -109,6 +122,12 @@ impl<R: References + ?Sized> Among<'_, R> {
         let usual = [middle(s, x, half), middle(s, y, half), middle(s, z, half)];
         s.lt(limit, duration * farthest(s, &displacement, usual)) & exists
     }
+}
+
+/// The numbers of points in leaves that are filled one after the other.
+#[inline(always)]
+pub(super) fn sizes_of_leaves(count: usize) -> Lanes<usize> {
+    core::array::from_fn(|leaf| count.saturating_sub(leaf * LANES).min(LANES))
 }
 
 /// How far each lane is from a place, along the axis on which it is farthest.

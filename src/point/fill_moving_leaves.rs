@@ -1,7 +1,7 @@
 //! From moving points below bottom nodes to leaf blocks and boxes that move linearly.
 
 use super::bottom_order::{MOST, Rows, SPARE};
-use super::fast_points::Among;
+use super::fast_points::{Among, sizes_of_leaves};
 use super::linear_bounds::{LinearBox, LinearBoxes, TrajectoryRows};
 use super::moving_leaf::{LaneIntervals, LeafRows};
 use super::moving_reference::{References, TimeSlice};
@@ -86,17 +86,17 @@ impl<R: References + ?Sized> Kernel for Fill<'_, '_, R> {
             let (begin, count) = (first + before, count.saturating_sub(before).min(BELOW));
             rows.take(all, begin, count);
             rows.order(s, count, LANES, &mut spare);
-            let (room, mut count) = (count.div_ceil(LANES), count);
+            let (room, mut used_of) = (count.div_ceil(LANES), sizes_of_leaves(count));
             if let Some(leaf_size) = *without_fast {
                 let among = Among { references: *references, slice, leaf_size };
-                count = among.take(s, (&mut rows, count), &mut spare, &mut fast);
+                used_of = among.take(s, (&mut rows, count), &mut spare, &mut fast);
             }
             let mut children = [LinearBox::EMPTY; LANES];
             let mut of_node = LaneIntervals::NEVER;
-            let used_children = count.div_ceil(LANES);
+            let used_children = used_of.iter().filter(|&&used| used > 0).count();
             for (leaf, child) in children.iter_mut().enumerate().take(used_children) {
                 let (own, at) = (leaf * LANES, number * LANES + leaf);
-                let used = (count - own).min(LANES);
+                let used = used_of[leaf];
                 for lane in 0..used {
                     // The accesses are practically random. Those of the next node are known before their order.
                     if let Some(&later) = all.index.get(begin + BELOW + own + lane) {
@@ -130,7 +130,7 @@ impl<R: References + ?Sized> Kernel for Fill<'_, '_, R> {
             if let Some(times) = times.get_mut(number) {
                 *times = of_node;
             }
-            if count > 0 {
+            if used_children > 0 {
                 boxes[number] = LinearBox::of_boxes(s, &children[..used_children]);
             }
         }

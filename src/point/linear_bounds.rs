@@ -11,11 +11,18 @@
 //! between a and b, by max(|a|, |b|)u: together e = (|b − a| + max(|a|, |b|))u ([`LinearBox::of_points`]). A face is computed
 //! as `a + b·s` with s in [0, 1]: the product is rounded by |b|u, the sum by (|a| + |b|)u: together f = (|a| + 2|b|)u.
 //! A lower face stays below its points by e of each and below that by its own f; around other faces, by its own f
-//! only: it is below their exact lines. Both bounds are raised by 2^-10 of themselves, which covers the f64 rounding of
-//! the build, and by 2^-148 for products that underflow. They hold per axis, and depend on the contents of the box: a
-//! distant point pads the boxes that hold it and no others.
+//! only: it is below their exact lines.
+//!
+//! Where all points of a leaf have the same phases, which is the rule, the build places them in f32 too, as `a + (b − a)·s`: the
+//! difference, s and the product are rounded by |b − a|u at most, the sum by max(|a|, |b|)u. With e, that is (2|b − a| + max(|a|, |b|))·2u,
+//! of which the largest in the leaf counts ([`LinearBox::throughout`]).
+//!
+//! All bounds are raised by 2^-10 of themselves, which covers the rounding of the bounds and of f64 in the build, and by 2^-148 for products
+//! that underflow. They hold per axis, and depend on the contents of the box: a distant point pads the boxes that hold it and no others.
 
-use super::linear_face::{Face, FaceFit, FacesFit, TINY, UNIT, VECTORS, least, load_row, magnitude, negated, sum};
+use super::divide::least_lane;
+use super::linear_face::{Face, FaceFit, FacesFit, TINY, UNIT, VECTORS};
+use super::linear_face::{least, load_row, magnitude, negated, sum};
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
 
 /// Rows of sixteen boxes whose faces are `a + b·s`.
@@ -148,7 +155,10 @@ impl LinearBox {
     #[inline(always)]
     fn padded<S: Simd>(s: S, trajectories: &TrajectoryRows, padding: Padding) -> LinearBox {
         let TrajectoryRows { open, close, range, times, whole } = trajectories;
-        let mut spans = Spans { range: *range, times: *times, whole: *whole, ..Spans::EMPTY };
+        if *whole {
+            return LinearBox::throughout(s, trajectories, padding);
+        }
+        let mut spans = Spans { range: *range, times: *times, ..Spans::EMPTY };
         let (unit, tiny) = (s.splat_d(UNIT * padding.point), s.splat_d(TINY * padding.point));
         for axis in 0..3 {
             for four in 0..VECTORS {
@@ -164,6 +174,33 @@ impl LinearBox {
             }
         }
         spans.linear_box(s, padding.face)
+    }
+
+    /// The box around points that all have the same phases: only the extremes at both ends and the mean slope matter, and they are
+    /// computed in f32.
+    #[inline(always)]
+    fn throughout<S: Simd>(s: S, trajectories: &TrajectoryRows, padding: Padding) -> LinearBox {
+        let TrajectoryRows { open, close, range, times, .. } = trajectories;
+        let (range, zero) = ([range[0][0], range[1][0]], s.splat(0.0));
+        let phases = [s.splat(range[0] as f32), s.splat(range[1] as f32)];
+        let (mut lo, mut hi, mut slope) = ([[0.0; 4]; 2], [[0.0; 4]; 2], [0.0; 4]);
+        for axis in 0..3 {
+            let (from, to) = (s.load(&open[axis]), s.load(&close[axis]));
+            let motion = to - from;
+            let (far, fast) = (s.max(sizes(s, from), sizes(s, to)), sizes(s, motion));
+            let error = padding.point * 2.0 * (UNIT * f64::from(-least_lane(s, zero - (fast + fast + far))) + TINY);
+            for end in 0..2 {
+                let at = from + motion * phases[end];
+                lo[end][axis] = f64::from(least_lane(s, at)) - error;
+                hi[end][axis] = f64::from(least_lane(s, zero - at)) - error;
+            }
+            slope[axis] = f64::from(sum_of_lanes(s, motion)) / LANES as f64;
+        }
+        let slope = s.load_d(&slope);
+        let lo = FacesFit { least: [s.load_d(&lo[0]), s.load_d(&lo[1])], range, pad: padding.face };
+        let hi = FacesFit { least: [s.load_d(&hi[0]), s.load_d(&hi[1])], range, pad: padding.face };
+        let (lo, hi) = (lo.faces(s, slope), above(hi.faces(s, s.splat_d(0.0) - slope)));
+        LinearBox { lo, hi, range, times: extreme_times(s, times) }
     }
 
     /// The box around one to sixteen boxes.
@@ -229,13 +266,10 @@ impl Spans {
     fn linear_box<S: Simd>(&self, s: S, pad: f64) -> LinearBox {
         let (begins, ends) = (load_row(s, &self.range[0]), load_row(s, &self.range[1]));
         let range = [least(s, begins), -least(s, negated(s, ends))];
-        let mut linear_box = LinearBox { range, times: self.times(), ..LinearBox::EMPTY };
+        let mut linear_box = LinearBox { range, times: extreme_times(s, &self.times), ..LinearBox::EMPTY };
         if self.whole {
-            linear_box.lo = FacesFit::below(s, &self.lo, false, range, pad);
-            linear_box.hi = FacesFit::below(s, &self.hi, true, range, pad);
-            for face in &mut linear_box.hi {
-                *face = Face { at_zero: -face.at_zero, slope: -face.slope };
-            }
+            linear_box.lo = FacesFit::of_spans(s, &self.lo, false, range, pad);
+            linear_box.hi = above(FacesFit::of_spans(s, &self.hi, true, range, pad));
             return linear_box;
         }
         let around = FaceFit { begins, ends, duration: sum(s, ends, begins), pad };
@@ -243,20 +277,39 @@ impl Spans {
             let [at_begin, at_end] = &self.lo[axis];
             linear_box.lo[axis] = around.below(s, load_row(s, at_begin), load_row(s, at_end));
             let [at_begin, at_end] = &self.hi[axis];
-            let above = around.below(s, negated(s, load_row(s, at_begin)), negated(s, load_row(s, at_end)));
-            linear_box.hi[axis] = Face { at_zero: -above.at_zero, slope: -above.slope };
+            let below = around.below(s, negated(s, load_row(s, at_begin)), negated(s, load_row(s, at_end)));
+            linear_box.hi[axis] = -below;
         }
         linear_box
     }
+}
 
-    #[inline(always)]
-    fn times(&self) -> [f32; 2] {
-        let mut times = [f32::INFINITY, f32::NEG_INFINITY];
-        for lane in 0..LANES {
-            times = [times[0].min(self.times[0][lane]), times[1].max(self.times[1][lane])];
-        }
-        times
-    }
+/// The magnitudes of all lanes.
+#[inline(always)]
+fn sizes<S: Simd>(s: S, a: S::F) -> S::F {
+    s.max(a, s.splat(0.0) - a)
+}
+
+/// The sum of all lanes.
+#[inline(always)]
+fn sum_of_lanes<S: Simd>(s: S, a: S::F) -> f32 {
+    let a = a + s.swap_lanes::<8>(a);
+    let a = a + s.swap_lanes::<4>(a);
+    let a = a + s.swap_lanes::<2>(a);
+    s.lane(a + s.swap_lanes::<1>(a), 0)
+}
+
+/// The faces above, given those below what is negated.
+#[inline(always)]
+fn above(faces: [Face; 3]) -> [Face; 3] {
+    let [x, y, z] = faces;
+    [-x, -y, -z]
+}
+
+/// The first begin and the last end.
+#[inline(always)]
+fn extreme_times<S: Simd>(s: S, [begins, ends]: &[Lanes<f32>; 2]) -> [f32; 2] {
+    [least_lane(s, s.load(begins)), -least_lane(s, s.splat(0.0) - s.load(ends))]
 }
 
 #[cfg(test)]
@@ -340,17 +393,24 @@ mod tests {
         let mut random = Random(3);
         for round in 0..300 {
             let trajectories = trajectories(round, &mut random);
-            let range = |i: usize| if round % 3 == 0 { [0.0, 1.0] } else { [0.25 * (i % 3) as f64, 1.0] };
+            let range = |i: usize| match round % 3 {
+                0 => [0.0, 1.0],
+                // A phase in between is rounded as well.
+                1 => [1.0 / 3.0, 6.0 / 7.0],
+                _ => [0.25 * (i % 3) as f64, 1.0],
+            };
             let trajectory = |(i, trajectory): (usize, &[Vec3; 2])| (trajectory.map(|p| p.to_array()), range(i));
             let spans: Vec<Trajectory> = trajectories.iter().enumerate().map(trajectory).collect();
             let leaves: Vec<LinearBox> = spans.chunks(8).map(linear_box).collect();
             let nodes: Vec<LinearBox> = leaves.chunks(4).map(LinearBox::around).collect();
             let root = LinearBox::around(&nodes);
-            for step in 0..=40 {
-                let at = KeyTime::new(step as f32 / 40.0, 2);
+            let ends = range(0).map(|phase| phase as f32);
+            for time in (0..=40).map(|step| step as f32 / 40.0).chain(ends) {
+                let at = KeyTime::new(time, 2);
                 let phase = if at.from_end { at.s + 1.0 } else { at.s };
                 for (i, trajectory) in trajectories.iter().enumerate() {
-                    if f64::from(phase) < range(i)[0] {
+                    let [begin, end] = range(i);
+                    if !(begin..=end).contains(&f64::from(phase)) {
                         continue;
                     }
                     let p = at.position(trajectory[0], trajectory[1]);

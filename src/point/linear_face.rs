@@ -3,6 +3,7 @@
 //! [`linear_bounds`](super::linear_bounds) derives how far it is lowered.
 
 use crate::simd::{LANES, Lanes, Simd};
+use core::ops::Neg;
 
 /// Bound of the relative rounding of one operation, with room for f64 rounding in the build.
 pub(super) const UNIT: f64 = (1.0 + 1.0 / 1024.0) / 16_777_216.0;
@@ -21,6 +22,14 @@ impl Face {
     #[inline(always)]
     pub(super) fn at(self, s: f64) -> f64 {
         f64::from(self.at_zero) + f64::from(self.slope) * s
+    }
+}
+
+impl Neg for Face {
+    type Output = Face;
+    #[inline(always)]
+    fn neg(self) -> Face {
+        Face { at_zero: -self.at_zero, slope: -self.slope }
     }
 }
 
@@ -49,8 +58,8 @@ pub(super) fn magnitude<S: Simd>(s: S, a: S::D) -> S::D {
 
 /// The least of sixteen.
 #[inline(always)]
-pub(super) fn least<S: Simd>(s: S, [a, b, c, d]: Row<S>) -> f64 {
-    let [a, b, c, d] = s.lanes_d(s.min_d(s.min_d(a, b), s.min_d(c, d)));
+pub(super) fn least<S: Simd>(s: S, row: Row<S>) -> f64 {
+    let [a, b, c, d] = s.lanes_d(least_of_four(s, row));
     let [ab, cd] = [if a < b { a } else { b }, if c < d { c } else { d }];
     if ab < cd { ab } else { cd }
 }
@@ -68,17 +77,17 @@ pub(super) fn sum<S: Simd>(s: S, [a, b, c, d]: Row<S>, [e, f, g, h]: Row<S>) -> 
 /// each and taking the least is taking the least and subtracting.
 pub(super) struct FacesFit<S: Simd> {
     /// The lowest at both ends.
-    least: [S::D; 2],
+    pub(super) least: [S::D; 2],
     /// First and last phase.
-    range: [f64; 2],
+    pub(super) range: [f64; 2],
     /// The multiple of the padding.
-    pad: f64,
+    pub(super) pad: f64,
 }
 
 impl<S: Simd> FacesFit<S> {
-    /// Lines that are computed below all the given ones, which are negated if `above`.
+    /// Lines that are computed below all the given ones, or, if `above`, below them negated.
     #[inline(always)]
-    pub(super) fn below(s: S, spans: &[[Lanes<f64>; 2]; 3], above: bool, range: [f64; 2], pad: f64) -> [Face; 3] {
+    pub(super) fn of_spans(s: S, spans: &[[Lanes<f64>; 2]; 3], above: bool, range: [f64; 2], pad: f64) -> [Face; 3] {
         let zero = s.splat_d(0.0);
         let (mut at_begin, mut at_end, mut rise) = ([zero; 4], [zero; 4], [zero; 4]);
         for axis in 0..3 {
@@ -86,53 +95,65 @@ impl<S: Simd> FacesFit<S> {
             if above {
                 (begin, end) = (negated(s, begin), negated(s, end));
             }
-            at_begin[axis] = s.min_d(s.min_d(begin[0], begin[1]), s.min_d(begin[2], begin[3]));
-            at_end[axis] = s.min_d(s.min_d(end[0], end[1]), s.min_d(end[2], end[3]));
+            at_begin[axis] = least_of_four(s, begin);
+            at_end[axis] = least_of_four(s, end);
             rise[axis] = ((end[0] - begin[0]) + (end[1] - begin[1])) + ((end[2] - begin[2]) + (end[3] - begin[3]));
         }
         let least = [least_of_each(s, at_begin), least_of_each(s, at_end)];
-        let [a, b, c, d] = s.transpose_d(rise);
-        let rise = (a + b) + (c + d);
         let length = range[1] - range[0];
-        let fit = FacesFit { least, range, pad };
-        if length <= 0.0 {
-            return fit.lowered(s, zero);
-        }
-        let mean = fit.lowered(s, rise / s.splat_d(LANES as f64 * length));
-        let chord = fit.lowered(s, (least[1] - least[0]) / s.splat_d(length));
-        let middle = 0.5 * (range[0] + range[1]);
-        let mut faces = mean;
-        for axis in 0..3 {
-            if chord[axis].at(middle) > mean[axis].at(middle) {
-                faces[axis] = chord[axis];
-            }
-        }
-        faces
+        let mean = if length > 0.0 { sum_of_each(s, rise) / s.splat_d(LANES as f64 * length) } else { zero };
+        FacesFit { least, range, pad }.faces(s, mean)
     }
 
-    /// The highest lines of about these slopes that are computed below all the given ones.
+    /// The higher ones of the lines with these slopes and of those between the lowest at both ends.
     #[inline(always)]
-    fn lowered(&self, s: S, slope: S::D) -> [Face; 3] {
-        let slopes = s.narrow(slope);
-        let slope = s.widen_four(&slopes);
+    pub(super) fn faces(&self, s: S, slope: S::D) -> [Face; 3] {
         let [begin, end] = self.range;
-        let least = s.min_d(self.least[0] - slope * s.splat_d(begin), self.least[1] - slope * s.splat_d(end));
-        let error = s.splat_d(UNIT) * (magnitude(s, least) + s.splat_d(2.0) * magnitude(s, slope)) + s.splat_d(TINY);
-        let exact = least - error * s.splat_d(self.pad);
-        let (near, exact) = (s.narrow(exact), s.lanes_d(exact));
+        let length = end - begin;
+        let (mut at_zero, mut slope) = self.lowered(s, slope);
+        if length > 0.0 {
+            let middle = s.splat_d(0.5 * (begin + end));
+            let chord = self.lowered(s, (self.least[1] - self.least[0]) / s.splat_d(length));
+            let (of_chord, of_slope) = (chord.0 + chord.1 * middle, at_zero + slope * middle);
+            at_zero = s.select_le(of_chord, of_slope, at_zero, chord.0);
+            slope = s.select_le(of_chord, of_slope, slope, chord.1);
+        }
+        let (near, exact, slopes) = (s.narrow(at_zero), s.lanes_d(at_zero), s.narrow(slope));
         let mut faces = [Face::default(); 3];
         for axis in 0..3 {
             faces[axis] = Face { at_zero: stepped_down(near[axis], exact[axis]), slope: slopes[axis] };
         }
         faces
     }
+
+    /// The highest lines of about these slopes that are computed below all the given ones, if rounded down; and the slopes, rounded.
+    #[inline(always)]
+    fn lowered(&self, s: S, slope: S::D) -> (S::D, S::D) {
+        let slope = s.widen_four(&s.narrow(slope));
+        let [begin, end] = self.range;
+        let least = s.min_d(self.least[0] - slope * s.splat_d(begin), self.least[1] - slope * s.splat_d(end));
+        let error = s.splat_d(UNIT) * (magnitude(s, least) + s.splat_d(2.0) * magnitude(s, slope)) + s.splat_d(TINY);
+        (least - error * s.splat_d(self.pad), slope)
+    }
+}
+
+/// The least of four in each lane.
+#[inline(always)]
+fn least_of_four<S: Simd>(s: S, [a, b, c, d]: Row<S>) -> S::D {
+    s.min_d(s.min_d(a, b), s.min_d(c, d))
+}
+
+/// The sum of the lanes of each vector.
+#[inline(always)]
+fn sum_of_each<S: Simd>(s: S, rows: Row<S>) -> S::D {
+    let [a, b, c, d] = s.transpose_d(rows);
+    (a + b) + (c + d)
 }
 
 /// The least lane of each vector.
 #[inline(always)]
 fn least_of_each<S: Simd>(s: S, rows: Row<S>) -> S::D {
-    let [a, b, c, d] = s.transpose_d(rows);
-    s.min_d(s.min_d(a, b), s.min_d(c, d))
+    least_of_four(s, s.transpose_d(rows))
 }
 
 /// The inputs that the faces of a box have in common, around spans whose phases differ.

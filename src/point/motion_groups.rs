@@ -29,8 +29,11 @@ pub(super) struct Displaced {
 pub(super) struct MotionDivision {
     /// The number of points with the lowest keys.
     pub(super) left: usize,
-    expected: AffineMotion,
     axis: usize,
+    /// The expected displacement along the axis: at a place, and how it grows with the position.
+    middle: DVec3,
+    usual: f64,
+    by_position: DVec3,
 }
 
 /// The number of points of a range that should be examined.
@@ -76,13 +79,17 @@ impl MotionDivision {
                 }
             }
         }
-        best.map(|(axis, left)| MotionDivision { left, expected, axis })
+        let AffineMotion { middle, displacement, by_position } = expected;
+        best.map(|(axis, left)| {
+            let (usual, by_position) = (displacement[axis], by_position.row(axis));
+            MotionDivision { left, axis, middle, usual, by_position }
+        })
     }
 
     /// The key by which a point is divided from others.
     #[inline(always)]
     pub(super) fn key(&self, point: &Displaced) -> f64 {
-        self.expected.off(point)[self.axis]
+        point.by[self.axis] - self.usual - self.by_position.dot(point.at - self.middle)
     }
 }
 

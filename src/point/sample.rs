@@ -186,12 +186,19 @@ impl Kernel for Scan<'_> {
             }
             for (begin, points) in points.chunks(LANES).enumerate() {
                 let exist = Mask::MAX >> (LANES - points.len());
+                let (mut at, mut phase) = ([s.splat(0.0); 3], f32::NAN);
                 for (cell, inside) in cells.iter().zip(inside.iter_mut()) {
-                    let (phase, mut holding) = (s.splat(cell.phase), exist);
-                    for axis in 0..3 {
-                        let from = s.load(lanes_at(&open[axis], begin * LANES));
-                        let to = s.load(lanes_at(&close[axis], begin * LANES));
-                        let at = from + (to - from) * phase;
+                    // Some or all cells are at the same time.
+                    if cell.phase != phase {
+                        phase = cell.phase;
+                        for axis in 0..3 {
+                            let from = s.load(lanes_at(&open[axis], begin * LANES));
+                            let to = s.load(lanes_at(&close[axis], begin * LANES));
+                            at[axis] = from + (to - from) * s.splat(phase);
+                        }
+                    }
+                    let mut holding = exist;
+                    for (axis, at) in at.into_iter().enumerate() {
                         // Adjacent boxes share the points on their border.
                         holding &= s.le(s.splat(cell.lo[axis]), at) & s.le(at, s.splat(cell.hi[axis]));
                     }

@@ -144,7 +144,7 @@ impl Source {
     }
 
     /// Whether a point neither moves nor has an active interval.
-    pub(super) fn is_static(&self, point: usize) -> bool {
+    fn is_static(&self, point: usize) -> bool {
         if self.active(point) != TimeInterval::FULL {
             return false;
         }
@@ -154,6 +154,16 @@ impl Source {
         }
         let all = &self.positions[point * self.keys..][..self.keys];
         all.iter().all(|at| *at == all[0])
+    }
+
+    /// Which points are static.
+    pub(super) fn static_points(&self) -> Vec<bool> {
+        // The most common case, in a loop without branches.
+        if self.keys == 2 && self.all_persist() && !self.is_precise() {
+            let (pairs, _) = self.positions.as_chunks();
+            return pairs.iter().map(|[[a, b, c], [d, e, f]]| (a == d) & (b == e) & (c == f)).collect();
+        }
+        (0..self.len).map(|point| self.is_static(point)).collect()
     }
 
     /// A static tree of `count` of the points.

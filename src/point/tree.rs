@@ -209,7 +209,7 @@ impl PointTree {
         let share = |points: usize| progress.subtask(points as f64 / len as f64);
         let is_static: Vec<bool> = match source.all_static() {
             true => Vec::new(),
-            false => (0..len).map(|i| source.is_static(i)).collect(),
+            false => source.static_points(),
         };
         let count = if source.all_static() { len } else { is_static.iter().filter(|&&s| s).count() };
         if count == len {
@@ -246,7 +246,7 @@ impl PointTree {
     /// Adds layers of points in f64: static ones, and moving ones.
     fn add_precise(&mut self, source: &Source, params: &PointParams, progress: &Progress) -> Result<(), PointError> {
         let (len, keys) = (source.len, source.keys);
-        let is_static: Vec<bool> = (0..len).map(|i| source.is_static(i)).collect();
+        let is_static = source.static_points();
         let count = is_static.iter().filter(|&&s| s).count();
         let (plan, why) = match forced(params) {
             Some(Plan::Planes(_)) => {

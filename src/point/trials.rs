@@ -52,8 +52,12 @@ pub(super) struct Trials<'a> {
     pub(super) all: Vec<Trial>,
     /// The longest side of a leaf of usual size.
     pub(super) leaf_size: f32,
+    /// Samples of one tree for all points.
+    whole: Vec<Sample>,
     /// The work of a search if all points rested. No number of time slices makes it less.
     at_rest: f64,
+    /// The cost if the fast points had a layer of their own and rested; infinite unless they are few.
+    fast_at_rest: f64,
 }
 
 /// The largest number of time slices of a segment.
@@ -68,56 +72,75 @@ const BOUNDED: usize = 2;
 const SOME: usize = 512;
 
 impl<'a> Trials<'a> {
-    /// Tries one tree for all points (at least one), then time slices for all, and for the fast ones alone if they are few.
+    /// Tries one tree for all points (at least one).
+    pub(super) fn new(source: &'a Source, points: &'a [u32], most: f32, simd: SimdLevel) -> Trials<'a> {
+        let sampler = Sampler::new(source, points, simd);
+        let whole = sampler.samples(1, true);
+        let mut sizes: Vec<f32> = whole.iter().map(|sample| sample.leaf_size).collect();
+        sizes.sort_by(f32::total_cmp);
+        let leaf_size = sizes[sizes.len() / 2];
+        let (all, at_rest, fast_at_rest) = (Vec::new(), 0.0, f64::INFINITY);
+        let mut trials = Trials { source, points, most, simd, sampler, all, leaf_size, whole, at_rest, fast_at_rest };
+        let linear = trials.work(&trials.whole, (LINEAR, None), trials.searches());
+        trials.all.push(Trial { plan: LINEAR, fast: None, cost: linear.cost, references: linear.references });
+        trials.at_rest = trials.work_at_rest(&trials.whole);
+        trials.fast_at_rest = trials.cost_with_fast_at_rest();
+        trials
+    }
+
+    /// Whether a layer for the fast points is expected to cost less than any number of time slices for all, so that neither needs trials.
+    pub(super) fn fast_first(&self) -> bool {
+        let slices = self.few_slices();
+        self.fast_at_rest <= self.least_of_one_layer() * MAX_COST
+            && self.may_have(slices, references_with_fast(&self.whole, slices))
+    }
+
+    /// The number of time slices, more than one, that should be tried first.
+    pub(super) fn few_slices(&self) -> usize {
+        self.guess(1, self.all[0].cost).max(2)
+    }
+
+    /// Tries time slices for all points, and for the fast ones alone if they are few and `fast_too`.
     ///
     /// How many slices are tried first is guessed from the work with one of them and that at rest. Then finer and finer ones are tried
     /// as long as halving the slices helps and still can, and coarser ones if the guess is not confirmed.
-    pub(super) fn new(source: &'a Source, points: &'a [u32], most: f32, simd: SimdLevel) -> Trials<'a> {
-        let sampler = Sampler::new(source, points, simd);
-        let mut trials = Trials { source, points, most, simd, sampler, all: Vec::new(), leaf_size: 0.0, at_rest: 0.0 };
-        let whole = trials.sampler.samples(1, true);
-        let mut sizes: Vec<f32> = whole.iter().map(|sample| sample.leaf_size).collect();
-        sizes.sort_by(f32::total_cmp);
-        trials.leaf_size = sizes[sizes.len() / 2];
-        let linear = trials.add(&whole, LINEAR, None);
-        trials.at_rest = trials.work_at_rest(&whole);
-        let guess = trials.guess(1, linear).max(2);
-        let mut goes_on = [true, trials.fast_matter(&whole, linear)];
+    pub(super) fn try_slices(&mut self, fast_too: bool) {
+        let (linear, guess) = (self.all[0].cost, self.few_slices());
+        let mut goes_on = [true, fast_too && self.fast_at_rest <= linear * MAX_REFINED_COST];
         let mut before = [linear; 2];
         let mut slices = guess;
         loop {
-            goes_on[0] = goes_on[0] && trials.may_gain(slices, trials.least() * MAX_COST);
-            goes_on[1] = goes_on[1] && trials.may_have(slices, references_with_fast(&whole, slices));
+            goes_on[0] = goes_on[0] && self.may_gain(slices, self.least() * MAX_COST);
+            goes_on[1] = goes_on[1] && self.may_have(slices, references_with_fast(&self.whole, slices));
             if goes_on == [false; 2] {
                 break;
             }
-            let (samples, plan) = (trials.sampler.samples(slices, goes_on[1]), Plan::Boxes(slices));
+            let (samples, plan) = (self.sampler.samples(slices, goes_on[1]), Plan::Boxes(slices));
             if goes_on[0] {
-                let cost = trials.add(&samples, plan, None);
+                let cost = self.add(&samples, plan, None);
                 if slices == guess && guess > 2 {
                     // Points may meet in the middle of the shutter, which is not the middle of these slices.
-                    trials.at_rest = trials.work_at_rest(&samples);
+                    self.at_rest = self.work_at_rest(&samples);
                 }
                 goes_on[0] = cost <= before[0] * MAX_REFINED_COST;
                 before[0] = cost;
             }
             if goes_on[1] {
-                let cost = trials.add(&samples, LINEAR, Some(plan));
+                let cost = self.add(&samples, LINEAR, Some(plan));
                 // How finely they are divided is found out in the set itself.
-                goes_on[1] = cost <= before[1] * MAX_REFINED_COST && trials.best(true).fast.is_none();
+                goes_on[1] = cost <= before[1] * MAX_REFINED_COST && self.best(true).fast.is_none();
                 before[1] = cost;
             }
             slices *= 2;
         }
         // Where few points cause most of the work, it decreases faster than expected.
-        let limit = CONFIRMED * trials.expected(1, linear)(guess);
-        let mut slices = if trials.tried(guess).is_some_and(|cost| cost < limit) { guess / 2 } else { 1 };
+        let limit = CONFIRMED * self.expected(1, linear)(guess);
+        let mut slices = if self.tried(guess).is_some_and(|cost| cost < limit) { guess / 2 } else { 1 };
         while slices > 1 {
-            let samples = trials.sampler.samples(slices, false);
-            let cost = trials.add(&samples, Plan::Boxes(slices), None);
-            slices = if cost * MAX_COST <= trials.least() { slices / 2 } else { 1 };
+            let samples = self.sampler.samples(slices, false);
+            let cost = self.add(&samples, Plan::Boxes(slices), None);
+            slices = if cost * MAX_COST <= self.least() { slices / 2 } else { 1 };
         }
-        trials
     }
 
     /// The work of a search in samples if their points rested.
@@ -126,15 +149,16 @@ impl<'a> Trials<'a> {
         self.work(&at_rest, (LINEAR, None), self.searches() / BOUNDED).visited
     }
 
-    /// Whether a layer for the fast points may pay: whether they are few, and it would pay if they rested.
-    fn fast_matter(&self, samples: &[Sample], linear: f64) -> bool {
-        let all = || samples.iter().flat_map(|sample| &sample.references);
+    /// The cost if the fast points had a layer of their own and rested, the least that time slices of it can achieve; infinite unless
+    /// they are few.
+    fn cost_with_fast_at_rest(&self) -> f64 {
+        let all = || self.whole.iter().flat_map(|sample| &sample.references);
         let fast = all().filter(|m| m.fast).count();
         if fast == 0 || fast * 4 >= all().count() {
-            return false;
+            return f64::INFINITY;
         }
-        let at_rest: Vec<Sample> = samples.iter().map(Sample::with_fast_at_rest).collect();
-        self.work(&at_rest, (LINEAR, Some(LINEAR)), self.searches() / BOUNDED).cost <= linear * MAX_REFINED_COST
+        let at_rest: Vec<Sample> = self.whole.iter().map(Sample::with_fast_at_rest).collect();
+        self.work(&at_rest, (LINEAR, Some(LINEAR)), self.searches() / BOUNDED).cost
     }
 
     /// What numbers of time slices should cost if so many cost so much. Boxes exceed those of points at rest by lengths that are

@@ -406,7 +406,7 @@ fn counted_work_is_what_it_was() {
 
 const GOLDEN: [(&str, PointStructure, (u64, u64)); 5] = [
     ("uniform", PointStructure::Automatic, (5292, 7799)),
-    ("coherent", PointStructure::Linear, (6199, 8566)),
+    ("coherent", PointStructure::Linear, (6198, 8566)),
     ("random", PointStructure::TimeSlices(4), (5676, 8294)),
     ("fast few", PointStructure::Mbkd, (50400, 20661)),
     ("short intervals", PointStructure::Mbkd, (135364, 88664)),

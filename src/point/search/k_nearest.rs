@@ -9,6 +9,9 @@
 //! points. All leaves that it touches are known before the first of them has arrived from memory, and nothing has to
 //! wait for a distance. If the ball turns out to hold fewer than k points, the search restarts with a larger
 //! one. If k is much less than a leaf holds, the distances in the nearest leaves give a better threshold than an estimate.
+//!
+//! Thresholds are sought beyond the distance of the nearest leaf: from far away all distances are about that, and one in proportion
+//! to the whole distance would have all points below it or none.
 
 use super::candidates::{Candidates, append};
 use super::keys::{LANE_BITS, keys, smallest, unpack};
@@ -52,6 +55,9 @@ pub(in crate::point) struct KNearest<'a, K, O> {
     cull: f32,
     /// The caller's bound.
     bound: f32,
+    /// The squared distance of the nearest leaf in the first bottom node: about the least that there is, and far from zero if the query
+    /// is far from all points.
+    nearest: f32,
     shrink: f32,
     /// How often a threshold may still be estimated, and a factor on the next estimate.
     guesses: u32,
@@ -83,6 +89,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             origin: Origin::Caller,
             cull: bound,
             bound,
+            nearest: 0.0,
             shrink,
             guesses: if k <= MOST_GUESSED { GUESSES } else { 0 },
             scale: 1.0,
@@ -102,7 +109,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         observe: &mut P,
         go: impl FnOnce(&mut KNearest<'_, L, P>),
     ) {
-        let KNearest { k, threshold, origin, cull, bound, shrink, guesses, scale, .. } = *self;
+        let KNearest { k, threshold, origin, cull, bound, nearest, shrink, guesses, scale, .. } = *self;
         let (candidates, queue, seen) = (&mut *self.candidates, LeafQueue::new(), 0);
         let mut lent = KNearest {
             k,
@@ -110,6 +117,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             origin,
             cull,
             bound,
+            nearest,
             shrink,
             guesses,
             scale,
@@ -120,8 +128,9 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             observe,
         };
         go(&mut lent);
-        let KNearest { threshold, origin, cull, guesses, scale, .. } = lent;
-        (self.threshold, self.origin, self.cull, self.guesses, self.scale) = (threshold, origin, cull, guesses, scale);
+        let KNearest { threshold, origin, cull, nearest, guesses, scale, .. } = lent;
+        (self.threshold, self.origin, self.cull) = (threshold, origin, cull);
+        (self.nearest, self.guesses, self.scale) = (nearest, guesses, scale);
     }
 
     /// Whether the estimate was too small: then the traversal of all layers has to be repeated.
@@ -190,9 +199,11 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
                     break;
                 }
             }
-            let next = scaled(threshold, aim, under as f32);
+            let next = self.scaled_from(threshold, aim, under as f32);
             let between = next > low && next < high;
-            threshold = if between { next } else { middle(low, high) };
+            // Hardly any point is nearer than the nearest leaf.
+            let from = if low < self.nearest && self.nearest < high { self.nearest } else { low };
+            threshold = if between { next } else { middle(from, high) };
         }
         found
     }
@@ -226,7 +237,27 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         s.store(sum, &mut columns);
         // More than half of the distances are below their mean.
         let mean = self::sum(&columns) / whole as f32;
-        scaled(mean, self.aim(), 0.6 * whole as f32)
+        self.scaled_from(mean, self.aim(), 0.6 * whole as f32)
+    }
+
+    /// A threshold with `wanted` points below it where one has `found`, by the distance beyond the nearest leaf: from far away, all points
+    /// are about equally far.
+    #[inline(always)]
+    fn scaled_from(&self, threshold: f32, wanted: f32, found: f32) -> f32 {
+        let beyond = threshold - self.nearest;
+        if beyond > 0.0 { self.nearest + scaled(beyond, wanted, found) } else { scaled(threshold, wanted, found) }
+    }
+
+    /// Remembers the squared distance of the nearest leaf of a bottom node, if there is one at this time.
+    #[inline(always)]
+    fn set_nearest(&mut self, near: f32) {
+        self.nearest = if near < f32::INFINITY { near } else { 0.0 };
+    }
+
+    /// A threshold that somewhat fewer points are below.
+    #[inline(always)]
+    fn lower(&self, threshold: f32) -> f32 {
+        threshold - 0.25 * (threshold - self.nearest).max(0.0)
     }
 
     /// Tests the points of the queued leaves.
@@ -251,7 +282,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         let first = self.origin == Origin::Caller;
         let lower = if first { end >= self.k } else { end > self.limit() };
         if lower {
-            let guess = if first { self.first_threshold(s) } else { self.threshold * 0.75 };
+            let guess = if first { self.first_threshold(s) } else { self.lower(self.threshold) };
             self.tighten(s, guess);
         }
     }
@@ -261,6 +292,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
     #[inline(always)]
     fn guess<S: Simd, V: View>(&mut self, s: S, view: &V, target: &Target<S>, node: usize, boxes: S::F) {
         let (mut lane, near) = unpack(s.reduce_min_u(keys(s, boxes)));
+        self.set_nearest(near);
         let holding = s.le(boxes, s.splat(0.0));
         if holding & holding.wrapping_sub(1) != 0 {
             lane = smallest(s, view, target, node, holding) as usize;
@@ -291,6 +323,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         // As many leaves as hold three times k points, and one more: with a threshold from them few of the others
         // are needed.
         let (mut lanes, mut left) = (0, keys(s, boxes));
+        self.set_nearest(unpack(s.reduce_min_u(left)).1);
         for _ in 0..(3 * self.k).div_ceil(LANES * blocks) + 1 {
             let (lane, _) = unpack(s.reduce_min_u(left));
             lanes |= 1 << lane;
@@ -334,7 +367,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         }
         *count = end;
         if self.candidates.count > self.limit() {
-            self.tighten(s, middle(0.0, threshold));
+            self.tighten(s, self.lower(threshold));
         } else if self.candidates.count >= self.k {
             self.set_threshold(threshold);
             self.origin = Origin::Known;
