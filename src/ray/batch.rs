@@ -38,7 +38,7 @@ pub(super) trait Way {
 /// A task for a tree that is not empty.
 pub(super) struct Batch<'a, G, F, Q: Query> {
     pub tree: &'a WideTree,
-    pub outline: &'a Outline,
+    pub outline: Option<&'a Outline>,
     pub set: &'a G,
     pub filter: &'a F,
     pub query: Q,

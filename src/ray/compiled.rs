@@ -65,7 +65,8 @@ impl Layout {
 pub(crate) struct Target<'a, G> {
     pub layout: &'a Layout,
     pub geometry: &'a G,
-    pub outline: &'a Outline,
+    /// `None` if rays are known not to miss it.
+    pub outline: Option<&'a Outline>,
     pub simd: SimdLevel,
 }
 

@@ -9,7 +9,6 @@ use super::filter::Filter;
 use super::hit::Hit;
 use super::intersect::RaySource;
 use super::observer::Observer;
-use super::outline::Outline;
 use super::query::{AllHits, Asked, ClosestHit, OfWide, Query, QueryArgs};
 use super::ray_traversal::{LeafVisitor, RayTraversal};
 use super::tree_ray::TreeRay;
@@ -42,7 +41,7 @@ impl LazyQuery for ClosestHit {
             let end = args.ray.t_max;
             let order = |hit: &Hit| (hit.t, hit.mesh, hit.primitive);
             let asked = Asked(ClosestHit, args);
-            if let Some(hit) = dispatch(simd, OfWide { tree, outline: &Outline::EVERYTHING, asked })
+            if let Some(hit) = dispatch(simd, OfWide { tree, outline: None, asked })
                 && best.is_none_or(|best| order(&hit) < order(&best))
             {
                 best = Some(hit);
@@ -66,7 +65,7 @@ impl LazyQuery for AllHits<'_> {
         let answer = |tree: &WideTree, args: QueryArgs<'_, G, F, O>| {
             let end = args.ray.t_max;
             let asked = Asked(AllHits(&mut *self.0), args);
-            flow = dispatch(simd, OfWide { tree, outline: &Outline::EVERYTHING, asked });
+            flow = dispatch(simd, OfWide { tree, outline: None, asked });
             flow?;
             ControlFlow::Continue(end)
         };

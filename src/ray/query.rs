@@ -126,7 +126,8 @@ impl<G: RaySource, F: Filter, O: Observer, Q: Query> Asked<'_, G, F, O, Q> {
 /// A query of the wide layout, to be dispatched to an instruction set.
 pub(crate) struct OfWide<'a, G, F, O, Q> {
     pub tree: &'a WideTree,
-    pub outline: &'a Outline,
+    /// `None` if the ray is known not to miss it.
+    pub outline: Option<&'a Outline>,
     pub asked: Asked<'a, G, F, O, Q>,
 }
 
@@ -136,7 +137,9 @@ impl<G: RaySource, F: Filter, O: Observer, Q: Query> Kernel for OfWide<'_, G, F,
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Q::Answer {
         let QueryArgs { set, ray, .. } = self.asked.1;
-        if self.outline.is_missed(s, ray, set.frame()) {
+        if let Some(outline) = self.outline
+            && outline.is_missed(s, ray, set.frame())
+        {
             return Q::NOTHING;
         }
         let mut memory = StackOf::new();

@@ -81,7 +81,7 @@ impl<G: Geometry> RayTree<G> {
 
     /// The tree in the form that queries take.
     pub(super) fn target(&self) -> Target<'_, G> {
-        Target { layout: &self.layout, geometry: &self.geometry, outline: &self.outline, simd: self.simd }
+        Target { layout: &self.layout, geometry: &self.geometry, outline: Some(&self.outline), simd: self.simd }
     }
 
     /// The closest hit of a ray: the hit with the least `t`. Ties go to the lowest (mesh, primitive).
@@ -96,12 +96,12 @@ impl<G: Geometry> RayTree<G> {
 
     /// [`RayTree::closest_hit`] of a ray that does not miss the [outline](RayTree::outline).
     pub(crate) fn closest_hit_inside(&self, ray: &Ray) -> Option<Hit> {
-        (self.queries.closest)(Target { outline: &Outline::EVERYTHING, ..self.target() }, ray)
+        (self.queries.closest)(Target { outline: None, ..self.target() }, ray)
     }
 
     /// [`RayTree::any_hit`] of a ray that does not miss the [outline](RayTree::outline).
     pub(crate) fn any_hit_inside(&self, ray: &Ray) -> bool {
-        (self.queries.any)(Target { outline: &Outline::EVERYTHING, ..self.target() }, ray)
+        (self.queries.any)(Target { outline: None, ..self.target() }, ray)
     }
 
     /// Calls `visitor` with every primitive that the ray hits, until it breaks. Each primitive is reported once, with its
