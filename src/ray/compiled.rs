@@ -284,7 +284,8 @@ impl<G: RaySource> Target<'_, G> {
     /// Answers a task in a wide layout, if this is compiled, and otherwise `singly`.
     #[inline(always)]
     fn batch<Q: BatchQuery>(self, way: impl Way, query: Q, task: Task<'_, Q::Answer>, singly: Batched<G, Q::Answer>) {
-        let Target { layout, geometry: set, outline, simd } = self;
+        let Target { layout, geometry: set, simd, .. } = self;
+        let outline = self.outline.unwrap_or(&Outline::EVERYTHING);
         let tree = match layout {
             Layout::Wide(tree) if tree.root != ChildRef::NOTHING => tree,
             _ => return singly(self, task),

@@ -74,9 +74,7 @@ impl Way for Streams {
                 && let Some(ray) = rays.get(next)
             {
                 next += 1;
-                if let Some(outline) = outline
-                    && outline.is_missed(s, ray, set.frame())
-                {
+                if outline.is_missed(s, ray, set.frame()) {
                     continue;
                 }
                 // The ray is constructed in place. Moving it would copy it by wide loads, which stall on the preceding narrow stores.
