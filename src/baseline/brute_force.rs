@@ -71,7 +71,7 @@ impl<G: Geometry> BruteForce<G> {
                 && let Some(hit) = self.geometry.intersect(id, &ray, &sheared)
             {
                 let hit = hit.answer(self.geometry.mesh_and_primitive(id));
-                if filter.accepts(|| hit) {
+                if filter.accepts(|| (0, hit)) {
                     visitor(hit);
                 }
             }
@@ -133,6 +133,6 @@ impl<G: Geometry> BruteForce<G> {
 
     /// As [`RayTree::closest_hit_filtered`](crate::RayTree::closest_hit_filtered).
     pub fn closest_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&Hit) -> bool) -> Option<Hit> {
-        self.closest(ray, &Visible { mask, accept })
+        self.closest(ray, &Visible { mask, accept: |(_, hit): &(usize, Hit)| accept(hit) })
     }
 }

@@ -13,7 +13,7 @@ use super::tree::{InstanceOf, InstanceTree};
 use crate::geometry::Ray;
 use crate::layout::ChildRef;
 use crate::primitive::PrimitiveSet;
-use crate::ray::{LeafVisitor, Observer, RayTraversal, TreeRay};
+use crate::ray::{Hit, LeafVisitor, Observer, RayTraversal, TreeRay};
 use crate::simd::{Simd, dispatch};
 use core::ops::ControlFlow;
 
@@ -64,6 +64,17 @@ struct Closest {
     best: Option<InstanceHit>,
 }
 
+impl Closest {
+    /// Takes a hit at `t`, which does not wait until the whole hit is copied. Returns `t`.
+    #[inline(always)]
+    fn offer(&mut self, t: f32, hit: Hit, path: InstancePath) -> f32 {
+        if self.best.is_none_or(|best| t < best.hit.t || t == best.hit.t && path < best.path) {
+            self.best = Some(InstanceHit { path, hit });
+        }
+        t
+    }
+}
+
 impl InstanceQuery for Closest {
     const ORDERED: bool = true;
 
@@ -76,20 +87,19 @@ impl InstanceQuery for Closest {
         guards: &mut InstanceGuards<'_>,
     ) -> ControlFlow<(), f32> {
         // The usual case is inlined here; all other cases are calls, which would spill the registers of the traversal.
-        let found = match (of, &guards) {
+        let end = match (of, &guards) {
             (InstanceOf::Tree(tree), InstanceGuards::Plain) => {
-                tree.closest_hit_inside(ray).map(|hit| InstanceHit { path: path.then(id), hit })
+                let Some(hit) = tree.closest_hit_inside(ray) else { return ControlFlow::Continue(ray.t_max) };
+                self.offer(hit.t, hit, path.then(id))
             }
-            _ => of.closest_hit(ray, path.then(id), guards),
+            _ => {
+                let Some(found) = of.closest_hit(ray, path.then(id), guards) else {
+                    return ControlFlow::Continue(ray.t_max);
+                };
+                self.offer(found.hit.t, found.hit, found.path)
+            }
         };
-        let Some(found) = found else { return ControlFlow::Continue(ray.t_max) };
-        let better = self
-            .best
-            .is_none_or(|best| found.hit.t < best.hit.t || found.hit.t == best.hit.t && found.path < best.path);
-        if better {
-            self.best = Some(found);
-        }
-        ControlFlow::Continue(found.hit.t)
+        ControlFlow::Continue(end)
     }
 }
 

@@ -51,36 +51,49 @@ enum Coming {
     Scattered,
 }
 
-/// Answers a batch: rays of similar direction by `together`, all others by `incoherent`. Incoherent rays on a tree larger than
-/// the cache are sorted first.
+/// The indices of the rays of a task in the caller's batch.
+#[derive(Clone, Copy)]
+pub(crate) struct Indices<'a> {
+    first: usize,
+    /// The indices from `first` on, if the rays are sorted.
+    order: Option<&'a [u32]>,
+}
+
+impl Indices<'_> {
+    /// The index of the task's ray `i`.
+    #[inline]
+    pub fn of(&self, i: usize) -> usize {
+        self.first + self.order.map_or(i, |order| order[i] as usize)
+    }
+}
+
+/// Answers a batch by `fill`, which is told whether the rays of a task have similar directions. Others are sorted first if the tree is
+/// larger than the cache.
 pub(crate) fn answer_in_order<T: Copy + Send>(
     rays: &[Ray],
     answers: &mut [T],
     space: Space,
-    together: impl Fn(&[Ray], &mut [T]) + Sync,
-    incoherent: impl Fn(&[Ray], &mut [T]) + Sync,
+    fill: impl Fn(bool, Indices<'_>, &[Ray], &mut [T]) + Sync,
 ) {
-    for (rays, answers) in rays.chunks(WINDOW).zip(answers.chunks_mut(WINDOW)) {
-        match coming(rays, space) {
-            Coming::Together => in_parallel(rays, answers, &together),
-            Coming::Scattered if space.cached => in_parallel(rays, answers, &incoherent),
-            Coming::Near => in_parallel(rays, answers, &incoherent),
-            Coming::Scattered => {
-                let order = sorted(rays, space);
-                let in_order: Vec<Ray> = order.iter().map(|&i| rays[i as usize]).collect();
-                let mut found = answers.to_vec();
-                in_parallel(&in_order, &mut found, &incoherent);
-                for (&i, answer) in order.iter().zip(found) {
-                    answers[i as usize] = answer;
-                }
+    for (window, (rays, answers)) in rays.chunks(WINDOW).zip(answers.chunks_mut(WINDOW)).enumerate() {
+        let window = window * WINDOW;
+        let coming = coming(rays, space);
+        if coming == Coming::Scattered && !space.cached {
+            let order = sorted(rays, space);
+            let in_order: Vec<Ray> = order.iter().map(|&i| rays[i as usize]).collect();
+            let mut found = answers.to_vec();
+            in_tasks(&in_order, &mut found, |first, rays, answers| {
+                fill(false, Indices { first: window, order: Some(&order[first..]) }, rays, answers);
+            });
+            for (&i, answer) in order.iter().zip(found) {
+                answers[i as usize] = answer;
             }
+        } else {
+            in_tasks(rays, answers, |first, rays, answers| {
+                fill(coming == Coming::Together, Indices { first: window + first, order: None }, rays, answers);
+            });
         }
     }
-}
-
-/// Answers queries in the given order, in parallel; `fill` answers those of one task.
-pub(crate) fn in_parallel<Q: Sync, T: Send>(queries: &[Q], answers: &mut [T], fill: impl Fn(&[Q], &mut [T]) + Sync) {
-    in_tasks(queries, answers, |_, queries, answers| fill(queries, answers));
 }
 
 /// Answers queries one by one in the given order, in parallel; `one` also gets the index of each. `answers` is cleared
@@ -242,10 +255,12 @@ mod tests {
         for rays in [near, scattered] {
             let rays: Vec<Ray> = (0..WINDOW + 700).map(|i| rays(i).between(0.0, i as f32)).collect();
             let mut answers = vec![-1.0; rays.len()];
-            let end = |rays: &[Ray], answers: &mut [f32]| {
-                rays.iter().zip(answers).for_each(|(ray, answer)| *answer = ray.t_max);
-            };
-            answer_in_order(&rays, &mut answers, SPACE, end, end);
+            answer_in_order(&rays, &mut answers, SPACE, |_, indices, rays, answers| {
+                for (i, (ray, answer)) in rays.iter().zip(answers).enumerate() {
+                    assert_eq!(ray.t_max, indices.of(i) as f32);
+                    *answer = ray.t_max;
+                }
+            });
             assert!(answers.iter().enumerate().all(|(i, &answer)| answer == i as f32));
         }
     }

@@ -190,7 +190,7 @@ mod tests {
     use super::*;
     use crate::geometry::{Frame, Ray};
     use crate::random::Random;
-    use crate::ray::collect::{Any, Closest, Found};
+    use crate::ray::collect::{Any, Closest};
     use crate::ray::shear::Sheared;
     use crate::simd::Portable;
     use glam::{DVec3, Vec3};
@@ -228,8 +228,8 @@ mod tests {
             let edges = Edges::new(s, rows(0), rows(1));
             let first = edges.may_be_hit(s, sizes, ray.slack);
             let of = (ALL, rows(2).map(|depth| depth * s.splat(sheared.inverse)), sizes);
-            let closest = Closest::new(ray, |_: &Found| true);
-            let any = Any::new(ray, true, |_: &Found| true);
+            let closest = Closest::new(ray);
+            let any = Any::new(ray, true);
             let closest = Candidates::new::<_, _, false>(s, &edges, of, ray, &closest);
             let any = Candidates::new::<_, _, false>(s, &edges, of, ray, &any);
             assert_eq!(closest.certain, 0);
@@ -302,7 +302,7 @@ mod tests {
         let rows = |axis: usize| [row(0, axis), row(1, axis), row(2, axis)];
         assert_eq!(sheared.inverse, 1.0);
         let edges = Edges::new(s, rows(0), rows(1));
-        let mut collect = Closest::new(&ray, |_: &Found| true);
+        let mut collect = Closest::new(&ray);
         let mut candidates = Candidates::new::<_, _, false>(s, &edges, (ALL, rows(2), block.sizes), &ray, &collect);
         let depth = |lane: usize| block.triangles[lane][0].z;
         assert_eq!(candidates.lanes.count_ones(), 11, "triangles behind the begin of the range are no candidates");

@@ -1,5 +1,6 @@
 //! What a traversal does with the hits it finds.
 
+use super::filter::Filter;
 use super::hit::{Hit, SetHit};
 use super::tree_ray::TreeRay;
 use crate::primitive::PrimitiveSet;
@@ -31,8 +32,23 @@ pub(crate) trait Collect {
     fn limit(&self) -> f32;
     /// The limit as a distance in tree space, rounded up if inexact.
     fn reach(&self) -> f32;
-    /// Takes a hit within the ray's range and the limit; true ends the query.
-    fn offer(&mut self, found: Found) -> bool;
+    /// Whether a hit within the ray's range and the limit would change the answer if the filter accepts it.
+    #[inline(always)]
+    fn wants(&self, _: &Found) -> bool {
+        true
+    }
+    /// Takes such a hit; true ends the query.
+    fn take(&mut self, found: Found, set: &impl PrimitiveSet) -> bool;
+    /// Takes a hit within the ray's range and the limit, unless the filter refuses it; true ends the query.
+    #[inline(always)]
+    fn offer(&mut self, found: Found, ray: &TreeRay, set: &impl PrimitiveSet, filter: &impl Filter) -> bool {
+        self.wants(&found) && filter.accepts(|| (ray.index, found.answer(set))) && self.take(found, set)
+    }
+    /// Whether no hit can change the answer any more.
+    #[inline(always)]
+    fn is_final(&self) -> bool {
+        false
+    }
     /// A distance in tree space. A hit that is certainly no farther away, on a primitive that the query sees, need not be offered.
     #[inline(always)]
     fn certain(&self, _ray: &TreeRay) -> f32 {
@@ -45,21 +61,20 @@ pub(crate) trait Collect {
 
 /// Keeps the nearest hit; of equally near hits the one with the lowest id.
 #[derive(Clone, Copy)]
-pub(crate) struct Closest<F> {
+pub(crate) struct Closest {
     t_max: f32,
     pub reach: f32,
     pub best: Option<Found>,
-    accept: F,
 }
 
-impl<F> Closest<F> {
+impl Closest {
     #[inline(always)]
-    pub fn new(ray: &TreeRay, accept: F) -> Closest<F> {
-        Closest { t_max: ray.t_max(), reach: ray.end, best: None, accept }
+    pub fn new(ray: &TreeRay) -> Closest {
+        Closest { t_max: ray.t_max(), reach: ray.end, best: None }
     }
 }
 
-impl<F: Fn(&Found) -> bool> Collect for Closest<F> {
+impl Collect for Closest {
     const ORDERED: bool = true;
 
     #[inline(always)]
@@ -73,40 +88,41 @@ impl<F: Fn(&Found) -> bool> Collect for Closest<F> {
     }
 
     #[inline(always)]
-    fn offer(&mut self, found: Found) -> bool {
-        let better = match self.best {
+    fn wants(&self, found: &Found) -> bool {
+        match self.best {
             Some(best) => found.hit.t < best.hit.t || (found.hit.t == best.hit.t && found.id < best.id),
             None => true,
-        };
-        if better && (self.accept)(&found) {
-            self.t_max = found.hit.t;
-            self.reach = found.hit.reach;
-            self.best = Some(found);
         }
+    }
+
+    #[inline(always)]
+    fn take(&mut self, found: Found, _: &impl PrimitiveSet) -> bool {
+        self.t_max = found.hit.t;
+        self.reach = found.hit.reach;
+        self.best = Some(found);
         false
     }
 }
 
 /// Stops at the first hit.
 #[derive(Clone, Copy)]
-pub(crate) struct Any<F> {
+pub(crate) struct Any {
     t_max: f32,
     pub reach: f32,
     pub found: bool,
-    /// Whether every hit is accepted.
+    /// Whether the filter accepts every hit.
     all: bool,
-    accept: F,
 }
 
-impl<F> Any<F> {
-    /// Looks for a hit that `accept` accepts. `all` tells whether it accepts every hit.
+impl Any {
+    /// `all` tells whether the filter accepts every hit.
     #[inline(always)]
-    pub fn new(ray: &TreeRay, all: bool, accept: F) -> Any<F> {
-        Any { t_max: ray.t_max(), reach: ray.end, found: false, all, accept }
+    pub fn new(ray: &TreeRay, all: bool) -> Any {
+        Any { t_max: ray.t_max(), reach: ray.end, found: false, all }
     }
 }
 
-impl<F: Fn(&Found) -> bool> Collect for Any<F> {
+impl Collect for Any {
     const ORDERED: bool = false;
     const ANYWHERE: bool = true;
 
@@ -121,8 +137,13 @@ impl<F: Fn(&Found) -> bool> Collect for Any<F> {
     }
 
     #[inline(always)]
-    fn offer(&mut self, found: Found) -> bool {
-        self.found = (self.accept)(&found);
+    fn take(&mut self, _: Found, _: &impl PrimitiveSet) -> bool {
+        self.found = true;
+        true
+    }
+
+    #[inline(always)]
+    fn is_final(&self) -> bool {
         self.found
     }
 
@@ -137,14 +158,17 @@ impl<F: Fn(&Found) -> bool> Collect for Any<F> {
     }
 }
 
+/// The caller's function that is called with each hit.
+pub(super) type Visitor<'a> = &'a mut dyn FnMut(Hit) -> ControlFlow<()>;
+
 /// Passes every primitive that is hit to a visitor, once.
 ///
 /// A primitive may be found in several leaves. So the ids that were passed on are stored: first in a short array, and in a hash
 /// set once the array is full. The memory grows with the size of the answer.
-pub(crate) struct All<V> {
+pub(crate) struct All<'a> {
     t_max: f32,
     reach: f32,
-    visitor: V,
+    visitor: Visitor<'a>,
     few: [u32; FEW],
     count: usize,
     many: HashSet<u32>,
@@ -155,8 +179,8 @@ pub(crate) struct All<V> {
 /// The number of ids that are searched one by one.
 const FEW: usize = 24;
 
-impl<V> All<V> {
-    pub fn new(ray: &TreeRay, visitor: V) -> All<V> {
+impl<'a> All<'a> {
+    pub fn new(ray: &TreeRay, visitor: Visitor<'a>) -> All<'a> {
         All {
             t_max: ray.t_max(),
             reach: ray.end,
@@ -182,7 +206,7 @@ impl<V> All<V> {
     }
 }
 
-impl<V: FnMut(&Found) -> ControlFlow<()>> Collect for All<V> {
+impl Collect for All<'_> {
     const ORDERED: bool = false;
 
     #[inline(always)]
@@ -196,9 +220,9 @@ impl<V: FnMut(&Found) -> ControlFlow<()>> Collect for All<V> {
     }
 
     #[inline(always)]
-    fn offer(&mut self, found: Found) -> bool {
+    fn take(&mut self, found: Found, set: &impl PrimitiveSet) -> bool {
         if self.first_time(found.id) {
-            self.flow = (self.visitor)(&found);
+            self.flow = (self.visitor)(found.answer(set));
         }
         self.flow.is_break()
     }

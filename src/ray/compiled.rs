@@ -7,17 +7,19 @@
 //! visited block. One form of each query looks for them at run time ([`Guards`]); except for SSE2 and for lazy trees, a
 //! second form is compiled without them.
 
-use super::batch::{AnyHits, Batch, BatchQuery, ClosestHits};
+use super::batch::{Batch, BatchQuery, By, Task, Way};
 use super::closest_point::{
     ClosestPoint, ClosestPointSource, closest_point_in_kd, closest_point_in_wide, plain_closest_point_in_wide,
 };
+use super::collect::Visitor;
+use super::filter::{Filter, Offer, Seen};
 use super::interleave::Interleaved;
 use super::intersect::RaySource;
 use super::lazy::LazyQuery;
 use super::lazy_closest_point::closest_point_in_lazy;
 use super::outline::Outline;
 use super::point_query::PlacedQuery;
-use super::query::{AllQuery, AnyQuery, ClosestQuery, OfWide, Query, QueryArgs, Visitor};
+use super::query::{AllHits, AnyHit, Asked, ClosestHit, OfWide, Query, QueryArgs};
 use super::stream::Streams;
 use super::{Everything, Hit, Observer, Ray, Visible};
 use crate::error::BuildError;
@@ -32,8 +34,11 @@ use core::ops::ControlFlow;
 
 /// Not inlined into the wide layout's traversal, which has fewer registers to save without it.
 #[inline(never)]
-fn answer_in_kd<Q: Query>(query: Q, tree: &KdTree) -> Q::Answer {
-    query.answer(tree)
+fn answer_in_kd<G: RaySource, F: Filter, O: Observer, Q: Query>(
+    asked: Asked<'_, G, F, O, Q>,
+    tree: &KdTree,
+) -> Q::Answer {
+    asked.answer(tree)
 }
 
 /// The arrays that queries traverse.
@@ -60,7 +65,8 @@ impl Layout {
 pub(crate) struct Target<'a, G> {
     pub layout: &'a Layout,
     pub geometry: &'a G,
-    pub outline: &'a Outline,
+    /// `None` if rays are known not to miss it.
+    pub outline: Option<&'a Outline>,
     pub simd: SimdLevel,
 }
 
@@ -106,9 +112,6 @@ pub(super) fn lay_out<G: WideSource>(
     }
 }
 
-/// A mask and the caller's filter predicate.
-type Seen<'a, T> = Visible<&'a dyn Fn(&T) -> bool>;
-
 /// The optional parts of a query: a mask with the caller's filter predicate, and an observer.
 ///
 /// They are tested at run time, so that one compiled form serves every combination.
@@ -136,18 +139,20 @@ pub(crate) type Plain<G, Q, R> = fn(Target<'_, G>, &Q) -> R;
 type Guarded<G, Q, T, R> = fn(Target<'_, G>, &Q, Guards<'_, T>) -> R;
 
 /// A query of many rays with one `R` each.
-pub(crate) type Batched<G, R> = fn(Target<'_, G>, &[Ray], &mut [R]);
+pub(crate) type Batched<G, R> = fn(Target<'_, G>, Task<'_, R>);
 
 /// All queries of a geometry.
 pub(crate) struct Queries<G> {
     pub closest: Plain<G, Ray, Option<Hit>>,
-    pub closest_guarded: Guarded<G, Ray, Hit, Option<Hit>>,
+    pub closest_guarded: Guarded<G, Ray, Offer, Option<Hit>>,
     pub any: Plain<G, Ray, bool>,
     pub closest_point: Plain<G, PlacedQuery, Option<ClosestPoint>>,
     pub closest_point_guarded: Guarded<G, PlacedQuery, ClosestPoint, Option<ClosestPoint>>,
     /// All hits; with a visitor that breaks at the first hit, any hit with guards.
-    pub all: fn(Target<'_, G>, &Ray, Guards<'_, Hit>, Visitor<'_>) -> ControlFlow<()>,
-    /// Interleaved traversal of many rays through the wide layout.
+    pub all: fn(Target<'_, G>, &Ray, Guards<'_, Offer>, Visitor<'_>) -> ControlFlow<()>,
+    /// Rays one by one.
+    pub singly_closest: Batched<G, Option<Hit>>,
+    /// Interleaved traversal through the wide layout.
     pub interleaved_closest: Batched<G, Option<Hit>>,
     /// Streams of rays through the wide layout.
     pub streams_closest: Batched<G, Option<Hit>>,
@@ -163,9 +168,10 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
         closest_point: Queries::plain_closest_point,
         closest_point_guarded: Queries::guarded_closest_point,
         all: Queries::guarded_all,
-        interleaved_closest: |on, rays, hits| on.interleaved::<ClosestHits>(rays, hits, Queries::plain_closest),
-        streams_closest: |on, rays, hits| on.streams::<ClosestHits>(rays, hits, Queries::plain_closest),
-        streams_any: |on, rays, hits| on.streams::<AnyHits>(rays, hits, Queries::plain_any),
+        singly_closest: Queries::each_closest,
+        interleaved_closest: |on, task| on.batch(Interleaved, ClosestHit, task, Queries::each_closest),
+        streams_closest: |on, task| on.batch(Streams, ClosestHit, task, Queries::each_closest),
+        streams_any: |on, task| on.batch(Streams, AnyHit, task, Queries::each_any),
     };
 
     // The plain queries are functions of their own: the address of a closure is that of a shim which calls it. They are
@@ -176,7 +182,7 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
     fn plain_closest(on: Target<'_, G>, ray: &Ray) -> Option<Hit> {
         let observer = &mut ();
         on.answer_plain(
-            || ClosestQuery(QueryArgs { set: on.geometry, ray, filter: &Everything, observer }),
+            || Asked(ClosestHit, QueryArgs { set: on.geometry, ray, filter: &Everything, observer }),
             || Queries::guarded_closest(on, ray, Guards::NONE),
         )
     }
@@ -185,8 +191,8 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
     fn plain_any(on: Target<'_, G>, ray: &Ray) -> bool {
         let observer = &mut ();
         on.answer_plain(
-            || AnyQuery(QueryArgs { set: on.geometry, ray, filter: &Everything, observer }),
-            || Queries::guarded_all(on, ray, Guards::NONE, &mut |_| ControlFlow::Break(())).is_break(),
+            || Asked(AnyHit, QueryArgs { set: on.geometry, ray, filter: &Everything, observer }),
+            || Queries::guarded_any(on, ray, Guards::NONE),
         )
     }
 
@@ -199,17 +205,24 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
         }
     }
 
-    fn guarded_closest(on: Target<'_, G>, ray: &Ray, guards: Guards<'_, Hit>) -> Option<Hit> {
-        let Guards { visible, mut observer } = guards;
-        on.answer(ClosestQuery(QueryArgs { set: on.geometry, ray, filter: &visible, observer: &mut observer }))
+    fn guarded_closest(on: Target<'_, G>, ray: &Ray, guards: Guards<'_, Offer>) -> Option<Hit> {
+        on.answer(ClosestHit, ray, guards)
     }
 
-    fn guarded_all(on: Target<'_, G>, ray: &Ray, guards: Guards<'_, Hit>, visitor: Visitor<'_>) -> ControlFlow<()> {
-        let Guards { visible, mut observer } = guards;
-        on.answer(AllQuery {
-            args: QueryArgs { set: on.geometry, ray, filter: &visible, observer: &mut observer },
-            visitor,
-        })
+    fn guarded_any(on: Target<'_, G>, ray: &Ray, guards: Guards<'_, Offer>) -> bool {
+        Queries::guarded_all(on, ray, guards, &mut |_| ControlFlow::Break(())).is_break()
+    }
+
+    fn guarded_all(on: Target<'_, G>, ray: &Ray, guards: Guards<'_, Offer>, visitor: Visitor<'_>) -> ControlFlow<()> {
+        on.answer(AllHits(visitor), ray, guards)
+    }
+
+    fn each_closest(on: Target<'_, G>, task: Task<'_, Option<Hit>>) {
+        on.singly(task, Queries::plain_closest, Queries::guarded_closest);
+    }
+
+    fn each_any(on: Target<'_, G>, task: Task<'_, bool>) {
+        on.singly(task, Queries::plain_any, Queries::guarded_any);
     }
 
     fn guarded_closest_point(
@@ -235,60 +248,69 @@ impl<G> Clone for Target<'_, G> {
 
 impl<G> Copy for Target<'_, G> {}
 
-impl<'a, G: RaySource> Target<'a, G> {
+impl<G: RaySource> Target<'_, G> {
     /// Answers a query from whichever layout the tree has.
-    fn answer<Q: LazyQuery>(self, query: Q) -> Q::Answer {
+    fn answer<Q: LazyQuery>(self, query: Q, ray: &Ray, guards: Guards<'_, Offer>) -> Q::Answer {
+        let Guards { visible, mut observer } = guards;
+        let args = QueryArgs { set: self.geometry, ray, filter: &visible, observer: &mut observer };
+        let asked = Asked(query, args);
         match self.layout {
-            Layout::Wide(tree) => dispatch(self.simd, OfWide { tree, outline: self.outline, query }),
-            Layout::Kd(tree) => answer_in_kd(query, tree),
-            Layout::Lazy(tree) => query.answer_lazily(tree, self.simd),
+            Layout::Wide(tree) => dispatch(self.simd, OfWide { tree, outline: self.outline, asked }),
+            Layout::Kd(tree) => answer_in_kd(asked, tree),
+            Layout::Lazy(tree) => asked.0.answer_lazily(asked.1, tree, self.simd),
         }
     }
 
     /// Answers a query without guards, where that form is compiled. The query is constructed at its place of use: moved
     /// there, it would be copied by wide loads that stall on the narrow stores before them.
     #[inline(always)]
-    fn answer_plain<Q: Query>(self, query: impl FnOnce() -> Q, guarded: impl FnOnce() -> Q::Answer) -> Q::Answer {
+    fn answer_plain<'b, Q: Query>(
+        self,
+        asked: impl FnOnce() -> Asked<'b, G, Everything, (), Q>,
+        guarded: impl FnOnce() -> Q::Answer,
+    ) -> Q::Answer
+    where
+        G: 'b,
+    {
         match self.layout {
             Layout::Wide(tree) => {
-                dispatch_or(self.simd, OfWide { tree, outline: self.outline, query: query() }, |_| guarded())
+                dispatch_or(self.simd, OfWide { tree, outline: self.outline, asked: asked() }, |_| guarded())
             }
-            Layout::Kd(tree) => answer_in_kd(query(), tree),
+            Layout::Kd(tree) => answer_in_kd(asked(), tree),
             Layout::Lazy(_) => guarded(),
         }
     }
 
-    /// Answers a batch by interleaved traversal.
+    /// Answers a task in a wide layout, if this is compiled, and otherwise `singly`.
     #[inline(always)]
-    fn interleaved<Q: BatchQuery>(self, rays: &[Ray], answers: &mut [Q::Answer], one: Plain<G, Ray, Q::Answer>) {
-        if let Some(batch) = self.batch::<Q>(rays, answers) {
-            dispatch_or(self.simd, Interleaved(batch), |it| self.singly(it.0.rays, it.0.answers, one));
-        }
-    }
-
-    /// Answers a batch in streams.
-    #[inline(always)]
-    fn streams<Q: BatchQuery>(self, rays: &[Ray], answers: &mut [Q::Answer], one: Plain<G, Ray, Q::Answer>) {
-        if let Some(batch) = self.batch::<Q>(rays, answers) {
-            dispatch_or(self.simd, Streams(batch), |it| self.singly(it.0.rays, it.0.answers, one));
-        }
-    }
-
-    /// A batch for a wide layout that is not empty; with other layouts the rays are answered one by one.
-    #[inline(always)]
-    fn batch<Q: BatchQuery>(self, rays: &'a [Ray], answers: &'a mut [Q::Answer]) -> Option<Batch<'a, G, Q>> {
-        match self.layout {
-            Layout::Wide(tree) if tree.root != ChildRef::NOTHING => {
-                Some(Batch { tree, outline: self.outline, set: self.geometry, rays, answers })
+    fn batch<Q: BatchQuery>(self, way: impl Way, query: Q, task: Task<'_, Q::Answer>, singly: Batched<G, Q::Answer>) {
+        let Target { layout, geometry: set, simd, .. } = self;
+        let outline = self.outline.unwrap_or(&Outline::EVERYTHING);
+        let tree = match layout {
+            Layout::Wide(tree) if tree.root != ChildRef::NOTHING => tree,
+            _ => return singly(self, task),
+        };
+        match task.visible {
+            None => {
+                let batch = Batch { tree, outline, set, filter: &Everything, query, task };
+                dispatch_or(simd, By(way, batch), |By(_, it)| singly(self, it.task));
             }
-            _ => None,
+            Some(filter) => {
+                let batch = Batch { tree, outline, set, filter: &filter, query, task };
+                dispatch_or(simd, By(way, batch), |By(_, it)| singly(self, it.task));
+            }
         }
     }
 
-    /// One ray after the other.
-    pub fn singly<R>(self, rays: &[Ray], answers: &mut [R], one: Plain<G, Ray, R>) {
-        for (ray, answer) in rays.iter().zip(answers) {
-            *answer = one(self, ray);
+    /// Answers a task, one ray after the other.
+    fn singly<R>(self, task: Task<'_, R>, plain: Plain<G, Ray, R>, guarded: Guarded<G, Ray, Offer, R>) {
+        for (i, (ray, answer)) in task.rays.iter().zip(task.answers).enumerate() {
+            *answer = match task.visible {
+                None => plain(self, ray),
+                Some(Visible { mask, accept }) => {
+                    guarded(self, ray, Guards::filtered(mask, &|&(_, hit)| accept(&(i, hit))))
+                }
+            };
         }
     }
 }

@@ -149,15 +149,12 @@ impl<P: Primitive> Compiled for Shapes<P> {
         all: |on, ray, guards, visitor| {
             (queries().all)(on.with_geometry(&ErasedShapes::of(on.geometry)), ray, guards, visitor)
         },
-        interleaved_closest: |on, rays, hits| {
-            (queries().interleaved_closest)(on.with_geometry(&ErasedShapes::of(on.geometry)), rays, hits)
+        singly_closest: |on, task| (queries().singly_closest)(on.with_geometry(&ErasedShapes::of(on.geometry)), task),
+        interleaved_closest: |on, task| {
+            (queries().interleaved_closest)(on.with_geometry(&ErasedShapes::of(on.geometry)), task)
         },
-        streams_closest: |on, rays, hits| {
-            (queries().streams_closest)(on.with_geometry(&ErasedShapes::of(on.geometry)), rays, hits)
-        },
-        streams_any: |on, rays, hits| {
-            (queries().streams_any)(on.with_geometry(&ErasedShapes::of(on.geometry)), rays, hits)
-        },
+        streams_closest: |on, task| (queries().streams_closest)(on.with_geometry(&ErasedShapes::of(on.geometry)), task),
+        streams_any: |on, task| (queries().streams_any)(on.with_geometry(&ErasedShapes::of(on.geometry)), task),
     };
 
     fn lay_out(&mut self, params: &BuildParams, progress: &Progress) -> Result<(Layout, Statistics), BuildError> {

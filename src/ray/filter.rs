@@ -2,8 +2,11 @@
 
 use super::Hit;
 
+/// A hit with the index of its ray in the task of a batch, which is 0 for a single ray.
+pub(crate) type Offer = (usize, Hit);
+
 /// Selects the primitives that a query tests and the hits that it accepts; both predicates must be pure.
-pub(crate) trait Filter<T = Hit> {
+pub(crate) trait Filter<T = Offer> {
     /// Whether a primitive with this visibility mask takes part; the mask is looked up only if the filter depends on
     /// it.
     fn sees(&self, mask: impl FnOnce() -> u32) -> bool;
@@ -32,6 +35,7 @@ impl<T> Filter<T> for Everything {
 }
 
 /// A mask and the caller's filter predicate.
+#[derive(Clone, Copy)]
 pub(crate) struct Visible<F> {
     pub mask: u32,
     pub accept: F,
@@ -51,6 +55,9 @@ impl<T, F: Fn(&T) -> bool> Filter<T> for Visible<F> {
         false
     }
 }
+
+/// [`Visible`] with a predicate of any type.
+pub(crate) type Seen<'a, T> = Visible<&'a dyn Fn(&T) -> bool>;
 
 /// An optional filter.
 impl<T, F: Filter<T>> Filter<T> for Option<F> {

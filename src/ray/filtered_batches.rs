@@ -1,10 +1,10 @@
 //! Batches of queries with a mask and a filter.
 //!
-//! Each query is answered like the single query with its own filter, on any thread. The caller's order is kept: only
-//! batches without filters are sorted.
+//! Each query is answered like the single query with its own filter, on any thread.
 
 use super::batch_order::answer_each;
 use super::closest_point::ClosestPoint;
+use super::filter::Visible;
 use super::hit::Hit;
 use super::point_query::ClosestPointQuery;
 use super::ray_tree::{Geometry, RayTree};
@@ -37,7 +37,7 @@ impl<G: Geometry> RayTree<G> {
         accept: impl Fn(usize, &Hit) -> bool + Sync,
         hits: &mut Vec<Option<Hit>>,
     ) {
-        answer_each(rays, hits, |i, ray| self.closest_hit_filtered(ray, mask, |hit| accept(i, hit)));
+        self.closest_batch(rays, Some(Visible { mask, accept: &accept }), hits);
     }
 
     /// [`RayTree::any_hit_filtered`] for many rays, in parallel, with a filter as that of
@@ -61,7 +61,7 @@ impl<G: Geometry> RayTree<G> {
         accept: impl Fn(usize, &Hit) -> bool + Sync,
         hits: &mut Vec<bool>,
     ) {
-        answer_each(rays, hits, |i, ray| self.any_hit_filtered(ray, mask, |hit| accept(i, hit)));
+        self.any_batch(rays, Some(Visible { mask, accept: &accept }), hits);
     }
 
     /// [`RayTree::closest_point_filtered`] for many queries, in parallel, with a filter that gets the index of the

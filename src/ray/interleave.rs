@@ -4,32 +4,33 @@
 //! the other rays of the group advance until it has arrived. The answers do not depend on this. On a tree that fits the cache, interleaving
 //! only costs time, so rays of small trees are traversed one by one. So are rays of mostly static trees, whose steps are short.
 
-use super::batch::{Batch, BatchQuery, Member};
+use super::batch::{Batch, BatchQuery, Member, Way};
+use super::filter::Filter;
 use super::intersect::RaySource;
 use super::tree_ray::TreeRay;
-use crate::simd::{Kernel, Simd};
+use crate::simd::Simd;
 use crate::traverse::{Cursor, StackOf, WideTraversal};
 
 /// Rays that are traversed at the same time.
 const GROUP: usize = 8;
 
-/// A batch for interleaved traversal, to be dispatched to an instruction set.
-pub(super) struct Interleaved<'a, G, Q: BatchQuery>(pub Batch<'a, G, Q>);
+/// Interleaved traversal.
+pub(super) struct Interleaved;
 
-impl<G: RaySource, Q: BatchQuery> Kernel for Interleaved<'_, G, Q> {
-    type Output = ();
-
+impl Way for Interleaved {
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let traverser = self.0.traverser();
-        let Batch { tree, set, rays, answers, .. } = self.0;
+    fn run<S: Simd, G: RaySource, F: Filter, Q: BatchQuery>(s: S, batch: Batch<'_, G, F, Q>) {
+        let traverser = batch.traverser();
+        let Batch { tree, set, filter, query, task, .. } = batch;
         let traversal = WideTraversal::interleaved(&tree.arena);
-        let mut waiting = rays.iter().enumerate().filter_map(|(i, ray)| Some((i, TreeRay::new(ray, set.frame())?)));
+        let mut waiting = task.rays.iter().enumerate().filter_map(|(i, ray)| {
+            let ray = TreeRay::new(ray, set.frame())?;
+            Some(Member::new(i, ray, query.collect(&ray, filter.accepts_all())))
+        });
         let mut memory: [StackOf; GROUP] = core::array::from_fn(|_| StackOf::new());
-        let mut group: Vec<(Member<'_, Q>, Cursor<'_>)> = Vec::with_capacity(GROUP);
-        for (memory, (index, ray)) in memory.iter_mut().zip(&mut waiting) {
-            let cursor = Cursor::new(tree.root, memory.stack(tree.max_stack()));
-            group.push((Member::new(index, ray), cursor));
+        let mut group: Vec<(Member<'_, Q::Collect>, Cursor<'_>)> = Vec::with_capacity(GROUP);
+        for (memory, member) in memory.iter_mut().zip(&mut waiting) {
+            group.push((member, Cursor::new(tree.root, memory.stack(tree.max_stack()))));
         }
         while !group.is_empty() {
             let mut i = 0;
@@ -40,10 +41,10 @@ impl<G: RaySource, Q: BatchQuery> Kernel for Interleaved<'_, G, Q> {
                     i += 1;
                     continue;
                 }
-                answers[member.index] = Q::answer(&member.collect, set);
+                task.answers[member.ray.index] = Q::answer(member.collect, set);
                 match waiting.next() {
-                    Some((index, ray)) => {
-                        *member = Member::new(index, ray);
+                    Some(next) => {
+                        *member = next;
                         cursor.restart(tree.root);
                         i += 1;
                     }

@@ -167,7 +167,7 @@ impl RayLayout for &KdTree {
                             && filter.sees(|| set.mask(reference.id))
                             && let Some(hit) = set.intersect(reference.id, ray, &sheared)
                             && hit.t <= collect.limit()
-                            && collect.offer(Found { hit, id: reference.id })
+                            && collect.offer(Found { hit, id: reference.id }, ray, set, filter)
                         {
                             return;
                         }

@@ -9,8 +9,7 @@ use super::filter::Filter;
 use super::hit::Hit;
 use super::intersect::RaySource;
 use super::observer::Observer;
-use super::outline::Outline;
-use super::query::{AllQuery, ClosestQuery, OfWide, Query, QueryArgs};
+use super::query::{AllHits, Asked, ClosestHit, OfWide, Query, QueryArgs};
 use super::ray_traversal::{LeafVisitor, RayTraversal};
 use super::tree_ray::TreeRay;
 use crate::geometry::Ray;
@@ -21,39 +20,52 @@ use core::ops::ControlFlow;
 /// A query that can be answered from one subtree after the other.
 pub(super) trait LazyQuery: Query {
     /// Answers the query from all subtrees that the ray reaches.
-    fn answer_lazily(self, tree: &LazyTree, simd: SimdLevel) -> Self::Answer;
+    fn answer_lazily<G: RaySource, F: Filter, O: Observer>(
+        self,
+        args: QueryArgs<'_, G, F, O>,
+        tree: &LazyTree,
+        simd: SimdLevel,
+    ) -> Self::Answer;
 }
 
-impl<G: RaySource, F: Filter, O: Observer> LazyQuery for ClosestQuery<'_, G, F, O> {
+impl LazyQuery for ClosestHit {
     #[inline(never)]
-    fn answer_lazily(self, tree: &LazyTree, simd: SimdLevel) -> Option<Hit> {
+    fn answer_lazily<G: RaySource, F: Filter, O: Observer>(
+        self,
+        args: QueryArgs<'_, G, F, O>,
+        tree: &LazyTree,
+        simd: SimdLevel,
+    ) -> Option<Hit> {
         let mut best: Option<Hit> = None;
         let answer = |tree: &WideTree, args: QueryArgs<'_, G, F, O>| {
             let end = args.ray.t_max;
             let order = |hit: &Hit| (hit.t, hit.mesh, hit.primitive);
-            if let Some(hit) = dispatch(simd, OfWide { tree, outline: &Outline::EVERYTHING, query: ClosestQuery(args) })
+            let asked = Asked(ClosestHit, args);
+            if let Some(hit) = dispatch(simd, OfWide { tree, outline: None, asked })
                 && best.is_none_or(|best| order(&hit) < order(&best))
             {
                 best = Some(hit);
             }
             ControlFlow::Continue(best.map_or(end, |best| best.t))
         };
-        traverse_subtrees::<true, _, _, _, _>(tree, simd, self.0, answer);
+        traverse_subtrees::<true, _, _, _, _>(tree, simd, args, answer);
         best
     }
 }
 
-impl<G: RaySource, F: Filter, O: Observer> LazyQuery for AllQuery<'_, G, F, O> {
+impl LazyQuery for AllHits<'_> {
     #[inline(never)]
-    fn answer_lazily(self, tree: &LazyTree, simd: SimdLevel) -> ControlFlow<()> {
-        let AllQuery { args, visitor } = self;
+    fn answer_lazily<G: RaySource, F: Filter, O: Observer>(
+        self,
+        args: QueryArgs<'_, G, F, O>,
+        tree: &LazyTree,
+        simd: SimdLevel,
+    ) -> ControlFlow<()> {
         let mut flow = ControlFlow::Continue(());
         let answer = |tree: &WideTree, args: QueryArgs<'_, G, F, O>| {
             let end = args.ray.t_max;
-            flow = dispatch(
-                simd,
-                OfWide { tree, outline: &Outline::EVERYTHING, query: AllQuery { args, visitor: &mut *visitor } },
-            );
+            let asked = Asked(AllHits(&mut *self.0), args);
+            flow = dispatch(simd, OfWide { tree, outline: None, asked });
             flow?;
             ControlFlow::Continue(end)
         };

@@ -191,7 +191,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
             return false;
         };
         let id = self.arena.ints()[id];
-        self.sees(id, ray) && collect.offer(Found { hit, id })
+        self.sees(id, ray) && collect.offer(Found { hit, id }, ray, self.set, self.filter)
     }
 
     /// Tests the primitives of a list of ids by their own functions; true ends the query.
@@ -209,7 +209,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
             if self.sees(id, ray)
                 && let Some(hit) = self.set.intersect(id, ray, sheared)
                 && hit.t <= collect.limit()
-                && collect.offer(Found { hit, id })
+                && collect.offer(Found { hit, id }, ray, self.set, self.filter)
             {
                 return true;
             }

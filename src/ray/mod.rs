@@ -51,7 +51,7 @@ pub use crate::params::{BuildParams, Division, KdParams, LazyParams, Policy, Wid
 pub use crate::primitive::Intersection;
 pub use crate::simd::SimdLevel;
 pub use crate::traverse::Visitor;
-pub(crate) use batch_order::{Space, answer_each, answer_in_order, in_parallel};
+pub(crate) use batch_order::{Indices, Space, answer_each, answer_in_order};
 pub use closest_point::ClosestPoint;
 pub(crate) use closest_point::closest_point_of_all;
 pub(crate) use compiled::Guards;

@@ -1,6 +1,6 @@
 //! The three kinds of ray queries, independent of the layout.
 
-use super::collect::{All, Any, Closest, Found};
+use super::collect::{All, Any, Closest, Collect, Visitor};
 use super::filter::Filter;
 use super::hit::Hit;
 use super::intersect::RaySource;
@@ -9,25 +9,85 @@ use super::outline::Outline;
 use super::ray_layout::RayLayout;
 use super::tree_ray::TreeRay;
 use super::wide_traversal::Wide;
-use crate::geometry::{Frame, Ray};
+use crate::geometry::Ray;
 use crate::layout::WideTree;
 use crate::simd::{Kernel, Simd};
 use crate::traverse::StackOf;
 use core::ops::ControlFlow;
 
-/// A query with all its state but the layout.
-///
-/// The prepared ray and the best answer so far live in registers where the layout's traversal is inlined into the
-/// query; so the whole query is dispatched to the instruction set of the layout.
+/// What is asked about a ray.
 pub(crate) trait Query {
     /// The answer.
     type Answer;
     /// The answer of a ray that hits nothing.
     const NOTHING: Self::Answer;
-    /// The ray, and the map to tree space.
-    fn placed_ray(&self) -> (&Ray, &Frame);
-    /// Answers the query from a layout.
-    fn answer(self, layout: impl RayLayout) -> Self::Answer;
+    /// Collects the hits of a ray.
+    type Collect: Collect;
+    /// A collector for a ray's hits. `all` tells whether the filter accepts every hit.
+    fn collect(self, ray: &TreeRay, all: bool) -> Self::Collect;
+    /// The answer, once the traversal has finished.
+    fn answer(collect: Self::Collect, set: &impl RaySource) -> Self::Answer;
+}
+
+/// The closest hit.
+#[derive(Clone, Copy)]
+pub(crate) struct ClosestHit;
+
+impl Query for ClosestHit {
+    type Answer = Option<Hit>;
+    const NOTHING: Option<Hit> = None;
+    type Collect = Closest;
+
+    #[inline(always)]
+    fn collect(self, ray: &TreeRay, _: bool) -> Closest {
+        Closest::new(ray)
+    }
+
+    #[inline(always)]
+    fn answer(collect: Closest, set: &impl RaySource) -> Option<Hit> {
+        // Not by `map`: that may become a call, for which the best hit so far would be kept in memory.
+        let found = collect.best?;
+        Some(found.answer(set))
+    }
+}
+
+/// Whether there is a hit (occlusion).
+#[derive(Clone, Copy)]
+pub(crate) struct AnyHit;
+
+impl Query for AnyHit {
+    type Answer = bool;
+    const NOTHING: bool = false;
+    type Collect = Any;
+
+    #[inline(always)]
+    fn collect(self, ray: &TreeRay, all: bool) -> Any {
+        Any::new(ray, all)
+    }
+
+    #[inline(always)]
+    fn answer(collect: Any, _: &impl RaySource) -> bool {
+        collect.found
+    }
+}
+
+/// All hits, for a visitor.
+pub(crate) struct AllHits<'a>(pub Visitor<'a>);
+
+impl<'a> Query for AllHits<'a> {
+    type Answer = ControlFlow<()>;
+    const NOTHING: ControlFlow<()> = ControlFlow::Continue(());
+    type Collect = All<'a>;
+
+    #[inline(always)]
+    fn collect(self, ray: &TreeRay, _: bool) -> All<'a> {
+        All::new(ray, self.0)
+    }
+
+    #[inline(always)]
+    fn answer(collect: All<'a>, _: &impl RaySource) -> ControlFlow<()> {
+        collect.flow
+    }
 }
 
 /// The arguments of a query: a ray, its geometry, a filter and an observer.
@@ -38,130 +98,52 @@ pub(crate) struct QueryArgs<'a, G, F, O> {
     pub observer: &'a mut O,
 }
 
-impl<G: RaySource, F, O> QueryArgs<'_, G, F, O> {
-    /// See [`Query::placed_ray`].
+/// A query with its arguments.
+pub(crate) struct Asked<'a, G, F, O, Q>(pub Q, pub QueryArgs<'a, G, F, O>);
+
+impl<G: RaySource, F: Filter, O: Observer, Q: Query> Asked<'_, G, F, O, Q> {
+    /// Answers the query from a layout.
+    ///
+    /// The prepared ray and the best answer so far live in registers where the layout's traversal is inlined here; so the
+    /// whole query is dispatched to the instruction set of the layout.
     #[inline(always)]
-    fn placed_ray(&self) -> (&Ray, &Frame) {
-        (self.ray, self.set.frame())
-    }
-}
-
-/// The closest-hit query.
-pub(crate) struct ClosestQuery<'a, G, F, O>(pub QueryArgs<'a, G, F, O>);
-
-impl<G: RaySource, F: Filter, O: Observer> Query for ClosestQuery<'_, G, F, O> {
-    type Answer = Option<Hit>;
-    const NOTHING: Option<Hit> = None;
-
-    #[inline(always)]
-    fn placed_ray(&self) -> (&Ray, &Frame) {
-        self.0.placed_ray()
-    }
-
-    #[inline(always)]
-    fn answer(self, layout: impl RayLayout) -> Option<Hit> {
-        let QueryArgs { set, ray, filter, observer } = self.0;
-        let (mut of, regular) = TreeRay::of(ray, set.frame());
+    pub fn answer(self, layout: impl RayLayout) -> Q::Answer {
+        let Asked(query, QueryArgs { set, ray, filter, observer }) = self;
+        let (mut ray, regular) = TreeRay::of(ray, set.frame());
         if !regular {
-            of.recompute(set.frame());
+            ray.recompute(set.frame());
         }
-        let ray = &of;
+        let ray = &ray;
         if ray.has_empty_range() {
-            return None;
+            return Q::NOTHING;
         }
-        let accept = |found: &Found| filter.accepts(|| found.answer(set));
-        let mut collect = Closest::new(ray, accept);
+        let mut collect = query.collect(ray, filter.accepts_all());
         layout.traverse(set, ray, filter, &mut collect, observer);
-        collect.best.map(|found| found.answer(set))
-    }
-}
-
-/// The occlusion query: whether there is a hit.
-pub(crate) struct AnyQuery<'a, G, F, O>(pub QueryArgs<'a, G, F, O>);
-
-impl<G: RaySource, F: Filter, O: Observer> Query for AnyQuery<'_, G, F, O> {
-    type Answer = bool;
-    const NOTHING: bool = false;
-
-    #[inline(always)]
-    fn placed_ray(&self) -> (&Ray, &Frame) {
-        self.0.placed_ray()
-    }
-
-    #[inline(always)]
-    fn answer(self, layout: impl RayLayout) -> bool {
-        let QueryArgs { set, ray, filter, observer } = self.0;
-        let (mut of, regular) = TreeRay::of(ray, set.frame());
-        if !regular {
-            of.recompute(set.frame());
-        }
-        let ray = &of;
-        if ray.has_empty_range() {
-            return false;
-        }
-        let accept = |found: &Found| filter.accepts(|| found.answer(set));
-        let mut collect = Any::new(ray, filter.accepts_all(), accept);
-        layout.traverse(set, ray, filter, &mut collect, observer);
-        collect.found
-    }
-}
-
-/// The caller's function that is called with each hit.
-pub(super) type Visitor<'a> = &'a mut dyn FnMut(Hit) -> ControlFlow<()>;
-
-/// The query for all hits.
-pub(crate) struct AllQuery<'a, G, F, O> {
-    pub args: QueryArgs<'a, G, F, O>,
-    pub visitor: Visitor<'a>,
-}
-
-impl<G: RaySource, F: Filter, O: Observer> Query for AllQuery<'_, G, F, O> {
-    type Answer = ControlFlow<()>;
-    const NOTHING: ControlFlow<()> = ControlFlow::Continue(());
-
-    #[inline(always)]
-    fn placed_ray(&self) -> (&Ray, &Frame) {
-        self.args.placed_ray()
-    }
-
-    #[inline(always)]
-    fn answer(self, layout: impl RayLayout) -> ControlFlow<()> {
-        let QueryArgs { set, ray, filter, observer } = self.args;
-        let (mut of, regular) = TreeRay::of(ray, set.frame());
-        if !regular {
-            of.recompute(set.frame());
-        }
-        let ray = &of;
-        if ray.has_empty_range() {
-            return ControlFlow::Continue(());
-        }
-        let mut collect = All::new(ray, |found: &Found| {
-            let hit = found.answer(set);
-            if filter.accepts(|| hit) { (self.visitor)(hit) } else { ControlFlow::Continue(()) }
-        });
-        layout.traverse(set, ray, filter, &mut collect, observer);
-        collect.flow
+        Q::answer(collect, set)
     }
 }
 
 /// A query of the wide layout, to be dispatched to an instruction set.
-pub(crate) struct OfWide<'a, Q> {
+pub(crate) struct OfWide<'a, G, F, O, Q> {
     pub tree: &'a WideTree,
-    pub outline: &'a Outline,
-    pub query: Q,
+    /// `None` if the ray is known not to miss it.
+    pub outline: Option<&'a Outline>,
+    pub asked: Asked<'a, G, F, O, Q>,
 }
 
-impl<Q: Query> Kernel for OfWide<'_, Q> {
+impl<G: RaySource, F: Filter, O: Observer, Q: Query> Kernel for OfWide<'_, G, F, O, Q> {
     type Output = Q::Answer;
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Q::Answer {
-        let (ray, frame) = self.query.placed_ray();
-        if self.outline.is_missed(s, ray, frame) {
+        let QueryArgs { set, ray, .. } = self.asked.1;
+        if let Some(outline) = self.outline
+            && outline.is_missed(s, ray, set.frame())
+        {
             return Q::NOTHING;
         }
         let mut memory = StackOf::new();
         let stack = memory.stack(self.tree.max_stack());
-        self.query.answer(Wide { tree: self.tree, simd: s, stack })
+        self.asked.answer(Wide { tree: self.tree, simd: s, stack })
     }
 }

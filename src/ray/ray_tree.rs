@@ -1,9 +1,10 @@
 //! The tree that answers ray queries: primitives and one layout over them.
 
-use super::batch::{AnyHits, BatchQuery, ClosestHits};
-use super::compiled::{Batched, Compiled, Guards, Layout, Plain, Queries, Target};
+use super::batch::Task;
+use super::compiled::{Batched, Compiled, Guards, Layout, Queries, Target};
+use super::filter::{Offer, Visible};
 use super::outline::Outline;
-use super::{Hit, Observer, Ray, Space, answer_in_order, in_parallel};
+use super::{Hit, Indices, Observer, Ray, Space, answer_in_order};
 use crate::error::BuildError;
 use crate::geometry::{Frame, LinearBounds};
 use crate::layout::{Plan, Statistics, TreeBox, ValidationError};
@@ -60,6 +61,9 @@ pub struct RayTree<G = Scene> {
     pub(super) queries: Queries<G>,
 }
 
+/// The mask of a batch and its filter, which gets the index of a hit's ray.
+pub(super) type InBatch<'a> = Option<Visible<&'a (dyn Fn(usize, &Hit) -> bool + Sync)>>;
+
 impl<G> core::fmt::Debug for RayTree<G> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.debug_struct("RayTree").field("statistics", &self.statistics).finish_non_exhaustive()
@@ -77,7 +81,7 @@ impl<G: Geometry> RayTree<G> {
 
     /// The tree in the form that queries take.
     pub(super) fn target(&self) -> Target<'_, G> {
-        Target { layout: &self.layout, geometry: &self.geometry, outline: &self.outline, simd: self.simd }
+        Target { layout: &self.layout, geometry: &self.geometry, outline: Some(&self.outline), simd: self.simd }
     }
 
     /// The closest hit of a ray: the hit with the least `t`. Ties go to the lowest (mesh, primitive).
@@ -92,12 +96,12 @@ impl<G: Geometry> RayTree<G> {
 
     /// [`RayTree::closest_hit`] of a ray that does not miss the [outline](RayTree::outline).
     pub(crate) fn closest_hit_inside(&self, ray: &Ray) -> Option<Hit> {
-        (self.queries.closest)(Target { outline: &Outline::EVERYTHING, ..self.target() }, ray)
+        (self.queries.closest)(Target { outline: None, ..self.target() }, ray)
     }
 
     /// [`RayTree::any_hit`] of a ray that does not miss the [outline](RayTree::outline).
     pub(crate) fn any_hit_inside(&self, ray: &Ray) -> bool {
-        (self.queries.any)(Target { outline: &Outline::EVERYTHING, ..self.target() }, ray)
+        (self.queries.any)(Target { outline: None, ..self.target() }, ray)
     }
 
     /// Calls `visitor` with every primitive that the ray hits, until it breaks. Each primitive is reported once, with its
@@ -122,7 +126,7 @@ impl<G: Geometry> RayTree<G> {
         (self.queries.all)(self.target(), ray, Guards::NONE, &mut visitor)
     }
 
-    fn any_hit_guarded(&self, ray: &Ray, guards: Guards<'_, Hit>) -> bool {
+    fn any_hit_guarded(&self, ray: &Ray, guards: Guards<'_, Offer>) -> bool {
         (self.queries.all)(self.target(), ray, guards, &mut |_| ControlFlow::Break(())).is_break()
     }
 
@@ -164,12 +168,12 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn closest_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&Hit) -> bool) -> Option<Hit> {
-        (self.queries.closest_guarded)(self.target(), ray, Guards::filtered(mask, &accept))
+        (self.queries.closest_guarded)(self.target(), ray, Guards::filtered(mask, &|(_, hit)| accept(hit)))
     }
 
     /// [`RayTree::any_hit`] among the hits that pass the mask and the filter (see [`RayTree::closest_hit_filtered`]).
     pub fn any_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&Hit) -> bool) -> bool {
-        self.any_hit_guarded(ray, Guards::filtered(mask, &accept))
+        self.any_hit_guarded(ray, Guards::filtered(mask, &|(_, hit)| accept(hit)))
     }
 
     /// [`RayTree::all_hits`] among the hits that pass the mask and the filter (see [`RayTree::closest_hit_filtered`]).
@@ -180,7 +184,7 @@ impl<G: Geometry> RayTree<G> {
         accept: impl Fn(&Hit) -> bool,
         mut visitor: impl FnMut(Hit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
-        (self.queries.all)(self.target(), ray, Guards::filtered(mask, &accept), &mut visitor)
+        (self.queries.all)(self.target(), ray, Guards::filtered(mask, &|(_, hit)| accept(hit)), &mut visitor)
     }
 
     /// [`RayTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order. A
@@ -202,16 +206,25 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn closest_hits(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
-        let queries = &self.queries;
-        let incoherent = self.interleaving_pays().then_some(queries.interleaved_closest);
-        self.batch::<ClosestHits>(rays, hits, queries.closest, queries.streams_closest, incoherent);
+        self.closest_batch(rays, None, hits);
     }
 
     /// [`RayTree::any_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order. All rays are
     /// traversed in streams, which is faster than one by one if rays that begin near each other come one after the other.
     pub fn any_hits(&self, rays: &[Ray], hits: &mut Vec<bool>) {
+        self.any_batch(rays, None, hits);
+    }
+
+    /// The closest hits that pass the mask and the filter.
+    pub(super) fn closest_batch(&self, rays: &[Ray], visible: InBatch<'_>, hits: &mut Vec<Option<Hit>>) {
         let queries = &self.queries;
-        self.batch::<AnyHits>(rays, hits, queries.any, queries.streams_any, Some(queries.streams_any));
+        let incoherent = if self.interleaving_pays() { queries.interleaved_closest } else { queries.singly_closest };
+        self.batch(rays, visible, hits, [queries.streams_closest, incoherent]);
+    }
+
+    /// Whether there are hits that pass the mask and the filter.
+    pub(super) fn any_batch(&self, rays: &[Ray], visible: InBatch<'_>, hits: &mut Vec<bool>) {
+        self.batch(rays, visible, hits, [self.queries.streams_any; 2]);
     }
 
     /// Interleaving pays for the closest hit in trees that move, are larger than the caches and have a temporal split (measured; see
@@ -221,30 +234,35 @@ impl<G: Geometry> RayTree<G> {
         matches!(&self.layout, Layout::Wide(tree) if large && tree.moves() && tree.time_slices() > 1)
     }
 
-    /// Answers a batch: rays of similar direction by `together`, others by `incoherent` or one by one.
-    fn batch<Q: BatchQuery>(
+    /// Answers a batch: rays of similar direction by `together`, others by `incoherent`.
+    fn batch<R: Copy + Default + Send>(
         &self,
         rays: &[Ray],
-        answers: &mut Vec<Q::Answer>,
-        one: Plain<G, Ray, Q::Answer>,
-        together: Batched<G, Q::Answer>,
-        incoherent: Option<Batched<G, Q::Answer>>,
+        visible: InBatch<'_>,
+        answers: &mut Vec<R>,
+        [together, incoherent]: [Batched<G, R>; 2],
     ) {
         answers.clear();
-        answers.resize(rays.len(), Q::NOTHING);
-        let singly = |rays: &[Ray], answers: &mut [Q::Answer]| self.target().singly(rays, answers, one);
-        match &self.layout {
+        answers.resize(rays.len(), R::default());
+        let space = match &self.layout {
             Layout::Wide(tree) => {
                 let cached = self.statistics.bytes <= CACHED;
-                let space = Space::new(self.geometry.frame().bounds, tree.time_slices(), cached);
-                let together = |rays: &[Ray], answers: &mut [Q::Answer]| together(self.target(), rays, answers);
-                answer_in_order(rays, answers, space, together, |rays, answers| match incoherent {
-                    Some(incoherent) => incoherent(self.target(), rays, answers),
-                    None => singly(rays, answers),
-                });
+                Space::new(self.geometry.frame().bounds, tree.time_slices(), cached)
             }
-            _ => in_parallel(rays, answers, singly),
-        }
+            // These trees are queried ray by ray, in the caller's order.
+            Layout::Kd(_) | Layout::Lazy(_) => Space::new(self.geometry.frame().bounds, 1, true),
+        };
+        let fill = |coherent: bool, indices: Indices<'_>, rays: &[Ray], answers: &mut [R]| {
+            let by = if coherent { together } else { incoherent };
+            match visible {
+                None => by(self.target(), Task { rays, answers, visible: None }),
+                Some(Visible { mask, accept }) => {
+                    let accept = |&(i, ref hit): &Offer| accept(indices.of(i), hit);
+                    by(self.target(), Task { rays, answers, visible: Some(Visible { mask, accept: &accept }) });
+                }
+            }
+        };
+        answer_in_order(rays, answers, space, fill);
     }
 
     /// Checks the structure of the tree: links, depth, and coverage. This is for tests, and takes far longer than the build.
@@ -487,15 +505,22 @@ mod tests {
                         }
                     })
                     .collect();
-                let (mut hits, mut of_streams, mut shadows) =
-                    (vec![None; count], vec![None; count], vec![false; count]);
-                (tree.queries.interleaved_closest)(tree.target(), &rays, &mut hits);
-                (tree.queries.streams_closest)(tree.target(), &rays, &mut of_streams);
-                (tree.queries.streams_any)(tree.target(), &rays, &mut shadows);
-                for (i, ray) in rays.iter().enumerate() {
-                    let hit = tree.closest_hit(ray);
-                    assert_eq!((hits[i], of_streams[i]), (hit, hit), "{level}, {count} rays, ray {i}");
-                    assert_eq!(shadows[i], hit.is_some(), "{level}, {count} rays, ray {i}");
+                let rays = &rays[..];
+                let accept = |&(i, hit): &Offer| !(i + hit.primitive as usize).is_multiple_of(3);
+                for visible in [None, Some(Visible { mask: 1, accept: &accept as _ })] {
+                    let (mut hits, mut of_streams, mut shadows) =
+                        (vec![None; count], vec![None; count], vec![false; count]);
+                    (tree.queries.interleaved_closest)(tree.target(), Task { rays, answers: &mut hits, visible });
+                    (tree.queries.streams_closest)(tree.target(), Task { rays, answers: &mut of_streams, visible });
+                    (tree.queries.streams_any)(tree.target(), Task { rays, answers: &mut shadows, visible });
+                    for (i, ray) in rays.iter().enumerate() {
+                        let hit = match visible {
+                            None => tree.closest_hit(ray),
+                            Some(_) => tree.closest_hit_filtered(ray, 1, |&hit| accept(&(i, hit))),
+                        };
+                        assert_eq!((hits[i], of_streams[i]), (hit, hit), "{level}, {count} rays, ray {i}");
+                        assert_eq!(shadows[i], hit.is_some(), "{level}, {count} rays, ray {i}");
+                    }
                 }
             }
         }

@@ -7,21 +7,21 @@
 //!
 //! Tests and leaf blocks are those of single rays, so the answers do not depend on this.
 
-use super::batch::{Batch, BatchQuery, Member};
+use super::batch::{Batch, BatchQuery, Member, Task, Way};
 use super::collect::Collect;
-use super::filter::Everything;
+use super::filter::Filter;
 use super::intersect::RaySource;
 use super::traverser::Traverser;
 use super::tree_ray::TreeRay;
 use crate::layout::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS, WideTree};
-use crate::simd::{Kernel, LANES, Simd, Stack, StackMemory};
+use crate::simd::{LANES, Simd, Stack, StackMemory};
 use crate::traverse::{Cursor, STACK, StackOf, WideTraversal, children_of, of_time_slice};
 
 /// The rays of a stream: one bit of a word for each.
 const RAYS: usize = u32::BITS as usize;
 
-/// A batch that is traversed in streams, to be dispatched to an instruction set.
-pub(super) struct Streams<'a, G, Q: BatchQuery>(pub Batch<'a, G, Q>);
+/// Traversal in streams.
+pub(super) struct Streams;
 
 /// A block, and the rays that will visit it.
 #[derive(Clone, Copy)]
@@ -38,11 +38,11 @@ impl Visit {
 }
 
 /// The state of the traversal.
-struct Traversal<'a, G, Q: BatchQuery> {
+struct Traversal<'a, G, F, C> {
     tree: &'a WideTree,
-    traverser: Traverser<'a, G, Everything>,
+    traverser: Traverser<'a, G, F>,
     /// The rays of the stream come first; the others are unused.
-    members: [Member<'a, Q>; RAYS],
+    members: [Member<'a, C>; RAYS],
     /// The rays whose answers may change.
     open: u32,
     pending: Stack<'a, Visit>,
@@ -50,19 +50,19 @@ struct Traversal<'a, G, Q: BatchQuery> {
     cursor: Cursor<'a>,
 }
 
-impl<G: RaySource, Q: BatchQuery> Kernel for Streams<'_, G, Q> {
-    type Output = ();
-
+impl Way for Streams {
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let traverser = self.0.traverser();
-        let Batch { tree, outline, set, rays, answers } = self.0;
+    fn run<S: Simd, G: RaySource, F: Filter, Q: BatchQuery>(s: S, batch: Batch<'_, G, F, Q>) {
+        let traverser = batch.traverser();
+        let Batch { tree, outline, set, filter, query, task: Task { rays, answers, .. } } = batch;
+        let all = filter.accepts_all();
         let Some(first) = rays.first() else { return };
         let (mut memory, mut own_memory) = (StackMemory::<Visit, STACK>::new(), StackOf::new());
-        let mut traversal = Traversal::<'_, G, Q> {
+        let unused = TreeRay::of(first, set.frame()).0;
+        let mut traversal = Traversal {
             tree,
             traverser,
-            members: [Member::new(0, TreeRay::of(first, set.frame()).0); RAYS],
+            members: [Member::new(0, unused, query.collect(&unused, all)); RAYS],
             open: 0,
             pending: memory.stack(tree.max_stack()),
             cursor: Cursor::new(tree.root, own_memory.stack(tree.max_stack())),
@@ -80,22 +80,22 @@ impl<G: RaySource, Q: BatchQuery> Kernel for Streams<'_, G, Q> {
                 // The ray is constructed in place. Moving it would copy it by wide loads, which stall on the preceding narrow stores.
                 let (of, regular) = TreeRay::of(ray, set.frame());
                 let member = &mut traversal.members[count];
-                *member = Member::new(next - 1, of);
+                *member = Member::new(next - 1, of, query.collect(&of, all));
                 if !regular {
                     member.ray.recompute(set.frame());
-                    member.collect = Q::collect(&member.ray);
+                    member.collect = query.collect(&member.ray, all);
                 }
                 count += usize::from(!member.ray.has_empty_range());
             }
             traversal.traverse(s, count);
             for member in &traversal.members[..count] {
-                answers[member.index] = Q::answer(&member.collect, set);
+                answers[member.ray.index] = Q::answer(member.collect, set);
             }
         }
     }
 }
 
-impl<G: RaySource, Q: BatchQuery> Traversal<'_, G, Q> {
+impl<G: RaySource, F: Filter, C: Collect> Traversal<'_, G, F, C> {
     /// Traverses the tree with the first `count` members.
     #[inline(always)]
     fn traverse<S: Simd>(&mut self, s: S, count: usize) {
@@ -125,7 +125,7 @@ impl<G: RaySource, Q: BatchQuery> Traversal<'_, G, Q> {
             let member = &self.members[i as usize % RAYS];
             let (met, key) = member.ray.slabs.enter::<S, ROWS>(s, block, member.collect.reach());
             visitors = visitors | s.select_u(met, s.splat_u(1 << i), s.splat_u(0));
-            if Q::ORDERED {
+            if C::ORDERED {
                 keys = s.select(met, s.min_signed(keys, key), keys);
             }
         }
@@ -133,7 +133,7 @@ impl<G: RaySource, Q: BatchQuery> Traversal<'_, G, Q> {
         let (mut of, mut children, mut near) = ([0; LANES], [0; LANES], [0.0; LANES]);
         s.store_compressed_u(visitors, met, &mut of);
         s.store_compressed_u(s.to_bits(s.load(children_of::<ROWS>(block))), met, &mut children);
-        if Q::ORDERED {
+        if C::ORDERED {
             s.store_compressed(keys, met, &mut near);
         }
         let mut visits = [Visit::NONE; LANES];
@@ -142,7 +142,7 @@ impl<G: RaySource, Q: BatchQuery> Traversal<'_, G, Q> {
         for (i, visit) in visits.iter_mut().enumerate() {
             *visit = Visit { at: ChildRef(children[i]), rays: of[i], key: near[i] };
         }
-        if Q::ORDERED {
+        if C::ORDERED {
             farthest_first(visits);
         }
         for &visit in &*visits {
@@ -178,13 +178,13 @@ impl<G: RaySource, Q: BatchQuery> Traversal<'_, G, Q> {
             let i = rays.trailing_zeros();
             rays &= rays - 1;
             let (member, observer) = (&mut self.members[i as usize % RAYS], &mut ());
-            if Q::ORDERED && visit.key > member.ray.slabs.key(member.collect.reach()) {
+            if C::ORDERED && visit.key > member.ray.slabs.key(member.collect.reach()) {
                 continue;
             }
             let mut query = member.query(&self.traverser, observer);
             self.cursor.restart(visit.at);
             while traversal.advance(s, &mut self.cursor, &mut query).is_continue() {}
-            self.open &= !(u32::from(Q::is_final(&member.collect)) << i);
+            self.open &= !(u32::from(member.collect.is_final()) << i);
         }
     }
 }

@@ -29,6 +29,8 @@ pub(crate) struct TreeRay<'a> {
     t_per_world: f64,
     /// The caller's ray. A reference, since a copy would wait for the caller's last store to it.
     pub original: &'a Ray,
+    /// Its index in a task of a batch, for filters; 0 for a single ray.
+    pub index: usize,
 }
 
 /// Rays with origins farther away than this (in scene sizes) hit nothing: their errors would exceed about 2^-20 of the scene.
@@ -115,7 +117,7 @@ impl<'a> TreeRay<'a> {
     #[inline(never)]
     pub fn recompute(&mut self, frame: &Frame) {
         match TreeRay::general(self.original, frame) {
-            Some(of) => *self = of,
+            Some(of) => *self = TreeRay { index: self.index, ..of },
             None => (self.begin, self.end) = (1.0, 0.0),
         }
     }
@@ -206,6 +208,7 @@ impl<'a> TreeRay<'a> {
             from: [from.x, from.y, from.z, 0.0],
             t_per_world,
             original: ray,
+            index: 0,
         }
     }
 

@@ -4,7 +4,8 @@ use crate::brute_force::Brick;
 use crate::common::{Random, soup};
 use mbkd::glam::Vec3;
 use mbkd::{
-    BuildParams, Division, MovingSphere, Ray, RayTree, Shape, SimdLevel, TimeInterval, TriangleMesh, WideParams,
+    BuildParams, Division, Geometry, Hit, MovingSphere, Ray, RayTree, Shape, SimdLevel, TimeInterval, TriangleMesh,
+    WideParams,
 };
 
 /// All kinds of leaves: triangles that are static, move, have many keys, exist for a while and are kept in f64, spheres
@@ -12,10 +13,10 @@ use mbkd::{
 fn tree(division: Division, level: SimdLevel) -> RayTree {
     let some_time = TimeInterval::new(0.2, 0.8).unwrap();
     let meshes = [
-        soup(400, 1, 0.2, 0.0, 1),
-        soup(300, 2, 0.2, 0.3, 2),
-        soup(200, 5, 0.2, 0.2, 3).with_active(some_time),
-        soup(100, 2, 0.2, 0.2, 4).precise(),
+        soup(400, 1, 0.2, 0.0, 1).with_mask(0b01),
+        soup(300, 2, 0.2, 0.3, 2).with_mask(0b10),
+        soup(200, 5, 0.2, 0.2, 3).with_active(some_time).with_mask(0b11),
+        soup(100, 2, 0.2, 0.2, 4).precise().with_mask(0b01),
     ];
     let mut random = Random(9);
     let shapes = (0..60).map(|i| {
@@ -94,6 +95,7 @@ fn answer_as_single_rays(make: impl Fn(&mut Random, usize) -> Vec<Ray>, least_hi
                 let rays = make(&mut random, count);
                 tree.closest_hits(&rays, &mut hits);
                 tree.any_hits(&rays, &mut shadows);
+                assert_filtered(&tree, &rays, [u32::MAX, 0b10, 0][round % 3]);
                 for (i, ray) in rays.iter().enumerate() {
                     let alone = tree.closest_hit(ray);
                     assert_eq!((hits[i], shadows[i]), (alone, alone.is_some()), "{level}, ray {i} of {count}: {ray:?}");
@@ -101,6 +103,33 @@ fn answer_as_single_rays(make: impl Fn(&mut Random, usize) -> Vec<Ray>, least_hi
                 }
             }
             assert!(found > least_hits, "{found}");
+        }
+    }
+}
+
+/// Batches with a mask, and a filter of its own for each ray.
+pub fn assert_filtered<G: Geometry>(tree: &RayTree<G>, rays: &[Ray], mask: u32) {
+    let accept = |i: usize, hit: &Hit| !(hit.primitive as usize + i).is_multiple_of(3);
+    let (mut hits, mut shadows) = (Vec::new(), Vec::new());
+    tree.closest_hits_filtered(rays, mask, accept, &mut hits);
+    tree.any_hits_filtered(rays, mask, accept, &mut shadows);
+    assert_eq!((hits.len(), shadows.len()), (rays.len(), rays.len()));
+    for (i, ray) in rays.iter().enumerate() {
+        let alone = tree.closest_hit_filtered(ray, mask, |hit| accept(i, hit));
+        assert_eq!((hits[i], shadows[i]), (alone, alone.is_some()), "{mask:b}, ray {i}: {ray:?}");
+    }
+}
+
+#[test]
+fn filters_get_the_indices_of_their_rays_on_any_number_of_threads() {
+    let tree = tree(Division::Automatic, SimdLevel::best());
+    let mut random = Random(13);
+    for make in [pencil, burst] {
+        // More than one window of rays, in several tasks.
+        let rays: Vec<Ray> = (0..70).flat_map(|_| make(&mut random, 1000)).collect();
+        for threads in [1, 2, 5] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| assert_filtered(&tree, &rays, u32::MAX));
         }
     }
 }
