@@ -44,6 +44,7 @@ struct InOrder<'a> {
     arena: &'a mut Arena,
     /// Relative sizes of the tasks.
     sizes: &'a [u32],
+    further: usize,
     next: usize,
     tops: Vec<ChildRef>,
     /// Words, and relative sizes, of the tasks that are in place.
@@ -64,7 +65,7 @@ impl InOrder<'_> {
             if self.arena.room() < words {
                 // The estimate was too low. Extrapolate from the tasks that are in place.
                 let rest = total(&self.sizes[self.next + 1..]) * (self.words as f64 / self.placed.max(1.0));
-                self.arena.reserve_exact(words + (rest * SPARE) as usize + above(self.sizes.len()));
+                self.arena.reserve_exact(words + (rest * SPARE) as usize + above(self.sizes.len()) + self.further);
             }
             let by = self.arena.append(&fragment.arena);
             let moved = |child: ChildRef| child.moved(by).ok_or(BuildError::TooLargeTree);
@@ -100,13 +101,14 @@ fn above(subtrees: usize) -> usize {
 }
 
 /// Writes tasks separately and appends them in order; returns the top blocks. `sizes` are the relative sizes of the
-/// tasks, and `inside` tells which children of nodes are written with them.
+/// tasks, and `inside` tells which children of nodes are written with them. The caller will append `further` words.
 ///
 /// Each thread takes the next task, writes it into a fragment to be reused, and appends the fragments that are ready,
 /// unless another thread is doing that: so few fragments wait, and data is copied while it is still in the caches.
 pub(crate) fn write_in_order(
     arena: &mut Arena,
     sizes: &[u32],
+    further: usize,
     inside: &(dyn Fn(ChildRef) -> bool + Sync),
     write: &(dyn Fn(usize, &mut Fragment) -> Result<(), BuildError> + Sync),
 ) -> Result<Vec<ChildRef>, BuildError> {
@@ -119,12 +121,12 @@ pub(crate) fn write_in_order(
     let first = first.into_iter().collect::<Result<Vec<Fragment>, BuildError>>()?;
     let words: usize = first.iter().map(|fragment| fragment.arena.len() + LANES).sum();
     let expected = words as f64 * (total(sizes) / total(sizes.iter().step_by(step)).max(1.0));
-    arena.reserve((expected * SPARE) as usize + above(n));
+    arena.reserve((expected * SPARE) as usize + above(n) + further);
 
     let mut done: Vec<Option<Fragment>> = core::iter::repeat_with(|| None).take(n).collect();
     done.iter_mut().step_by(step).zip(first).for_each(|(place, fragment)| *place = Some(fragment));
     let waiting = Mutex::new(Waiting { done, spare: Vec::new() });
-    let in_order = InOrder { arena, sizes, next: 0, tops: Vec::with_capacity(n), words: 0, placed: 0.0 };
+    let in_order = InOrder { arena, sizes, further, next: 0, tops: Vec::with_capacity(n), words: 0, placed: 0.0 };
     let in_order = Mutex::new(in_order);
     let next = AtomicUsize::new(0);
     let threads = parallel::map(parallel::threads(), |_| {
@@ -166,7 +168,7 @@ mod tests {
                 Ok(())
             };
             let mut arena = Arena::default();
-            let tops = write_in_order(&mut arena, &vec![1; n], &|_| false, &write).unwrap();
+            let tops = write_in_order(&mut arena, &vec![1; n], 0, &|_| false, &write).unwrap();
             assert_eq!(tops.len(), n);
             let mut expected = 0;
             for (i, top) in tops.iter().enumerate() {

@@ -9,7 +9,7 @@ use super::keyed_leaf::KeyedRows;
 use super::leaf_block::WideSource;
 use super::wide_node::ChildRef;
 use super::wide_tree::WideTree;
-use super::write::{Nodes, set_children, write_blocks, write_node, write_time};
+use super::write::{Nodes, set_children, words_of_nodes, write_blocks, write_node, write_time};
 use crate::bvh::{BinaryNode, ReplacedSubtree};
 use crate::error::BuildError;
 use crate::geometry::{LinearBox3, TimeInterval};
@@ -245,10 +245,11 @@ impl WideTree {
         shared: &SharedLeaves,
     ) -> Result<ChildRef, BuildError> {
         self.presplit |= draft.presplit;
-        let clusters = &shared.clusters;
         let leaves =
             |arena: &mut Arena, of: &[BinaryNode], blocks: &mut [ChildRef]| leaf_blocks(arena, set, draft, of, blocks);
-        let blocks = write_blocks(&mut self.arena, clusters, &leaves)?;
+        // Room for everything at once: growing later would copy all leaf blocks.
+        let further = shared.trees.iter().map(|tree| words_of_nodes(&tree.binary, &tree.collapse)).sum::<usize>();
+        let blocks = write_blocks(&mut self.arena, &shared.clusters, further, &leaves)?;
         let mut slices = Vec::new();
         for tree in &shared.trees {
             let leaves = |_: &mut Arena, of: &[BinaryNode], known: &mut [ChildRef]| {

@@ -80,10 +80,11 @@ pub(crate) type LeafWriter<'a> =
 /// Leaf blocks that are written per task.
 const BLOCKS: usize = 512;
 
-/// Writes a leaf block for each of some binary nodes and returns them in order.
+/// Writes a leaf block for each of some binary nodes and returns them in order. The caller will append `further` words.
 pub(crate) fn write_blocks(
     arena: &mut Arena,
     of: &[BinaryNode],
+    further: usize,
     leaves: LeafWriter<'_>,
 ) -> Result<Vec<ChildRef>, BuildError> {
     let tasks: Vec<&[BinaryNode]> = of.chunks(BLOCKS).collect();
@@ -91,7 +92,20 @@ pub(crate) fn write_blocks(
         fragment.tops.resize(tasks[task].len(), ChildRef::NOTHING);
         leaves(&mut fragment.arena, tasks[task], &mut fragment.tops)
     };
-    write_in_order(arena, &vec![1; tasks.len()], &|_| true, &write)
+    write_in_order(arena, &vec![1; tasks.len()], further, &|_| true, &write)
+}
+
+/// The words of the nodes of a collapsed binary tree without their leaf blocks.
+pub(crate) fn words_of_nodes(binary: &[BinaryNode], collapse: &Collapse) -> usize {
+    let (mut words, mut children) = (0, Vec::with_capacity(LANES));
+    let mut inner = if collapse.is_leaf(0) { vec![] } else { vec![0] };
+    while let Some(x) = inner.pop() {
+        let rows = if binary[x as usize].moving { NODE_ROWS } else { STATIC_NODE_ROWS };
+        words += rows * LANES;
+        collapse.children(binary, x, &mut children);
+        inner.extend(children.iter().filter(|c| !c.leaf).map(|c| c.node));
+    }
+    words
 }
 
 /// Writes the nodes of a collapsed binary tree, each directly followed by its leaf blocks, and returns the root. The
@@ -125,7 +139,7 @@ impl Nodes<'_> {
             fragment.tops.push(root);
             Ok(())
         };
-        let done = write_in_order(arena, &sizes, &inside, &write)?;
+        let done = write_in_order(arena, &sizes, 0, &inside, &write)?;
         self.node(arena, 0, &mut Vec::new(), &mut Some(done.into_iter()))
     }
 
