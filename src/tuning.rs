@@ -120,7 +120,7 @@ pub(crate) mod slices {
     pub const MAX_FURTHER_TIME: f32 = 0.95;
     /// Separate trees must take less than this fraction of the time of shared leaves if motion has more than two keys: they take
     /// several times as long to build, and hold keys again (`cargo bench --bench keys`).
-    pub const MAX_SEPARATE_TIME: f32 = 0.8;
+    pub const MAX_SEPARATE_TIME: f32 = 0.9;
     /// Nodes are a quarter to nearly a half of a tree's bytes; leaf blocks are the rest, which time slices share.
     pub const NODE_BYTES_SHARE: f32 = 0.45;
     /// A temporal split is decided on at most this many subtrees of at least so many references.
