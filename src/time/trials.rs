@@ -15,6 +15,7 @@ use crate::tuning::slices::{
     ENOUGH, LEAST_SAMPLE, MAX_FURTHER_TIME, MAX_SEPARATE_TIME, MAX_SPLIT_COST, MAX_TWO_SLICES_COST, NODE_BYTES_SHARE,
     NODE_LATENCY_SHARE, SAMPLED, SAMPLES,
 };
+use crate::tuning::wide::{BYTES_PER_REFERENCE, CACHED};
 
 /// The division of a region that takes the least time, and its cost in steps and tests relative to none; `None` if none pays. A region
 /// may grow by the factor `most`.
@@ -33,6 +34,8 @@ pub(super) fn decide<S: PrimitiveSet>(
     let two = search.try_kind(Division::SharedLeaves);
     match search.best {
         None if two.is_none_or(|two| two > MAX_TWO_SLICES_COST && !set.bent()) => return None,
+        // A tree that exceeds the caches already slows down by more than others when it grows.
+        None if draft.references.len() as f32 * BYTES_PER_REFERENCE > CACHED as f32 => search.limit *= MAX_FURTHER_TIME,
         None => {}
         // Bent motion is divided for its chords, which shared leaves do nearly as well.
         Some(Trial { time, .. }) if set.bent() => search.limit = MAX_SEPARATE_TIME * time,
@@ -237,7 +240,7 @@ pub(crate) fn primitives(draft: &Draft, of: u32) -> Vec<u32> {
 /// Subtrees of a region to decide on, each in the middle of one or more equal shares of its cost; and their greatest size.
 fn samples(draft: &Draft, region: u32) -> (Vec<(u32, f32)>, u32) {
     let n = draft.binary[region as usize].count as usize;
-    let all = (n / *SAMPLED.end()).max(ENOUGH.min(n / *SAMPLED.start())).max(1);
+    let all = (n / *SAMPLED.end()).max(ENOUGH.min(n / *SAMPLED.start())).max(n.min(2 * LEAST_SAMPLE));
     let count = (all / LEAST_SAMPLE).clamp(1, SAMPLES);
     let most = (all / count) as u32;
     let at = |i: usize| (i as f32 + 0.5) / count as f32;
