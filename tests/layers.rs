@@ -1,4 +1,5 @@
-//! The modules of `src` lie in layers and import downward only, and no files import each other in a circle.
+//! The modules of `src` lie in layers and import downward only, and no files import each other in a circle, nor do the folders
+//! of a layer.
 //!
 //! The order of the layers is the table in the documentation of the crate, top row lowest. Imports are the paths that
 //! begin with `crate` or `super`, or with the name of a module beside them, outside of tests, comments and strings.
@@ -95,14 +96,16 @@ impl Crate {
                 }
             }
         }
-        let used: BTreeMap<&Module, BTreeSet<Module>> = below_root.map(|m| (m, self.used_by(m))).collect();
+        let used: BTreeMap<Module, BTreeSet<Module>> = below_root.map(|m| (m.clone(), self.used_by(m))).collect();
         let mut reported = BTreeSet::new();
-        for begin in used.keys() {
-            if let Some(circle) = shortest_way_back(begin, &used)
-                && reported.insert(circle.iter().collect::<BTreeSet<_>>().into_iter().cloned().collect::<Vec<_>>())
-            {
-                let names: Vec<String> = circle.iter().map(|module| module.join("::")).collect();
-                violations.push(format!("a circle of imports: {}", names.join(" -> ")));
+        for used in [&used, &of_folders(&used)] {
+            for begin in used.keys() {
+                if let Some(circle) = shortest_way_back(begin, used)
+                    && reported.insert(circle.iter().cloned().collect::<BTreeSet<_>>())
+                {
+                    let names: Vec<String> = circle.iter().map(|module| module.join("::")).collect();
+                    violations.push(format!("a circle of imports: {}", names.join(" -> ")));
+                }
             }
         }
         violations
@@ -293,8 +296,20 @@ fn without_tests(code: &str) -> String {
     out + rest
 }
 
+/// What the files and folders directly below each layer import from each other.
+fn of_folders(used: &BTreeMap<Module, BTreeSet<Module>>) -> BTreeMap<Module, BTreeSet<Module>> {
+    let folder = |module: &Module| module[..module.len().min(2)].to_vec();
+    let mut of_folders: BTreeMap<Module, BTreeSet<Module>> = BTreeMap::new();
+    for (module, used) in used {
+        let own = folder(module);
+        let others: Vec<Module> = used.iter().map(folder).filter(|other| *other != own).collect();
+        of_folders.entry(own).or_default().extend(others);
+    }
+    of_folders
+}
+
 /// The shortest circle through a module.
-fn shortest_way_back(begin: &Module, used: &BTreeMap<&Module, BTreeSet<Module>>) -> Option<Vec<Module>> {
+fn shortest_way_back(begin: &Module, used: &BTreeMap<Module, BTreeSet<Module>>) -> Option<Vec<Module>> {
     let mut came_from: BTreeMap<&Module, &Module> = BTreeMap::new();
     let mut waiting = VecDeque::from([begin]);
     while let Some(at) = waiting.pop_front() {
@@ -371,6 +386,18 @@ fn circles_within_a_layer_are_found() {
     let three = [("low/a.rs", "use super::b::B;"), ("low/b.rs", "use super::c::C;"), ("low/c.rs", "use super::a::A;")];
     let found = wrong(&[&[("low/mod.rs", "mod a;\nmod b;\nmod c;")][..], &three].concat());
     assert_eq!(found, ["a circle of imports: low::a -> low::b -> low::c"]);
+    // Folders, none of whose files import each other in a circle.
+    let facade = ("low/mod.rs", "mod c;\nmod d;");
+    let folders = [
+        facade,
+        ("low/c/mod.rs", "mod x;\nmod y;"),
+        ("low/d/mod.rs", "mod x;\nmod y;"),
+        ("low/c/x.rs", "use crate::low::d::x::X;"),
+        ("low/d/y.rs", "use crate::low::c::y::Y;"),
+    ];
+    let files = [("low/c/y.rs", "pub struct Y;"), ("low/d/x.rs", "pub struct X;")];
+    assert_eq!(wrong(&[&folders[..], &files].concat()), ["a circle of imports: low::c -> low::d"]);
+    assert_eq!(wrong(&[&folders[..4], &files].concat()), [""; 0]);
     // A module may not import from submodules that use its own items.
     let own = ("low/mod.rs", "mod a;\npub struct Own(a::A);");
     let found = wrong(&[own, ("low/a.rs", "use super::Own;\npub struct A;")]);

@@ -1,16 +1,16 @@
 //! Point trees in files.
 
-use super::build::time_slices;
-use super::layers::Layer;
-use super::moving_file::MovingRecord;
-use super::moving_reference::TimeSlice;
-use super::moving_tree::MovingTree;
-use super::plane_file::PlaneRecord;
-use super::plane_tree::PlaneTree;
+use super::build::plan::time_slices;
+use super::layout::moving_file::MovingRecord;
+use super::layout::moving_tree::MovingTree;
+use super::layout::plane_file::PlaneRecord;
+use super::layout::plane_tree::PlaneTree;
+use super::layout::slice_tree::SliceTree;
+use super::layout::static_file::StaticRecord;
+use super::layout::static_tree::StaticTree;
+use super::leaf_order::moving_reference::TimeSlice;
 use super::precise::{PreciseRecord, PreciseTree};
-use super::slice_tree::SliceTree;
-use super::static_file::StaticRecord;
-use super::static_tree::StaticTree;
+use super::search::layers::Layer;
 use super::statistics::{PointLayerKind, PointLayerStatistics, PointStatistics};
 use super::tree::PointTree;
 use crate::file::{self, Decoder, Encoder, FileError, FileKind, broken, require};

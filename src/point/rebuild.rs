@@ -1,8 +1,8 @@
 //! From step to step of a simulation: a tree that begins with the order of the last one, and points in its order.
 
+use super::build::source::Source;
 use super::error::PointError;
-use super::layers::Layer;
-use super::source::Source;
+use super::search::layers::Layer;
 use super::statistics::PointLayerKind;
 use super::tree::{PointParams, PointTree};
 use crate::primitive::PointSet;

@@ -1,6 +1,6 @@
 //! Statistics of a point tree: its layers, their sizes, and why they were chosen.
 
-use super::slice_tree::SliceTree;
+use super::layout::slice_tree::SliceTree;
 use core::fmt;
 
 /// The structure of a layer.

@@ -1,14 +1,14 @@
 //! The point tree as callers build and query it, and its parameters.
 
-use super::automatic::{moving_layers, plan_for_all};
-use super::build::{Plan, moving_layer, time_slices};
+use super::build::automatic::{moving_layers, plan_for_all};
+use super::build::plan::{Plan, moving_layer, time_slices};
+use super::build::source::{Input, Source};
 use super::error::PointError;
-use super::layers::{Layer, LayerView};
-use super::moving_reference::TimeSlice;
-use super::plane_tree::PlaneTree;
+use super::layout::plane_tree::PlaneTree;
+use super::layout::static_tree::StaticTree;
+use super::leaf_order::moving_reference::TimeSlice;
 use super::precise::{PreciseLayer, PreciseTree};
-use super::source::{Input, Source};
-use super::static_tree::StaticTree;
+use super::search::layers::{Layer, LayerView};
 use super::statistics::{PointLayerKind, PointLayerStatistics, PointStatistics};
 use crate::geometry::TimeInterval;
 use crate::limits::{MAX_POINT_TIME_SLICES, MAX_POINT_TREES};

@@ -1,10 +1,10 @@
 //! The public closest-point queries of [`RayTree`].
 
 use super::batch_order::answer_each;
-use super::closest_point::ClosestPoint;
+use super::closest_point::closest_search::ClosestPoint;
+use super::closest_point::point_query::{ClosestPointQuery, PlacedQuery};
 use super::compiled::Guards;
 use super::observer::Observer;
-use super::point_query::{ClosestPointQuery, PlacedQuery};
 use super::ray_tree::{Geometry, RayTree};
 use glam::DVec3;
 

@@ -7,20 +7,20 @@
 //! visited block. One form of each query looks for them at run time ([`Guards`]); except for SSE2 and for lazy trees, a
 //! second form is compiled without them.
 
-use super::batch::{Batch, BatchQuery, By, Task, Way};
-use super::closest_point::{
+use super::closest_point::closest_search::{
     ClosestPoint, ClosestPointSource, closest_point_in_kd, closest_point_in_wide, plain_closest_point_in_wide,
 };
-use super::collect::Visitor;
+use super::closest_point::lazy_search::closest_point_in_lazy;
+use super::closest_point::point_query::PlacedQuery;
 use super::filter::{Filter, Offer, Seen};
-use super::interleave::Interleaved;
-use super::intersect::RaySource;
-use super::lazy::LazyQuery;
-use super::lazy_closest_point::closest_point_in_lazy;
-use super::outline::Outline;
-use super::point_query::PlacedQuery;
-use super::query::{AllHits, AnyHit, Asked, ClosestHit, OfWide, Query, QueryArgs};
-use super::stream::Streams;
+use super::kernel::outline::Outline;
+use super::traversal::batch::{Batch, BatchQuery, By, Task, Way};
+use super::traversal::collect::Visitor;
+use super::traversal::interleave::Interleaved;
+use super::traversal::intersect::RaySource;
+use super::traversal::lazy::LazyQuery;
+use super::traversal::query::{AllHits, AnyHit, Asked, ClosestHit, OfWide, Query, QueryArgs};
+use super::traversal::stream::Streams;
 use super::{Everything, Hit, Observer, Ray, Visible};
 use crate::error::BuildError;
 use crate::geometry::{Frame, LinearBounds};

@@ -5,13 +5,13 @@
 //! for [`ErasedShapes`], which calls the caller's code through `dyn`: for each primitive that a ray reaches, for the closest
 //! points of each leaf, for each bound that a build needs. Boxes, nodes and the order of visits are the crate's own.
 
-use super::closest_point::ClosestPointSource;
+use super::closest_point::closest_search::ClosestPointSource;
+use super::closest_point::point_query::{Candidate, Query};
 use super::compiled::{Compiled, Layout, Queries, Target, lay_out};
 use super::hit::SetHit;
-use super::intersect::RaySource;
-use super::point_query::{Candidate, Query};
-use super::shear::Sheared;
-use super::tree_ray::TreeRay;
+use super::kernel::shear::Sheared;
+use super::kernel::tree_ray::TreeRay;
+use super::traversal::intersect::RaySource;
 use crate::error::BuildError;
 use crate::geometry::{Frame, LinearBox3, TimeInterval};
 use crate::layout::{Statistics, WideSource};

@@ -3,10 +3,10 @@
 //! Each query is answered like the single query with its own filter, on any thread.
 
 use super::batch_order::answer_each;
-use super::closest_point::ClosestPoint;
+use super::closest_point::closest_search::ClosestPoint;
+use super::closest_point::point_query::ClosestPointQuery;
 use super::filter::Visible;
 use super::hit::Hit;
-use super::point_query::ClosestPointQuery;
 use super::ray_tree::{Geometry, RayTree};
 use crate::geometry::Ray;
 

@@ -3,42 +3,34 @@
 //! [`RayTree::build`] takes triangle meshes, [`RayTree::of_scene`] meshes, spheres and the caller's own primitives
 //! ([`Primitive`](crate::Primitive)) together, and [`RayTree::of_primitives`] primitives of one type; [`BuildParams`] selects the
 //! tree. [`RayTree::closest_hit`], [`RayTree::any_hit`] and [`RayTree::all_hits`] answer one [`Ray`], their plural forms many.
+//!
+//! Data flows through the modules in this order; none imports from a later one (`tests/layers.rs`).
+//!
+//! | module | contents |
+//! |---|---|
+//! | `filter`, `hit`, `observer` | what a query accepts, its answers, counted work |
+//! | `kernel` | the arithmetic of one ray, against boxes and triangles |
+//! | `traversal` | traversals of the layouts by single rays and batches |
+//! | `closest_point` | the same for closest points |
+//! | `compiled`, `erased_shapes` | all queries, compiled once in this crate |
+//! | `ray_tree`, `refit`, `in_file` | [`RayTree`]: builds and single queries, refits, files |
+//! | `batch_order`, `filtered_batches`, `closest_point_queries`, `visit` | its other queries |
 
-mod batch;
 mod batch_order;
-mod candidates;
 mod closest_point;
 mod closest_point_queries;
-mod collect;
 mod compiled;
 mod erased_shapes;
 mod filter;
 mod filtered_batches;
 mod hit;
 mod in_file;
-mod interleave;
-mod intersect;
-mod kd_traversal;
-mod lazy;
-mod lazy_closest_point;
-mod leaf;
-mod nearest_first;
+mod kernel;
 mod observer;
-mod outline;
-mod point_query;
-mod query;
-mod ray_layout;
-mod ray_traversal;
 mod ray_tree;
 mod refit;
-mod shear;
-mod slabs;
-mod stream;
-mod traverser;
-mod tree_ray;
-mod triangle;
+mod traversal;
 mod visit;
-mod wide_traversal;
 
 #[cfg(test)]
 mod wide_tests;
@@ -52,19 +44,19 @@ pub use crate::primitive::Intersection;
 pub use crate::simd::SimdLevel;
 pub use crate::traverse::Visitor;
 pub(crate) use batch_order::{Indices, Space, answer_each, answer_in_order};
-pub use closest_point::ClosestPoint;
-pub(crate) use closest_point::closest_point_of_all;
+pub use closest_point::closest_search::ClosestPoint;
+pub(crate) use closest_point::closest_search::closest_point_of_all;
+pub(crate) use closest_point::nearest_first::{Leaves, NearestFirst};
+pub use closest_point::point_query::ClosestPointQuery;
+pub(crate) use closest_point::point_query::{PlacedQuery, Query};
 pub(crate) use compiled::Guards;
 pub(crate) use filter::{Everything, Filter, Visible};
 pub use hit::Hit;
-pub(crate) use nearest_first::{Leaves, NearestFirst};
+pub(crate) use kernel::outline::{INNER_ULPS, Outline};
+pub(crate) use kernel::shear::Sheared;
+pub(crate) use kernel::tree_ray::TreeRay;
 pub use observer::{Counters, Observer};
-pub(crate) use outline::{INNER_ULPS, Outline};
-pub use point_query::ClosestPointQuery;
-pub(crate) use point_query::{PlacedQuery, Query};
-pub(crate) use ray_traversal::{LeafVisitor, RayTraversal};
 pub use ray_tree::{Geometry, RayTree};
 pub use refit::Refit;
-pub(crate) use shear::Sheared;
-pub(crate) use tree_ray::TreeRay;
+pub(crate) use traversal::ray_traversal::{LeafVisitor, RayTraversal};
 pub use visit::TreePrimitive;

@@ -1,9 +1,9 @@
 //! The tree that answers ray queries: primitives and one layout over them.
 
-use super::batch::Task;
 use super::compiled::{Batched, Compiled, Guards, Layout, Queries, Target};
 use super::filter::{Offer, Visible};
-use super::outline::Outline;
+use super::kernel::outline::Outline;
+use super::traversal::batch::Task;
 use super::{Hit, Indices, Observer, Ray, Space, answer_in_order};
 use crate::error::BuildError;
 use crate::geometry::{Frame, LinearBounds};

@@ -1,8 +1,8 @@
 //! Custom traversals of a [`RayTree`].
 
 use super::compiled::Layout;
-use super::kd_traversal::KERNEL_ROUNDING;
 use super::ray_tree::{Geometry, RayTree};
+use super::traversal::kd_traversal::KERNEL_ROUNDING;
 use crate::geometry::{Aabb, Box3, KeyTime, ULP};
 use crate::layout::{ChildRef, Kind, LazyTree, WideTree};
 use crate::mbkd::{KdTree, KdView};

@@ -9,9 +9,9 @@ use super::scratch::GatherScratch;
 use super::search::{PhotonSearch, nearest_in_metric};
 use crate::geometry::KeyTime;
 use crate::limits::MAX_POINT_COORDINATE;
-use crate::point::batch::{in_runs, morton_order};
 use crate::point::neighbor::Neighbor;
-use crate::point::query::NeighborBuffer;
+use crate::point::queries::batch::{in_runs, morton_order};
+use crate::point::queries::query::NeighborBuffer;
 use crate::point::search::{Keep, KeepAll};
 use glam::Vec3;
 

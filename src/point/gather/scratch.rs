@@ -1,6 +1,6 @@
 //! Reusable memory of gathers.
 
-use crate::point::query::NeighborBuffer;
+use crate::point::queries::query::NeighborBuffer;
 
 /// Memory of gathers. If it is reused, a loop allocates nothing once the memory has grown to what its queries need.
 #[derive(Clone, Debug, Default)]

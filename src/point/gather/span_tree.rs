@@ -7,7 +7,7 @@
 
 use super::span_order::{Item, Queries, order};
 use crate::parallel;
-use crate::point::static_tree::Shape;
+use crate::point::layout::static_tree::Shape;
 use crate::simd::{LANES, Lanes, Simd, huge_vec_of};
 
 /// A box in space and time: lower and upper ends in x, y, z, time.

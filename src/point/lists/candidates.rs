@@ -4,7 +4,7 @@ use super::group::{BlockPoints, Group};
 use super::periodic_box::PeriodicBox;
 use super::radii::{Radii, bound_of};
 use super::reach::Reach;
-use crate::point::snapshot::{CoordinateView, Target, squared};
+use crate::point::layout::snapshot::{CoordinateView, Target, squared};
 use crate::simd::{LANES, Lanes, Mask, Simd, first_lanes, lanes_at, lanes_at_mut};
 
 /// Boxes in rows, each with the candidate it is around and how far the points in it reach.

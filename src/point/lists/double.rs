@@ -8,8 +8,8 @@ use super::columns::Columns;
 use super::list_request::Listing;
 use super::row::Lists;
 use super::worker::Share;
+use crate::point::layout::snapshot::Leaves;
 use crate::point::search::radius::Sink;
-use crate::point::snapshot::Leaves;
 use crate::simd::{Kernel, LANES, Mask, Simd, lanes_at_mut};
 use core::ops::ControlFlow;
 

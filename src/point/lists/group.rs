@@ -1,7 +1,7 @@
 //! The points of a group of leaves, whose lists are made together.
 
 use super::radii::{Radii, bound_of, squared_radius};
-use crate::point::snapshot::{CoordinateView, Target};
+use crate::point::layout::snapshot::{CoordinateView, Target};
 use crate::simd::{LANES, Lanes, Simd};
 
 /// The points of a block at a time, in rows. In lanes without a point, the first coordinate is infinite.

@@ -13,7 +13,7 @@
 //! [`bulk`] makes lists for positions that are not points of a tree. [`swept`] makes lists over an interval of time.
 //! [`double`] makes the lists of points in f64, with one search for each.
 //!
-//! **Why no neighbour is lost.** The proof is that of [`super::snapshot`], with a box instead of the query point:
+//! **Why no neighbour is lost.** The proof is that of [`super::layout::snapshot`], with a box instead of the query point:
 //! for `p` in `[lo, hi]` and `q` in `[lo', hi']`, consider the gap `max(lo − hi', lo' − hi, 0)`, each difference rounded
 //! once. Along every axis it is at most the computed `|p − q|`, because rounding is monotone; so are squares and sums.
 //! Only what is *strictly* farther than the bound is excluded. [`periodic_box`] treats periodic axes.

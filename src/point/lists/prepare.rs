@@ -5,8 +5,8 @@ use super::list_request::ListRequest;
 use super::periodic_box::MOST_PERIODS;
 use super::radii::Radii;
 use super::reach::{Measure, Reach};
-use crate::point::layers::{Layer, LayerView};
-use crate::point::snapshot::CoordinateView;
+use crate::point::layout::snapshot::CoordinateView;
+use crate::point::search::layers::{Layer, LayerView};
 use crate::simd::{Kernel, LANES, Simd, dispatch};
 use glam::Vec3;
 

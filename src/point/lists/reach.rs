@@ -1,7 +1,7 @@
 //! How far points of one set reach: the largest radius behind each lane of each node.
 
 use super::radii::bound_of;
-use crate::point::snapshot::{CoordinateView, Target};
+use crate::point::layout::snapshot::{CoordinateView, Target};
 use crate::simd::{Kernel, LANES, Lanes, Simd};
 use glam::Vec3;
 

@@ -5,7 +5,7 @@ use super::columns::Columns;
 use super::group::Member;
 use super::list_request::{Excluded, Listing};
 use super::radii::Radii;
-use crate::point::snapshot::{rows, squared};
+use crate::point::layout::snapshot::{rows, squared};
 use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at_mut};
 
 /// Lists in the making, one behind the other.

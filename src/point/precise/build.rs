@@ -4,10 +4,10 @@ use super::linear_box::{FULL, LinearBox, Node, NodeRows};
 use super::order::{Displacement, Item, order};
 use super::tree::{Block, PreciseTree, Rows, between};
 use crate::geometry::TimeInterval;
-use crate::point::moving_leaf::LaneIntervals;
-use crate::point::moving_reference::TimeSlice;
-use crate::point::order::ORDERING;
-use crate::point::source::Source;
+use crate::point::build::source::Source;
+use crate::point::layout::moving_leaf::LaneIntervals;
+use crate::point::leaf_order::moving_reference::TimeSlice;
+use crate::point::leaf_order::order::ORDERING;
 use crate::progress::Progress;
 use crate::simd::{LANES, huge_vec_of};
 

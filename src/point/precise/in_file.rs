@@ -4,11 +4,11 @@ use super::linear_box::Node;
 use super::tree::{ABSENT, Block, PreciseTree, Rows};
 use crate::file::{Decoder, Encoder, FileError, record_fields, require};
 use crate::parallel;
-use crate::point::moving_file::never;
-use crate::point::moving_leaf::LaneIntervals;
-use crate::point::moving_reference::TimeSlice;
-use crate::point::snapshot::Boxes;
-use crate::point::static_file::{FARTHEST_FACE, are_fine};
+use crate::point::layout::moving_file::never;
+use crate::point::layout::moving_leaf::LaneIntervals;
+use crate::point::layout::snapshot::Boxes;
+use crate::point::layout::static_file::{FARTHEST_FACE, are_fine};
+use crate::point::leaf_order::moving_reference::TimeSlice;
 use crate::simd::{LANES, Lanes};
 use glam::DVec3;
 

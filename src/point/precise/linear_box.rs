@@ -9,9 +9,9 @@
 //! (3 |at| + 6 |slope|)u; the difference covers the f64 rounding of the build. The centre moves along a line; computed in
 //! f64 it is off by less than 2^-49 of its largest coordinates, by which faces are moved outward too.
 
-use crate::point::linear_face::{UNIT, rounded_down};
-use crate::point::moving_leaf::LaneIntervals;
-use crate::point::snapshot::Boxes;
+use crate::point::layout::linear_face::{UNIT, rounded_down};
+use crate::point::layout::moving_leaf::LaneIntervals;
+use crate::point::layout::snapshot::Boxes;
 use crate::simd::LANES;
 use glam::DVec3;
 

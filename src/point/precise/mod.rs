@@ -16,6 +16,8 @@ mod tree;
 pub(super) use in_file::PreciseRecord;
 pub(super) use tree::{PreciseTree, PreciseView};
 
+use super::layout::slice_tree::slice_at;
+use super::layout::snapshot::Leaves;
 use super::neighbor::Neighbor;
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
@@ -25,8 +27,6 @@ use super::search::sinks::{Gather, Visit, VisitSome};
 use super::search::sort::few_in_order;
 use super::search::walk::walk;
 use super::search::{Keep, KeepAll, KeptLanes, NeighborWork};
-use super::slice_tree::slice_at;
-use super::snapshot::Leaves;
 use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch};
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};

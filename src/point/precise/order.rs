@@ -1,10 +1,10 @@
-//! Ordering f64 points for a complete tree: [`crate::point::order`] in f64.
+//! Ordering f64 points for a complete tree: [`crate::point::leaf_order::order`] in f64.
 
 use crate::parallel;
-use crate::point::complete_tree::{left_part, subtree, subtrees_of};
-use crate::point::motion_groups::{self, Displaced, MotionDivision};
-use crate::point::spread::spread;
-use crate::point::widest_axis::SAMPLE;
+use crate::point::leaf_order::complete_tree::{left_part, subtree, subtrees_of};
+use crate::point::leaf_order::motion_groups::{self, Displaced, MotionDivision};
+use crate::point::leaf_order::spread::spread;
+use crate::point::leaf_order::widest_axis::SAMPLE;
 use crate::progress::Progress;
 use crate::simd::LANES;
 use glam::DVec3;

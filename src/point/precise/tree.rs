@@ -12,12 +12,12 @@
 
 use super::linear_box::Node;
 use crate::geometry::TimeInterval;
-use crate::point::moving_leaf::LaneIntervals;
-use crate::point::moving_reference::{TimeSlice, exact_phase};
-use crate::point::over_interval::{BoxTree, PointPath};
-use crate::point::slice_tree::SliceTree;
-use crate::point::snapshot::{Boxes, Leaves, Target, View, diagonal, outside, rows};
-use crate::point::static_tree::Shape;
+use crate::point::layout::moving_leaf::LaneIntervals;
+use crate::point::layout::over_interval::{BoxTree, PointPath};
+use crate::point::layout::slice_tree::SliceTree;
+use crate::point::layout::snapshot::{Boxes, Leaves, Target, View, diagonal, outside, rows};
+use crate::point::layout::static_tree::Shape;
+use crate::point::leaf_order::moving_reference::{TimeSlice, exact_phase};
 use crate::simd::{LANES, Lanes, Mask, Simd, prefetch};
 use glam::{DVec3, Vec3};
 
@@ -365,7 +365,7 @@ impl BoxTree for PreciseTree {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::point::source::Source;
+    use crate::point::build::source::Source;
     use crate::progress::Progress;
     use crate::random::Random;
     use crate::simd::{Kernel, SimdLevel, dispatch};

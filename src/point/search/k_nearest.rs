@@ -17,7 +17,7 @@ use super::candidates::{Candidates, append};
 use super::keys::{LANE_BITS, keys, smallest, unpack};
 use super::leaf_queue::LeafQueue;
 use super::{Keep, Observe};
-use crate::point::snapshot::{Leaves, Target, View};
+use crate::point::layout::snapshot::{Leaves, Target, View};
 use crate::simd::{LANES, Mask, Simd, lanes_at};
 use core::ops::Range;
 

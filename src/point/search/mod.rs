@@ -4,8 +4,10 @@
 //! and uses masks alone. None of them allocates; results go to buffers of the caller.
 
 pub(super) mod candidates;
+pub(super) mod counted_search;
 pub(super) mod k_nearest;
 mod keys;
+pub(super) mod layers;
 mod leaf_queue;
 pub(super) mod nearest;
 pub(super) mod planes;

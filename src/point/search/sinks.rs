@@ -3,7 +3,7 @@
 use super::Keep;
 use super::candidates::{Candidates, append};
 use super::radius::Sink;
-use crate::point::snapshot::Leaves;
+use crate::point::layout::snapshot::Leaves;
 use crate::simd::{LANES, Mask, Simd};
 use core::ops::ControlFlow;
 

@@ -1,9 +1,9 @@
 //! Candidates: the blocks of points that a group can come near during a window of time.
 
 use super::encounter::{CandidatePoints, Criteria, Window};
+use crate::point::layout::over_interval::{BlockTree, BoxTree, PathRows, greater, lesser};
+use crate::point::layout::snapshot::rows;
 use crate::point::lists::candidates::{BoxRows, BoxVector};
-use crate::point::over_interval::{BlockTree, BoxTree, PathRows, greater, lesser};
-use crate::point::snapshot::rows;
 use crate::simd::{LANES, Lanes, Mask, Simd};
 
 /// 2^-24.

@@ -7,11 +7,11 @@
 use super::encounter::{EncounterLanes, FourPoints, Visitor};
 use super::sweep::Sweep;
 use crate::geometry::KeyTime;
-use crate::point::linear_face::rounded_down;
+use crate::point::layout::linear_face::rounded_down;
+use crate::point::layout::over_interval::PointPath;
 use crate::point::lists::csr::NeighborCsr;
 use crate::point::lists::error::ListError;
 use crate::point::lists::radii::squared_radius;
-use crate::point::over_interval::PointPath;
 use crate::point::tree::PointTree;
 use glam::Vec3;
 

@@ -1,7 +1,7 @@
 //! Encounters: pairs of moving points that come within a radius of each other, evaluated four at a time.
 
 use crate::geometry::TimeInterval;
-use crate::point::over_interval::{PathRows, PointPath, greater, lesser};
+use crate::point::layout::over_interval::{PathRows, PointPath, greater, lesser};
 use crate::simd::{LANES, Mask, Simd};
 
 /// A time at which two points are as close as they come, and when they are within the radius.

@@ -4,9 +4,9 @@ use super::encounter::{Encounter, EncounterLanes, FourPoints, Visitor, WIDTH};
 use super::sweep::{Sweep, Worker};
 use crate::geometry::TimeInterval;
 use crate::parallel;
+use crate::point::layout::over_interval::PointPath;
 use crate::point::lists::error::ListError;
 use crate::point::lists::in_order::in_order;
-use crate::point::over_interval::PointPath;
 use crate::point::tree::PointTree;
 use crate::simd::huge_vec;
 

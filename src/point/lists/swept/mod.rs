@@ -27,7 +27,7 @@
 //! **Why large keys need no margin.** A point may be at a fraction of its coordinates at the keys a and b, of which f64 loses
 //! less than 2^-50 (|a| + |b − a|) (65536 segments lose more in the phase, but then the range of phases is as much wider). Faces
 //! of moving boxes stay outside of a point by (max(|a|, |b|) + |b − a|)u and by as much of their own lines
-//! (`point/linear_bounds.rs`). So f64 is covered by what the tree pads, and M is at least this: 64Mu is at least 2^-42 (max(|a|,
+//! (`point/layout/linear_bounds.rs`). So f64 is covered by what the tree pads, and M is at least this: 64Mu is at least 2^-42 (max(|a|,
 //! |b|) + |b − a|). The range of times of the group is at least u wide, so its points pass (b − a)u in it, and M' is at least
 //! half of that: 64M'u is at least 2^-43 |b − a|. Faces of static boxes are not rounded.
 

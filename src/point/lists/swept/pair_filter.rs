@@ -5,8 +5,8 @@
 
 use super::candidates::{Block, CandidateBlock, Candidates, RelativePaths, squared_up};
 use super::encounter::{Criteria, Visitor};
+use crate::point::layout::snapshot::{rows, squared};
 use crate::point::lists::candidates::{Selection, write};
-use crate::point::snapshot::{rows, squared};
 use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at, lanes_at_mut};
 
 /// Points that are gathered at most at once.

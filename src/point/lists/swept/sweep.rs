@@ -185,7 +185,7 @@ mod tests {
     use super::super::lists::EncounterLists;
     use super::*;
     use crate::geometry::TimeInterval;
-    use crate::point::over_interval::PointPath;
+    use crate::point::layout::over_interval::PointPath;
     use crate::primitive::PointArrays;
     use crate::random::Random;
     use crate::{PointParams, PointStructure};

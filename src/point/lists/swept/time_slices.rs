@@ -17,11 +17,11 @@
 //! motion, one of the 64 units of slack in [`super`]. f32 rounds the times of keys. There the first and the last slice
 //! of a segment report all that is beyond them, and ranges of times are widened by more than that.
 
-use crate::point::layers::Layer;
-use crate::point::moving_reference;
-use crate::point::moving_tree::MovingTree;
-use crate::point::over_interval::{BlockTree, BoxTree};
-use crate::point::static_tree::StaticTree;
+use crate::point::layout::moving_tree::MovingTree;
+use crate::point::layout::over_interval::{BlockTree, BoxTree};
+use crate::point::layout::static_tree::StaticTree;
+use crate::point::leaf_order::moving_reference;
+use crate::point::search::layers::Layer;
 use crate::simd::{LANES, Lanes};
 use core::ops::Range;
 

@@ -1,0 +1,272 @@
+//! The automatic choice of a structure, and its build.
+//!
+//! Samples give a first choice ([`super::trials`]). Where few points are fast and cause most of the work, they are put apart without more
+//! trials, and these only follow if that costs more than expected. Samples hardly contain points that come from far away, so a structure
+//! may turn out to cost more. Therefore the tree of one time slice is built over the whole set, and the work of searches
+//! in it is counted. If shorter slices promise to cost less, the tree of one of those is built as well. The trees of
+//! the structure that is finally chosen are reused.
+
+use super::plan::{Plan, middle_segment, time_slices, tree, tree_without_fast};
+use super::source::Source;
+use super::trials::{Trial, Trials, references_of};
+use crate::point::layout::moving_tree::MovingTree;
+use crate::point::leaf_order::moving_reference::TimeSlice;
+use crate::point::search::layers::Layer;
+use crate::progress::Progress;
+use crate::simd::{LANES, SimdLevel};
+use crate::tuning::points::{MAX_COST, MAX_PREDICTED_COST, MAX_REFINED_COST};
+
+/// A layer, and the reason for its plan.
+pub(in crate::point) struct Chosen {
+    pub(in crate::point) layer: Layer,
+    pub(in crate::point) plan: Plan,
+    /// Number of points.
+    pub(in crate::point) points: usize,
+    pub(in crate::point) why: String,
+}
+
+/// So many points fit below one bottom node. No structure makes searches among them much cheaper, and trials would cost many times as
+/// much as the tree.
+const FEW: usize = LANES * LANES;
+
+const WHY_FEW: &str = "so few points fit below one node";
+
+/// The layers of some points of a set, at least one, with at most `max_references` per point.
+pub(in crate::point) fn moving_layers(
+    source: &Source,
+    points: &[u32],
+    max_references: f32,
+    simd: SimdLevel,
+    progress: &Progress,
+) -> Vec<Chosen> {
+    if points.len() <= FEW {
+        let layer = PartialLayer::new(source, points, Plan::Boxes(1), progress);
+        return vec![layer.finish(WHY_FEW.to_string(), progress)];
+    }
+    let mut trials = Trials::new(source, points, max_references, simd);
+    let (mut fast, mut slow, mut ready) = (Vec::new(), Vec::new(), None);
+    let fast_first = trials.fast_first();
+    if !fast_first {
+        trials.try_slices(true);
+    }
+    if fast_first || trials.best(true).fast.is_some() {
+        (fast, slow, ready) = split_fast(source, points, trials.leaf_size, progress);
+    }
+    let mut separated = None;
+    if !fast.is_empty()
+        && let Some(tree) = ready.take()
+    {
+        separated = Some(Separated::new(source, (&slow, tree), &fast, &trials, progress));
+    }
+    let costs_less = |trials: &Trials, separated: &Option<Separated>, factor: f64| {
+        separated.as_ref().is_some_and(|separated| separated.cost * factor <= trials.least_of_one_layer())
+    };
+    let mut chosen = fast_first && costs_less(&trials, &separated, MAX_COST);
+    if fast_first && !chosen {
+        trials.try_slices(false);
+    }
+    chosen = chosen || costs_less(&trials, &separated, MAX_PREDICTED_COST);
+    if let Some(separated) = separated.take_if(|_| chosen) {
+        return separated.finish(explain(&trials), progress);
+    }
+    let why = explain(&trials);
+    let (whole, cost, measured) = one_layer(source, points, &mut trials, ready, progress);
+    match separated {
+        Some(separated) if separated.cost * MAX_COST <= cost => separated.finish(why, progress),
+        Some(separated) => {
+            let why =
+                format!("{why}; {measured}, fast points apart in {} {:.1}", name(separated.fast.plan), separated.cost);
+            vec![whole.finish(why, progress)]
+        }
+        None => vec![whole.finish(format!("{why}; {measured}"), progress)],
+    }
+}
+
+/// The plan of one layer for some points, at least one, and the reason for it.
+pub(in crate::point) fn plan_for_all(
+    source: &Source,
+    points: &[u32],
+    max_references: f32,
+    simd: SimdLevel,
+    progress: &Progress,
+) -> (Plan, String) {
+    if points.len() <= FEW {
+        return (Plan::Boxes(1), WHY_FEW.to_string());
+    }
+    let mut trials = Trials::new(source, points, max_references, simd);
+    trials.try_slices(false);
+    let why = explain(&trials);
+    let (whole, _, measured) = one_layer(source, points, &mut trials, None, progress);
+    (whole.plan, format!("{why}; {measured}"))
+}
+
+/// Begins the cheapest layer for all points; returns it, its cost, and a description of the measurements. The linear tree of all points
+/// between the keys in the middle may be `ready`.
+fn one_layer<'a>(
+    source: &'a Source,
+    points: &'a [u32],
+    trials: &mut Trials,
+    ready: Option<MovingTree>,
+    progress: &Progress,
+) -> (PartialLayer<'a>, f64, String) {
+    let mut layer = match (trials.best(false).plan, ready) {
+        (Plan::Boxes(1), Some(tree)) => PartialLayer::with(source, points, Plan::Boxes(1), tree),
+        (plan, _) => PartialLayer::new(source, points, plan, progress),
+    };
+    let mut cost = layer.cost(trials);
+    let mut measured = vec![format!("in the whole set {} {cost:.1}", name(layer.plan))];
+    while let Some(finer) = trials.finer(layer.plan, cost).filter(|_| !progress.cancelled()) {
+        let next = PartialLayer::new(source, points, finer, progress);
+        let of_next = next.cost(trials);
+        measured.push(format!("{} {of_next:.1}", name(next.plan)));
+        if of_next >= cost * MAX_COST {
+            break;
+        }
+        (layer, cost) = (next, of_next);
+    }
+    let measured = format!("{}: {}", measured.join(", "), name(layer.plan));
+    (layer, cost, measured)
+}
+
+/// The fast points, the others, and the linear tree of those between the keys in the middle.
+fn split_fast(
+    source: &Source,
+    points: &[u32],
+    leaf_size: f32,
+    progress: &Progress,
+) -> (Vec<u32>, Vec<u32>, Option<MovingTree>) {
+    let slice = &time_slices(source.keys, 1)[middle_segment(source.keys)];
+    // Counted as progress once it is known whether it is used.
+    let (tree, fast) = tree_without_fast(source, points, slice, Some(leaf_size), &progress.subtask(0.0));
+    let mut is_fast = vec![false; source.len];
+    fast.iter().for_each(|&point| is_fast[point as usize] = true);
+    let slow = points.iter().copied().filter(|&point| !is_fast[point as usize]).collect();
+    (fast, slow, Some(tree))
+}
+
+/// Two layers, one of them for the fast points.
+struct Separated<'a> {
+    slow: PartialLayer<'a>,
+    fast: PartialLayer<'a>,
+    cost: f64,
+}
+
+impl<'a> Separated<'a> {
+    fn new(
+        source: &'a Source,
+        (slow, tree): (&'a [u32], MovingTree),
+        fast: &'a [u32],
+        trials: &Trials,
+        progress: &Progress,
+    ) -> Separated<'a> {
+        let slow = PartialLayer::with(source, slow, Plan::Boxes(1), tree);
+        let begin = |plan: Plan| {
+            let fast = PartialLayer::new(source, fast, plan, progress);
+            let references = slow.references() + fast.references();
+            let cost = trials.measured(&[&slow.tree, &fast.tree], references, fast.slice());
+            (fast, cost)
+        };
+        let affordable = |slices: usize| {
+            let references = slow.references() + references_of(source, fast, slices);
+            trials.may_have(slices, references as f64)
+        };
+        // Fast points gain more by time slices than all together. There may be more of them than samples promised.
+        let mut slices = 2 * trials.few_slices();
+        while slices > 1 && !affordable(slices) {
+            slices /= 2;
+        }
+        let (mut of_fast, mut cost) = begin(Plan::Boxes(slices));
+        // Trees over a few points are built quickly and take little memory.
+        while !progress.cancelled() && affordable(2 * of_fast.plan.time_slices()) {
+            let finer = begin(Plan::Boxes(2 * of_fast.plan.time_slices()));
+            if finer.1 > cost * MAX_REFINED_COST {
+                break;
+            }
+            (of_fast, cost) = finer;
+        }
+        Separated { slow, fast: of_fast, cost }
+    }
+
+    fn finish(self, why: String, progress: &Progress) -> Vec<Chosen> {
+        let Separated { slow, fast, cost } = self;
+        let all = (slow.points.len() + fast.points.len()) as f64;
+        let share = |of: &PartialLayer| progress.subtask(of.points.len() as f64 / all);
+        let (of_slow, of_fast) = (share(&slow), share(&fast));
+        let why = format!("{why}; in the whole set fast points apart in {} {cost:.1}", name(fast.plan));
+        let slow = slow.finish(why, &of_slow);
+        vec![slow, fast.finish("fast points, apart from the others".to_string(), &of_fast)]
+    }
+}
+
+/// A layer of which one tree is built.
+struct PartialLayer<'a> {
+    source: &'a Source,
+    points: &'a [u32],
+    plan: Plan,
+    slices: Vec<TimeSlice>,
+    /// The index of the time slice of that tree.
+    at: usize,
+    tree: Layer,
+}
+
+impl<'a> PartialLayer<'a> {
+    /// Builds the tree of a time slice in the middle.
+    fn new(source: &'a Source, points: &'a [u32], plan: Plan, progress: &Progress) -> PartialLayer<'a> {
+        let slices = time_slices(source.keys, plan.time_slices());
+        // Counted as progress once it is known whether it is used.
+        let tree = tree(source, points, &slices[slices.len() / 2], &progress.subtask(0.0));
+        PartialLayer::with(source, points, plan, tree)
+    }
+
+    /// The same with that tree.
+    fn with(source: &'a Source, points: &'a [u32], plan: Plan, tree: MovingTree) -> PartialLayer<'a> {
+        let slices = time_slices(source.keys, plan.time_slices());
+        let at = slices.len() / 2;
+        PartialLayer { source, points, plan, slices, at, tree: Layer::Moving(vec![tree]) }
+    }
+
+    fn slice(&self) -> &TimeSlice {
+        &self.slices[self.at]
+    }
+
+    fn references(&self) -> usize {
+        references_of(self.source, self.points, self.plan.time_slices())
+    }
+
+    fn cost(&self, trials: &Trials) -> f64 {
+        trials.measured(&[&self.tree], self.references(), self.slice())
+    }
+
+    /// Builds the other trees.
+    fn finish(self, why: String, progress: &Progress) -> Chosen {
+        let share = progress.subtask(1.0 / self.slices.len() as f64);
+        let mut ready = if let Layer::Moving(trees) = self.tree { trees } else { Vec::new() };
+        let tree_of = |(i, slice): (usize, &TimeSlice)| match ready.pop_if(|_| i == self.at) {
+            Some(tree) => {
+                share.finished(1.0);
+                tree
+            }
+            None => tree(self.source, self.points, slice, &share),
+        };
+        let layer = Layer::Moving(self.slices.iter().enumerate().map(tree_of).collect());
+        Chosen { layer, plan: self.plan, points: self.points.len(), why }
+    }
+}
+
+fn name(plan: Plan) -> String {
+    match plan {
+        Plan::Boxes(1) => "one linear tree".to_string(),
+        Plan::Boxes(slices) => format!("{slices} time slices"),
+        Plan::Planes(_) => "one k-d tree".to_string(),
+    }
+}
+
+/// A description of the trials.
+fn explain(trials: &Trials) -> String {
+    let name = |trial: &Trial| match trial.fast {
+        Some(fast) => format!("fast points apart in {}", name(fast)),
+        None => name(trial.plan),
+    };
+    let costs: Vec<String> = trials.all.iter().map(|t| format!("{} {:.1}", name(t), t.cost)).collect();
+    format!("chosen from trial searches: {} (costs: {})", name(&trials.best(true)), costs.join(", "))
+}

@@ -1,0 +1,128 @@
+//! From moving points to layers: the shutter is divided into time slices, each with a tree of its own.
+
+use super::persistent_points::PersistentPoints;
+use super::source::Source;
+use crate::geometry::{KeyTime, TimeInterval};
+use crate::point::layout::moving_tree::MovingTree;
+use crate::point::layout::plane_tree::PlaneTree;
+use crate::point::leaf_order::moving_reference::{TimeSlice, exact_phase};
+use crate::point::search::layers::Layer;
+use crate::progress::Progress;
+
+/// How moving points are put into trees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::point) enum Plan {
+    /// Trees of boxes, so many side by side in time for each segment between keys.
+    Boxes(usize),
+    /// One k-d tree for each segment, with at most so many references for each point.
+    Planes(f32),
+}
+
+impl Plan {
+    /// Trees for each segment between keys.
+    pub(in crate::point) fn time_slices(self) -> usize {
+        match self {
+            Plan::Boxes(slices) => slices,
+            Plan::Planes(_) => 1,
+        }
+    }
+}
+
+/// The segment between keys that stands for all of them where one has to.
+pub(in crate::point) fn middle_segment(keys: usize) -> usize {
+    (keys.max(2) - 1) / 2
+}
+
+/// The time slices of the shutter: `per_segment` for each segment between keys.
+pub(in crate::point) fn time_slices(keys: usize, per_segment: usize) -> Vec<TimeSlice> {
+    (0..(keys - 1).max(1)).flat_map(|segment| time_slices_of(segment, keys, per_segment)).collect()
+}
+
+/// The time slices of one segment.
+pub(in crate::point) fn time_slices_of(
+    segment: usize,
+    keys: usize,
+    per_segment: usize,
+) -> impl Iterator<Item = TimeSlice> {
+    let (begin, end) = (segment * per_segment, (segment + 1) * per_segment);
+    let count = (keys - 1).max(1) * per_segment;
+    let bound = move |i: usize| if i == count { 2.0 } else { boundary(i, per_segment, keys) };
+    (begin..end).filter_map(move |i| {
+        let interval = TimeInterval::half_open(bound(i), bound(i + 1))?;
+        let at = |i: usize| exact_phase(bound(i), keys, segment);
+        let phases = [if i == begin { 0.0 } else { at(i) }, if i + 1 == end { 1.0 } else { at(i + 1) }];
+        Some(TimeSlice { keys, segment, interval, phases })
+    })
+}
+
+/// Begin of time slice `i`.
+fn boundary(i: usize, per_segment: usize, keys: usize) -> f32 {
+    if i.is_multiple_of(per_segment) {
+        return KeyTime::first_time(i / per_segment, keys);
+    }
+    (i as f64 / ((keys - 1).max(1) * per_segment) as f64) as f32
+}
+
+/// The tree of some of the points for a time slice. Once `progress` is cancelled, it is empty.
+pub(in crate::point) fn tree(source: &Source, points: &[u32], slice: &TimeSlice, progress: &Progress) -> MovingTree {
+    tree_without_fast(source, points, slice, None, progress).0
+}
+
+/// The same without fast points, if the longest side of a leaf of usual size is given; and those points.
+pub(in crate::point) fn tree_without_fast(
+    source: &Source,
+    points: &[u32],
+    slice: &TimeSlice,
+    leaf_size: Option<f32>,
+    progress: &Progress,
+) -> (MovingTree, Vec<u32>) {
+    let points = if progress.cancelled() { &[] } else { points };
+    if source.all_persist() {
+        let references = PersistentPoints::new(source, points, slice);
+        return MovingTree::build_without_fast(&references, *slice, leaf_size, progress);
+    }
+    let references = source.references(slice, points.iter().map(|&i| i as usize), |i| source.id(i));
+    let (tree, numbers) = MovingTree::build_without_fast(&references[..], *slice, leaf_size, progress);
+    let active = |i: &u32| source.active(*i as usize).intersect(slice.interval).is_some();
+    let points: Vec<u32> = points.iter().copied().filter(|i| !numbers.is_empty() && active(i)).collect();
+    (tree, numbers.into_iter().map(|number| points[number as usize]).collect())
+}
+
+/// Builds a moving layer of some of the points.
+pub(in crate::point) fn moving_layer(source: &Source, points: &[u32], plan: Plan, progress: &Progress) -> Layer {
+    let slices = time_slices(source.keys, plan.time_slices());
+    let progress = progress.subtask(1.0 / slices.len() as f64);
+    match plan {
+        Plan::Boxes(_) => Layer::Moving(slices.iter().map(|slice| tree(source, points, slice, &progress)).collect()),
+        Plan::Planes(most) => {
+            let planes = |slice: &TimeSlice| {
+                let points = if progress.cancelled() { &[] } else { points };
+                let references = source.references(slice, points.iter().map(|&i| i as usize), |i| source.id(i));
+                PlaneTree::build(&references, *slice, most, &progress)
+            };
+            Layer::Planes(slices.iter().map(planes).collect())
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_time_is_in_one_slice_and_in_its_segment() {
+        for keys in [1, 2, 3, 4, 8, 11, 26] {
+            for per_segment in [1, 2, 3, 8] {
+                let slices = time_slices(keys, per_segment);
+                assert_eq!(slices.len(), (keys - 1).max(1) * per_segment);
+                let bounds = slices.iter().flat_map(|p| [p.interval.begin(), p.interval.end()]);
+                let near = bounds.flat_map(|t| [t.next_down(), t, t.next_up()]);
+                for t in near.chain((0..=997).map(|i| i as f32 / 997.0)).filter(|t| (0.0..=1.0).contains(t)) {
+                    let holding: Vec<&TimeSlice> = slices.iter().filter(|p| p.interval.contains(t)).collect();
+                    assert_eq!(holding.len(), 1, "{keys} keys, {per_segment} slices each, time {t}");
+                    assert_eq!(KeyTime::new(t, keys).segment, holding[0].segment, "{keys} keys, time {t}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,405 @@
+//! Choosing a structure by its cost: small builds, sample queries, counted work.
+//!
+//! The best structure depends on how far points move relative to their neighbours, on how many do, and on how
+//! long they exist; no formula over these was as good as trials. So samples of the set are built
+//! in each candidate structure, and the work of a few hundred searches among them is counted in
+//! nodes and blocks. Counting instead of timing makes the choice the same on every machine.
+//!
+//! The work if all points rested is counted as well: where little is to be gained, nothing else is tried.
+
+use super::plan::{Plan, time_slices_of};
+use super::sample::{Sample, Sampler};
+use super::source::Source;
+use crate::geometry::{KeyTime, TimeInterval};
+use crate::point::layout::moving_tree::MovingTree;
+use crate::point::layout::static_tree::Shape;
+use crate::point::leaf_order::moving_reference::{MovingReference, TimeSlice, positions_at};
+use crate::point::leaf_order::spread::spread;
+use crate::point::leaf_order::widest_axis::include;
+use crate::point::search::KeepLanes;
+use crate::point::search::candidates::Candidates;
+use crate::point::search::counted_search::{CountedSearch, search_counted};
+use crate::point::search::layers::Layer;
+use crate::progress::Progress;
+use crate::simd::{Item, Lanes, Mask, SimdLevel};
+use crate::tuning::points::{
+    BLOCK_COST, CONFIRMED, HALF_UNCACHED_BYTES, MAX_COST, MAX_PREDICTED_COST, MAX_REFINED_COST, REFERENCE_BYTES,
+    SEARCHED, SEARCHES, UNCACHED_COST,
+};
+use core::iter;
+use glam::Vec3;
+use std::borrow::Cow;
+
+/// A structure that was tried, and its cost per search, in node visits of a small tree.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::point) struct Trial {
+    pub(in crate::point) plan: Plan,
+    /// Plan of the fast points if they have a layer of their own.
+    pub(in crate::point) fast: Option<Plan>,
+    pub(in crate::point) cost: f64,
+    /// References of the sampled points: a measure of its memory.
+    references: usize,
+}
+
+/// Trials of structures for some points of a set, on samples.
+pub(in crate::point) struct Trials<'a> {
+    source: &'a Source,
+    points: &'a [u32],
+    /// The allowed number of references per point.
+    most: f32,
+    simd: SimdLevel,
+    sampler: Sampler<'a>,
+    pub(in crate::point) all: Vec<Trial>,
+    /// The longest side of a leaf of usual size.
+    pub(in crate::point) leaf_size: f32,
+    /// Samples of one tree for all points.
+    whole: Vec<Sample>,
+    /// The work of a search if all points rested. No number of time slices makes it less.
+    at_rest: f64,
+    /// The cost if the fast points had a layer of their own and rested; infinite unless they are few.
+    fast_at_rest: f64,
+}
+
+/// The largest number of time slices of a segment.
+const FINEST: usize = 32;
+
+const LINEAR: Plan = Plan::Boxes(1);
+
+/// Of the searches of a trial, one in so many is made among points at rest: they differ little from each other.
+const BOUNDED: usize = 2;
+
+/// Points by whose active intervals references are estimated.
+const SOME: usize = 512;
+
+impl<'a> Trials<'a> {
+    /// Tries one tree for all points (at least one).
+    pub(in crate::point) fn new(source: &'a Source, points: &'a [u32], most: f32, simd: SimdLevel) -> Trials<'a> {
+        let sampler = Sampler::new(source, points, simd);
+        let whole = sampler.samples(1, true);
+        let mut sizes: Vec<f32> = whole.iter().map(|sample| sample.leaf_size).collect();
+        sizes.sort_by(f32::total_cmp);
+        let leaf_size = sizes[sizes.len() / 2];
+        let (all, at_rest, fast_at_rest) = (Vec::new(), 0.0, f64::INFINITY);
+        let mut trials = Trials { source, points, most, simd, sampler, all, leaf_size, whole, at_rest, fast_at_rest };
+        let linear = trials.work(&trials.whole, (LINEAR, None), trials.searches());
+        trials.all.push(Trial { plan: LINEAR, fast: None, cost: linear.cost, references: linear.references });
+        trials.at_rest = trials.work_at_rest(&trials.whole);
+        trials.fast_at_rest = trials.cost_with_fast_at_rest();
+        trials
+    }
+
+    /// Whether a layer for the fast points is expected to cost less than any number of time slices for all, so that neither needs trials.
+    pub(in crate::point) fn fast_first(&self) -> bool {
+        let slices = self.few_slices();
+        self.fast_at_rest <= self.least_of_one_layer() * MAX_COST
+            && self.may_have(slices, references_with_fast(&self.whole, slices))
+    }
+
+    /// The number of time slices, more than one, that should be tried first.
+    pub(in crate::point) fn few_slices(&self) -> usize {
+        self.guess(1, self.all[0].cost).max(2)
+    }
+
+    /// Tries time slices for all points, and for the fast ones alone if they are few and `fast_too`.
+    ///
+    /// How many slices are tried first is guessed from the work with one of them and that at rest. Then finer and finer ones are tried
+    /// as long as halving the slices helps and still can, and coarser ones if the guess is not confirmed.
+    pub(in crate::point) fn try_slices(&mut self, fast_too: bool) {
+        let (linear, guess) = (self.all[0].cost, self.few_slices());
+        let mut goes_on = [true, fast_too && self.fast_at_rest <= linear * MAX_REFINED_COST];
+        let mut before = [linear; 2];
+        let mut slices = guess;
+        loop {
+            goes_on[0] = goes_on[0] && self.may_gain(slices, self.least() * MAX_COST);
+            goes_on[1] = goes_on[1] && self.may_have(slices, references_with_fast(&self.whole, slices));
+            if goes_on == [false; 2] {
+                break;
+            }
+            let (samples, plan) = (self.sampler.samples(slices, goes_on[1]), Plan::Boxes(slices));
+            if goes_on[0] {
+                let cost = self.add(&samples, plan, None);
+                if slices == guess && guess > 2 {
+                    // Points may meet in the middle of the shutter, which is not the middle of these slices.
+                    self.at_rest = self.work_at_rest(&samples);
+                }
+                goes_on[0] = cost <= before[0] * MAX_REFINED_COST;
+                before[0] = cost;
+            }
+            if goes_on[1] {
+                let cost = self.add(&samples, LINEAR, Some(plan));
+                // How finely they are divided is found out in the set itself.
+                goes_on[1] = cost <= before[1] * MAX_REFINED_COST && self.best(true).fast.is_none();
+                before[1] = cost;
+            }
+            slices *= 2;
+        }
+        // Where few points cause most of the work, it decreases faster than expected.
+        let limit = CONFIRMED * self.expected(1, linear)(guess);
+        let mut slices = if self.tried(guess).is_some_and(|cost| cost < limit) { guess / 2 } else { 1 };
+        while slices > 1 {
+            let samples = self.sampler.samples(slices, false);
+            let cost = self.add(&samples, Plan::Boxes(slices), None);
+            slices = if cost * MAX_COST <= self.least() { slices / 2 } else { 1 };
+        }
+    }
+
+    /// The work of a search in samples if their points rested.
+    fn work_at_rest(&self, samples: &[Sample]) -> f64 {
+        let at_rest: Vec<Sample> = samples.iter().map(Sample::at_rest).collect();
+        self.work(&at_rest, (LINEAR, None), self.searches() / BOUNDED).visited
+    }
+
+    /// The cost if the fast points had a layer of their own and rested, the least that time slices of it can achieve; infinite unless
+    /// they are few.
+    fn cost_with_fast_at_rest(&self) -> f64 {
+        let all = || self.whole.iter().flat_map(|sample| &sample.references);
+        let fast = all().filter(|m| m.fast).count();
+        if fast == 0 || fast * 4 >= all().count() {
+            return f64::INFINITY;
+        }
+        let at_rest: Vec<Sample> = self.whole.iter().map(Sample::with_fast_at_rest).collect();
+        self.work(&at_rest, (LINEAR, Some(LINEAR)), self.searches() / BOUNDED).cost
+    }
+
+    /// What numbers of time slices should cost if so many cost so much. Boxes exceed those of points at rest by lengths that are
+    /// proportional to the duration of a slice. A search visits the boxes at a place, so the work is proportional to their volume.
+    fn expected(&self, slices: usize, cost: f64) -> impl Fn(usize) -> f64 {
+        let memory = |slices| self.memory_cost(slices);
+        let visited = cost - memory(slices);
+        let excess = ((visited / self.at_rest).cbrt() - 1.0).max(0.0) * slices as f64;
+        move |slices| self.at_rest * (1.0 + excess / slices as f64).powi(3) + memory(slices)
+    }
+
+    /// The smallest number of time slices that should be as good as any, from the one whose cost is known.
+    fn guess(&self, slices: usize, cost: f64) -> usize {
+        let expected = self.expected(slices, cost);
+        let finer =
+            || iter::successors(Some(slices), |n| Some(2 * n)).take_while(|n| *n == slices || self.affordable(*n));
+        let least = finer().map(&expected).fold(f64::INFINITY, f64::min);
+        finer().find(|n| expected(*n) * MAX_COST <= least).unwrap_or(slices)
+    }
+
+    /// The least cost of one layer for all points that was tried, or is expected by what was tried.
+    pub(in crate::point) fn least_of_one_layer(&self) -> f64 {
+        let Trial { plan, cost, .. } = self.best(false);
+        let slices = plan.time_slices();
+        self.expected(slices, cost)(self.guess(slices, cost))
+    }
+
+    /// Whether so many time slices of all points are affordable and may cost less than a limit.
+    fn may_gain(&self, slices: usize, limit: f64) -> bool {
+        self.at_rest + self.memory_cost(slices) < limit && self.affordable(slices)
+    }
+
+    /// The cost of memory of so many time slices of all points: of some of them, if not all exist throughout.
+    fn memory_cost(&self, slices: usize) -> f64 {
+        let count = self.points.len();
+        if self.source.all_persist() {
+            return memory_cost(count * slices);
+        }
+        let some: Vec<u32> = (0..count.min(SOME)).map(|i| self.points[spread(i, count)]).collect();
+        memory_cost((count as f64 * references_of(self.source, &some, slices) as f64 / some.len() as f64) as usize)
+    }
+
+    /// The least cost of what was tried.
+    fn least(&self) -> f64 {
+        self.all.iter().map(|trial| trial.cost).fold(f64::INFINITY, f64::min)
+    }
+
+    /// The cost of so many time slices of all points, if they were tried.
+    fn tried(&self, slices: usize) -> Option<f64> {
+        let same = |trial: &&Trial| (trial.plan, trial.fast) == (Plan::Boxes(slices), None);
+        self.all.iter().find(same).map(|trial| trial.cost)
+    }
+
+    /// The smallest structure among those of about the least cost; of equally small ones the first, which is the
+    /// simplest. Unless `separate_fast`, only structures with one layer for all points are considered.
+    pub(in crate::point) fn best(&self, separate_fast: bool) -> Trial {
+        let all = || self.all.iter().filter(|trial| separate_fast || trial.fast.is_none());
+        let least = all().map(|trial| trial.cost).fold(f64::INFINITY, f64::min);
+        let cheap = all().filter(|trial| trial.cost * MAX_COST <= least);
+        *cheap.min_by_key(|trial| trial.references).unwrap_or(&self.all[0])
+    }
+
+    /// The plan with shorter time slices whose measurement in the whole set is worth its tree, given the cost of one there.
+    pub(in crate::point) fn finer(&mut self, plan: Plan, cost: f64) -> Option<Plan> {
+        let (slices, limit) = (plan.time_slices(), cost * MAX_PREDICTED_COST);
+        let halved = 2 * slices;
+        if !self.may_gain(halved, limit) {
+            return None;
+        }
+        let predicted = self.tried(halved).unwrap_or_else(|| {
+            let samples = self.sampler.samples(halved, false);
+            self.add(&samples, Plan::Boxes(halved), None)
+        });
+        // Samples did not see what makes this one expensive, so they may not see what makes the next one expensive either.
+        (predicted < limit).then(|| Plan::Boxes(self.guess(slices, cost).max(halved)))
+    }
+
+    /// The cost of layers over all points with this many references in all, measured in their trees of one time slice.
+    pub(in crate::point) fn measured(&self, layers: &[&Layer], references: usize, slice: &TimeSlice) -> f64 {
+        let later = (slice.segment + 1).min(slice.keys - 1);
+        let ends = |i: usize| {
+            let point = self.points[spread(i, self.points.len())] as usize;
+            [slice.segment, later].map(|key| self.source.at(point, key))
+        };
+        let points: Vec<_> = (0..self.searches()).map(ends).collect();
+        visited(layers, slice, &points, self.simd) + memory_cost(references)
+    }
+
+    /// Tries a structure and returns its cost.
+    fn add(&mut self, samples: &[Sample], plan: Plan, fast: Option<Plan>) -> f64 {
+        let Work { cost, references, .. } = self.work(samples, (plan, fast), self.searches());
+        self.all.push(Trial { plan, fast, cost, references });
+        cost
+    }
+
+    /// The work of searches in samples, on average. Those without active points in their time slice are skipped.
+    fn work(&self, samples: &[Sample], plans: (Plan, Option<Plan>), searches: usize) -> Work {
+        let non_empty = samples.iter().filter(|sample| !sample.references.is_empty());
+        let count = non_empty.clone().count().max(1);
+        let searches = searches.div_ceil(count);
+        let mut sum = Work { visited: 0.0, cost: 0.0, references: 0 };
+        for own in non_empty.map(|sample| work(sample, searches, plans, self.simd)) {
+            sum.visited += own.visited / count as f64;
+            sum.cost += own.cost / count as f64;
+            sum.references += own.references;
+        }
+        sum
+    }
+
+    /// The number of searches of a trial.
+    fn searches(&self) -> usize {
+        let [least, most] = SEARCHES;
+        (self.points.len() / SEARCHED).clamp(least, most)
+    }
+
+    /// Whether a segment may have this many time slices of all points.
+    pub(in crate::point) fn affordable(&self, slices: usize) -> bool {
+        if slices as f32 <= self.most {
+            return slices <= FINEST;
+        }
+        self.may_have(slices, references_of(self.source, self.points, slices) as f64)
+    }
+
+    /// Whether a segment may have this many time slices of some points, if there are so many references to all in all.
+    pub(in crate::point) fn may_have(&self, slices: usize, references: f64) -> bool {
+        slices <= FINEST && references <= f64::from(self.most) * self.points.len() as f64
+    }
+}
+
+/// The number of references to all points if this many time slices of a segment hold the fast ones, by samples.
+fn references_with_fast(samples: &[Sample], slices: usize) -> f64 {
+    let own = |sample: &Sample| {
+        let trees = |m: &MovingReference| if m.fast { trees_of(m.active, slices, sample.slice.keys) } else { 1 };
+        sample.scale * sample.references.iter().map(trees).sum::<usize>() as f64
+    };
+    samples.iter().map(own).sum::<f64>() / samples.len() as f64
+}
+
+/// The number of references to points, with this many time slices for each segment.
+pub(in crate::point) fn references_of(source: &Source, points: &[u32], slices: usize) -> usize {
+    if source.all_persist() {
+        return points.len() * slices;
+    }
+    points.iter().map(|&i| trees_of(source.active(i as usize), slices, source.keys)).sum()
+}
+
+/// The number of trees of a segment in which a point is active.
+fn trees_of(active: TimeInterval, slices: usize, keys: usize) -> usize {
+    if keys > 2 {
+        return slices;
+    }
+    let at = |t: f32| ((t * slices as f32) as usize).min(slices - 1);
+    at(active.end()) - at(active.begin()) + 1
+}
+
+/// The cost of memory to a search, from the number of references.
+fn memory_cost(references: usize) -> f64 {
+    let bytes = references as f64 * REFERENCE_BYTES;
+    UNCACHED_COST * bytes / (bytes + HALF_UNCACHED_BYTES)
+}
+
+/// What searches in a structure do, on average.
+struct Work {
+    /// The weighted number of visited nodes and blocks.
+    visited: f64,
+    /// With the cost of memory.
+    cost: f64,
+    /// References of the sampled points.
+    references: usize,
+}
+
+/// The work of searches during the time slice that a sample represents.
+fn work(sample: &Sample, searches: usize, (plan, fast): (Plan, Option<Plan>), simd: SimdLevel) -> Work {
+    let Sample { references, slice, scale, .. } = sample;
+    let TimeSlice { keys, segment, interval, .. } = slice;
+    let group = |plan: Plan, keep: &dyn Fn(&MovingReference) -> bool| {
+        let count = plan.time_slices();
+        let answers = |slice: &TimeSlice| slice.interval.contains(interval.begin());
+        let slice = time_slices_of(*segment, *keys, count).find(answers).unwrap_or(*slice);
+        let inside =
+            |m: &MovingReference| Some(MovingReference { interval: m.active.intersect(slice.interval)?, ..*m });
+        let inside: Cow<[MovingReference]> = match (fast, count) {
+            (None, 1) => Cow::Borrowed(references),
+            _ => references.iter().filter(|m| keep(m)).filter_map(inside).collect(),
+        };
+        let layer = Layer::Moving(vec![MovingTree::build(&inside[..], slice, &Progress::new(None))]);
+        let kept = references.iter().filter(|m| keep(m));
+        let count: usize = kept.map(|m| trees_of(m.active, count, *keys)).sum();
+        (layer, count)
+    };
+    let groups = match fast {
+        Some(fast) => vec![group(plan, &|m| !m.fast), group(fast, &|m| m.fast)],
+        None => vec![group(plan, &|_| true)],
+    };
+    let layers: Vec<&Layer> = groups.iter().map(|(layer, _)| layer).collect();
+    let points: Vec<_> = central(references, slice, searches).into_iter().map(|m| [m.open, m.close]).collect();
+    let count: usize = groups.iter().map(|(_, count)| count).sum();
+    // The tree of the whole set is higher, and searches visit one more node on each further level.
+    let whole = (references.len() as f64 * scale) as usize;
+    let higher = [references.len(), whole].map(|count| Shape::with_leaf(count, 1).levels);
+    let higher = higher[1].saturating_sub(higher[0]) as f64;
+    let visited = visited(&layers, slice, &points, simd) + higher;
+    Work { visited, cost: visited + memory_cost((count as f64 * scale) as usize), references: count }
+}
+
+/// The weighted number of nodes and blocks that a search for eight neighbours visits in layers, averaged over searches
+/// at points between their keys, at times of a time slice.
+fn visited(layers: &[&Layer], slice: &TimeSlice, points: &[[[f32; 3]; 2]], simd: SimdLevel) -> f64 {
+    let mut candidates = Candidates::default();
+    let mut total = 0.0;
+    for (i, ends) in points.iter().enumerate() {
+        // Times in an order that is independent of the positions.
+        let fraction = ((i * 89) % points.len()) as f32 / points.len() as f32;
+        let time = slice.interval.begin() + slice.interval.duration() * fraction;
+        let layers: Vec<_> = layers.iter().map(|layer| (core::slice::from_ref(*layer), time)).collect();
+        let [open, close] = ends.map(Vec3::from_array);
+        let point = KeyTime::new(time, slice.keys).position(open, close);
+        let all = |_: &Lanes<u32>, mask: Mask| mask;
+        let search =
+            CountedSearch { layers: &layers, point, k: 8, bound: f32::MAX, shrink: 1.0, keep: KeepLanes(&all) };
+        let work = search_counted(simd, &search, &mut candidates);
+        total += work.nodes as f64 + BLOCK_COST * work.blocks as f64;
+    }
+    total / points.len() as f64
+}
+
+/// The references nearest to the middle of a sample in the middle of its time slice. Points that come among
+/// them at other times are in the sample as well, unless they come from far away.
+fn central<'a>(references: &'a [MovingReference], slice: &TimeSlice, count: usize) -> Vec<&'a MovingReference> {
+    let items = positions_at(references, slice.middle_phase());
+    let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    items.iter().for_each(|item| include(&mut lo, &mut hi, item.at));
+    let off = |axis: usize, x: f32| {
+        let size = hi[axis] - lo[axis];
+        if size > 0.0 { ((x - lo[axis]) / size - 0.5).abs() } else { 0.0 }
+    };
+    let off = |item: &Item| (0..3).map(|axis| off(axis, item.at[axis])).fold(0.0, f32::max);
+    let mut all: Vec<(f32, u32)> = items.iter().map(|item| (off(item), item.index)).collect();
+    if count < all.len() {
+        all.select_nth_unstable_by(count, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        all.truncate(count);
+    }
+    all.into_iter().map(|(_, index)| &references[index as usize]).collect()
+}

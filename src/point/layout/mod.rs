@@ -1,0 +1,17 @@
+//! The trees of points in memory: leaf blocks, boxes over them, and their views at a time.
+
+mod fill_leaves;
+mod fill_moving_leaves;
+mod linear_bounds;
+pub(super) mod linear_face;
+pub(super) mod moving_file;
+pub(super) mod moving_leaf;
+pub(super) mod moving_tree;
+mod moving_view;
+pub(super) mod over_interval;
+pub(super) mod plane_file;
+pub(super) mod plane_tree;
+pub(super) mod slice_tree;
+pub(super) mod snapshot;
+pub(super) mod static_file;
+pub(super) mod static_tree;

@@ -1,0 +1,135 @@
+//! Moving point trees in files.
+
+use super::linear_bounds::LinearBoxes;
+use super::moving_leaf::{Block, LaneIntervals, MovingLeaves};
+use super::moving_tree::{MovingTree, first_children};
+use super::static_tree::Shape;
+use crate::file::{Decoder, Encoder, FileError, record_fields, require};
+use crate::limits::MAX_POINT_COORDINATE;
+use crate::parallel;
+use crate::point::leaf_order::moving_reference::TimeSlice;
+use crate::simd::{LANES, Lanes};
+
+record_fields!(Block { open: [Lanes<f32>; 3], close: [Lanes<f32>; 3], id: Lanes<u32> });
+record_fields!(LaneIntervals { begin: Lanes<f32>, end: Lanes<f32> });
+record_fields!(LinearBoxes {
+    lo: [Lanes<f32>; 3],
+    lo_slope: [Lanes<f32>; 3],
+    hi: [Lanes<f32>; 3],
+    hi_slope: [Lanes<f32>; 3],
+});
+
+impl MovingLeaves {
+    /// Number of points in all leaves.
+    pub(in crate::point) fn count(&self) -> usize {
+        self.blocks.iter().flat_map(|block| block.id).filter(|&id| id != u32::MAX).count()
+    }
+
+    /// Writes everything.
+    pub(in crate::point) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
+        to.array(&self.blocks)?;
+        to.array(&self.times)?;
+        to.array(&self.active)
+    }
+
+    /// Reads leaves that [`MovingLeaves::encode`] wrote, without validating them.
+    pub(in crate::point) fn decode(from: &mut Decoder<'_>) -> Result<MovingLeaves, FileError> {
+        Ok(MovingLeaves { blocks: from.array()?, times: from.array()?, active: from.array()? })
+    }
+
+    /// Validates that points have valid positions and other lanes are absent, and that there are times for all or for
+    /// none. `counts` is the number of points, if the first lanes must hold them.
+    pub(in crate::point) fn check(&self, timed: bool, counts: Option<usize>) -> Result<(), FileError> {
+        let blocks = self.blocks.len();
+        let fits = self.times.len() == if timed { blocks } else { 0 };
+        require(
+            fits && (self.active.is_empty() || self.active.len() == blocks),
+            "the number of active intervals does not match its leaves",
+        )?;
+        let fine = parallel::chunks(blocks, |range| {
+            range.into_iter().all(|block| {
+                let count = counts.map(|count| count.saturating_sub(block * LANES));
+                is_fine(&self.blocks[block], count)
+            })
+        });
+        require(fine.into_iter().all(|fine| fine), "a leaf holds invalid points")
+    }
+}
+
+/// Whether each lane of a block is a point or absent; if `count` is given, exactly the first lanes are points. Row by
+/// row, without branches: there are many blocks.
+fn is_fine(block: &Block, count: Option<usize>) -> bool {
+    const MOST: f32 = MAX_POINT_COORDINATE as f32;
+    let exists = block.id.map(|id| id != u32::MAX);
+    let mut fine = [true; LANES];
+    for row in block.open.iter().chain(&block.close) {
+        for (lane, fine) in fine.iter_mut().enumerate() {
+            let x = row[lane];
+            *fine &= (exists[lane] & (x.abs() <= MOST)) | (!exists[lane] & (x == f32::MAX));
+        }
+    }
+    let counted = count.is_none_or(|count| (0..LANES).all(|lane| exists[lane] == (lane < count)));
+    counted && fine == [true; LANES]
+}
+
+/// The contents of a file for one tree, not validated yet.
+pub(in crate::point) struct MovingRecord {
+    count: u64,
+    nodes: Vec<LinearBoxes>,
+    node_times: Vec<LaneIntervals>,
+    leaves: MovingLeaves,
+}
+
+impl MovingTree {
+    /// Writes everything except the time slice.
+    pub(in crate::point) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
+        to.put(self.references as u64)?;
+        to.array(&self.nodes)?;
+        to.array(&self.node_times)?;
+        self.leaves.encode(to)
+    }
+}
+
+impl MovingRecord {
+    /// Reads a tree that [`MovingTree::encode`] wrote.
+    pub(in crate::point) fn decode(from: &mut Decoder<'_>) -> Result<MovingRecord, FileError> {
+        let (count, nodes, node_times) = (from.get()?, from.array()?, from.array()?);
+        Ok(MovingRecord { count, nodes, node_times, leaves: MovingLeaves::decode(from)? })
+    }
+
+    /// The tree of a time slice, or an error if searches cannot traverse it.
+    pub(in crate::point) fn checked(self, slice: TimeSlice) -> Result<MovingTree, FileError> {
+        let MovingRecord { count, nodes, node_times, leaves } = self;
+        let blocks = leaves.blocks.len();
+        require(leaves.count() as u64 == count, "the number of leaves does not match its points")?;
+        // Lanes may be empty where fast points were left out.
+        let (count, shape) = (count as usize, Shape::with_leaf(blocks * LANES, 1));
+        let timed = !node_times.is_empty();
+        let fits = nodes.len() == shape.nodes() && (!timed || node_times.len() == nodes.len());
+        require(fits, "the number of nodes does not match its points")?;
+        leaves.check(timed, None)?;
+        for (node, lanes) in shape.lanes(blocks) {
+            let times = node_times.get(node);
+            let fine = (0..LANES).all(|lane| is_child(&nodes[node], times, lane, lane < lanes));
+            require(fine, "a node has an invalid box, or a box without a child")?;
+        }
+        let first = first_children(&shape);
+        let levels = shape.levels;
+        Ok(MovingTree { slice, nodes, first, leaves, node_times, levels, references: count })
+    }
+}
+
+/// Whether a lane of a node is a box with a child, or absent.
+fn is_child(boxes: &LinearBoxes, times: Option<&LaneIntervals>, lane: usize, exists: bool) -> bool {
+    let at = |rows: &[Lanes<f32>; 3]| rows.map(|row| row[lane]);
+    let (lo, hi) = (at(&boxes.lo), at(&boxes.hi));
+    let slopes = [at(&boxes.lo_slope), at(&boxes.hi_slope)];
+    let absent = lo == [f32::INFINITY; 3] && hi == [f32::NEG_INFINITY; 3] && slopes == [[0.0; 3]; 2];
+    let numbers = [lo, hi].iter().chain(&slopes).flatten().all(|face| face.is_finite());
+    numbers && exists || absent && times.is_none_or(|times| never(times, lane))
+}
+
+/// Whether a lane is never active.
+pub(in crate::point) fn never(times: &LaneIntervals, lane: usize) -> bool {
+    times.begin[lane] == f32::INFINITY && times.end[lane] == f32::NEG_INFINITY
+}

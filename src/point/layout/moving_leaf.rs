@@ -1,0 +1,296 @@
+//! Leaves of moving points: blocks of sixteen in rows, with active intervals.
+
+use super::over_interval::{PathRows, PointPath};
+use super::snapshot::{Target, rows, squared};
+use crate::geometry::{KeyTime, TimeInterval};
+use crate::point::leaf_order::moving_reference::MovingReference;
+pub(in crate::point) use crate::simd::MovingPointBlock as Block;
+use crate::simd::{LANES, Lanes, Mask, Simd, huge_vec_of, prefetch};
+use glam::Vec3;
+
+/// Sets the point of a lane.
+#[inline(always)]
+fn set(block: &mut Block, lane: usize, reference: &MovingReference) {
+    for axis in 0..3 {
+        block.open[axis][lane] = reference.open[axis];
+        block.close[axis][lane] = reference.close[axis];
+    }
+    block.id[lane] = reference.id;
+}
+
+/// The active intervals of sixteen lanes: `begin <= t < end`.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+pub(in crate::point) struct LaneIntervals {
+    pub(in crate::point) begin: Lanes<f32>,
+    pub(in crate::point) end: Lanes<f32>,
+}
+
+impl LaneIntervals {
+    /// Sixteen lanes that are never active.
+    pub(in crate::point) const NEVER: LaneIntervals =
+        LaneIntervals { begin: [f32::INFINITY; LANES], end: [f32::NEG_INFINITY; LANES] };
+
+    /// Sets one lane.
+    #[inline(always)]
+    pub(in crate::point) fn set(&mut self, lane: usize, [begin, end]: [f32; 2]) {
+        (self.begin[lane], self.end[lane]) = (begin, end);
+    }
+
+    /// The lanes that are active at a time.
+    #[inline(always)]
+    pub(in crate::point) fn active_at<S: Simd>(&self, s: S, time: S::F) -> Mask {
+        s.le(s.load(&self.begin), time) & s.lt(time, s.load(&self.end))
+    }
+}
+
+/// A block under construction: its rows, the active intervals of its lanes, and the whole intervals of the points.
+#[derive(Clone, Copy)]
+pub(in crate::point) struct Leaf {
+    block: Block,
+    times: LaneIntervals,
+    active: LaneIntervals,
+}
+
+impl Leaf {
+    /// A block without points.
+    pub(in crate::point) const EMPTY: Leaf =
+        Leaf { block: Block::EMPTY, times: LaneIntervals::NEVER, active: LaneIntervals::NEVER };
+
+    /// Sets the point of a lane.
+    pub(in crate::point) fn set(&mut self, lane: usize, reference: &MovingReference) {
+        set(&mut self.block, lane, reference);
+    }
+
+    /// Sets the active interval of a lane, and the whole interval of its point. Leaves whose points are active throughout
+    /// have neither.
+    pub(in crate::point) fn set_times(&mut self, lane: usize, times: [f32; 2], active: TimeInterval) {
+        self.times.set(lane, times);
+        self.active.set(lane, [active.begin(), active.end_bound()]);
+    }
+}
+
+/// The leaves of a tree, one block each.
+#[derive(Clone)]
+pub(in crate::point) struct MovingLeaves {
+    pub(in crate::point) blocks: Vec<Block>,
+    /// Active intervals of the lanes; empty if all are active throughout.
+    pub(in crate::point) times: Vec<LaneIntervals>,
+    /// Whole intervals of the points; empty if all points exist throughout the shutter.
+    pub(in crate::point) active: Vec<LaneIntervals>,
+}
+
+impl MovingLeaves {
+    /// `count` empty leaves; `timed` if not all lanes are active throughout, `has_active_intervals` if not all points exist
+    /// throughout the shutter.
+    pub(in crate::point) fn empty(count: usize, timed: bool, has_active_intervals: bool) -> MovingLeaves {
+        MovingLeaves::of(huge_vec_of(Block::EMPTY, count), timed, has_active_intervals)
+    }
+
+    /// The same with these blocks, whatever they hold.
+    pub(in crate::point) fn of(blocks: Vec<Block>, timed: bool, has_active_intervals: bool) -> MovingLeaves {
+        let count = blocks.len();
+        MovingLeaves {
+            blocks,
+            times: vec![LaneIntervals::NEVER; if timed { count } else { 0 }],
+            active: vec![LaneIntervals::NEVER; if has_active_intervals { count } else { 0 }],
+        }
+    }
+
+    /// All leaves, to be filled.
+    pub(in crate::point) fn rows(&mut self) -> LeafRows<'_> {
+        LeafRows { blocks: &mut self.blocks, times: &mut self.times, active: &mut self.active }
+    }
+
+    /// Bytes allocated.
+    pub(in crate::point) fn bytes(&self) -> usize {
+        self.blocks.capacity() * size_of::<Block>()
+            + (self.times.capacity() + self.active.capacity()) * size_of::<LaneIntervals>()
+    }
+
+    /// Bytes of the blocks.
+    #[inline(always)]
+    pub(in crate::point) fn block_bytes(&self) -> usize {
+        self.blocks.len() * size_of::<Block>()
+    }
+
+    /// Ids of a block's points.
+    #[inline(always)]
+    pub(in crate::point) fn ids(&self, block: usize) -> &Lanes<u32> {
+        &self.blocks[block].id
+    }
+
+    /// The ids of all points, block after block.
+    pub(in crate::point) fn ids_in_order(&mut self) -> impl Iterator<Item = &mut u32> {
+        self.blocks.iter_mut().flat_map(|block| &mut block.id).filter(|id| **id != u32::MAX)
+    }
+
+    /// Prefetches a block that will probably be tested soon.
+    #[inline(always)]
+    pub(in crate::point) fn prefetch(&self, block: usize) {
+        if let Some(block) = self.blocks.get(block) {
+            prefetch(block);
+        }
+    }
+
+    /// Positions of the points of a block, whether they are active at this time or not.
+    #[inline(always)]
+    fn interpolated<S: Simd>(&self, s: S, at: KeyTime, target: &Target<S>, block: usize) -> [S::F; 3] {
+        let Block { open, close, .. } = &self.blocks[block];
+        let base = rows(s, if at.from_end { close } else { open });
+        let ([ax, ay, az], [bx, by, bz]) = (rows(s, open), rows(s, close));
+        [base[0] + (bx - ax) * target.step, base[1] + (by - ay) * target.step, base[2] + (bz - az) * target.step]
+    }
+
+    /// Positions of the points of a block at a time; the first coordinate is infinite if a point is not active then.
+    #[inline(always)]
+    pub(in crate::point) fn positions<S: Simd, const TIMED: bool>(
+        &self,
+        s: S,
+        at: KeyTime,
+        target: &Target<S>,
+        block: usize,
+    ) -> [S::F; 3] {
+        let mut positions = self.interpolated(s, at, target, block);
+        if TIMED {
+            let active = self.times[block].active_at(s, target.time);
+            positions[0] = s.select(active, positions[0], s.splat(f32::INFINITY));
+        }
+        positions
+    }
+
+    /// Whether a lane of a block is active at a time.
+    pub(in crate::point) fn is_active(&self, block: usize, lane: usize, time: f32) -> bool {
+        self.times.get(block).is_none_or(|t| t.begin[lane] <= time && time < t.end[lane])
+    }
+
+    /// The points that are active at a time, with their ids.
+    pub(in crate::point) fn active_points(&self, at: KeyTime, time: f32) -> impl Iterator<Item = (u32, Vec3)> + '_ {
+        let lanes = (0..self.blocks.len()).flat_map(|block| (0..LANES).map(move |lane| (block, lane)));
+        lanes.filter_map(move |(block, lane)| {
+            let Block { open, close, id } = &self.blocks[block];
+            let [open, close] = [open, close].map(|rows| Vec3::from_array(rows.map(|row| row[lane])));
+            (self.is_active(block, lane, time) && id[lane] != u32::MAX).then(|| (id[lane], at.position(open, close)))
+        })
+    }
+
+    /// Squared distances to the points of a block at a time; infinite if a point is not active then.
+    #[inline(always)]
+    pub(in crate::point) fn distances<S: Simd, const TIMED: bool>(
+        &self,
+        s: S,
+        at: KeyTime,
+        target: &Target<S>,
+        block: usize,
+    ) -> S::F {
+        let [x, y, z] = self.interpolated(s, at, target, block);
+        let distances = squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2]);
+        if !TIMED {
+            return distances;
+        }
+        let active = self.times[block].active_at(s, target.time);
+        s.select(active, distances, s.splat(f32::INFINITY))
+    }
+
+    /// Number of blocks.
+    pub(in crate::point) fn len(&self) -> usize {
+        self.blocks.len()
+    }
+
+    /// The active interval of a lane of a block.
+    pub(in crate::point) fn times(&self, block: usize, lane: usize) -> [f32; 2] {
+        let times = &self.times[block];
+        [times.begin[lane], times.end[lane]]
+    }
+
+    /// Whether the interval of any point begins at a time.
+    pub(in crate::point) fn begins_at(&self, time: f32) -> bool {
+        self.active.iter().any(|active| active.begin.contains(&time))
+    }
+
+    /// The points of a block between its keys.
+    #[inline(always)]
+    pub(in crate::point) fn path_rows(&self, block: usize) -> PathRows {
+        let Block { open, close, id } = &self.blocks[block];
+        let rows = PathRows::always_active(open, close, id);
+        match self.active.get(block) {
+            Some(active) => PathRows { begin: active.begin, end: active.end, ..rows },
+            None => rows,
+        }
+    }
+
+    /// A point of a block between its keys.
+    pub(in crate::point) fn point_path(&self, block: usize, lane: usize) -> Option<PointPath> {
+        let rows = &self.blocks[block];
+        let active = self.active.get(block).map(|t| TimeInterval::half_open(t.begin[lane], t.end[lane]));
+        let active = active.unwrap_or(Some(TimeInterval::FULL))?;
+        let [open, close] = [rows.open, rows.close].map(|rows| rows.map(|row| f64::from(row[lane])));
+        (rows.id[lane] != u32::MAX).then_some(PointPath { id: rows.id[lane], open, close, active })
+    }
+}
+
+/// Some of the leaves of a tree, to be filled.
+pub(in crate::point) struct LeafRows<'a> {
+    blocks: &'a mut [Block],
+    times: &'a mut [LaneIntervals],
+    active: &'a mut [LaneIntervals],
+}
+
+impl<'a> LeafRows<'a> {
+    /// Whether they have intervals of lanes or of points.
+    pub(in crate::point) fn timed(&self) -> bool {
+        !(self.times.is_empty() && self.active.is_empty())
+    }
+
+    /// The first `count` leaves and the rest.
+    pub(in crate::point) fn split_at(self, count: usize) -> [LeafRows<'a>; 2] {
+        let (blocks, more_blocks) = self.blocks.split_at_mut(count);
+        let (times, more_times) = self.times.split_at_mut(count.min(self.times.len()));
+        let (active, more_lives) = self.active.split_at_mut(count.min(self.active.len()));
+        [LeafRows { blocks, times, active }, LeafRows { blocks: more_blocks, times: more_times, active: more_lives }]
+    }
+
+    /// Fills a leaf.
+    pub(in crate::point) fn fill(&mut self, i: usize, leaf: &Leaf) {
+        self.blocks[i] = leaf.block;
+        if let Some(times) = self.times.get_mut(i) {
+            *times = leaf.times;
+        }
+        if let Some(active) = self.active.get_mut(i) {
+            *active = leaf.active;
+        }
+    }
+
+    /// Sets the point of a lane of a leaf.
+    #[inline(always)]
+    pub(in crate::point) fn set(&mut self, i: usize, lane: usize, reference: &MovingReference) {
+        set(&mut self.blocks[i], lane, reference);
+    }
+
+    /// Makes a lane of a leaf absent, which has no interval either.
+    #[inline(always)]
+    pub(in crate::point) fn clear(&mut self, i: usize, lane: usize) {
+        let Block { open, close, id } = &mut self.blocks[i];
+        for row in open.iter_mut().chain(close) {
+            row[lane] = f32::MAX;
+        }
+        id[lane] = u32::MAX;
+    }
+
+    /// Sets the active interval of a lane of a leaf, and the whole interval of its point.
+    #[inline(always)]
+    pub(in crate::point) fn set_times(&mut self, i: usize, lane: usize, times: [f32; 2], active: TimeInterval) {
+        if let Some(of_lanes) = self.times.get_mut(i) {
+            of_lanes.set(lane, times);
+        }
+        if let Some(of_points) = self.active.get_mut(i) {
+            of_points.set(lane, [active.begin(), active.end_bound()]);
+        }
+    }
+
+    /// Positions of the points of a leaf at both keys.
+    #[inline(always)]
+    pub(in crate::point) fn ends(&self, i: usize) -> ([Lanes<f32>; 3], [Lanes<f32>; 3]) {
+        (self.blocks[i].open, self.blocks[i].close)
+    }
+}

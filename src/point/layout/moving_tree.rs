@@ -1,0 +1,260 @@
+//! The tree over points that move or have an active interval, for one time slice.
+//!
+//! The same pyramid as the static tree, but faces of boxes are lines in time, points are interpolated
+//! from two keys, and if points exist for a while only, nodes and leaves have active intervals.
+
+use super::fill_moving_leaves::{MovingBottomNodes, Ordered, fill};
+use super::linear_bounds::{LinearBox, LinearBoxes};
+use super::moving_leaf::{Block, LaneIntervals, MovingLeaves};
+use super::moving_view::{AtTime, HasLeaves};
+use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath};
+use super::slice_tree::SliceTree;
+use super::snapshot::{CoordinateView, Target, View, diagonal, outside, rows};
+use super::static_tree::Shape;
+use crate::point::leaf_order::moving_reference::{MovingReference, References, TimeSlice, take_positions};
+use crate::point::leaf_order::order::{Displacements, ORDERING, order_rows};
+use crate::point::leaf_order::point_rows::{NO_POINT, PointRows};
+use crate::progress::Progress;
+use crate::simd::{LANES, Lanes, Mask, Simd, WordBlock, huge_vec_of, prefetch};
+
+/// Points that move or have an active interval, in a 16-ary tree for one time slice.
+#[derive(Clone)]
+pub(in crate::point) struct MovingTree {
+    pub(in crate::point) slice: TimeSlice,
+    pub(in crate::point) nodes: Vec<LinearBoxes>,
+    /// Index of each node's first child (node, or block on level 0).
+    pub(in crate::point) first: Vec<u32>,
+    pub(in crate::point) leaves: MovingLeaves,
+    /// Active intervals of the children of nodes; empty if all are active throughout.
+    pub(in crate::point) node_times: Vec<LaneIntervals>,
+    pub(in crate::point) levels: usize,
+    pub(in crate::point) references: usize,
+}
+
+impl MovingTree {
+    /// Builds the complete tree: each reference is in one leaf.
+    pub(in crate::point) fn build<R: References + ?Sized>(
+        references: &R,
+        slice: TimeSlice,
+        progress: &Progress,
+    ) -> MovingTree {
+        MovingTree::build_without_fast(references, slice, None, progress).0
+    }
+
+    /// The same without references that are fast ([`fast_points`](crate::point::leaf_order::fast_points)), if the longest side of a leaf of usual
+    /// size is given; and the numbers of those. Their lanes are empty, the shape of the tree is that with them.
+    pub(in crate::point) fn build_without_fast<R: References + ?Sized>(
+        references: &R,
+        slice: TimeSlice,
+        without_fast: Option<f32>,
+        progress: &Progress,
+    ) -> (MovingTree, Vec<u32>) {
+        let count = references.len();
+        // Points are put in order in the memory of the blocks that they end up in, and as much besides as they need.
+        let (mut blocks, mut more) = (Block::zeroed(count.div_ceil(LANES)), PointRows::memory(count));
+        let mut from = PointRows::in_blocks(&mut blocks, count);
+        take_positions(from.borrow(), references, slice.middle_phase());
+        let mut rows = PointRows::in_blocks(&mut more, count);
+        let phases = (slice.phases[1] - slice.phases[0]) as f32;
+        let displacements = |numbers: &[u32], to: &mut [[f32; 3]]| {
+            let points = numbers.iter().zip(to).enumerate();
+            for (i, (&number, to)) in points.filter(|(_, (number, _))| **number != NO_POINT.index) {
+                // The accesses are practically random.
+                if let Some(&later) = numbers.get(i + LANES) {
+                    references.prefetch(later);
+                }
+                let MovingReference { open, close, .. } = references.reference(number);
+                *to = core::array::from_fn(|axis| (close[axis] - open[axis]) * phases);
+            }
+        };
+        // Fast references would be divided from the others instead of left out.
+        let motion = without_fast.is_none().then_some(&displacements as Displacements<'_>);
+        order_rows(from, &mut rows, LANES, motion, &progress.subtask(ORDERING));
+        let timed = references.timed(&slice);
+        let shape = Shape::with_leaf(count, 1);
+        let mut leaves = MovingLeaves::of(blocks, timed, references.have_active_intervals());
+        let mut nodes = huge_vec_of(LinearBoxes::NONE, shape.nodes());
+        let mut node_times = vec![LaneIntervals::NEVER; if timed { shape.nodes() } else { 0 }];
+        let mut boxes = vec![LinearBox::EMPTY; shape.begin[1]];
+        let bottoms = MovingBottomNodes {
+            first: 0,
+            count,
+            nodes: &mut nodes[..shape.begin[1]],
+            times: &mut node_times[..if timed { shape.begin[1] } else { 0 }],
+            boxes: &mut boxes,
+            leaves: leaves.rows(),
+        };
+        let fast = fill(bottoms, &Ordered { references, slice: &slice, rows: &rows, without_fast });
+        for level in 1..shape.levels {
+            for (node, children) in (shape.begin[level]..).zip(boxes.chunks(LANES)) {
+                for (lane, child) in children.iter().enumerate() {
+                    nodes[node].set(lane, child);
+                    if let Some(times) = node_times.get_mut(node) {
+                        times.set(lane, child.times);
+                    }
+                }
+            }
+            boxes = boxes.chunks(LANES).map(LinearBox::around).collect();
+        }
+        let first = first_children(&shape);
+        progress.finished(1.0 - ORDERING);
+        let references = count - fast.len();
+        (MovingTree { slice, nodes, first, leaves, node_times, levels: shape.levels, references }, fast)
+    }
+
+    /// Whether references have intervals.
+    pub(in crate::point) fn timed(&self) -> bool {
+        !self.node_times.is_empty()
+    }
+
+    /// The tree at a time, which lies in its slice.
+    #[inline(always)]
+    pub(in crate::point) fn at<const TIMED: bool>(&self, time: f32) -> MovingView<'_, TIMED> {
+        AtTime::new(self, &self.slice, time)
+    }
+}
+
+/// Index of each node's first child (node, or block on level 0).
+pub(in crate::point) fn first_children(shape: &Shape) -> Vec<u32> {
+    let mut first = Vec::with_capacity(shape.nodes());
+    for level in 0..shape.levels {
+        let below = if level == 0 { 0 } else { shape.begin[level - 1] };
+        first.extend((0..shape.begin[level + 1] - shape.begin[level]).map(|i| (below + i * LANES) as u32));
+    }
+    first
+}
+
+impl SliceTree for MovingTree {
+    fn time_slice(&self) -> &TimeSlice {
+        &self.slice
+    }
+    fn references(&self) -> usize {
+        self.references
+    }
+    fn node_count(&self) -> usize {
+        self.nodes.len()
+    }
+    fn levels(&self) -> usize {
+        self.levels
+    }
+    fn bytes(&self) -> usize {
+        self.nodes.capacity() * size_of::<LinearBoxes>()
+            + self.leaves.bytes()
+            + self.node_times.capacity() * size_of::<LaneIntervals>()
+            + self.first.capacity() * size_of::<u32>()
+    }
+}
+
+impl HasLeaves for MovingTree {
+    #[inline(always)]
+    fn leaves(&self) -> &MovingLeaves {
+        &self.leaves
+    }
+}
+
+/// A moving tree at a time.
+pub(in crate::point) type MovingView<'a, const TIMED: bool> = AtTime<'a, MovingTree, TIMED>;
+
+/// Three rows of lines at a phase.
+#[inline(always)]
+fn line<S: Simd>(s: S, at: &[Lanes<f32>; 3], slope: &[Lanes<f32>; 3], phase: S::F) -> [S::F; 3] {
+    let ([x, y, z], [by_x, by_y, by_z]) = (rows(s, at), rows(s, slope));
+    [x + by_x * phase, y + by_y * phase, z + by_z * phase]
+}
+
+impl<const TIMED: bool> View for MovingView<'_, TIMED> {
+    const BALL: f32 = if TIMED { 0.36 } else { 0.14 };
+
+    #[inline(always)]
+    fn root(&self) -> (usize, usize) {
+        (self.tree.levels - 1, self.tree.nodes.len() - 1)
+    }
+    #[inline(always)]
+    fn first_child(&self, _level: usize, node: usize) -> usize {
+        self.tree.first[node] as usize
+    }
+    #[inline(always)]
+    fn first_block(&self, node: usize) -> usize {
+        self.tree.first[node] as usize
+    }
+    #[inline(always)]
+    fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask) {
+        let boxes = &self.tree.nodes[node];
+        // Not fused: then every instruction set visits the same nodes, and approximate answers agree as well.
+        let lo = line(s, &boxes.lo, &boxes.lo_slope, target.phase);
+        let hi = line(s, &boxes.hi, &boxes.hi_slope, target.phase);
+        let (distances, holding) = outside(s, &target.point, lo, hi);
+        if !TIMED {
+            return (distances, holding);
+        }
+        let active = self.tree.node_times[node].active_at(s, target.time);
+        (s.select(active, distances, s.splat(f32::INFINITY)), holding & active)
+    }
+    #[inline(always)]
+    fn box_sizes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F {
+        let boxes = &self.tree.nodes[node];
+        let lo = line(s, &boxes.lo, &boxes.lo_slope, target.phase);
+        diagonal::<S>(lo, line(s, &boxes.hi, &boxes.hi_slope, target.phase))
+    }
+    #[inline(always)]
+    fn prefetch_node(&self, node: usize) {
+        prefetch(&self.tree.nodes[node]);
+    }
+}
+
+impl<const TIMED: bool> CoordinateView for MovingView<'_, TIMED> {
+    #[inline(always)]
+    fn faces<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]) {
+        let boxes = &self.tree.nodes[node];
+        let mut lo = line(s, &boxes.lo, &boxes.lo_slope, target.phase);
+        let hi = line(s, &boxes.hi, &boxes.hi_slope, target.phase);
+        if TIMED {
+            let active = self.tree.node_times[node].active_at(s, target.time);
+            lo[0] = s.select(active, lo[0], s.splat(f32::INFINITY));
+        }
+        (lo, hi)
+    }
+    #[inline(always)]
+    fn positions<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> [S::F; 3] {
+        self.point_positions(s, target, block)
+    }
+}
+
+impl BoxTree for MovingTree {
+    fn slice(&self) -> TimeSlice {
+        self.slice
+    }
+    fn root_node(&self) -> (usize, usize) {
+        (self.levels - 1, self.nodes.len() - 1)
+    }
+    fn children(&self, _level: usize, node: usize) -> (usize, usize) {
+        (self.first[node] as usize, 1)
+    }
+    #[inline(always)]
+    fn times(&self, node: usize) -> [Lanes<f32>; 2] {
+        if let Some(times) = self.node_times.get(node) {
+            return [times.begin, times.end];
+        }
+        [self.nodes[node].lo[0].map(|x| if x < f32::INFINITY { 0.0 } else { f32::INFINITY }), [1.0; LANES]]
+    }
+    #[inline(always)]
+    fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
+        self.nodes[node].faces(phase)
+    }
+    fn is_active(&self, block: usize, lane: usize, time: f32) -> bool {
+        self.leaves.is_active(block, lane, time)
+    }
+    fn point_path(&self, block: usize, lane: usize) -> Option<PointPath> {
+        self.leaves.point_path(block, lane)
+    }
+}
+
+impl BlockTree for MovingTree {
+    #[inline(always)]
+    fn rows(&self, block: usize) -> PathRows {
+        self.leaves.path_rows(block)
+    }
+    fn has_active_intervals(&self) -> bool {
+        !self.leaves.active.is_empty()
+    }
+}

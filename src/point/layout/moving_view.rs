@@ -1,0 +1,73 @@
+//! A tree of moving points at a time: the view of its leaves, for boxes and planes alike.
+
+use super::moving_leaf::MovingLeaves;
+use super::snapshot::{Leaves, Target};
+use crate::geometry::KeyTime;
+use crate::point::leaf_order::moving_reference::{TimeSlice, phase};
+use crate::simd::{Lanes, Simd};
+use glam::Vec3;
+
+/// A tree with blocks of moving points as leaves.
+pub(in crate::point) trait HasLeaves {
+    /// The blocks.
+    fn leaves(&self) -> &MovingLeaves;
+}
+
+/// A tree of moving points at a time; `TIMED` if not all references are active throughout.
+pub(in crate::point) struct AtTime<'a, T, const TIMED: bool> {
+    pub(in crate::point) tree: &'a T,
+    at: KeyTime,
+    phase: f32,
+    pub(in crate::point) time: f32,
+}
+
+impl<T, const TIMED: bool> Clone for AtTime<'_, T, TIMED> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<T, const TIMED: bool> Copy for AtTime<'_, T, TIMED> {}
+
+impl<'a, T: HasLeaves, const TIMED: bool> AtTime<'a, T, TIMED> {
+    /// A view of a tree whose time slice contains the time.
+    #[inline(always)]
+    pub(in crate::point) fn new(tree: &'a T, slice: &TimeSlice, time: f32) -> Self {
+        let at = KeyTime::new(time, slice.keys);
+        AtTime { tree, at, phase: phase(at, slice.segment), time }
+    }
+
+    /// Positions of the points of a block; the first coordinate is infinite if a point is not active at the time.
+    #[inline(always)]
+    pub(in crate::point) fn point_positions<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> [S::F; 3] {
+        self.tree.leaves().positions::<S, TIMED>(s, self.at, target, block)
+    }
+}
+
+impl<T: HasLeaves, const TIMED: bool> Leaves for AtTime<'_, T, TIMED> {
+    #[inline(always)]
+    fn leaf_blocks(&self) -> usize {
+        1
+    }
+    #[inline(always)]
+    fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S> {
+        let point = [s.splat(q.x), s.splat(q.y), s.splat(q.z)];
+        Target { point, step: s.splat(self.at.s), phase: s.splat(self.phase), time: s.splat(self.time) }
+    }
+    #[inline(always)]
+    fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
+        self.tree.leaves().distances::<S, TIMED>(s, self.at, target, block)
+    }
+    #[inline(always)]
+    fn prefetch_leaf(&self, block: usize) {
+        self.tree.leaves().prefetch(block);
+    }
+    #[inline(always)]
+    fn leaf_bytes(&self) -> usize {
+        self.tree.leaves().block_bytes()
+    }
+    #[inline(always)]
+    fn ids(&self, block: usize) -> &Lanes<u32> {
+        self.tree.leaves().ids(block)
+    }
+}

@@ -1,0 +1,373 @@
+//! The complete tree over static points.
+//!
+//! The picture to have in mind: leaves of 16 or 32 points in a row, nodes of sixteen boxes above
+//! them, and nothing else, no pointers and no time. Children of the j-th node of a level are the
+//! nodes 16j to 16j + 15 of the level below. Which of the two leaf sizes is taken depends on which
+//! fills the levels better.
+
+use super::fill_leaves::{BottomNodes, Points, fill};
+use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath};
+use super::snapshot::{Boxes, CoordinateView, Leaves, Target, View, diagonal, outside, rows, squared};
+use crate::geometry::TimeInterval;
+use crate::limits::MAX_LEVELS;
+use crate::point::leaf_order::bottom_order::{MOST, Rows};
+use crate::point::leaf_order::moving_reference::TimeSlice;
+use crate::point::leaf_order::order::{ORDERING, order_rows};
+use crate::point::leaf_order::point_rows::PointRows;
+use crate::progress::Progress;
+use crate::simd::{Item, LANES, Lanes, Mask, PointBlock, Simd, WordBlock, huge_vec_of, prefetch};
+use glam::Vec3;
+
+/// Static points, in a complete 16-ary tree.
+#[derive(Clone)]
+pub(in crate::point) struct StaticTree {
+    /// The boxes of all nodes, level by level from the bottom.
+    pub(in crate::point) nodes: Vec<Boxes>,
+    /// As many as all bottom nodes have lanes for.
+    pub(in crate::point) blocks: Vec<PointBlock>,
+    pub(in crate::point) shape: Shape,
+    /// What is known of the time when the points were put in order; nothing if that was for this tree.
+    pub(in crate::point) ordered: Option<Ordered>,
+}
+
+/// When all points were put in order, and since.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::point) struct Ordered {
+    /// The spread of the leaves then.
+    pub(in crate::point) spread: f64,
+    /// By how much leaves have been larger in all trees since, added up, as a share of their sides.
+    pub(in crate::point) excess: f64,
+}
+
+/// Sizes of a complete tree.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::point) struct Shape {
+    /// Blocks per leaf.
+    pub(in crate::point) leaf_blocks: usize,
+    /// Number of levels of nodes, at least one.
+    pub(in crate::point) levels: usize,
+    /// Number of the first node of each level; behind the last level, the number of nodes.
+    pub(in crate::point) begin: [usize; MAX_LEVELS + 1],
+}
+
+impl Shape {
+    /// The shape with leaves of two blocks where that saves a level, otherwise of one.
+    pub(in crate::point) fn flattest(count: usize) -> Shape {
+        let (one, two) = (Shape::with_leaf(count, 1), Shape::with_leaf(count, 2));
+        if two.levels < one.levels { two } else { one }
+    }
+
+    /// The shape with a given number of blocks per leaf.
+    pub(in crate::point) fn with_leaf(count: usize, leaf_blocks: usize) -> Shape {
+        let mut shape = Shape { leaf_blocks, levels: 0, begin: [0; MAX_LEVELS + 1] };
+        let mut wide = count.div_ceil(leaf_blocks * LANES).max(1);
+        while shape.levels == 0 || wide > 1 {
+            wide = wide.div_ceil(LANES);
+            shape.begin[shape.levels + 1] = shape.begin[shape.levels] + wide;
+            shape.levels += 1;
+        }
+        shape
+    }
+
+    /// Points per leaf.
+    pub(in crate::point) fn leaf(&self) -> usize {
+        self.leaf_blocks * LANES
+    }
+
+    /// All nodes with their levels, and how many of the lanes of each have a child, where there are so many leaves.
+    pub(in crate::point) fn lanes(&self, leaves: usize) -> impl Iterator<Item = (usize, usize)> + '_ {
+        (0..self.levels).flat_map(move |level| {
+            let begin = self.begin[level];
+            let (first, end) = if level == 0 { (0, leaves) } else { (self.begin[level - 1], begin) };
+            (begin..self.begin[level + 1])
+                .map(move |node| (node, end.saturating_sub(first + (node - begin) * LANES).min(LANES)))
+        })
+    }
+
+    /// Number of nodes.
+    pub(in crate::point) fn nodes(&self) -> usize {
+        self.begin[self.levels]
+    }
+
+    /// Level and number of the root.
+    #[inline(always)]
+    pub(in crate::point) fn root(&self) -> (usize, usize) {
+        (self.levels - 1, self.nodes() - 1)
+    }
+
+    /// The node, or block on level 0, of lane 0 of a node, and the stride from lane to lane.
+    pub(in crate::point) fn children(&self, level: usize, node: usize) -> (usize, usize) {
+        match level {
+            0 => (node * LANES * self.leaf_blocks, self.leaf_blocks),
+            _ => (self.first_child(level, node), 1),
+        }
+    }
+
+    /// The first child of a node above level 0.
+    #[inline(always)]
+    pub(in crate::point) fn first_child(&self, level: usize, node: usize) -> usize {
+        self.begin[level - 1] + (node - self.begin[level]) * LANES
+    }
+}
+
+impl StaticTree {
+    /// The blocks of a tree over `count` points, without points.
+    pub(in crate::point) fn room(count: usize) -> Vec<PointBlock> {
+        let shape = Shape::flattest(count);
+        PointBlock::zeroed(shape.begin[1] * LANES * shape.leaf_blocks)
+    }
+
+    /// `count` items in rows, in the memory of the blocks of their tree.
+    pub(in crate::point) fn rows(count: usize, items: impl Iterator<Item = Item>) -> Vec<PointBlock> {
+        let mut blocks = StaticTree::room(count);
+        PointRows::in_blocks(&mut blocks, count).take(items);
+        blocks
+    }
+
+    /// Builds the tree over the first `count` points of [`rows`](StaticTree::rows). `id_of` turns an index there into the id
+    /// that answers carry.
+    ///
+    /// Points are put in order in rows, in the memory of the blocks that they end up in and as much besides.
+    pub(in crate::point) fn build(
+        count: usize,
+        mut blocks: Vec<PointBlock>,
+        id_of: impl Fn(u32) -> u32 + Sync,
+        progress: &Progress,
+    ) -> StaticTree {
+        let shape = Shape::flattest(count);
+        let mut more = PointRows::memory(count);
+        let mut rows = PointRows::in_blocks(&mut more, count);
+        order_rows(
+            PointRows::in_blocks(&mut blocks, count),
+            &mut rows,
+            shape.leaf(),
+            None,
+            &progress.subtask(ORDERING),
+        );
+        let tree = StaticTree::around(count, blocks, shape, &Sorted { rows: &rows, id_of });
+        progress.finished(1.0 - ORDERING);
+        tree
+    }
+
+    /// The tree over points that come bottom node by bottom node.
+    fn around(count: usize, blocks: Vec<PointBlock>, shape: Shape, points: &impl Points) -> StaticTree {
+        let nodes = huge_vec_of(Boxes::NONE, shape.nodes());
+        let mut tree = StaticTree { nodes, blocks, shape, ordered: None };
+        let (nodes, blocks) = (&mut tree.nodes[..shape.begin[1]], &mut tree.blocks[..]);
+        fill(BottomNodes { first: 0, count, nodes, blocks, leaf_blocks: shape.leaf_blocks }, points);
+        for level in 1..shape.levels {
+            for node in shape.begin[level]..shape.begin[level + 1] {
+                let first = View::first_child(&&tree, level, node);
+                let mut boxes = Boxes::NONE;
+                for (lane, child) in (first..shape.begin[level]).take(LANES).enumerate() {
+                    let (lo, hi) = tree.nodes[child].bounds();
+                    boxes.include(lane, lo, hi);
+                }
+                tree.nodes[node] = boxes;
+            }
+        }
+        tree
+    }
+
+    /// The tree over the same points elsewhere, in almost the same order: only the points of a bottom node are put in
+    /// order again. `at` has the position of each id.
+    pub(in crate::point) fn moved(self, at: &[[f32; 3]]) -> StaticTree {
+        let mut ordered = self.ordered.unwrap_or_else(|| Ordered { spread: self.spread(), excess: 0.0 });
+        let mut tree = StaticTree::around(at.len(), self.blocks, self.shape, &Moved { at });
+        let spread = tree.spread();
+        if spread > ordered.spread {
+            ordered.excess += spread / ordered.spread - 1.0;
+        }
+        tree.ordered = Some(ordered);
+        tree
+    }
+
+    /// By how much leaves have been larger than when all points were put in order, as a share of their sides, added up
+    /// over the trees since.
+    pub(in crate::point) fn excess(&self) -> f64 {
+        self.ordered.map_or(0.0, |ordered| ordered.excess)
+    }
+
+    /// The sides of all leaves' boxes.
+    fn spread(&self) -> f64 {
+        let of_node = |node: usize| {
+            let [lo, hi] = BoxTree::faces(self, node, &[0.0; LANES]);
+            let mut sides = 0.0;
+            for lane in (0..LANES).filter(|&lane| lo[0][lane] <= hi[0][lane] && hi[0][lane] < f64::INFINITY) {
+                sides += (0..3).map(|axis| hi[axis][lane] - lo[axis][lane]).sum::<f64>();
+            }
+            sides
+        };
+        (0..self.shape.begin[1]).map(of_node).sum()
+    }
+
+    /// The ids in the order of the tree.
+    pub(in crate::point) fn ids_in_order(&mut self) -> impl Iterator<Item = &mut u32> {
+        self.blocks.iter_mut().flat_map(|block| &mut block.id).filter(|id| **id != u32::MAX)
+    }
+
+    /// Bytes allocated.
+    pub(in crate::point) fn bytes(&self) -> usize {
+        self.nodes.capacity() * size_of::<Boxes>() + self.blocks.capacity() * size_of::<PointBlock>()
+    }
+}
+
+/// Points in rows, those of one bottom node behind those of the other.
+struct Sorted<'a, F> {
+    rows: &'a PointRows<'a>,
+    id_of: F,
+}
+
+impl<F: Fn(u32) -> u32 + Sync> Points for Sorted<'_, F> {
+    #[inline(always)]
+    fn take(&self, first: usize, count: usize, _blocks: &[PointBlock], to: &mut Rows<MOST>) {
+        to.take(self.rows, first, count);
+    }
+    #[inline(always)]
+    fn id(&self, index: u32) -> u32 {
+        (self.id_of)(index)
+    }
+}
+
+/// The points that are in the blocks already, elsewhere.
+struct Moved<'a> {
+    /// The position of each id.
+    at: &'a [[f32; 3]],
+}
+
+impl Points for Moved<'_> {
+    #[inline(always)]
+    fn take(&self, _first: usize, count: usize, blocks: &[PointBlock], to: &mut Rows<MOST>) {
+        // A leaf is full before the next one has points.
+        for (i, &id) in blocks.iter().flat_map(|block| &block.id).take(count).enumerate() {
+            to.set(i, &Item { at: self.at[id as usize], index: id });
+        }
+    }
+    /// Ids lie anywhere in memory: those of one node arrive while the points of the node before it are put in order.
+    #[inline(always)]
+    fn prefetch(&self, blocks: &[PointBlock]) {
+        for id in blocks.iter().flat_map(|block| &block.id) {
+            if let Some(at) = self.at.get(*id as usize) {
+                prefetch(at);
+            }
+        }
+    }
+    #[inline(always)]
+    fn id(&self, index: u32) -> u32 {
+        index
+    }
+}
+
+impl Leaves for &StaticTree {
+    #[inline(always)]
+    fn leaf_blocks(&self) -> usize {
+        self.shape.leaf_blocks
+    }
+    #[inline(always)]
+    fn target<S: Simd>(&self, s: S, q: Vec3) -> Target<S> {
+        Target::static_point(s, q)
+    }
+    #[inline(always)]
+    fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
+        let [x, y, z] = rows(s, &self.blocks[block].at);
+        squared::<S>(x - target.point[0], y - target.point[1], z - target.point[2])
+    }
+    #[inline(always)]
+    fn prefetch_leaf(&self, block: usize) {
+        if let Some(blocks) = self.blocks.get(block..block + self.shape.leaf_blocks) {
+            blocks.iter().for_each(prefetch);
+        }
+    }
+    #[inline(always)]
+    fn leaf_bytes(&self) -> usize {
+        self.blocks.len() * size_of::<PointBlock>()
+    }
+    #[inline(always)]
+    fn ids(&self, block: usize) -> &Lanes<u32> {
+        &self.blocks[block].id
+    }
+}
+
+impl View for &StaticTree {
+    const BALL: f32 = 0.18;
+
+    #[inline(always)]
+    fn root(&self) -> (usize, usize) {
+        self.shape.root()
+    }
+    #[inline(always)]
+    fn first_child(&self, level: usize, node: usize) -> usize {
+        self.shape.first_child(level, node)
+    }
+    #[inline(always)]
+    fn first_block(&self, node: usize) -> usize {
+        node * LANES * self.shape.leaf_blocks
+    }
+    #[inline(always)]
+    fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask) {
+        let Boxes { lo, hi } = &self.nodes[node];
+        outside(s, &target.point, rows(s, lo), rows(s, hi))
+    }
+    #[inline(always)]
+    fn box_sizes<S: Simd>(&self, s: S, _target: &Target<S>, node: usize) -> S::F {
+        let Boxes { lo, hi } = &self.nodes[node];
+        diagonal::<S>(rows(s, lo), rows(s, hi))
+    }
+    #[inline(always)]
+    fn prefetch_node(&self, node: usize) {
+        prefetch(&self.nodes[node]);
+    }
+}
+
+impl CoordinateView for &StaticTree {
+    #[inline(always)]
+    fn faces<S: Simd>(&self, s: S, _target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]) {
+        let Boxes { lo, hi } = &self.nodes[node];
+        (rows(s, lo), rows(s, hi))
+    }
+    #[inline(always)]
+    fn positions<S: Simd>(&self, s: S, _target: &Target<S>, block: usize) -> [S::F; 3] {
+        rows(s, &self.blocks[block].at)
+    }
+}
+
+impl BoxTree for StaticTree {
+    fn slice(&self) -> TimeSlice {
+        TimeSlice { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] }
+    }
+    fn root_node(&self) -> (usize, usize) {
+        View::root(&self)
+    }
+    fn children(&self, level: usize, node: usize) -> (usize, usize) {
+        self.shape.children(level, node)
+    }
+    #[inline(always)]
+    fn times(&self, node: usize) -> [Lanes<f32>; 2] {
+        [self.nodes[node].lo[0].map(|x| if x < f32::INFINITY { 0.0 } else { f32::INFINITY }), [1.0; LANES]]
+    }
+    #[inline(always)]
+    fn faces(&self, node: usize, _phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
+        let Boxes { lo, hi } = &self.nodes[node];
+        [lo, hi].map(|face| face.map(|row| row.map(f64::from)))
+    }
+    fn is_active(&self, _block: usize, _lane: usize, _time: f32) -> bool {
+        true
+    }
+    fn point_path(&self, block: usize, lane: usize) -> Option<PointPath> {
+        let block = &self.blocks[block];
+        let at = block.at.map(|row| f64::from(row[lane]));
+        let id = block.id[lane];
+        (id != u32::MAX).then_some(PointPath { id, open: at, close: at, active: TimeInterval::FULL })
+    }
+}
+
+impl BlockTree for StaticTree {
+    #[inline(always)]
+    fn rows(&self, block: usize) -> PathRows {
+        let block = &self.blocks[block];
+        PathRows::always_active(&block.at, &block.at, &block.id)
+    }
+    fn has_active_intervals(&self) -> bool {
+        false
+    }
+}

@@ -1,0 +1,278 @@
+//! Ordering the few hundred points below a bottom node, a vector of them at a time.
+//!
+//! Points lie in rows. Of a range the widest axis is found, then a threshold below which the coordinates of the left half are,
+//! by counting what is below a guess and guessing again, and then every vector is compressed twice: what is on the left
+//! to the front of the same rows, the rest to spare ones that are copied behind it. Nothing is overwritten before it is read, because no
+//! more is written to the front than was read. A range has whole vectors, and so have its halves.
+
+use super::complete_tree::left_part;
+use super::divide::{counted, extremes, guess, least_lane, lowest_lanes};
+use super::point_rows::{NO_POINT, PointRows, PointVector};
+use super::widest_axis::longest;
+use crate::simd::{Item, LANES, Lanes, Mask, Simd, lanes_at, lanes_at_mut};
+
+/// Most points that are ordered here: those below a bottom node whose leaves have two vectors.
+pub(in crate::point) const MOST: usize = 2 * LANES * LANES;
+
+/// Room for the right half of a range, which is not the larger one, and to the end of a vector behind it.
+pub(in crate::point) const SPARE: usize = MOST / 2 + LANES;
+
+/// Points in rows.
+pub(in crate::point) struct Rows<const N: usize> {
+    pub(in crate::point) at: [[f32; N]; 3],
+    pub(in crate::point) index: [u32; N],
+}
+
+impl<const N: usize> Rows<N> {
+    pub(in crate::point) const EMPTY: Rows<N> = Rows { at: [[0.0; N]; 3], index: [0; N] };
+
+    #[inline(always)]
+    pub(in crate::point) fn set(&mut self, i: usize, item: &Item) {
+        let [x, y, z] = &mut self.at;
+        (x[i], y[i], z[i], self.index[i]) = (item.at[0], item.at[1], item.at[2], item.index);
+    }
+
+    #[inline(always)]
+    pub(in crate::point) fn get(&self, i: usize) -> Item {
+        let [x, y, z] = &self.at;
+        Item { at: [x[i], y[i], z[i]], index: self.index[i] }
+    }
+
+    /// Takes `count` points of other rows, from number `first` on.
+    #[inline(always)]
+    pub(in crate::point) fn take(&mut self, from: &PointRows, first: usize, count: usize) {
+        let range = first..first + count;
+        for (to, from) in self.at.iter_mut().zip(&from.at) {
+            to[..count].copy_from_slice(&from[range.clone()]);
+        }
+        self.index[..count].copy_from_slice(&from.index[range]);
+    }
+
+    /// The sixteen points from `at` on.
+    #[inline(always)]
+    pub(in crate::point) fn vector<S: Simd>(&self, s: S, at: usize) -> PointVector<S> {
+        let [x, y, z] = &self.at;
+        PointVector {
+            at: [s.load(lanes_at(x, at)), s.load(lanes_at(y, at)), s.load(lanes_at(z, at))],
+            index: s.load_u(lanes_at(&self.index, at)),
+        }
+    }
+
+    /// Writes sixteen points to index `at` and on.
+    #[inline(always)]
+    pub(in crate::point) fn store<S: Simd>(&mut self, s: S, at: usize, points: &PointVector<S>) {
+        for (row, &lanes) in self.at.iter_mut().zip(&points.at) {
+            s.store(lanes, lanes_at_mut(row, at));
+        }
+        s.store_u(points.index, lanes_at_mut(&mut self.index, at));
+    }
+
+    /// Brings the lowest coordinates along the widest axis of `begin..end` into `begin..middle`.
+    #[inline(always)]
+    fn split<S: Simd>(&mut self, s: S, (begin, middle, end): (usize, usize, usize), spare: &mut Rows<SPARE>) {
+        let (axis, least, most) = self.widest_axis(s, begin, end);
+        let keys = self.at[axis][begin..end].as_chunks().0;
+        let (bound, mut equal) = threshold(s, keys, middle - begin, (least, most));
+        let bound = s.splat(bound);
+        let (mut left, mut right) = (begin, 0);
+        // What goes where is found out first, so that reading does not wait for writing.
+        let mut masks = [0; MOST / LANES];
+        for (mask, from) in masks.iter_mut().zip((begin..end).step_by(LANES)) {
+            let key = s.load(lanes_at(&self.at[axis], from));
+            *mask = s.lt(key, bound);
+            if equal > 0 {
+                let ties = lowest_lanes(s.eq(key, bound), equal);
+                equal -= ties.count_ones() as usize;
+                *mask |= ties;
+            }
+        }
+        for (&below, from) in masks.iter().zip((begin..end).step_by(LANES)) {
+            let points = self.vector(s, from);
+            self.write(s, left, &points, below);
+            spare.write(s, right, &points, !below);
+            left += below.count_ones() as usize;
+            right += (!below).count_ones() as usize;
+        }
+        for (from, to) in (middle..end).step_by(LANES).enumerate() {
+            let points = spare.vector(s, from * LANES);
+            self.store(s, to, &points);
+        }
+    }
+
+    /// The axis along which a range spreads most, and its least and greatest coordinate there.
+    #[inline(always)]
+    fn widest_axis<S: Simd>(&self, s: S, begin: usize, end: usize) -> (usize, f32, f32) {
+        let (mut least, mut most) = ([0.0; 3], [0.0; 3]);
+        for axis in 0..3 {
+            (least[axis], most[axis]) = extremes(s, self.at[axis][begin..end].as_chunks().0);
+        }
+        let axis = longest([most[0] - least[0], most[1] - least[1], most[2] - least[2]]);
+        (axis, least[axis], most[axis])
+    }
+
+    /// Writes the lanes of a mask to index `at` and on, and anything to the rest of a vector there.
+    #[inline(always)]
+    fn write<S: Simd>(&mut self, s: S, at: usize, points: &PointVector<S>, mask: Mask) {
+        let [to_x, to_y, to_z] = &mut self.at;
+        s.store_compressed(points.at[0], mask, lanes_at_mut(to_x, at));
+        s.store_compressed(points.at[1], mask, lanes_at_mut(to_y, at));
+        s.store_compressed(points.at[2], mask, lanes_at_mut(to_z, at));
+        s.store_compressed_u(points.index, mask, lanes_at_mut(&mut self.index, at));
+    }
+}
+
+impl Rows<MOST> {
+    /// Orders the first `count` points so that leaf i holds the i-th run of `leaf` of them. The rest of the last vector becomes no points.
+    #[inline(always)]
+    pub(in crate::point) fn order<S: Simd>(&mut self, s: S, count: usize, leaf: usize, spare: &mut Rows<SPARE>) {
+        let whole = count.next_multiple_of(LANES);
+        for i in count..whole {
+            self.set(i, &NO_POINT);
+        }
+        // Ranges that are not processed yet: at most one for each halving, of which there are four.
+        let mut open = [(0, whole); LANES];
+        let mut ranges = 1;
+        while ranges > 0 {
+            ranges -= 1;
+            let (begin, end) = open[ranges];
+            if end - begin > leaf {
+                let middle = begin + left_part(end - begin, leaf);
+                self.split(s, (begin, middle, end), spare);
+                open[ranges] = (begin, middle);
+                open[ranges + 1] = (middle, end);
+                ranges += 2;
+            }
+        }
+    }
+}
+
+/// What divides the `count` lowest keys from the others: those below a bound, and so many of those equal to it. `least`
+/// and `most` are the least and the greatest key, which must be numbers.
+#[inline(always)]
+fn threshold<S: Simd>(s: S, keys: &[Lanes<f32>], count: usize, (least, most): (f32, f32)) -> (f32, usize) {
+    let mut lo = match guess(s, keys, count, (least, most)) {
+        Ok(bound) => return (bound, 0),
+        Err(lo) => lo,
+    };
+    // One key after the other: it ends with the greatest one at the latest.
+    loop {
+        let mut next = s.splat(f32::INFINITY);
+        for key in keys {
+            let key = s.load(key);
+            next = s.select(s.le(s.splat(lo), key), s.min(key, next), next);
+        }
+        let key = least_lane(s, next);
+        let (found, with_equal) = counted(s, keys, key);
+        if with_equal >= count || key >= most {
+            return (key, count - found);
+        }
+        lo = key.next_up();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+    use crate::simd::{Kernel, SimdLevel, dispatch};
+
+    /// Orders at most [`MOST`] points.
+    struct Bottom<'a> {
+        items: &'a mut [Item],
+        /// Points per leaf, one or two vectors of them.
+        leaf: usize,
+    }
+
+    impl Kernel for Bottom<'_> {
+        type Output = ();
+        #[inline(always)]
+        fn run<S: Simd>(self, s: S) {
+            let (mut rows, mut spare) = (Rows::<MOST>::EMPTY, Rows::EMPTY);
+            for (i, item) in self.items.iter().enumerate() {
+                rows.set(i, item);
+            }
+            rows.order(s, self.items.len(), self.leaf, &mut spare);
+            for (i, item) in self.items.iter_mut().enumerate() {
+                *item = rows.get(i);
+            }
+        }
+    }
+
+    /// The same on every instruction set, all points still there, and each half below the other along some axis.
+    fn check(items: &[Item], leaf: usize) {
+        let mut orders = Vec::new();
+        for level in SimdLevel::available() {
+            let mut items = items.to_vec();
+            dispatch(level, Bottom { items: &mut items, leaf });
+            orders.push(items);
+        }
+        for order in &orders {
+            let indices = |items: &[Item]| items.iter().map(|item| item.index).collect::<Vec<_>>();
+            assert_eq!(indices(order), indices(&orders[0]));
+            let mut seen = indices(order);
+            seen.sort_unstable();
+            assert!(seen.into_iter().eq(0..items.len() as u32));
+            assert!(order.iter().all(|item| item.at == items[item.index as usize].at));
+        }
+        separated(&orders[0], leaf);
+    }
+
+    fn separated(items: &[Item], leaf: usize) {
+        if items.len() <= leaf {
+            return;
+        }
+        let (left, right) = items.split_at(left_part(items.len(), leaf));
+        let apart = |axis: usize| {
+            let most = left.iter().map(|item| item.at[axis]).fold(f32::MIN, f32::max);
+            right.iter().all(|item| item.at[axis] >= most)
+        };
+        assert!((0..3).any(apart), "{} points", items.len());
+        separated(left, leaf);
+        separated(right, leaf);
+    }
+
+    #[test]
+    fn halves_are_apart_however_points_lie() {
+        let mut random = Random(5);
+        // Evenly, on a lattice, over many magnitudes, all at one place, two zeros, and one far from all others.
+        let kinds: [fn(&mut Random) -> f32; 6] = [
+            |random| random.signed(),
+            |random| (random.signed() * 2.0).floor(),
+            |random| (random.signed() * 60.0).exp2() * random.signed(),
+            |_| 3.5,
+            |random| if random.signed() < 0.0 { -0.0 } else { 0.0 },
+            |random| if random.signed() > 0.99 { 1e18 } else { 1e-18 * random.signed() },
+        ];
+        for leaf in [LANES, 2 * LANES] {
+            for vectors in [1, 2, 3, 7, 16, 31, 32] {
+                let count = (vectors * LANES).min(leaf * LANES) as u32;
+                for kind in kinds {
+                    let at = |random: &mut Random| core::array::from_fn(|_| kind(random));
+                    let items: Vec<Item> = (0..count).map(|index| Item { at: at(&mut random), index }).collect();
+                    check(&items, leaf);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn thresholds_count_ties() {
+        struct Threshold<'a>(&'a [Lanes<f32>], usize);
+        impl Kernel for Threshold<'_> {
+            type Output = (f32, usize);
+            #[inline(always)]
+            fn run<S: Simd>(self, s: S) -> (f32, usize) {
+                threshold(s, self.0, self.1, (0.0, 31.0))
+            }
+        }
+        let even: [Lanes<f32>; 2] = core::array::from_fn(|v| core::array::from_fn(|i| (16 * v + i) as f32));
+        for level in SimdLevel::available() {
+            let (bound, equal) = dispatch(level, Threshold(&even, 16));
+            assert!(15.0 < bound && bound <= 16.0 && equal == 0, "{bound} {equal}");
+            let mut ties = even;
+            ties[0] = [7.0; LANES];
+            ties[0][0] = 0.0;
+            assert_eq!(dispatch(level, Threshold(&ties, 5)), (7.0, 4));
+        }
+    }
+}

@@ -1,0 +1,13 @@
+//! Assigning points to leaves: divided by position, by motion, and put in the order of a complete tree.
+
+pub(super) mod bottom_order;
+pub(super) mod complete_tree;
+pub(super) mod divide;
+pub(super) mod fast_points;
+pub(super) mod motion_groups;
+pub(super) mod moving_reference;
+pub(super) mod order;
+pub(super) mod point_rows;
+pub(super) mod select;
+pub(super) mod spread;
+pub(super) mod widest_axis;

@@ -1,0 +1,177 @@
+//! Moving references: points between two keys, and the time slices that trees cover.
+
+use super::point_rows::PointRows;
+use crate::geometry::{KeyTime, TimeInterval};
+use crate::parallel::{self, CHUNK};
+use crate::simd::{Item, huge_vec, prefetch};
+
+/// A reference to a point that moves linearly between two keys, active during `interval`.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::point) struct MovingReference {
+    pub(in crate::point) open: [f32; 3],
+    pub(in crate::point) close: [f32; 3],
+    pub(in crate::point) interval: TimeInterval,
+    /// The active interval of the point; `interval` is its intersection with a time slice.
+    pub(in crate::point) active: TimeInterval,
+    pub(in crate::point) id: u32,
+    /// Whether it moves far relative to its neighbours.
+    pub(in crate::point) fast: bool,
+}
+
+/// A time slice: the times that a moving tree covers, within one segment between two keys.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::point) struct TimeSlice {
+    /// Number of keys of the set.
+    pub(in crate::point) keys: usize,
+    /// Index of the earlier key.
+    pub(in crate::point) segment: usize,
+    /// The times of the slice.
+    pub(in crate::point) interval: TimeInterval,
+    /// Begin and end as exact phases between the keys. The end of a slice has the same phase as the begin of the next.
+    pub(in crate::point) phases: [f64; 2],
+}
+
+impl TimeSlice {
+    /// The phase of time `t` between the keys, without rounding. (Times have 24 bits, and there are at most 2^16 keys.)
+    /// At the ends of the slice, it is the phase of that end: at a key, the phase of the nearest float differs from it.
+    pub(in crate::point) fn exact_phase(&self, t: f32) -> f64 {
+        if t <= self.interval.begin() {
+            return self.phases[0];
+        }
+        if t >= self.interval.end_bound() {
+            return self.phases[1];
+        }
+        exact_phase(t, self.keys, self.segment).clamp(self.phases[0], self.phases[1])
+    }
+
+    /// The phase of time `t` in the segment, in [0, 1], with the same rounding as in queries. It is monotone in `t`, so
+    /// bounds that hold between the phases of two times hold at all times between.
+    pub(in crate::point) fn phase(&self, t: f32) -> f32 {
+        phase(KeyTime::new(t.min(1.0), self.keys), self.segment)
+    }
+
+    /// The phases that queries compute from the first to the last of two times, and the exact ones.
+    pub(in crate::point) fn range(&self, times: [f32; 2]) -> [f64; 2] {
+        let [begin, end] = times.map(|t| f64::from(self.phase(t)));
+        [begin.min(self.exact_phase(times[0])), end.max(self.exact_phase(times[1]))]
+    }
+
+    /// The middle of the slice.
+    pub(in crate::point) fn middle(&self) -> f32 {
+        0.5 * (self.interval.begin() + self.interval.end())
+    }
+
+    /// The phase of the middle in the segment.
+    pub(in crate::point) fn middle_phase(&self) -> f64 {
+        self.phase(self.middle()).into()
+    }
+}
+
+/// The phase of a time between the keys of a segment, outside of [0, 1] if it lies outside; exact.
+pub(in crate::point) fn exact_phase(t: f32, keys: usize, segment: usize) -> f64 {
+    f64::from(t) * (keys.max(2) - 1) as f64 - segment as f64
+}
+
+/// The phase within `segment` of a time that lies in it, or at its ends.
+pub(in crate::point) fn phase(at: KeyTime, segment: usize) -> f32 {
+    match at.segment.cmp(&segment) {
+        core::cmp::Ordering::Less => 0.0,
+        core::cmp::Ordering::Equal => {
+            if at.from_end {
+                at.s + 1.0
+            } else {
+                at.s
+            }
+        }
+        core::cmp::Ordering::Greater => 1.0,
+    }
+}
+
+impl MovingReference {
+    /// Coordinate at a phase, in f64 without noticeable rounding.
+    #[inline(always)]
+    pub(in crate::point) fn at(&self, axis: usize, phase: f64) -> f64 {
+        let (open, close) = (f64::from(self.open[axis]), f64::from(self.close[axis]));
+        open + (close - open) * phase
+    }
+
+    /// Position at a phase, rounded.
+    #[inline(always)]
+    pub(in crate::point) fn position(&self, phase: f64) -> [f32; 3] {
+        core::array::from_fn(|axis| self.at(axis, phase) as f32)
+    }
+
+    /// The same where it is in the middle of a time slice.
+    pub(in crate::point) fn at_rest(&self, slice: &TimeSlice) -> MovingReference {
+        let at = self.position(slice.middle_phase());
+        MovingReference { open: at, close: at, ..*self }
+    }
+
+    /// The phases of its active interval, as given by [`TimeSlice::range`].
+    pub(in crate::point) fn range(&self, slice: &TimeSlice) -> [f64; 2] {
+        slice.range([self.interval.begin(), self.interval.end_bound()])
+    }
+}
+
+/// Where a tree takes its references from.
+pub(in crate::point) trait References: Sync {
+    /// How many there are.
+    fn len(&self) -> usize;
+    /// The number by which one of them is found.
+    fn number(&self, i: usize) -> u32;
+    /// The reference with a number.
+    fn reference(&self, number: u32) -> MovingReference;
+    /// Prefetches the reference with a number, if there is one; a hint.
+    fn prefetch(&self, number: u32);
+    /// Whether any is not active throughout a slice.
+    fn timed(&self, slice: &TimeSlice) -> bool;
+    /// Whether any point does not exist throughout the shutter.
+    fn have_active_intervals(&self) -> bool;
+}
+
+impl References for [MovingReference] {
+    fn len(&self) -> usize {
+        <[MovingReference]>::len(self)
+    }
+    #[inline(always)]
+    fn number(&self, i: usize) -> u32 {
+        i as u32
+    }
+    #[inline(always)]
+    fn reference(&self, number: u32) -> MovingReference {
+        self[number as usize]
+    }
+    #[inline(always)]
+    fn prefetch(&self, number: u32) {
+        if let Some(reference) = self.get(number as usize) {
+            // It may span two cache lines.
+            prefetch(reference);
+            prefetch(&reference.id);
+        }
+    }
+    fn timed(&self, slice: &TimeSlice) -> bool {
+        self.iter().any(|m| m.interval != slice.interval)
+    }
+    fn have_active_intervals(&self) -> bool {
+        self.iter().any(|m| m.active != TimeInterval::FULL)
+    }
+}
+
+/// Writes the positions of references at a phase between their keys, with their numbers.
+pub(in crate::point) fn take_positions<R: References + ?Sized>(rows: PointRows, references: &R, phase: f64) {
+    let count = references.len();
+    parallel::each(&mut rows.chunks(CHUNK), |(first, rows)| {
+        rows.take((*first..count).map(|i| {
+            let number = references.number(i);
+            Item { at: references.reference(number).position(phase), index: number }
+        }));
+    });
+}
+
+/// Positions of references at a phase between their keys.
+pub(in crate::point) fn positions_at(references: &[MovingReference], phase: f64) -> Vec<Item> {
+    let item = |(index, m): (usize, &MovingReference)| Item { at: m.position(phase), index: index as u32 };
+    let mut items = huge_vec(references.len());
+    items.extend(references.iter().enumerate().map(item));
+    items
+}

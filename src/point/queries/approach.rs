@@ -1,0 +1,445 @@
+//! Closest approach: the point that comes nearest to a query that itself moves, and when.
+//!
+//! The picture to have in mind: relative to the query every point moves along a straight line
+//! ([`super::pair_approach`]); a box has a lower bound of distance over the whole interval. Boxes are visited in the
+//! order of these bounds until none can beat the best point.
+//!
+//! A point is evaluated for each segment between keys over its whole interval, never for a part of it, and so is a static
+//! point in a structure without keys; so the answer does not depend on the structure.
+//!
+//! **Why no bound of a box excludes the answer.** Let u = 2^-53 and M be the largest coordinate of the query at either end.
+//! - Ends of time ranges are exact as phases in a segment, also where they are keys; so a range of phases has no gap to the
+//!   next segment. A step between may end an ulp early, which is less than 2u of the query's way.
+//! - The fraction of the query's interval is off by at most 7u of itself. With 5u for the rest, the position of the query is
+//!   within 2·7uM + 5uM = 19uM of the exact one per axis; with that end, 23uM.
+//! - Faces of moving boxes are farther out than the points by 2^-24 of the sizes that are rounded there, in f32
+//!   ([`crate::point::layout::linear_bounds`]), or by 2^-49 of the centre (`crate::point::precise`). Rounding the face itself moves it by u of the
+//!   query's coordinate and of the gap.
+//! - So the distance of a box is too large by less than √3·24uM < 0.5e-14 M, and a fraction 2^-50 of itself. But a distance
+//!   is excluded only if it is beyond that of a point as computed, raised by 1.5e-14 M, of which 0.9e-14 remain
+//!   ([`Overlap::estimate`]), and by two ulp of f32, of which one remains.
+
+use super::pair_approach::{Overlap, QueryPath};
+use crate::geometry::{Plane, TimeInterval};
+use crate::limits::MAX_POINT_COORDINATE;
+use crate::mbkd::KdView;
+use crate::point::layout::over_interval::{BoxTree, PointPath, greater, lesser};
+use crate::point::layout::plane_tree::{PlaneTree, plane_error};
+use crate::point::leaf_order::moving_reference::{TimeSlice, exact_phase};
+use crate::point::search::layers::Layer;
+use crate::point::tree::PointTree;
+use crate::primitive::Position;
+use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
+use core::cmp::Reverse;
+use core::ops::Range;
+use glam::DVec3;
+use std::collections::BinaryHeap;
+
+/// The closest approach of a point to a moving query.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Approach {
+    /// The point's id.
+    pub id: u32,
+    /// The time at which it is nearest; the first such time.
+    pub time: f32,
+    /// The distance at that time (not squared: the square of a very small distance underflows in f32).
+    pub distance: f32,
+}
+
+impl Approach {
+    /// Order of answers: nearer first, then earlier, then the lower id.
+    fn key(&self) -> (u32, u32, u32) {
+        (self.distance.to_bits(), self.time.to_bits(), self.id)
+    }
+}
+
+/// A point that may be the answer, judging by its distance in f64.
+struct Pending {
+    /// A lower bound of its distance.
+    least: f64,
+    point: PointPath,
+    overlap: Overlap,
+}
+
+/// The state of a search.
+struct Search {
+    /// Points that come no nearer than this are no answers.
+    most: f64,
+    /// Exact distances are expensive, and few of these points need one in the end.
+    pending: Vec<Pending>,
+    best: Option<Approach>,
+}
+
+/// The largest number of points that wait for exact distances.
+const MAX_PENDING: usize = 64;
+
+impl Search {
+    /// Adds a point whose distance is known up to the slack.
+    fn add(&mut self, path: &QueryPath, (about, slack): (f64, f64), point: PointPath, overlap: Overlap) {
+        // A point that is farther by less than an f32 ulp may be equally near when rounded, and have the lower id.
+        self.most =
+            self.most.min((about + slack) * (1.0 + 2.0 * f64::from(f32::EPSILON)) + f64::from(f32::from_bits(1)));
+        self.pending.push(Pending { least: about - slack, point, overlap });
+        if self.pending.len() == MAX_PENDING {
+            self.resolve(path);
+        }
+    }
+
+    /// Computes exact distances for the pending points that may still be the answer.
+    fn resolve(&mut self, path: &QueryPath) {
+        for Pending { least, point, overlap } in self.pending.drain(..) {
+            if least <= self.most {
+                let (time, distance) = overlap.closest(path, &point);
+                let found = Approach { id: point.id, time, distance };
+                if self.best.is_none_or(|best| found.key() < best.key()) {
+                    self.best = Some(found);
+                }
+            }
+        }
+    }
+}
+
+/// [`QueryPath::bounds`] of a node, compiled for an instruction set.
+struct Bounds<'a, T> {
+    path: &'a QueryPath,
+    tree: &'a T,
+    node: usize,
+}
+
+impl<T: BoxTree> Kernel for Bounds<'_, T> {
+    type Output = Lanes<f64>;
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) -> Lanes<f64> {
+        self.path.bounds(self.tree, self.node)
+    }
+}
+
+/// Whether a lower bound of squared distances excludes better answers.
+#[inline(always)]
+fn is_beyond(bound: f64, search: &Search) -> bool {
+    bound > search.most * search.most
+}
+
+/// Number of equal steps of an interval over which a box is bounded separately.
+const STEPS: usize = 4;
+
+impl QueryPath {
+    /// The begin and the end of the interval as phases in the segment of a time slice; exact.
+    #[inline(always)]
+    fn phases(&self, slice: &TimeSlice) -> [f64; 2] {
+        self.times.map(|time| exact_phase(time as f32, slice.keys, slice.segment))
+    }
+
+    /// Lower bounds of the squared distances to the points in each lane's box during the interval; NaN if nothing is
+    /// active.
+    ///
+    /// Over each step both the box and the query move linearly, so the gap along an axis is least at an end of the step.
+    /// (Plain loops over lanes, which the compiler vectorizes, with the same bits on every instruction set.)
+    #[inline(always)]
+    fn bounds<T: BoxTree>(&self, tree: &T, node: usize) -> Lanes<f64> {
+        let slice = tree.slice();
+        let [first, last] = self.phases(&slice);
+        let [begins, ends] = tree.times(node);
+        let (mut begin, mut end) = ([0.0; LANES], [0.0; LANES]);
+        for lane in 0..LANES {
+            let exists = begins[lane] < f32::INFINITY;
+            begin[lane] = if exists { greater(slice.exact_phase(begins[lane]), first) } else { f64::INFINITY };
+            end[lane] = lesser(slice.exact_phase(ends[lane]), last);
+        }
+        let rate = if last > first { 1.0 / (last - first) } else { 0.0 };
+        let (from, displacement) = (self.from.to_array(), (self.to - self.from).to_array());
+        let mut least = [f64::INFINITY; LANES];
+        let (mut low_before, mut high_before) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
+        for step in 0..=STEPS {
+            let fraction = step as f64 / STEPS as f64;
+            let (mut passed, mut phase) = ([0.0; LANES], [0.0; LANES]);
+            for lane in 0..LANES {
+                phase[lane] = begin[lane] + (end[lane] - begin[lane]) * fraction;
+                passed[lane] = (phase[lane] - first) * rate;
+            }
+            let [lo, hi] = tree.faces(node, &phase);
+            let mut square = [0.0; LANES];
+            for axis in 0..3 {
+                for lane in 0..LANES {
+                    let at = from[axis] + displacement[axis] * passed[lane];
+                    let low = lo[axis][lane] - at;
+                    let high = at - hi[axis][lane];
+                    let below = lesser(low_before[axis][lane], low);
+                    let above = lesser(high_before[axis][lane], high);
+                    let outside = greater(greater(below, above), 0.0);
+                    square[lane] += outside * outside;
+                    (low_before[axis][lane], high_before[axis][lane]) = (low, high);
+                }
+            }
+            if step > 0 {
+                for lane in 0..LANES {
+                    least[lane] = lesser(square[lane], least[lane]);
+                }
+            }
+        }
+        core::array::from_fn(|lane| if begin[lane] <= end[lane] { least[lane] } else { f64::NAN })
+    }
+
+    /// Searches a tree of boxes.
+    fn search_boxes<T: BoxTree>(&self, simd: SimdLevel, tree: &T, keep: &impl Fn(u32) -> bool, search: &mut Search) {
+        let TimeSlice { keys, segment, .. } = tree.slice();
+        let segments = if keys < 2 { self.segments() } else { segment..segment + 1 };
+        let (top, root) = tree.root_node();
+        let mut open = BinaryHeap::from([Reverse((0, top, root))]);
+        while let Some(Reverse((bits, level, node))) = open.pop() {
+            if is_beyond(f64::from_bits(bits), search) {
+                return;
+            }
+            let (first, stride) = tree.children(level, node);
+            let bounds = dispatch(simd, Bounds { path: self, tree, node });
+            // Nearest leaves first: the others are then seldom visited.
+            let mut lanes: [usize; LANES] = core::array::from_fn(|lane| lane);
+            if level == 0 {
+                lanes.sort_unstable_by_key(|&lane| bounds[lane].to_bits());
+            }
+            for lane in lanes {
+                let bound = bounds[lane];
+                if bound.is_nan() || is_beyond(bound, search) {
+                    continue;
+                }
+                let child = first + lane * stride;
+                if level > 0 {
+                    open.push(Reverse((bound.to_bits(), level - 1, child)));
+                    continue;
+                }
+                for point in (child..child + stride).flat_map(|b| (0..LANES).map(move |l| (b, l))) {
+                    let Some(point) = tree.point_path(point.0, point.1) else { continue };
+                    self.visit_point(point, segments.clone(), keep, search);
+                }
+            }
+        }
+    }
+
+    /// The segments between keys that the interval overlaps, if only at an end.
+    fn segments(&self) -> Range<usize> {
+        let segments = self.keys.max(2) - 1;
+        let [first, last] = self.times.map(|time| time * segments as f64);
+        (first.ceil() as usize).saturating_sub(1)..(last as usize + 1).min(segments)
+    }
+
+    /// Searches a k-d tree: both sides of each plane, the nearer one first.
+    fn search_planes(
+        &self,
+        tree: &PlaneTree,
+        slack: impl Fn(&PlaneTree, u32, &Plane) -> f64,
+        keep: &impl Fn(u32) -> bool,
+        search: &mut Search,
+    ) {
+        let slice = &tree.slice;
+        let [start, stop] = self.phases(slice);
+        let (first, last) = (start.max(slice.phases[0]), stop.min(slice.phases[1]));
+        if first > last {
+            return;
+        }
+        let segments = (slice.keys.max(2) - 1) as f64;
+        let phases: [f64; STEPS + 1] = core::array::from_fn(|i| first + (last - first) * (i as f64 / STEPS as f64));
+        let times = phases.map(|phase| (phase + slice.segment as f64) / segments);
+        let rate = if stop > start { 1.0 / (stop - start) } else { 0.0 };
+        let query = phases.map(|phase| (self.from + (self.to - self.from) * ((phase - start) * rate)).to_array());
+        let mut open = vec![Entry { node: 0, distance: 0.0, gaps: [[0.0; STEPS]; 3] }];
+        while let Some(Entry { node, distance, gaps }) = open.pop() {
+            if is_beyond(distance, search) {
+                continue;
+            }
+            match tree.node(node) {
+                KdView::Leaf { first, count } => {
+                    let blocks = first as usize..(first + count) as usize;
+                    for (block, lane) in blocks.flat_map(|b| (0..LANES).map(move |l| (b, l))) {
+                        let Some(point) = tree.leaves.point_path(block, lane) else { continue };
+                        self.visit_point(point, slice.segment..slice.segment + 1, keep, search);
+                    }
+                }
+                KdView::Inner { plane, right } => {
+                    let axis = plane.axis;
+                    let at = times.map(|t| f64::from(plane.position) + f64::from(plane.velocity) * t);
+                    let child = |node: u32, sign: f64| {
+                        let mut gaps = gaps;
+                        let slack = slack(tree, node, &plane);
+                        let gap = |i: usize| sign * (at[i] - query[i][axis]) - slack;
+                        for (step, least) in gaps[axis].iter_mut().enumerate() {
+                            // Linear over the step, so it is least at an end.
+                            *least = greater(*least, lesser(gap(step), gap(step + 1)));
+                        }
+                        let square = |step: usize| gaps.iter().map(|g| g[step] * g[step]).sum::<f64>();
+                        let least = (0..STEPS).map(square).fold(f64::INFINITY, f64::min);
+                        Entry { node, distance: least, gaps }
+                    };
+                    let (below, above) = (child(node + 1, -1.0), child(right, 1.0));
+                    let above_first = above.distance < below.distance;
+                    open.extend(if above_first { [below, above] } else { [above, below] });
+                }
+            }
+        }
+    }
+
+    /// Evaluates a point in some segments between keys.
+    fn visit_point(&self, point: PointPath, segments: Range<usize>, keep: &impl Fn(u32) -> bool, search: &mut Search) {
+        for segment in segments {
+            let Some(overlap) = Overlap::new(self, &point, segment) else { continue };
+            let (about, slack) = overlap.estimate(self, &point);
+            if about - slack <= search.most && keep(point.id) {
+                search.add(self, (about, slack), point, overlap);
+            }
+        }
+    }
+}
+
+/// How far a point below a node may be outside of the half-space of the plane above the node.
+///
+/// The slack of the tree holds at its times. To the exact begin or end of its segment it is a float at most, in which a
+/// point moves by what that slack allows for the rounding of phases; the plane moves by its error.
+fn plane_slack(tree: &PlaneTree, node: u32, plane: &Plane) -> f64 {
+    tree.slack(node) + plane_error(plane)
+}
+
+/// A subtree of a k-d tree on the stack.
+#[derive(Clone, Copy)]
+struct Entry {
+    node: u32,
+    /// A lower bound of the squared distances of its points.
+    distance: f64,
+    /// Lower bounds of the distances of the query from the subtree over each step, per axis.
+    gaps: [[f64; STEPS]; 3],
+}
+
+impl PointTree {
+    /// The point that comes nearest to a query that moves on a straight line from `from` at the begin of
+    /// `interval` to `to` at its end, and when.
+    ///
+    /// Times are continuous here and active intervals include both ends, because the nearest moment may be the last. (An active
+    /// interval that begins or ends with the float next to a key which is no float may begin or end with the key.) Each point has
+    /// a nearest moment in each segment between keys. Ties of their distances, as rounded to f32, go to the earlier time, then to the
+    /// lower id. The distance is the exact one of these numbers, rounded to f32, as long as it is more than 2^-70 of the
+    /// largest coordinate; so is the time. Finds nothing for positions that are not finite or farther from the origin than
+    /// [`MAX_POINT_COORDINATE`]. Cost: 3 to 16 microseconds among points that move little, some dozens if they move far
+    /// across each other.
+    ///
+    /// ```
+    /// use mbkd::{MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
+    /// let points = [MovingPoint::new(Vec3::X, -Vec3::X), MovingPoint::fixed(Vec3::Y * 3.0)];
+    /// let tree = PointTree::build(&points, &PointParams::default())?;
+    /// let up = tree.closest_approach(Vec3::ZERO, Vec3::Y * 2.0, TimeInterval::FULL).unwrap();
+    /// assert_eq!(up.id, 0);
+    /// assert!((up.time - 0.25).abs() < 1e-6 && (up.distance - 0.5f32.sqrt()).abs() < 1e-6);
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    pub fn closest_approach<Q: Position>(&self, from: Q, to: Q, interval: TimeInterval) -> Option<Approach> {
+        self.closest_approach_if(from, to, interval, |_| true)
+    }
+
+    /// The same among the points whose id the predicate returns true for. It must be pure.
+    pub fn closest_approach_if<Q: Position>(
+        &self,
+        from: Q,
+        to: Q,
+        interval: TimeInterval,
+        keep: impl Fn(u32) -> bool,
+    ) -> Option<Approach> {
+        let relative = [from, to].map(|p| p.relative(self.origin).as_dvec3());
+        // Also false for NaN.
+        let valid = |p: DVec3| p.abs().cmple(DVec3::splat(MAX_POINT_COORDINATE)).all();
+        if !relative.into_iter().all(valid) {
+            return None;
+        }
+        let times = [interval.begin().into(), interval.end().into()];
+        let keys = self.keys();
+        let exact = QueryPath { from: from.wide(), to: to.wide(), times, keys };
+        let path = QueryPath { from: relative[0], to: relative[1], times, keys };
+        // All positions are f64 ones, or all are f32 ones.
+        let path = if self.precise.is_empty() { path } else { exact };
+        let mut search = Search { most: f64::INFINITY, pending: Vec::new(), best: None };
+        for layer in &self.layers {
+            match layer {
+                Layer::Static(tree) => path.search_boxes(self.simd, tree, &keep, &mut search),
+                Layer::Moving(trees) => {
+                    trees.iter().for_each(|tree| path.search_boxes(self.simd, tree, &keep, &mut search))
+                }
+                Layer::Planes(trees) => {
+                    trees.iter().for_each(|tree| path.search_planes(tree, plane_slack, &keep, &mut search))
+                }
+            }
+        }
+        for tree in self.precise.iter().flat_map(|layer| &layer.trees) {
+            path.search_boxes(self.simd, tree, &keep, &mut search);
+        }
+        search.resolve(&path);
+        search.best
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::point::build::plan::time_slices;
+    use crate::point::leaf_order::moving_reference::MovingReference;
+    use crate::progress::Progress;
+    use crate::random::Random;
+
+    const RUNNERS: usize = 100;
+
+    /// Points of a time slice in which the median moves with the velocity `plane` and is at zero at the end, like the plane through
+    /// it, with points on either side; and runners with a velocity of their own that cross the plane about then.
+    fn crossing_at_the_end(
+        slice: &TimeSlice,
+        plane: f32,
+        runners: f32,
+        sides: [usize; 2],
+        random: &mut Random,
+    ) -> Vec<MovingReference> {
+        let [left, right] = sides;
+        let reference = |id: usize| {
+            let (close, velocity) = match id {
+                0..RUNNERS => (3.0 * f32::EPSILON * random.signed() * (plane - runners).abs(), runners),
+                RUNNERS => (0.0, plane),
+                _ => ((0.5 + 0.5 * random.unit()) * if id <= RUNNERS + left { -1.0 } else { 1.0 }, plane),
+            };
+            let (open, close) = ([close - velocity / (slice.keys - 1) as f32, 0.0, 0.0], [close, 0.0, 0.0]);
+            let (interval, active) = (slice.interval, TimeInterval::FULL);
+            MovingReference { open, close, interval, active, id: id as u32, fast: false }
+        };
+        (0..RUNNERS + 1 + left + right).map(reference).collect()
+    }
+
+    /// Counts runners that are not found by queries that meet them at the end of the segment, if something is known that is just as
+    /// near as far as f64 tells. The queries come from beyond the plane.
+    fn lost([plane, runners]: [f32; 2], sides: [usize; 2], slack: impl Fn(&PlaneTree, u32, &Plane) -> f64) -> usize {
+        let (mut random, mut lost) = (Random(43), 0);
+        // The slices that end before the key does, in segments.
+        let slices = (500..540).flat_map(|keys| time_slices(keys, 1));
+        let behind = |slice: &TimeSlice, time: f32| exact_phase(time, slice.keys, slice.segment) - 1.0;
+        let size = |slice: &TimeSlice| (slice.keys - 1) as f64 / 16_777_216.0;
+        for slice in slices.filter(|slice| behind(slice, slice.interval.end()) < -0.7 * size(slice)) {
+            let references = crossing_at_the_end(&slice, plane, runners, sides, &mut random);
+            let tree = PlaneTree::build(&references, slice, 16.0, &Progress::new(None));
+            let times = [slice.interval.end(), slice.interval.end() + f32::EPSILON];
+            for m in &references[..RUNNERS] {
+                let [from, to] = times.map(|time| {
+                    let way = behind(&slice, time) / size(&slice) * f64::from(plane - runners).signum();
+                    DVec3::X * (f64::from(m.close[0]) + way)
+                });
+                let times = times.map(f64::from);
+                let path = QueryPath { from, to, times, keys: slice.keys };
+                let mut search = Search { most: 1.5e-14, pending: Vec::new(), best: None };
+                path.search_planes(&tree, &slack, &|id| id == m.id, &mut search);
+                lost += usize::from(search.pending.is_empty() && search.best.is_none());
+            }
+        }
+        lost
+    }
+
+    #[test]
+    fn planes_at_the_end_of_a_segment_exclude_no_answer_and_would_with_less_slack() {
+        let fast_runners = ([0.0, 1.0], [RUNNERS, 2 * RUNNERS - 1]);
+        let fast_plane = ([1.0, 0.0], [RUNNERS + 1, 0]);
+        for (velocities, sides) in [fast_runners, fast_plane] {
+            assert_eq!(lost(velocities, sides, plane_slack), 0, "{velocities:?}");
+            assert!(lost(velocities, sides, |_, _, plane| plane_error(plane)) > 100, "{velocities:?}");
+        }
+        assert!(lost(fast_plane.0, fast_plane.1, |tree, node, _| tree.slack(node)) > 100);
+    }
+}

@@ -1,0 +1,224 @@
+//! Batches of queries: in parallel, in an order that is coherent in space, results in the caller's order.
+//!
+//! Queries are sorted along a Morton curve, so that each finds in the cache what the one before has read (unless the
+//! cache holds the whole tree anyway), and divided into runs for the threads. Each query is answered on its own, so
+//! neither the order nor the number of threads can change an answer.
+
+use super::query::{NeighborBuffer, NeighborQuery};
+use crate::geometry::morton_code;
+use crate::parallel;
+use crate::point::neighbor::Neighbor;
+use crate::point::tree::PointTree;
+use crate::primitive::Position;
+use crate::tuning::points::NEAR;
+use glam::Vec3;
+
+/// Neighbours of many queries: one list for each, in the order of the queries.
+///
+/// ```
+/// use mbkd::{PointParams, PointTree};
+/// let points = [[0.0f32; 3], [1.0; 3], [2.0; 3]];
+/// let tree = PointTree::build(&points, &PointParams::default())?;
+/// let queries: Vec<_> = points.iter().map(|p| (*p, 0.5)).collect();
+/// let lists = tree.nearest_n_batch(&queries, 2);
+/// assert_eq!(lists.len(), 3);
+/// assert_eq!(lists.get(2).iter().map(|n| n.id).collect::<Vec<_>>(), [2, 1]);
+/// # Ok::<(), mbkd::PointError>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct NeighborLists {
+    /// Begin of each list, and the end of the last.
+    begin: Vec<usize>,
+    neighbors: Vec<Neighbor>,
+}
+
+impl NeighborLists {
+    /// Number of lists.
+    pub fn len(&self) -> usize {
+        self.begin.len() - 1
+    }
+
+    /// Whether there is no list.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The neighbours of a query. Panics if `query` is not less than [`NeighborLists::len`].
+    pub fn get(&self, query: usize) -> &[Neighbor] {
+        &self.neighbors[self.begin[query]..self.begin[query + 1]]
+    }
+
+    /// The lists in order.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = &[Neighbor]> {
+        self.begin.windows(2).map(|ends| &self.neighbors[ends[0]..ends[1]])
+    }
+}
+
+/// Number of queries that one thread answers in a row.
+pub(in crate::point) const RUN: usize = 512;
+
+impl PointTree {
+    /// The nearest point of each query `(point, time)`, as [`PointTree::nearest`] gives it.
+    pub fn nearest_batch<Q: Position>(&self, queries: &[(Q, f32)]) -> Vec<Option<Neighbor>> {
+        self.each(queries, |_, query| query.nearest())
+    }
+
+    /// The nearest point of each query among those whose id the predicate accepts for it, as
+    /// [`NeighborQuery::filter`] gives it. `accept` gets the index of the query in `queries` and an id; it must be pure, and is
+    /// called from any thread.
+    ///
+    /// ```
+    /// use mbkd::{PointParams, PointTree};
+    /// let points = [[0.0f32; 3], [1.0; 3], [3.0; 3]];
+    /// let tree = PointTree::build(&points, &PointParams::default())?;
+    /// let queries: Vec<_> = points.iter().map(|p| (*p, 0.5)).collect();
+    /// // Of each point the nearest other one.
+    /// let others = tree.nearest_batch_filtered(&queries, |query, id| id != query as u32);
+    /// assert_eq!(others.iter().map(|n| n.unwrap().id).collect::<Vec<_>>(), [1, 0, 1]);
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    pub fn nearest_batch_filtered<Q: Position>(
+        &self,
+        queries: &[(Q, f32)],
+        accept: impl Fn(usize, u32) -> bool + Sync,
+    ) -> Vec<Option<Neighbor>> {
+        self.each(queries, |index, query| query.filter(|id| accept(index, id)).nearest())
+    }
+
+    /// The `k` nearest points of each query, as [`PointTree::nearest_n`] gives them.
+    pub fn nearest_n_batch<Q: Position>(&self, queries: &[(Q, f32)], k: usize) -> NeighborLists {
+        self.lists(queries, |_, query, buffer, out| out.extend_from_slice(query.nearest_n_into(k, buffer)))
+    }
+
+    /// The `k` nearest points of each query among those that the predicate accepts: see
+    /// [`PointTree::nearest_batch_filtered`].
+    pub fn nearest_n_batch_filtered<Q: Position>(
+        &self,
+        queries: &[(Q, f32)],
+        k: usize,
+        accept: impl Fn(usize, u32) -> bool + Sync,
+    ) -> NeighborLists {
+        self.lists(queries, |index, query, buffer, out| {
+            out.extend_from_slice(query.filter(|id| accept(index, id)).nearest_n_into(k, buffer));
+        })
+    }
+
+    /// The points within `radius` of each query, in order of (distance, id).
+    pub fn within_batch<Q: Position>(&self, queries: &[(Q, f32)], radius: f32) -> NeighborLists {
+        self.lists(queries, |_, query, buffer, out| {
+            out.extend_from_slice(query.radius(radius).collect_sorted_into(buffer));
+        })
+    }
+
+    /// The points within `radius` of each query that the predicate accepts, in order of (distance, id): see
+    /// [`PointTree::nearest_batch_filtered`].
+    pub fn within_batch_filtered<Q: Position>(
+        &self,
+        queries: &[(Q, f32)],
+        radius: f32,
+        accept: impl Fn(usize, u32) -> bool + Sync,
+    ) -> NeighborLists {
+        self.lists(queries, |index, query, buffer, out| {
+            let query = query.radius(radius).filter(|id| accept(index, id));
+            out.extend_from_slice(query.collect_sorted_into(buffer));
+        })
+    }
+
+    /// One answer for each query, in the order of the queries.
+    fn each<Q: Position, T: Clone + Default + Send>(
+        &self,
+        queries: &[(Q, f32)],
+        answer: impl Fn(usize, NeighborQuery<'_>) -> T + Sync,
+    ) -> Vec<T> {
+        let order = self.order(queries);
+        let runs = in_runs(&order, |indices| {
+            let one = |&index: &usize| {
+                let (point, time) = queries[index];
+                answer(index, self.query(point, time))
+            };
+            indices.iter().map(one).collect::<Vec<_>>()
+        });
+        let mut answers = vec![T::default(); queries.len()];
+        for (&index, found) in order.iter().zip(runs.into_iter().flatten()) {
+            answers[index] = found;
+        }
+        answers
+    }
+
+    fn lists<Q: Position>(&self, queries: &[(Q, f32)], answer: impl Answer) -> NeighborLists {
+        let order = self.order(queries);
+        let runs = in_runs(&order, |indices| {
+            let mut buffer = NeighborBuffer::new();
+            let mut run = Run { found: Vec::new(), ends: Vec::with_capacity(indices.len()) };
+            for &index in indices {
+                let (point, time) = queries[index];
+                answer(index, self.query(point, time), &mut buffer, &mut run.found);
+                run.ends.push(run.found.len());
+            }
+            run
+        });
+        // Where each query's list is: its run, and its offset in it.
+        let mut begin = vec![0; queries.len() + 1];
+        let mut source = vec![(0u32, 0usize); queries.len()];
+        for (number, (indices, run)) in order.chunks(RUN).zip(&runs).enumerate() {
+            let mut next = 0;
+            for (&query, &end) in indices.iter().zip(&run.ends) {
+                source[query] = (number as u32, next);
+                begin[query + 1] = end - next;
+                next = end;
+            }
+        }
+        for i in 0..queries.len() {
+            begin[i + 1] += begin[i];
+        }
+        let mut neighbors = Vec::with_capacity(begin[queries.len()]);
+        for (ends, &(run, from)) in begin.windows(2).zip(&source) {
+            neighbors.extend_from_slice(&runs[run as usize].found[from..from + (ends[1] - ends[0])]);
+        }
+        NeighborLists { begin, neighbors }
+    }
+
+    /// The order in which queries are answered. For a tree that fits a near cache any order will do.
+    fn order<Q: Position>(&self, queries: &[(Q, f32)]) -> Vec<usize> {
+        if self.statistics().bytes() <= NEAR {
+            return (0..queries.len()).collect();
+        }
+        let positions: Vec<Vec3> = queries.iter().map(|(point, _)| point.relative(self.origin)).collect();
+        morton_order(&positions)
+    }
+}
+
+/// Answers the runs of an order in parallel; returns the results in the order of the runs.
+pub(in crate::point) fn in_runs<R: Send>(order: &[usize], one: impl Fn(&[usize]) -> R + Send + Sync) -> Vec<R> {
+    parallel::map(order.len().div_ceil(RUN), |run| one(&order[run * RUN..order.len().min((run + 1) * RUN)]))
+}
+
+/// Answers one query of a batch, given its index, and appends the results.
+trait Answer: Fn(usize, NeighborQuery<'_>, &mut NeighborBuffer, &mut Vec<Neighbor>) + Sync {}
+impl<F: Fn(usize, NeighborQuery<'_>, &mut NeighborBuffer, &mut Vec<Neighbor>) + Sync> Answer for F {}
+
+/// Answers of a run of queries, one behind the other.
+struct Run {
+    found: Vec<Neighbor>,
+    /// End of each query's answers.
+    ends: Vec<usize>,
+}
+
+/// The indices of positions in the order of a Morton curve.
+pub(in crate::point) fn morton_order(positions: &[Vec3]) -> Vec<usize> {
+    let finite = positions.iter().copied().filter(|p| p.is_finite());
+    let (lo, hi) = finite.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
+    let cells = (1u32 << 21) as f32;
+    let scale = (cells - 1.0) / (hi - lo).max(Vec3::splat(f32::MIN_POSITIVE));
+    let code = |p: Vec3| {
+        // Casts saturate, and NaN becomes 0: every position has a code.
+        let cell = (p - lo) * scale;
+        morton_code([cell.x as u32, cell.y as u32, cell.z as u32])
+    };
+    // Index and code in one integer, which sorts in a third of the time of a pair: the index replaces as many of the
+    // lowest bits of the code as it needs.
+    let low = (1u64 << (usize::BITS - positions.len().leading_zeros())) - 1;
+    let mut order: Vec<u64> = (0..).zip(positions).map(|(index, &p)| (code(p) & !low) | index).collect();
+    order.sort_unstable();
+    order.into_iter().map(|key| (key & low) as usize).collect()
+}

@@ -1,0 +1,162 @@
+//! Points within a radius as an iterator that searches a few bottom nodes at a time.
+
+use super::compiled::{self, MaybeFiltered, Query};
+use super::query::NeighborQuery;
+use crate::point::layout::plane_tree::PlaneView;
+use crate::point::layout::snapshot::{Leaves, View};
+use crate::point::neighbor::Neighbor;
+use crate::point::search::candidates::Candidates;
+use crate::point::search::layers::{Layer, LayerView};
+use crate::point::search::planes::PlaneFront;
+use crate::point::search::radius::{Front, search_blocks};
+use crate::point::search::sinks::Gather;
+use crate::point::search::{Keep, KeepAll};
+use crate::simd::{Kernel, Simd, dispatch};
+
+/// The search pauses once it has found this many points, until they are consumed: resuming it costs more than a node.
+const BATCH: usize = 64;
+
+/// The traversal state of a layer.
+#[allow(clippy::large_enum_variant)] // stored in place, so that iterating does not allocate
+enum Progress {
+    Boxes(Front),
+    Planes(PlaneFront),
+}
+
+/// Iterator over the points within the radius of a query; made by [`NeighborQuery::iter`].
+pub struct WithinIter<'a, K> {
+    search: Search<'a>,
+    keep: K,
+}
+
+/// A search in progress, independent of the filter.
+struct Search<'a> {
+    query: Query<'a, KeepAll>,
+    layer: usize,
+    front: Option<Progress>,
+    /// The points found in the last bottom nodes, and how many of them were consumed.
+    candidates: Candidates,
+    next: usize,
+}
+
+impl<'a, K: Keep> NeighborQuery<'a, K> {
+    /// An iterator over the points within the radius, in no particular order. It searches lazily, except among
+    /// points that are kept in f64, which are searched all at once.
+    ///
+    /// ```
+    /// use mbkd::{PointParams, PointTree};
+    /// let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3], [9.0; 3]], &PointParams::default())?;
+    /// let far = tree.query([0.0f32; 3], 0.0).radius(2.0).iter().find(|n| n.distance() > 1.0);
+    /// assert_eq!(far.map(|n| n.id), Some(1));
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    pub fn iter(self) -> WithinIter<'a, K> {
+        let query = self.query.keeping(KeepAll);
+        let layer = if query.bound >= 0.0 { 0 } else { query.tree.layers.len() };
+        let mut candidates = Candidates::default();
+        candidates.reserve(BATCH);
+        if query.bound >= 0.0 && query.is_precise() {
+            compiled::gather(MaybeFiltered::Unfiltered(&query), &mut candidates);
+        }
+        let search = Search { query, layer, front: None, candidates, next: 0 };
+        WithinIter { search, keep: self.query.keep }
+    }
+}
+
+impl<K: Keep> Iterator for WithinIter<'_, K> {
+    type Item = Neighbor;
+
+    #[inline]
+    fn next(&mut self) -> Option<Neighbor> {
+        loop {
+            let Search { candidates, next, .. } = &mut self.search;
+            while *next < candidates.count {
+                let (id, distance_squared) = (candidates.ids[*next], candidates.distances[*next]);
+                *next += 1;
+                if self.keep.keep(id) {
+                    return Some(Neighbor { id, distance_squared });
+                }
+            }
+            if !self.search.refill() {
+                return None;
+            }
+        }
+    }
+}
+
+impl Search<'_> {
+    /// Continues the search until there are candidates; false at the end.
+    fn refill(&mut self) -> bool {
+        (self.next, self.candidates.count) = (0, 0);
+        while self.candidates.count == 0 {
+            let Some(layer) = self.query.tree.layers.get(self.layer) else { return false };
+            if !dispatch(self.query.tree.simd, Step { search: self, layer }) {
+                self.layer += 1;
+                self.front = None;
+            }
+        }
+        true
+    }
+}
+
+/// Searches the next bottom nodes of a layer; false at its end.
+struct Step<'i, 'l, 'a> {
+    search: &'i mut Search<'a>,
+    layer: &'l Layer,
+}
+
+impl Kernel for Step<'_, '_, '_> {
+    type Output = bool;
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> bool {
+        match self.layer.at(self.search.query.time) {
+            LayerView::Static(view) => steps(s, self.search, &view),
+            LayerView::Moving(view) => steps(s, self.search, &view),
+            LayerView::Timed(view) => steps(s, self.search, &view),
+            LayerView::Planes(view) => step_planes(s, self.search, &view),
+        }
+    }
+}
+
+#[inline(always)]
+fn steps<S: Simd, V: View>(s: S, search: &mut Search<'_>, view: &V) -> bool {
+    while search.candidates.count < BATCH {
+        if !step(s, search, view) {
+            return false;
+        }
+    }
+    true
+}
+
+#[inline(always)]
+fn step<S: Simd, V: View>(s: S, search: &mut Search<'_>, view: &V) -> bool {
+    let bound = s.splat(search.query.bound);
+    let target = view.target(s, search.query.point);
+    let front = match search.front.get_or_insert_with(|| Progress::Boxes(Front::begin(view))) {
+        Progress::Boxes(front) => front,
+        Progress::Planes(_) => return false,
+    };
+    let Some((node, mut lanes)) = front.next(s, view, &target, bound) else { return false };
+    let mut sink = Gather { candidates: &mut search.candidates, keep: &KeepAll };
+    while lanes != 0 {
+        let leaf = view.first_block(node) + lanes.trailing_zeros() as usize * view.leaf_blocks();
+        lanes &= lanes - 1;
+        // A sink that never breaks.
+        let _ = search_blocks(s, view, &target, bound, leaf..leaf + view.leaf_blocks(), &mut sink);
+    }
+    true
+}
+
+#[inline(always)]
+fn step_planes<S: Simd>(s: S, search: &mut Search<'_>, view: &PlaneView<'_>) -> bool {
+    let Query { bound, point, .. } = search.query;
+    let front = match search.front.get_or_insert_with(|| Progress::Planes(PlaneFront::begin())) {
+        Progress::Planes(front) => front,
+        Progress::Boxes(_) => return false,
+    };
+    let Some(blocks) = front.next(view, point, bound, || ()) else { return false };
+    let mut sink = Gather { candidates: &mut search.candidates, keep: &KeepAll };
+    // A sink that never breaks.
+    let _ = search_blocks(s, view, &view.target(s, point), s.splat(bound), blocks, &mut sink);
+    true
+}

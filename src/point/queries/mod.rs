@@ -1,0 +1,10 @@
+//! The queries as callers make them.
+
+pub(super) mod approach;
+pub(super) mod batch;
+pub(super) mod compiled;
+pub(super) mod iter;
+mod pair_approach;
+pub(super) mod query;
+mod tree_queries;
+pub(super) mod visit;

@@ -1,0 +1,231 @@
+//! The interface of neighbour queries: point, time, radius and filter, and then one of several runs.
+
+use super::compiled::{self, MaybeFiltered, Query};
+use crate::limits::MAX_POINT_COORDINATE;
+use crate::point::neighbor::Neighbor;
+use crate::point::search::candidates::Candidates;
+use crate::point::search::{Keep, KeepAll, KeepIf, KeepLanes, NeighborWork};
+use crate::point::tree::PointTree;
+use crate::primitive::Position;
+use crate::simd::{Lanes, Mask};
+use core::ops::ControlFlow;
+use glam::Vec3;
+
+/// Memory for results and candidates. A loop that reuses a buffer allocates nothing once the buffer has grown to the size
+/// that the queries need.
+///
+/// ```
+/// use mbkd::{NeighborBuffer, PointParams, PointTree};
+/// let points = [[0.0f32; 3], [1.0; 3], [2.0; 3]];
+/// let tree = PointTree::build(&points, &PointParams::default())?;
+/// let mut buffer = NeighborBuffer::new();
+/// for (i, p) in points.iter().enumerate() {
+///     let others = tree.query(*p, 0.0).filter(|id| id != i as u32).nearest_n_into(2, &mut buffer);
+///     assert_eq!(others.len(), 2);
+/// }
+/// # Ok::<(), mbkd::PointError>(())
+/// ```
+#[derive(Clone, Debug, Default)]
+pub struct NeighborBuffer {
+    pub(in crate::point) candidates: Candidates,
+    pub(in crate::point) found: Vec<Neighbor>,
+}
+
+impl NeighborBuffer {
+    /// An empty buffer; it grows with the first queries.
+    pub fn new() -> NeighborBuffer {
+        NeighborBuffer::default()
+    }
+
+    /// The results of the last query.
+    pub fn found(&self) -> &[Neighbor] {
+        &self.found
+    }
+}
+
+/// A neighbour query with its options: set [`radius`](NeighborQuery::radius), [`filter`](NeighborQuery::filter) and
+/// [`approximate`](NeighborQuery::approximate), then run it.
+///
+/// [`PointTree::query`] makes it. All runs consider only points that exist at the query's time.
+#[derive(Clone, Copy)]
+#[must_use = "a query does nothing until one of its runs is called"]
+pub struct NeighborQuery<'a, K = KeepAll> {
+    pub(in crate::point) query: Query<'a, K>,
+}
+
+impl<'a> NeighborQuery<'a> {
+    #[inline(always)]
+    pub(in crate::point) fn new(tree: &'a PointTree, at: impl Position, time: f32) -> Self {
+        let (exact, point) = (at.wide(), at.relative(tree.origin));
+        let most = Vec3::splat(MAX_POINT_COORDINATE as f32);
+        // Also false for NaN.
+        let valid = point.abs().cmple(most).all() && (0.0..=1.0).contains(&time);
+        let bound = if valid { f32::MAX } else { -1.0 };
+        NeighborQuery { query: Query { tree, point, exact, time, bound, shrink: 1.0, keep: KeepAll } }
+    }
+
+    /// Considers only points for whose id the predicate returns true. It must be pure. It may be called more than once for
+    /// a point, and is called only for points that are near enough to matter.
+    ///
+    /// ```
+    /// use mbkd::{PointParams, PointTree};
+    /// let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3], [2.0; 3]], &PointParams::default())?;
+    /// let other = tree.query([1.0f32; 3], 0.0).filter(|id| id != 1).nearest();
+    /// assert_eq!(other.map(|n| n.id), Some(0));
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    #[inline(always)]
+    pub fn filter<F: Fn(u32) -> bool>(self, predicate: F) -> NeighborQuery<'a, KeepIf<F>> {
+        NeighborQuery { query: self.query.keeping(KeepIf(predicate)) }
+    }
+}
+
+impl<'a, K: Keep> NeighborQuery<'a, K> {
+    /// Considers only points whose squared distance is at most `radius * radius` (computed in f32). Infinity is no
+    /// restriction; a negative or NaN radius finds nothing.
+    #[inline(always)]
+    pub fn radius(self, radius: f32) -> Self {
+        let bound = if radius >= 0.0 { (radius * radius).min(self.query.bound) } else { -1.0 };
+        NeighborQuery { query: Query { bound, ..self.query } }
+    }
+
+    /// Allows answers whose distance is up to 1 + `epsilon` times that of the exact answer, for `nearest` and for each rank
+    /// of `nearest_n`. The number of points found is the same, and all of them are within the radius. Runs that return all
+    /// points in a radius stay exact. A negative or NaN `epsilon` counts as 0. With an infinite `epsilon` the search returns
+    /// the first points that it reaches.
+    ///
+    /// As soon as k points are known to lie within a squared distance d², boxes farther away than `d² / (1 + epsilon)²`
+    /// are culled. The factor is rounded up, so the guarantee holds for the distances as computed.
+    #[inline(always)]
+    pub fn approximate(self, epsilon: f32) -> Self {
+        let shrink = if epsilon > 0.0 {
+            let factor = 1.0 + f64::from(epsilon);
+            // The next f32 is above the exact factor. The product with d² needs no more: a box is culled if its distance is an f32
+            // above the product as rounded, and such an f32 is above the exact product too.
+            ((1.0 / (factor * factor)) as f32).next_up().min(1.0)
+        } else {
+            1.0
+        };
+        NeighborQuery { query: Query { shrink, ..self.query } }
+    }
+
+    #[inline(always)]
+    fn finds_something(&self) -> bool {
+        self.query.bound >= 0.0
+    }
+
+    /// Runs the query by one of the functions that are compiled in this crate.
+    #[inline(always)]
+    fn run<R>(&self, run: impl FnOnce(MaybeFiltered<'_, 'a>) -> R) -> R {
+        if K::FILTERS {
+            let kept = |ids: &Lanes<u32>, mask: Mask| self.query.keep.kept(ids, mask);
+            run(MaybeFiltered::Filtered(&self.query.keeping(KeepLanes(&kept))))
+        } else {
+            run(MaybeFiltered::Unfiltered(&self.query.keeping(KeepAll)))
+        }
+    }
+
+    /// The nearest point. Ties go to the lowest id.
+    #[inline(always)]
+    pub fn nearest(self) -> Option<Neighbor> {
+        if !self.finds_something() {
+            return None;
+        }
+        self.run(compiled::nearest)
+    }
+
+    /// The `k` nearest points in order of (distance, id); all if there are fewer.
+    pub fn nearest_n(self, k: usize) -> Vec<Neighbor> {
+        let mut buffer = NeighborBuffer::new();
+        self.nearest_n_into(k, &mut buffer);
+        buffer.found
+    }
+
+    /// The same, with the caller's buffer for the result.
+    #[inline(always)]
+    pub fn nearest_n_into(self, k: usize, buffer: &mut NeighborBuffer) -> &[Neighbor] {
+        buffer.found.clear();
+        if self.finds_something() && k > 0 {
+            self.run(|query| compiled::nearest_n(query, k, &mut buffer.candidates, &mut buffer.found));
+        }
+        &buffer.found
+    }
+
+    /// The work that [`NeighborQuery::nearest_n`] does for this query.
+    pub fn work(self, k: usize) -> NeighborWork {
+        if self.finds_something() && k > 0 {
+            self.run(|query| compiled::work(query, k))
+        } else {
+            NeighborWork::default()
+        }
+    }
+
+    /// All points within the radius, in no particular order.
+    pub fn collect(self) -> Vec<Neighbor> {
+        let mut buffer = NeighborBuffer::new();
+        self.collect_into(&mut buffer);
+        buffer.found
+    }
+
+    /// The same, with the caller's buffer for the result.
+    #[inline(always)]
+    pub fn collect_into(self, buffer: &mut NeighborBuffer) -> &[Neighbor] {
+        buffer.found.clear();
+        if self.finds_something() {
+            self.run(|query| compiled::collect(query, &mut buffer.candidates, &mut buffer.found));
+        }
+        &buffer.found
+    }
+
+    /// All points within the radius, in order of (distance, id).
+    pub fn collect_sorted(self) -> Vec<Neighbor> {
+        let mut buffer = NeighborBuffer::new();
+        self.collect_sorted_into(&mut buffer);
+        buffer.found
+    }
+
+    /// The same, with the caller's buffer for the result.
+    #[inline(always)]
+    pub fn collect_sorted_into(self, buffer: &mut NeighborBuffer) -> &[Neighbor] {
+        buffer.found.clear();
+        if self.finds_something() {
+            self.run(|query| compiled::collect_sorted(query, &mut buffer.candidates, &mut buffer.found));
+        }
+        &buffer.found
+    }
+
+    /// The number of points within the radius.
+    pub fn count(self) -> usize {
+        if self.finds_something() { self.run(compiled::count) } else { 0 }
+    }
+
+    /// Calls `visit` for every point within the radius, in no particular order, until it returns `Break`. Returns the last
+    /// return value of `visit`.
+    ///
+    /// ```
+    /// use core::ops::ControlFlow;
+    /// use mbkd::{PointParams, PointTree};
+    /// let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3], [9.0; 3]], &PointParams::default())?;
+    /// let mut sum = 0.0;
+    /// let flow = tree.query([0.0f32; 3], 0.0).radius(2.0).for_each(|n| {
+    ///     sum += n.distance_squared;
+    ///     ControlFlow::Continue(())
+    /// });
+    /// assert_eq!((flow, sum), (ControlFlow::Continue(()), 3.0));
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    #[inline]
+    pub fn for_each(self, mut visit: impl FnMut(Neighbor) -> ControlFlow<()>) -> ControlFlow<()> {
+        if !self.finds_something() {
+            return ControlFlow::Continue(());
+        }
+        compiled::for_some(&self.query.keeping(KeepAll), &mut |ids, distances| {
+            for (&id, &distance_squared) in ids.iter().zip(distances) {
+                if self.query.keep.keep(id) {
+                    visit(Neighbor { id, distance_squared })?;
+                }
+            }
+            ControlFlow::Continue(())
+        })
+    }
+}

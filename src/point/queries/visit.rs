@@ -1,0 +1,207 @@
+//! Custom traversals of a [`PointTree`].
+
+use crate::geometry::{Aabb, KeyTime};
+use crate::mbkd::KdView;
+use crate::point::layout::over_interval::{BoxTree, PointPath};
+use crate::point::layout::plane_tree::PlaneTree;
+use crate::point::search::layers::Layer;
+use crate::point::tree::PointTree;
+use crate::simd::LANES;
+use crate::traverse::{Hierarchy, Visitor, traverse};
+use core::ops::{ControlFlow, Range};
+use glam::{DVec3, Vec3};
+
+/// A point in a leaf of a [`PointTree`], as a [`Visitor`] gets it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TreePoint {
+    /// The point's id.
+    pub id: u32,
+    /// Its position at the time of the traversal, as queries see it.
+    pub position: DVec3,
+}
+
+/// A node of one of the trees, or a leaf.
+#[derive(Clone, Copy)]
+struct Entry {
+    layer: usize,
+    /// The time slice: the index of the tree in its layer.
+    slice: usize,
+    /// `None` for a leaf: then `at` is its first block, and `blocks` their number.
+    level: Option<usize>,
+    at: usize,
+    blocks: usize,
+    /// Its cell, in a k-d tree, where `at` is a node in any case.
+    cell: Aabb,
+}
+
+/// All layers at a time.
+struct LayersAt<'a> {
+    tree: &'a PointTree,
+    time: f32,
+}
+
+impl LayersAt<'_> {
+    fn bounds(&self, min: [f32; 3], max: [f32; 3]) -> Aabb {
+        Aabb { min: self.to_world(min), max: self.to_world(max) }
+    }
+
+    fn to_world(&self, p: [f32; 3]) -> DVec3 {
+        Vec3::from(p).as_dvec3() + self.tree.origin
+    }
+
+    /// Children or points of a entry in a tree whose positions are relative to `origin`.
+    fn expand_in(
+        &self,
+        tree: &impl BoxTree,
+        origin: DVec3,
+        entry: Entry,
+        children: &mut Vec<(Aabb, Entry)>,
+        items: &mut Vec<TreePoint>,
+    ) {
+        let Some(level) = entry.level else {
+            for (block, lane) in lanes(entry.at..entry.at + entry.blocks) {
+                if tree.is_active(block, lane, self.time) {
+                    let at = |point: &PointPath| tree.position(point, self.time) + origin;
+                    items.extend(tree.point_path(block, lane).map(|f| TreePoint { id: f.id, position: at(&f) }));
+                }
+            }
+            return;
+        };
+        let (first, stride) = tree.children(level, entry.at);
+        let [begin, end] = tree.times(entry.at);
+        let [min, max] = tree.faces(entry.at, &[tree.phase(self.time); LANES]);
+        for lane in (0..LANES).filter(|&lane| begin[lane] <= self.time && self.time <= end[lane]) {
+            let (level, blocks) = (level.checked_sub(1), if level == 0 { stride } else { 0 });
+            let child = Entry { level, at: first + lane * stride, blocks, ..entry };
+            let corner = |faces: [[f64; LANES]; 3]| DVec3::from_array(faces.map(|row| row[lane])) + origin;
+            children.push((Aabb { min: corner(min), max: corner(max) }, child));
+        }
+    }
+}
+
+impl LayersAt<'_> {
+    fn point(&self, point: &PointPath, at: KeyTime) -> TreePoint {
+        TreePoint { id: point.id, position: self.to_world(point.position(at).to_array()) }
+    }
+
+    /// The same in a k-d tree: cells of its planes at the time, grown by their slack.
+    fn expand_planes(
+        &self,
+        tree: &PlaneTree,
+        entry: Entry,
+        children: &mut Vec<(Aabb, Entry)>,
+        items: &mut Vec<TreePoint>,
+    ) {
+        match tree.node(entry.at as u32) {
+            KdView::Leaf { first, count } => {
+                let at = KeyTime::new(self.time, tree.slice.keys);
+                for (block, lane) in lanes(first as usize..(first + count) as usize) {
+                    if tree.leaves.is_active(block, lane, self.time) {
+                        items.extend(tree.leaves.point_path(block, lane).map(|point| self.point(&point, at)));
+                    }
+                }
+            }
+            KdView::Inner { plane, right } => {
+                let (axis, left, right) = (plane.axis, entry.at as u32 + 1, right);
+                let face = |by: f64| plane.at(self.time) + by + self.tree.origin[axis];
+                let (mut below, mut above) = (entry.cell, entry.cell);
+                below.max[axis] = below.max[axis].min(face(tree.slack(left)));
+                above.min[axis] = above.min[axis].max(face(-tree.slack(right)));
+                for (node, cell) in [(left, below), (right, above)] {
+                    children.push((cell, Entry { at: node as usize, cell, ..entry }));
+                }
+            }
+        }
+    }
+}
+
+/// All lanes of some blocks.
+fn lanes(blocks: Range<usize>) -> impl Iterator<Item = (usize, usize)> {
+    blocks.flat_map(|block| (0..LANES).map(move |lane| (block, lane)))
+}
+
+impl Hierarchy for LayersAt<'_> {
+    type Node = Entry;
+    type Item = TreePoint;
+
+    fn roots(&self, roots: &mut Vec<Entry>) {
+        for (layer, of) in self.tree.layers.iter().enumerate() {
+            let slice = of.slice_at(self.time);
+            let entry = Entry { layer, slice, level: None, at: 0, blocks: 0, cell: Aabb::EMPTY };
+            let top = |(level, at)| Entry { level: Some(level), at, ..entry };
+            roots.push(match of {
+                Layer::Static(tree) => top(tree.root_node()),
+                Layer::Moving(trees) => top(trees[slice].root_node()),
+                Layer::Planes(trees) => {
+                    let (root, slack) = (trees[slice].root, trees[slice].slack(0));
+                    Entry { cell: self.bounds(root.min.to_array(), root.max.to_array()).pad(slack), ..entry }
+                }
+            });
+        }
+        for (number, of) in self.tree.precise.iter().enumerate() {
+            let (layer, slice) = (self.tree.layers.len() + number, of.slice_at(self.time));
+            let (level, at) = of.trees[slice].root_node();
+            roots.push(Entry { layer, slice, level: Some(level), at, blocks: 0, cell: Aabb::EMPTY });
+        }
+    }
+
+    fn expand(&self, entry: Entry, children: &mut Vec<(Aabb, Entry)>, items: &mut Vec<TreePoint>) {
+        let origin = self.tree.origin;
+        match self.tree.layers.get(entry.layer) {
+            Some(Layer::Static(tree)) => self.expand_in(tree, origin, entry, children, items),
+            Some(Layer::Moving(trees)) => self.expand_in(&trees[entry.slice], origin, entry, children, items),
+            Some(Layer::Planes(trees)) => self.expand_planes(&trees[entry.slice], entry, children, items),
+            None => {
+                let layer = &self.tree.precise[entry.layer - self.tree.layers.len()];
+                self.expand_in(&layer.trees[entry.slice], DVec3::ZERO, entry, children, items);
+            }
+        }
+    }
+}
+
+impl PointTree {
+    /// Traverses the tree as it is at a time of the shutter with a [`Visitor`]: a custom traversal, for
+    /// queries that the library does not have. Returns what the visitor returned last; at a time outside `[0, 1]` it
+    /// visits nothing.
+    ///
+    /// Each point that exists at the time is in exactly one leaf. A visitor gets the sixteen boxes of a node one after the
+    /// other, which is much slower than the queries of the library: it is meant for occasional use.
+    ///
+    /// ```
+    /// use core::ops::{ControlFlow, Range};
+    /// use mbkd::{Aabb, MovingPoint, PointParams, PointTree, TreePoint, Visitor, glam::{DVec3, Vec3}};
+    ///
+    /// /// Finds the points that are above a plane, whose normal is `normal`.
+    /// struct Above {
+    ///     normal: DVec3,
+    ///     offset: f64,
+    ///     found: Vec<u32>,
+    /// }
+    /// impl Visitor<TreePoint> for Above {
+    ///     fn enter(&mut self, b: &Aabb) -> Option<f32> {
+    ///         // The corner that is farthest along the normal.
+    ///         let corner = DVec3::select(self.normal.cmpge(DVec3::ZERO), b.max, b.min);
+    ///         (self.normal.dot(corner) >= self.offset).then_some(0.0)
+    ///     }
+    ///     fn visit(&mut self, point: TreePoint) -> ControlFlow<()> {
+    ///         if self.normal.dot(point.position) >= self.offset {
+    ///             self.found.push(point.id);
+    ///         }
+    ///         ControlFlow::Continue(())
+    ///     }
+    /// }
+    ///
+    /// let points = [MovingPoint::new(Vec3::ZERO, Vec3::Z * 10.0), MovingPoint::fixed(Vec3::Z * 3.0)];
+    /// let tree = PointTree::build(&points, &PointParams::default())?;
+    /// let mut above = Above { normal: DVec3::Z, offset: 4.0, found: Vec::new() };
+    /// assert!(tree.traverse(0.5, &mut above).is_continue());
+    /// assert_eq!(above.found, [0]);
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    pub fn traverse(&self, time: f32, visitor: &mut impl Visitor<TreePoint>) -> ControlFlow<()> {
+        if !(0.0..=1.0).contains(&time) {
+            return ControlFlow::Continue(());
+        }
+        traverse(&LayersAt { tree: self, time }, visitor)
+    }
+}

@@ -1,0 +1,341 @@
+//! The closest point on any primitive of a tree, at a time.
+//!
+//! The picture: boxes and triangles are visited in order of their distance from the query point, until every remaining
+//! one is farther away than the best point found. Distances from boxes are in f32 and never too large. Distances of
+//! answers are in f64 and rounded to f32 at the very end, so they are the same for every layout, instruction set and
+//! number of threads.
+//!
+//! **Why no closest point is lost.** Let `p` be the point that a primitive answers with.
+//! - Wide layout. `p` lies in the boxes above its primitive as they are computed at the query's time. For a triangle,
+//!   its corners do, as for rays, and [`closest_on_triangle`](crate::geometry::closest_on_triangle) keeps `p` within
+//!   the box of the corners. Sub-references of triangles have boxes that are wider than exact by 8 ULP, more than `p`
+//!   is off the triangle. Custom primitives promise it. The query point `q` is replaced by the f32 numbers on either
+//!   side of it (`low`, `high`), so along each axis `max(lower - high, low - upper, 0)`, before rounding, is at most
+//!   `|p - q|`. Rounding it, its square and the sum of squares makes it too large by less than 4 ULP, and the square of
+//!   a number near zero by less than the least normal number: [`Query::cull`] allows for both.
+//! - Placed trees (instances). Distances are those of images, measured from the query point in the outer space. The
+//!   tree is searched from that point mapped into its own space, out to the greatest inner distance that
+//!   [`Placement`](crate::geometry::Placement) derives for the outer one.
+//! - K-d layout. The cell of `p` has a reference of the primitive: the build's classification rounds outward, and the
+//!   bounds that it classifies hold `p` as they do above. Distances from planes are computed in f64, and reduced by
+//!   more than their rounding error ([`PLANE_ROUNDING`]).
+//!
+//! A distance is rounded to f32 before it is compared, so a point that is farther than the best one by less than half
+//! an ULP may tie with it and win by a lower id. Culling therefore begins one float above the best distance.
+
+use super::nearest_first::{Leaves, NearestFirst};
+use super::point_query::{Candidate, PlacedQuery, Query};
+use crate::layout::{ChildRef, CornerLanes, WideSource, WideTree};
+use crate::limits::DEPTH_LIMIT;
+use crate::mbkd::{KdTree, KdView};
+use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes};
+use crate::ray::filter::{Everything, Filter};
+use crate::ray::observer::Observer;
+use crate::simd::{LANES, Lanes, Mask, Simd, SimdLevel, StackMemory, dispatch, dispatch_or};
+use glam::{DVec3, Vec3};
+
+/// The closest point on any primitive of a [`RayTree`](crate::RayTree), as returned by
+/// [`RayTree::closest_point`](crate::RayTree::closest_point).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClosestPoint {
+    /// Distance from the query point, rounded to nearest.
+    pub distance: f32,
+    /// The point, in world coordinates.
+    pub point: DVec3,
+    /// Barycentric weight of the triangle's second vertex, or the value that a custom primitive returned.
+    pub u: f32,
+    /// Barycentric weight of the triangle's third vertex (the first has `1 - u - v`), or the value that a custom
+    /// primitive returned.
+    pub v: f32,
+    /// The mesh, as an index into the meshes that the tree was built of (0 for custom primitives).
+    pub mesh: u32,
+    /// The triangle within its mesh, or the primitive's index.
+    pub primitive: u32,
+}
+
+/// A set of primitives that answers closest-point queries one primitive at a time.
+pub(crate) trait ClosestPointSource: WideSource {
+    /// The closest point of a primitive at the query's time, at any distance.
+    fn closest_point(&self, id: u32, query: &Query) -> Option<Candidate>;
+
+    /// The first of some primitives with a point within the limit: its index in `ids`, and its closest point.
+    #[inline(always)]
+    fn first_within(&self, ids: &[u32], query: &Query, limit: f32) -> Option<(usize, Candidate)> {
+        let near = |&id: &u32| self.closest_point(id, query).filter(|candidate| candidate.distance <= limit);
+        ids.iter().enumerate().find_map(|(i, id)| Some((i, near(id)?)))
+    }
+}
+
+impl ClosestPointSource for Scene {
+    #[inline]
+    fn closest_point(&self, id: u32, query: &Query) -> Option<Candidate> {
+        match self.shape(id) {
+            None => {
+                let corners = self.triangles.precise_corners(id, query.time);
+                let corners = corners.unwrap_or_else(|| self.triangles.corners(id, query.time).map(Vec3::as_dvec3));
+                Some(query.on_triangle(corners))
+            }
+            Some(shape) => self.shapes.closest_point(shape, query),
+        }
+    }
+}
+
+impl<P: Primitive> ClosestPointSource for Shapes<P> {
+    fn closest_point(&self, id: u32, query: &Query) -> Option<Candidate> {
+        let found = self.shapes()[id as usize].closest_point(query.own, query.time)?;
+        let point = query.placed.map_or(found.point, |placed| placed.matrix.transform_point3(found.point));
+        let distance = (point - query.point).length() as f32;
+        (!distance.is_nan()).then_some(Candidate { distance, point, u: found.u, v: found.v })
+    }
+}
+
+/// The best answer so far, and the filter that candidates have to pass.
+pub(in crate::ray) struct Best<'a, G, F> {
+    pub set: &'a G,
+    filter: &'a F,
+    pub query: &'a Query,
+    found: Option<(Candidate, u32)>,
+    /// The greatest distance of a point that can still improve the answer.
+    pub limit: f32,
+}
+
+impl<G: PrimitiveSet, F: Filter<ClosestPoint>> Best<'_, G, F> {
+    /// Takes the point of a primitive if it is the closest so far.
+    #[inline(always)]
+    fn offer(&mut self, candidate: Candidate, id: u32) {
+        let better = match self.found {
+            Some((best, best_id)) => {
+                candidate.distance < best.distance || (candidate.distance == best.distance && id < best_id)
+            }
+            None => candidate.distance <= self.limit,
+        };
+        if better && self.sees(id) && self.filter.accepts(|| self.answer(candidate, id)) {
+            self.found = Some((candidate, id));
+            self.limit = candidate.distance;
+        }
+    }
+
+    #[inline(always)]
+    fn sees(&self, id: u32) -> bool {
+        (self.set.always_active() || self.set.active(id).contains(self.query.time))
+            && self.filter.sees(|| self.set.mask(id))
+    }
+
+    fn answer(&self, Candidate { distance, point, u, v }: Candidate, id: u32) -> ClosestPoint {
+        let (mesh, primitive) = self.set.mesh_and_primitive(id);
+        ClosestPoint { distance, point, u, v, mesh, primitive }
+    }
+
+    pub fn finish(self) -> Option<ClosestPoint> {
+        self.found.map(|(candidate, id)| self.answer(candidate, id))
+    }
+}
+
+/// Leaves of primitives: blocks of triangles, and lists of other primitives.
+pub(in crate::ray) struct InPrimitives<'a, 'b, G, F, O> {
+    pub tree: &'a WideTree,
+    pub best: &'b mut Best<'a, G, F>,
+    pub observer: &'b mut O,
+}
+
+impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> Leaves for InPrimitives<'_, '_, G, F, O> {
+    #[inline(always)]
+    fn limit(&self) -> f32 {
+        self.best.limit
+    }
+
+    #[inline(always)]
+    fn node(&mut self) {
+        self.observer.node();
+    }
+
+    #[inline(always)]
+    fn leaf<S: Simd>(&mut self, s: S, leaf: ChildRef) {
+        self.observer.leaf();
+        if !self.tree.is_list::<G>(leaf) {
+            return self.triangles(s, leaf);
+        }
+        self.observer.primitive_tests(leaf.len());
+        let mut ids = &self.tree.arena.ints()[leaf.at()..leaf.at() + leaf.len()];
+        while let Some((i, candidate)) = self.best.set.first_within(ids, self.best.query, self.best.limit) {
+            self.best.offer(candidate, ids[i]);
+            ids = &ids[i + 1..];
+        }
+    }
+}
+
+impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'_, '_, G, F, O> {
+    /// Tests a block of triangles: those whose boxes are near enough, closest first.
+    #[inline(always)]
+    fn triangles<S: Simd>(&mut self, s: S, leaf: ChildRef) {
+        let query = self.best.query;
+        let CornerLanes { corners: [a, b, c], count, ids } = CornerLanes::of(s, &self.tree.arena, leaf, query.time);
+        let (mut lower, mut upper) = (a, a);
+        for axis in 0..3 {
+            lower[axis] = s.min(a[axis], s.min(b[axis], c[axis]));
+            upper[axis] = s.max(a[axis], s.max(b[axis], c[axis]));
+        }
+        let distances = query.distances(s, lower, upper);
+        let mut near = s.le(distances, s.splat(query.cull(self.best.limit))) & ((1u32 << count) - 1) as Mask;
+        if near == 0 {
+            return;
+        }
+        let mut lanes = [[[0.0; LANES]; 3]; 3];
+        for (to, from) in lanes.iter_mut().flatten().zip([a, b, c].into_iter().flatten()) {
+            s.store(from, to);
+        }
+        while near != 0 {
+            let least = s.reduce_min_u(s.select_u(near, s.to_bits(distances), s.splat_u(u32::MAX)));
+            let nearest = s.eq(distances, s.splat(f32::from_bits(least))) & near;
+            let lane = nearest.trailing_zeros() as usize % LANES;
+            self.observer.primitive_tests(1);
+            let candidate = query.on_triangle(corners_in(&lanes, lane));
+            self.best.offer(candidate, self.tree.arena.ints()[ids + lane]);
+            near &= !(1 << lane) & s.le(distances, s.splat(query.cull(self.best.limit)));
+        }
+    }
+}
+
+#[inline(always)]
+fn corners_in(lanes: &[[Lanes<f32>; 3]; 3], lane: usize) -> [DVec3; 3] {
+    let [a, b, c] = lanes;
+    [
+        Vec3::new(a[0][lane], a[1][lane], a[2][lane]).as_dvec3(),
+        Vec3::new(b[0][lane], b[1][lane], b[2][lane]).as_dvec3(),
+        Vec3::new(c[0][lane], c[1][lane], c[2][lane]).as_dvec3(),
+    ]
+}
+
+/// Bound on the rounding error of f64 distances from planes, relative to the largest coordinate of the scene: 64
+/// roundings. (The error that grows with the distance of the query point is less than the allowance for squares.)
+const PLANE_ROUNDING: f64 = 32.0 * f64::EPSILON;
+
+/// A cell of the k-d layout on the stack, with its distance along each axis.
+#[derive(Clone, Copy)]
+struct Cell {
+    node: u32,
+    gap: DVec3,
+}
+
+/// The search through the k-d layout, nearer cells first (Arya and Mount, "Algorithms for Fast Vector Quantization",
+/// 1993: the distance to a cell differs from that to its parent along one axis only).
+fn search_kd<G: ClosestPointSource, F: Filter<ClosestPoint>>(
+    tree: &KdTree,
+    best: &mut Best<'_, G, F>,
+    observer: &mut impl Observer,
+) {
+    if tree.nodes.is_empty() {
+        return;
+    }
+    let (query, time) = (best.query, best.query.time);
+    let (low, high) = (tree.root.min.as_dvec3(), tree.root.max.as_dvec3());
+    let slack = PLANE_ROUNDING * low.abs().max(high.abs()).max_element();
+    let gap = (low - query.inside).max(query.inside - high).max(DVec3::splat(slack)) - slack;
+    let mut memory = StackMemory::<Cell, DEPTH_LIMIT>::new();
+    let mut stack = memory.stack(DEPTH_LIMIT);
+    let mut cell = Cell { node: 0, gap };
+    loop {
+        let reach = query.reach(best.limit);
+        // Squares in f64 have a relative error of 2^-53 each; infinite where the reach is.
+        if cell.gap.length_squared() <= reach * reach * (1.0 + 1e-12) {
+            match tree.nodes[cell.node as usize].view() {
+                KdView::Inner { plane, right } => {
+                    observer.node();
+                    let to_plane = query.inside[plane.axis] - plane.at(time);
+                    let (near, far) = if to_plane < 0.0 { (cell.node + 1, right) } else { (right, cell.node + 1) };
+                    let mut gap = cell.gap;
+                    gap[plane.axis] = gap[plane.axis].max(to_plane.abs() - slack);
+                    stack.push(Cell { node: far, gap });
+                    cell.node = near;
+                    continue;
+                }
+                KdView::Leaf { first, count } => {
+                    observer.leaf();
+                    for reference in &tree.references[first as usize..][..count as usize] {
+                        if !reference.is_active_at(time) {
+                            observer.time_skip();
+                            continue;
+                        }
+                        observer.primitive_tests(1);
+                        if let Some(candidate) = best.set.closest_point(reference.id, query) {
+                            best.offer(candidate, reference.id);
+                        }
+                    }
+                }
+            }
+        }
+        match stack.pop() {
+            Some(next) => cell = next,
+            None => return,
+        }
+    }
+}
+
+/// The initial state of a search.
+pub(in crate::ray) fn begin<'a, G, F>(set: &'a G, query: &'a Query, filter: &'a F) -> Best<'a, G, F> {
+    Best { set, filter, query, found: None, limit: query.max_distance }
+}
+
+/// The closest point in the wide layout.
+pub(in crate::ray) fn closest_point_in_wide<G: ClosestPointSource>(
+    simd: SimdLevel,
+    tree: &WideTree,
+    set: &G,
+    query: &PlacedQuery,
+    filter: &impl Filter<ClosestPoint>,
+    observer: &mut impl Observer,
+) -> Option<ClosestPoint> {
+    let query = &Query::new(query, *set.frame())?;
+    let mut best = begin(set, query, filter);
+    let mut leaves = InPrimitives { tree, best: &mut best, observer };
+    dispatch(simd, NearestFirst { tree, query, leaves: &mut leaves });
+    best.finish()
+}
+
+/// The closest point in the wide layout without a filter or an observer. `guarded` answers on an instruction set for
+/// which this form is not compiled.
+#[inline(always)]
+pub(in crate::ray) fn plain_closest_point_in_wide<G: ClosestPointSource>(
+    simd: SimdLevel,
+    tree: &WideTree,
+    set: &G,
+    query: &PlacedQuery,
+    guarded: impl FnOnce() -> Option<ClosestPoint>,
+) -> Option<ClosestPoint> {
+    let query = &Query::new(query, *set.frame())?;
+    let mut best = begin(set, query, &Everything);
+    let mut leaves = InPrimitives { tree, best: &mut best, observer: &mut () };
+    let mut found = None;
+    dispatch_or(simd, NearestFirst { tree, query, leaves: &mut leaves }, |_| found = Some(guarded()));
+    found.unwrap_or_else(|| best.finish())
+}
+
+/// The closest point in the k-d layout.
+pub(in crate::ray) fn closest_point_in_kd<G: ClosestPointSource>(
+    tree: &KdTree,
+    set: &G,
+    query: &PlacedQuery,
+    filter: &impl Filter<ClosestPoint>,
+    observer: &mut impl Observer,
+) -> Option<ClosestPoint> {
+    let query = Query::new(query, *set.frame())?;
+    let mut best = begin(set, &query, filter);
+    search_kd(tree, &mut best, observer);
+    best.finish()
+}
+
+/// The closest point by testing every primitive of a set: the reference that all layouts must agree with.
+pub(crate) fn closest_point_of_all<G: ClosestPointSource>(
+    set: &G,
+    query: &PlacedQuery,
+    filter: &impl Filter<ClosestPoint>,
+) -> Option<ClosestPoint> {
+    let query = Query::new(query, *set.frame())?;
+    let mut best = begin(set, &query, filter);
+    for id in 0..set.len() as u32 {
+        if let Some(candidate) = set.closest_point(id, &query) {
+            best.offer(candidate, id);
+        }
+    }
+    best.finish()
+}

@@ -1,0 +1,199 @@
+//! A closest-point query: as the caller gives it, and prepared in tree space, where it computes distances from boxes
+//! and triangles.
+//!
+//! The `closest_point` module proves that no closest point is lost.
+
+use crate::geometry::{Frame, Placement, ULP, closest_on_triangle};
+use crate::layout::{ChildRef, NODE_ROWS};
+use crate::limits::MAX_COORDINATE;
+use crate::simd::{LANES, Mask, Simd, lanes_at};
+use crate::traverse::{NodeBlock, children_of};
+use glam::{DVec3, Vec3};
+
+/// A query of [`RayTree::closest_points`](crate::RayTree::closest_points): the closest point to `point` at `time`
+/// within `max_distance`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClosestPointQuery {
+    /// The point, in world coordinates.
+    pub point: DVec3,
+    /// The time, in the shutter `[0, 1]`.
+    pub time: f32,
+    /// Points farther away are ignored; may be infinite.
+    pub max_distance: f32,
+}
+
+impl ClosestPointQuery {
+    /// A query at a point (`Vec3` or `DVec3`) and a time, without a greatest distance.
+    pub fn new(point: impl Into<DVec3>, time: f32) -> ClosestPointQuery {
+        ClosestPointQuery { point: point.into(), time, max_distance: f32::INFINITY }
+    }
+
+    /// The same query for points no farther than `max_distance`.
+    pub fn within(self, max_distance: f32) -> ClosestPointQuery {
+        ClosestPointQuery { max_distance, ..self }
+    }
+
+    /// Whether all fields are in range: see [`RayTree::closest_point`](crate::RayTree::closest_point). (Comparisons in
+    /// this form also reject NaN.)
+    fn is_valid(&self) -> bool {
+        self.point.abs().cmple(DVec3::splat(MAX_COORDINATE)).all()
+            && (0.0..=1.0).contains(&self.time)
+            && self.max_distance >= 0.0
+    }
+}
+
+/// A query of a tree that may be placed in an outer space (as an instance); the query point and all distances are in
+/// that space.
+#[derive(Clone, Copy)]
+pub(crate) struct PlacedQuery {
+    pub query: ClosestPointQuery,
+    /// The placement of the tree; `None` if the tree's own space is the outer space.
+    pub placed: Option<Placement>,
+}
+
+impl From<ClosestPointQuery> for PlacedQuery {
+    fn from(query: ClosestPointQuery) -> PlacedQuery {
+        PlacedQuery { query, placed: None }
+    }
+}
+
+/// The closest point of one primitive.
+#[derive(Clone, Copy)]
+pub(crate) struct Candidate {
+    pub distance: f32,
+    pub point: DVec3,
+    pub u: f32,
+    pub v: f32,
+}
+
+/// A query in the outer space, and in tree space.
+pub(crate) struct Query {
+    pub(in crate::ray) point: DVec3,
+    pub(in crate::ray) time: f32,
+    pub(in crate::ray) max_distance: f32,
+    frame: Frame,
+    pub(in crate::ray) placed: Option<Placement>,
+    /// The query point in the tree's own space.
+    pub(in crate::ray) own: DVec3,
+    /// The greatest distance in tree space per unit of distance in the outer space.
+    scale_bound: f64,
+    /// By how much computed outer distances may be smaller than this bound assumes.
+    deviation: f64,
+    /// The query point in tree space.
+    pub(in crate::ray) inside: DVec3,
+    /// The f32 numbers on either side of `inside`.
+    low: Vec3,
+    high: Vec3,
+}
+
+impl Query {
+    /// Returns `None` for a query that is out of range.
+    pub fn new(PlacedQuery { query, placed }: &PlacedQuery, frame: Frame) -> Option<Query> {
+        if !query.is_valid() {
+            return None;
+        }
+        let (own, scale_bound, deviation) = match placed {
+            None => (query.point, frame.scale, 0.0),
+            Some(placed) => {
+                let preimage = placed.preimage(query.point, frame.bounds);
+                (preimage.point, preimage.scale_bound * frame.scale, preimage.deviation)
+            }
+        };
+        let inside = (own - frame.origin) * frame.scale;
+        // The difference is rounded in f64, and the conversion is to the nearest f32: the neighbouring floats enclose
+        // both errors.
+        let nearest = inside.as_vec3();
+        let (low, high) = (nearest.map(f32::next_down), nearest.map(f32::next_up));
+        let &ClosestPointQuery { point, time, max_distance } = query;
+        Some(Query {
+            point,
+            time,
+            max_distance,
+            frame,
+            placed: *placed,
+            own,
+            scale_bound,
+            deviation,
+            inside,
+            low,
+            high,
+        })
+    }
+
+    /// The closest point of a triangle with these corners in tree space.
+    #[inline(always)]
+    pub(in crate::ray) fn on_triangle(&self, corners: [DVec3; 3]) -> Candidate {
+        if let Some(placed) = &self.placed {
+            return self.on_placed_triangle(placed, corners);
+        }
+        let found = closest_on_triangle(self.inside, corners);
+        Candidate {
+            distance: (found.distance_squared.sqrt() / self.frame.scale) as f32,
+            point: found.point / self.frame.scale + self.frame.origin,
+            u: found.u as f32,
+            v: found.v as f32,
+        }
+    }
+
+    /// The same for a placed tree: the closest point of the triangle's image.
+    #[inline(never)]
+    fn on_placed_triangle(&self, placed: &Placement, corners: [DVec3; 3]) -> Candidate {
+        let corners = corners.map(|p| placed.matrix.transform_point3(self.frame.fine_to_world(p)));
+        let found = closest_on_triangle(self.point, corners);
+        Candidate {
+            distance: found.distance_squared.sqrt() as f32,
+            point: found.point,
+            u: found.u as f32,
+            v: found.v as f32,
+        }
+    }
+
+    /// The greatest distance in tree space of a point whose outer distance rounds to at most `limit`.
+    #[inline(always)]
+    pub(in crate::ray) fn reach(&self, limit: f32) -> f64 {
+        (f64::from(limit.next_up()) + self.deviation) * self.scale_bound
+    }
+
+    /// The boxes of a node that are within reach, and their squared distances; see [`Query::distances`].
+    #[inline(always)]
+    pub(in crate::ray) fn enter<S: Simd, const ROWS: usize>(&self, s: S, block: &NodeBlock, cull: f32) -> (Mask, S::F) {
+        let time = s.splat(self.time);
+        let (mut lower, mut upper) = ([time; 3], [time; 3]);
+        for axis in 0..3 {
+            lower[axis] = face::<S, ROWS>(s, block, 2 * axis, time);
+            upper[axis] = face::<S, ROWS>(s, block, 2 * axis + 1, time);
+        }
+        let distances = self.distances(s, lower, upper);
+        let absent = s.splat_u(ChildRef::NOTHING.0);
+        let present = s.lt_u(s.to_bits(s.load(children_of::<ROWS>(block))), absent);
+        (s.le(distances, s.splat(cull)) & present, distances)
+    }
+
+    /// A squared distance: a box whose distance computed in f32 is above it has no point within `limit`.
+    #[inline(always)]
+    pub(in crate::ray) fn cull(&self, limit: f32) -> f32 {
+        let reach = self.reach(limit);
+        (reach * reach * (1.0 + f64::from(8.0 * ULP))) as f32 + f32::MIN_POSITIVE
+    }
+
+    /// Squared distances from sixteen boxes, never too large by more than [`Query::cull`] allows for.
+    #[inline(always)]
+    pub(in crate::ray) fn distances<S: Simd>(&self, s: S, lower: [S::F; 3], upper: [S::F; 3]) -> S::F {
+        let zero = s.splat(0.0);
+        let mut sum = zero;
+        for axis in 0..3 {
+            let below = lower[axis] - s.splat(self.high[axis]);
+            let above = s.splat(self.low[axis]) - upper[axis];
+            let gap = s.max(s.max(below, above), zero);
+            sum = sum + gap * gap;
+        }
+        sum
+    }
+}
+
+/// One face of each of the sixteen boxes of a node, at a time.
+#[inline(always)]
+fn face<S: Simd, const ROWS: usize>(s: S, block: &NodeBlock, row: usize, time: S::F) -> S::F {
+    let at = s.load(lanes_at(block, row * LANES));
+    if ROWS == NODE_ROWS { s.mul_add(s.load(lanes_at(block, (row + 6) * LANES)), time, at) } else { at }
+}

@@ -1,0 +1,7 @@
+//! The arithmetic of one ray: in tree space, against boxes, and against triangles.
+
+pub(super) mod outline;
+pub(super) mod shear;
+mod slabs;
+pub(super) mod tree_ray;
+mod triangle;

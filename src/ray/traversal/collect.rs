@@ -1,0 +1,229 @@
+//! What a traversal does with the hits it finds.
+
+use crate::primitive::PrimitiveSet;
+use crate::ray::filter::Filter;
+use crate::ray::hit::{Hit, SetHit};
+use crate::ray::kernel::tree_ray::TreeRay;
+use core::ops::ControlFlow;
+use std::collections::HashSet;
+
+/// A hit with its primitive's id.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Found {
+    pub hit: SetHit,
+    pub id: u32,
+}
+
+impl Found {
+    /// The hit in the form of an answer.
+    #[inline(always)]
+    pub fn answer(&self, set: &impl PrimitiveSet) -> Hit {
+        self.hit.answer(set.mesh_and_primitive(self.id))
+    }
+}
+
+/// Receives hits in any order. Its limit is used for culling: hits strictly farther away do not matter.
+pub(crate) trait Collect {
+    /// Whether nearer children should be visited first.
+    const ORDERED: bool;
+    /// Whether the position of a hit does not matter, so that [`Collect::found`] may end the query instead of an offered hit.
+    const ANYWHERE: bool = false;
+    /// The largest `t` that still matters.
+    fn limit(&self) -> f32;
+    /// The limit as a distance in tree space, rounded up if inexact.
+    fn reach(&self) -> f32;
+    /// Whether a hit within the ray's range and the limit would change the answer if the filter accepts it.
+    #[inline(always)]
+    fn wants(&self, _: &Found) -> bool {
+        true
+    }
+    /// Takes such a hit; true ends the query.
+    fn take(&mut self, found: Found, set: &impl PrimitiveSet) -> bool;
+    /// Takes a hit within the ray's range and the limit, unless the filter refuses it; true ends the query.
+    #[inline(always)]
+    fn offer(&mut self, found: Found, ray: &TreeRay, set: &impl PrimitiveSet, filter: &impl Filter) -> bool {
+        self.wants(&found) && filter.accepts(|| (ray.index, found.answer(set))) && self.take(found, set)
+    }
+    /// Whether no hit can change the answer any more.
+    #[inline(always)]
+    fn is_final(&self) -> bool {
+        false
+    }
+    /// A distance in tree space. A hit that is certainly no farther away, on a primitive that the query sees, need not be offered.
+    #[inline(always)]
+    fn certain(&self, _ray: &TreeRay) -> f32 {
+        f32::NEG_INFINITY
+    }
+    /// Reports that there is such a hit.
+    #[inline(always)]
+    fn found(&mut self) {}
+}
+
+/// Keeps the nearest hit; of equally near hits the one with the lowest id.
+#[derive(Clone, Copy)]
+pub(crate) struct Closest {
+    t_max: f32,
+    pub reach: f32,
+    pub best: Option<Found>,
+}
+
+impl Closest {
+    #[inline(always)]
+    pub fn new(ray: &TreeRay) -> Closest {
+        Closest { t_max: ray.t_max(), reach: ray.end, best: None }
+    }
+}
+
+impl Collect for Closest {
+    const ORDERED: bool = true;
+
+    #[inline(always)]
+    fn limit(&self) -> f32 {
+        self.t_max
+    }
+
+    #[inline(always)]
+    fn reach(&self) -> f32 {
+        self.reach
+    }
+
+    #[inline(always)]
+    fn wants(&self, found: &Found) -> bool {
+        match self.best {
+            Some(best) => found.hit.t < best.hit.t || (found.hit.t == best.hit.t && found.id < best.id),
+            None => true,
+        }
+    }
+
+    #[inline(always)]
+    fn take(&mut self, found: Found, _: &impl PrimitiveSet) -> bool {
+        self.t_max = found.hit.t;
+        self.reach = found.hit.reach;
+        self.best = Some(found);
+        false
+    }
+}
+
+/// Stops at the first hit.
+#[derive(Clone, Copy)]
+pub(crate) struct Any {
+    t_max: f32,
+    pub reach: f32,
+    pub found: bool,
+    /// Whether the filter accepts every hit.
+    all: bool,
+}
+
+impl Any {
+    /// `all` tells whether the filter accepts every hit.
+    #[inline(always)]
+    pub fn new(ray: &TreeRay, all: bool) -> Any {
+        Any { t_max: ray.t_max(), reach: ray.end, found: false, all }
+    }
+}
+
+impl Collect for Any {
+    const ORDERED: bool = false;
+    const ANYWHERE: bool = true;
+
+    #[inline(always)]
+    fn limit(&self) -> f32 {
+        self.t_max
+    }
+
+    #[inline(always)]
+    fn reach(&self) -> f32 {
+        self.reach
+    }
+
+    #[inline(always)]
+    fn take(&mut self, _: Found, _: &impl PrimitiveSet) -> bool {
+        self.found = true;
+        true
+    }
+
+    #[inline(always)]
+    fn is_final(&self) -> bool {
+        self.found
+    }
+
+    #[inline(always)]
+    fn certain(&self, ray: &TreeRay) -> f32 {
+        if self.all { ray.certain_end() } else { f32::NEG_INFINITY }
+    }
+
+    #[inline(always)]
+    fn found(&mut self) {
+        self.found = true;
+    }
+}
+
+/// The caller's function that is called with each hit.
+pub(in crate::ray) type Visitor<'a> = &'a mut dyn FnMut(Hit) -> ControlFlow<()>;
+
+/// Passes every primitive that is hit to a visitor, once.
+///
+/// A primitive may be found in several leaves. So the ids that were passed on are stored: first in a short array, and in a hash
+/// set once the array is full. The memory grows with the size of the answer.
+pub(crate) struct All<'a> {
+    t_max: f32,
+    reach: f32,
+    visitor: Visitor<'a>,
+    few: [u32; FEW],
+    count: usize,
+    many: HashSet<u32>,
+    /// The last return value of the visitor.
+    pub flow: ControlFlow<()>,
+}
+
+/// The number of ids that are searched one by one.
+const FEW: usize = 24;
+
+impl<'a> All<'a> {
+    pub fn new(ray: &TreeRay, visitor: Visitor<'a>) -> All<'a> {
+        All {
+            t_max: ray.t_max(),
+            reach: ray.end,
+            visitor,
+            few: [0; FEW],
+            count: 0,
+            many: HashSet::new(),
+            flow: ControlFlow::Continue(()),
+        }
+    }
+
+    /// Returns whether the id is new, and stores it.
+    fn first_time(&mut self, id: u32) -> bool {
+        if self.few[..self.count].contains(&id) {
+            false
+        } else if self.count < FEW {
+            self.few[self.count] = id;
+            self.count += 1;
+            true
+        } else {
+            self.many.insert(id)
+        }
+    }
+}
+
+impl Collect for All<'_> {
+    const ORDERED: bool = false;
+
+    #[inline(always)]
+    fn limit(&self) -> f32 {
+        self.t_max
+    }
+
+    #[inline(always)]
+    fn reach(&self) -> f32 {
+        self.reach
+    }
+
+    #[inline(always)]
+    fn take(&mut self, found: Found, set: &impl PrimitiveSet) -> bool {
+        if self.first_time(found.id) {
+            self.flow = (self.visitor)(found.answer(set));
+        }
+        self.flow.is_break()
+    }
+}

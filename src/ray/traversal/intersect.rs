@@ -1,0 +1,51 @@
+//! The intersection of a ray with one primitive of a set.
+
+use crate::layout::WideSource;
+use crate::primitive::{Primitive, Scene, Shapes};
+use crate::ray::hit::SetHit;
+use crate::ray::kernel::shear::Sheared;
+use crate::ray::kernel::tree_ray::TreeRay;
+use glam::{DVec3, Vec3};
+
+/// A set of primitives that rays can be tested against one by one.
+pub(crate) trait RaySource: WideSource {
+    /// The hit at the ray's time within its range.
+    fn intersect(&self, id: u32, ray: &TreeRay, sheared: &Sheared) -> Option<SetHit>;
+}
+
+impl RaySource for Scene {
+    #[inline(always)]
+    fn intersect(&self, id: u32, ray: &TreeRay, sheared: &Sheared) -> Option<SetHit> {
+        match self.shape(id) {
+            None => {
+                if let Some(corners) = self.triangles.precise_corners(id, ray.time()) {
+                    return ray.decide_one(sheared, corners, ray.t_max());
+                }
+                let fine = || self.triangles.fine_corners(id, ray.time());
+                intersect_triangle(ray, sheared, self.triangles.corners(id, ray.time()), fine)
+            }
+            Some(shape) => self.shapes.intersect(shape, ray, sheared),
+        }
+    }
+}
+
+impl<P: Primitive> RaySource for Shapes<P> {
+    #[inline]
+    fn intersect(&self, id: u32, ray: &TreeRay, _: &Sheared) -> Option<SetHit> {
+        let hit = self.shapes()[id as usize].intersect(ray.original)?;
+        ray.hit(hit.t, hit.u, hit.v)
+    }
+}
+
+/// Tests one triangle at the ray's time: its corners in f32, and in f64 where they are needed.
+#[inline(always)]
+pub(crate) fn intersect_triangle(
+    ray: &TreeRay,
+    sheared: &Sheared,
+    [a, b, c]: [Vec3; 3],
+    fine: impl FnOnce() -> [DVec3; 3],
+) -> Option<SetHit> {
+    // Each by itself: mapped arrays become calls.
+    let corners = [sheared.corner(a, ray.origin), sheared.corner(b, ray.origin), sheared.corner(c, ray.origin)];
+    if Sheared::may_hit(corners, ray.slack) { ray.decide_one(sheared, fine(), ray.t_max()) } else { None }
+}

@@ -1,0 +1,16 @@
+//! Ray traversal of the layouts: what happens at nodes and leaves, for one ray and for batches.
+
+pub(super) mod batch;
+mod candidates;
+pub(super) mod collect;
+pub(super) mod interleave;
+pub(super) mod intersect;
+pub(super) mod kd_traversal;
+pub(super) mod lazy;
+mod leaf;
+pub(super) mod query;
+mod ray_layout;
+pub(super) mod ray_traversal;
+pub(super) mod stream;
+mod traverser;
+mod wide_traversal;

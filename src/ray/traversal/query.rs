@@ -1,0 +1,149 @@
+//! The three kinds of ray queries, independent of the layout.
+
+use super::collect::{All, Any, Closest, Collect, Visitor};
+use super::intersect::RaySource;
+use super::ray_layout::RayLayout;
+use super::wide_traversal::Wide;
+use crate::geometry::Ray;
+use crate::layout::WideTree;
+use crate::ray::filter::Filter;
+use crate::ray::hit::Hit;
+use crate::ray::kernel::outline::Outline;
+use crate::ray::kernel::tree_ray::TreeRay;
+use crate::ray::observer::Observer;
+use crate::simd::{Kernel, Simd};
+use crate::traverse::StackOf;
+use core::ops::ControlFlow;
+
+/// What is asked about a ray.
+pub(crate) trait Query {
+    /// The answer.
+    type Answer;
+    /// The answer of a ray that hits nothing.
+    const NOTHING: Self::Answer;
+    /// Collects the hits of a ray.
+    type Collect: Collect;
+    /// A collector for a ray's hits. `all` tells whether the filter accepts every hit.
+    fn collect(self, ray: &TreeRay, all: bool) -> Self::Collect;
+    /// The answer, once the traversal has finished.
+    fn answer(collect: Self::Collect, set: &impl RaySource) -> Self::Answer;
+}
+
+/// The closest hit.
+#[derive(Clone, Copy)]
+pub(crate) struct ClosestHit;
+
+impl Query for ClosestHit {
+    type Answer = Option<Hit>;
+    const NOTHING: Option<Hit> = None;
+    type Collect = Closest;
+
+    #[inline(always)]
+    fn collect(self, ray: &TreeRay, _: bool) -> Closest {
+        Closest::new(ray)
+    }
+
+    #[inline(always)]
+    fn answer(collect: Closest, set: &impl RaySource) -> Option<Hit> {
+        // Not by `map`: that may become a call, for which the best hit so far would be kept in memory.
+        let found = collect.best?;
+        Some(found.answer(set))
+    }
+}
+
+/// Whether there is a hit (occlusion).
+#[derive(Clone, Copy)]
+pub(crate) struct AnyHit;
+
+impl Query for AnyHit {
+    type Answer = bool;
+    const NOTHING: bool = false;
+    type Collect = Any;
+
+    #[inline(always)]
+    fn collect(self, ray: &TreeRay, all: bool) -> Any {
+        Any::new(ray, all)
+    }
+
+    #[inline(always)]
+    fn answer(collect: Any, _: &impl RaySource) -> bool {
+        collect.found
+    }
+}
+
+/// All hits, for a visitor.
+pub(crate) struct AllHits<'a>(pub Visitor<'a>);
+
+impl<'a> Query for AllHits<'a> {
+    type Answer = ControlFlow<()>;
+    const NOTHING: ControlFlow<()> = ControlFlow::Continue(());
+    type Collect = All<'a>;
+
+    #[inline(always)]
+    fn collect(self, ray: &TreeRay, _: bool) -> All<'a> {
+        All::new(ray, self.0)
+    }
+
+    #[inline(always)]
+    fn answer(collect: All<'a>, _: &impl RaySource) -> ControlFlow<()> {
+        collect.flow
+    }
+}
+
+/// The arguments of a query: a ray, its geometry, a filter and an observer.
+pub(crate) struct QueryArgs<'a, G, F, O> {
+    pub set: &'a G,
+    pub ray: &'a Ray,
+    pub filter: &'a F,
+    pub observer: &'a mut O,
+}
+
+/// A query with its arguments.
+pub(crate) struct Asked<'a, G, F, O, Q>(pub Q, pub QueryArgs<'a, G, F, O>);
+
+impl<G: RaySource, F: Filter, O: Observer, Q: Query> Asked<'_, G, F, O, Q> {
+    /// Answers the query from a layout.
+    ///
+    /// The prepared ray and the best answer so far live in registers where the layout's traversal is inlined here; so the
+    /// whole query is dispatched to the instruction set of the layout.
+    #[inline(always)]
+    pub fn answer(self, layout: impl RayLayout) -> Q::Answer {
+        let Asked(query, QueryArgs { set, ray, filter, observer }) = self;
+        let (mut ray, regular) = TreeRay::of(ray, set.frame());
+        if !regular {
+            ray.recompute(set.frame());
+        }
+        let ray = &ray;
+        if ray.has_empty_range() {
+            return Q::NOTHING;
+        }
+        let mut collect = query.collect(ray, filter.accepts_all());
+        layout.traverse(set, ray, filter, &mut collect, observer);
+        Q::answer(collect, set)
+    }
+}
+
+/// A query of the wide layout, to be dispatched to an instruction set.
+pub(crate) struct OfWide<'a, G, F, O, Q> {
+    pub tree: &'a WideTree,
+    /// `None` if the ray is known not to miss it.
+    pub outline: Option<&'a Outline>,
+    pub asked: Asked<'a, G, F, O, Q>,
+}
+
+impl<G: RaySource, F: Filter, O: Observer, Q: Query> Kernel for OfWide<'_, G, F, O, Q> {
+    type Output = Q::Answer;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> Q::Answer {
+        let QueryArgs { set, ray, .. } = self.asked.1;
+        if let Some(outline) = self.outline
+            && outline.is_missed(s, ray, set.frame())
+        {
+            return Q::NOTHING;
+        }
+        let mut memory = StackOf::new();
+        let stack = memory.stack(self.tree.max_stack());
+        self.asked.answer(Wide { tree: self.tree, simd: s, stack })
+    }
+}
