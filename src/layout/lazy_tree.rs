@@ -10,6 +10,7 @@
 //! **Why no two threads wait for each other.** The thread that builds a subtree does so alone ([`crate::parallel::alone`]) and does not query
 //! the tree. All other threads that need the same subtree wait for this one build, and hold no subtree of their own meanwhile.
 
+use super::block_masks::BlockMasks;
 use super::leaf_block::{WideSource, write_list};
 use super::statistics::Statistics;
 use super::tree_box::TreeBox;
@@ -57,7 +58,9 @@ impl LazyTree {
         let subtrees: Vec<Subtree> = leaves.map(|leaf| Subtree { first: leaf.first, tree: OnceLock::new() }).collect();
         let top = top(&binary, &subtrees, over)?;
         step(progress, 0.5)?;
-        Ok(LazyTree { top, ids, subtrees, params: params.wide })
+        let mut tree = LazyTree { top, ids, subtrees, params: params.wide };
+        tree.top.masks = BlockMasks::of(&tree.top, set, |leaf| Some(tree.primitives(tree.below(leaf))));
+        Ok(tree)
     }
 
     /// The number of subtrees.

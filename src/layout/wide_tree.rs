@@ -1,5 +1,6 @@
 //! A finished wide tree.
 
+use super::block_masks::BlockMasks;
 use super::keyed_leaf::KeyedRows;
 use super::leaf_block::WideSource;
 use super::leaf_ids::Ids;
@@ -20,6 +21,8 @@ pub(crate) struct WideTree {
     pub(crate) keyed_rows: KeyedRows,
     /// A leaf block for each triangle; for triangles with more than two keys one per time slice.
     pub(crate) blocks: Vec<u32>,
+    /// Which visibility masks are in a block.
+    pub(crate) masks: BlockMasks,
     pub(crate) counts: Counts,
 }
 
@@ -49,6 +52,7 @@ impl WideTree {
             slices: 1,
             keyed_rows: KeyedRows::default(),
             blocks: Vec::new(),
+            masks: BlockMasks::UNKNOWN,
             counts: Counts::default(),
         }
     }
