@@ -2,21 +2,10 @@
 
 use super::leaf_block::WideSource;
 use super::wide_node::ChildRef;
-use super::wide_tree::WideTree;
+use super::wide_tree::{BlockMasks, WideTree};
 use crate::simd::LANES;
 
-/// For each block of a tree the union of the visibility masks of all primitives in it.
-pub(crate) struct BlockMasks {
-    /// The union for the whole tree.
-    all: u32,
-    /// The unions by the first cache line of a block; empty if all primitives have the same mask.
-    by_line: Vec<u32>,
-}
-
 impl BlockMasks {
-    /// Nothing is hidden from any query.
-    pub(super) const UNKNOWN: BlockMasks = BlockMasks { all: u32::MAX, by_line: Vec::new() };
-
     /// The masks of a tree over a set, whose leaf blocks hold the primitives `ids`.
     pub(super) fn of<'a, S: WideSource>(
         tree: &'a WideTree,
@@ -45,16 +34,6 @@ impl BlockMasks {
             by_line[node.at() / LANES] = children(tree, node).fold(0, |all, child| all | by_line[child.at() / LANES]);
         }
         BlockMasks { all: masks.into_iter().fold(0, |all, mask| all | mask), by_line }
-    }
-
-    /// The union of the masks in a block.
-    #[inline(always)]
-    pub fn union(&self, block: ChildRef) -> u32 {
-        self.by_line.get(block.at() / LANES).copied().unwrap_or(self.all)
-    }
-
-    pub fn bytes(&self) -> usize {
-        self.by_line.capacity() * size_of::<u32>()
     }
 }
 

@@ -10,13 +10,12 @@
 //! **Why no two threads wait for each other.** The thread that builds a subtree does so alone ([`crate::parallel::alone`]) and does not query
 //! the tree. All other threads that need the same subtree wait for this one build, and hold no subtree of their own meanwhile.
 
-use super::block_masks::BlockMasks;
 use super::leaf_block::{WideSource, write_list};
 use super::statistics::Statistics;
 use super::tree_box::TreeBox;
 use super::wide_builder::{most_in_subtree, step};
 use super::wide_node::ChildRef;
-use super::wide_tree::WideTree;
+use super::wide_tree::{BlockMasks, WideTree};
 use super::write::Nodes;
 use crate::bvh::{BinaryNode, Collapse, coarse_tree};
 use crate::error::BuildError;

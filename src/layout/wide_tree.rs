@@ -1,6 +1,5 @@
 //! A finished wide tree.
 
-use super::block_masks::BlockMasks;
 use super::keyed_leaf::KeyedRows;
 use super::leaf_block::WideSource;
 use super::leaf_ids::Ids;
@@ -39,6 +38,29 @@ pub(crate) struct Counts {
     pub references: usize,
     /// Those of them in leaf blocks of static triangles.
     pub static_references: usize,
+}
+
+/// For each block of a tree the union of the visibility masks of all primitives in it.
+pub(crate) struct BlockMasks {
+    /// The union for the whole tree.
+    pub(super) all: u32,
+    /// The unions by the first cache line of a block; empty if all primitives have the same mask.
+    pub(super) by_line: Vec<u32>,
+}
+
+impl BlockMasks {
+    /// Nothing is hidden from any query.
+    pub(super) const UNKNOWN: BlockMasks = BlockMasks { all: u32::MAX, by_line: Vec::new() };
+
+    /// The union of the masks in a block.
+    #[inline(always)]
+    pub fn union(&self, block: ChildRef) -> u32 {
+        self.by_line.get(block.at() / LANES).copied().unwrap_or(self.all)
+    }
+
+    pub fn bytes(&self) -> usize {
+        self.by_line.capacity() * size_of::<u32>()
+    }
 }
 
 impl WideTree {
