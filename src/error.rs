@@ -118,14 +118,14 @@ impl fmt::Display for BuildError {
                 write!(
                     f,
                     "mesh {mesh}: vertex {vertex} of key {key} lies beyond {:e}; move or scale the scene",
-                    MAX_COORDINATE
+                    MAX_COORDINATE as f32
                 )
             }
             BuildError::BadBounds { primitive } => {
                 write!(
                     f,
                     "primitive {primitive}: its bounds are NaN, infinite, inverted or beyond {:e}",
-                    MAX_COORDINATE
+                    MAX_COORDINATE as f32
                 )
             }
             BuildError::TooManyPrimitives { found } => {

@@ -1,7 +1,7 @@
 //! All limits of the inputs of the crate and of its layouts.
 
-/// The largest magnitude a coordinate may have. Beyond it builds return an error. (The f32 next to 1e30 is a little beyond.)
-pub const MAX_COORDINATE: f64 = 1e30;
+/// The largest magnitude a coordinate may have: the f32 next to 1e30, which is a little larger. Beyond it builds return an error.
+pub const MAX_COORDINATE: f64 = 1e30_f32 as f64;
 
 /// The largest magnitude of a point's coordinate, relative to the tree's origin: squared distances between
 /// such points fit into f32.

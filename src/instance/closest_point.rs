@@ -157,6 +157,11 @@ impl Leaves for InInstances<'_, '_> {
     }
 
     #[inline]
+    fn hides(&self, block: ChildRef) -> bool {
+        !self.guards.sees(self.of.wide.masks.union(block))
+    }
+
+    #[inline]
     fn node(&mut self) {
         self.guards.observe(|observer| observer.node());
     }

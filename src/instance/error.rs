@@ -98,7 +98,7 @@ impl fmt::Display for InstanceError {
                  bake it into the vertices"
             ),
             InstanceError::TooLarge { instance } => {
-                write!(f, "instance {instance} is placed beyond {MAX_COORDINATE:e}; move or scale the scene")
+                write!(f, "instance {instance} is placed beyond {:e}; move or scale the scene", MAX_COORDINATE as f32)
             }
             InstanceError::TooDeep { instance } => {
                 write!(f, "instance {instance}: instances are nested more than {MAX_NESTING} levels deep")

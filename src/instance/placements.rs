@@ -196,6 +196,10 @@ impl PrimitiveSet for Placements {
         self.placed[id as usize].mask
     }
 
+    fn masks(&self) -> Vec<u32> {
+        self.placed.iter().map(|placed| placed.mask).collect()
+    }
+
     fn frame(&self) -> &Frame {
         &self.frame
     }

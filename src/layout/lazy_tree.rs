@@ -15,7 +15,7 @@ use super::statistics::Statistics;
 use super::tree_box::TreeBox;
 use super::wide_builder::{most_in_subtree, step};
 use super::wide_node::ChildRef;
-use super::wide_tree::WideTree;
+use super::wide_tree::{BlockMasks, WideTree};
 use super::write::Nodes;
 use crate::bvh::{BinaryNode, Collapse, coarse_tree};
 use crate::error::BuildError;
@@ -57,7 +57,9 @@ impl LazyTree {
         let subtrees: Vec<Subtree> = leaves.map(|leaf| Subtree { first: leaf.first, tree: OnceLock::new() }).collect();
         let top = top(&binary, &subtrees, over)?;
         step(progress, 0.5)?;
-        Ok(LazyTree { top, ids, subtrees, params: params.wide })
+        let mut tree = LazyTree { top, ids, subtrees, params: params.wide };
+        tree.top.masks = BlockMasks::of(&tree.top, set, |leaf| Some(tree.primitives(tree.below(leaf))));
+        Ok(tree)
     }
 
     /// The number of subtrees.

@@ -248,7 +248,7 @@ impl WideTree {
             time_nodes,
             cost: 1.0,
             bytes: self.arena.bytes(),
-            primitive_bytes: set.bytes() + self.blocks.capacity() * size_of::<u32>(),
+            primitive_bytes: set.bytes() + self.blocks.capacity() * size_of::<u32>() + self.masks.bytes(),
             ..Statistics::default()
         }
     }

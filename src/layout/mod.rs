@@ -15,6 +15,7 @@
 //! assembled (`serialize`). Then the tree is indexed in one pass (`leaf_index`): corners are stored in leaf blocks
 //! only, and those of a single triangle are found there (`corners`).
 
+mod block_masks;
 mod corners;
 mod kd_validate;
 mod key_rows;

@@ -47,6 +47,7 @@ impl WideTree {
             return Err(BuildError::OverBudget { bytes, budget });
         }
         (tree.counts, tree.blocks) = tree.index_leaves(set);
+        tree.find_masks(set);
         Ok(tree)
     }
 
@@ -72,6 +73,7 @@ impl WideTree {
         let budget = allowed_bytes(&params.wide, ids.len(), bent);
         let mut tree = WideTree::fitted(set, [&held, named, others], params, budget, &Progress::new(None))?;
         tree.counts = tree.counted(set);
+        tree.find_masks(set);
         Ok(tree)
     }
 

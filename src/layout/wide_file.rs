@@ -36,6 +36,7 @@ impl WideTree {
     pub(crate) fn checked<S: WideSource>(mut self, set: &S) -> Result<WideTree, FileError> {
         (self.counts, self.blocks) = self.check(set)?;
         self.arena.compact();
+        self.find_masks(set);
         let held: Vec<u32> =
             (0..set.len() as u32).step_by(set.len() / 1024 + 1).filter(|&id| !set.is_listed(id)).collect();
         self.keyed_rows = KeyedRows::of(set, &held, self.slices);

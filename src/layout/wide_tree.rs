@@ -20,6 +20,8 @@ pub(crate) struct WideTree {
     pub(crate) keyed_rows: KeyedRows,
     /// A leaf block for each triangle; for triangles with more than two keys one per time slice.
     pub(crate) blocks: Vec<u32>,
+    /// Which visibility masks are in a block.
+    pub(crate) masks: BlockMasks,
     pub(crate) counts: Counts,
 }
 
@@ -38,6 +40,29 @@ pub(crate) struct Counts {
     pub static_references: usize,
 }
 
+/// For each block of a tree the union of the visibility masks of all primitives in it.
+pub(crate) struct BlockMasks {
+    /// The union for the whole tree.
+    pub(super) all: u32,
+    /// The unions by the first cache line of a block; empty if all primitives have the same mask.
+    pub(super) by_line: Vec<u32>,
+}
+
+impl BlockMasks {
+    /// Nothing is hidden from any query.
+    pub(super) const UNKNOWN: BlockMasks = BlockMasks { all: u32::MAX, by_line: Vec::new() };
+
+    /// The union of the masks in a block.
+    #[inline(always)]
+    pub fn union(&self, block: ChildRef) -> u32 {
+        self.by_line.get(block.at() / LANES).copied().unwrap_or(self.all)
+    }
+
+    pub fn bytes(&self) -> usize {
+        self.by_line.capacity() * size_of::<u32>()
+    }
+}
+
 impl WideTree {
     /// A tree without nodes, whose blocks are lists of ids from word `lists` on.
     pub(super) fn empty(lists: usize) -> WideTree {
@@ -49,6 +74,7 @@ impl WideTree {
             slices: 1,
             keyed_rows: KeyedRows::default(),
             blocks: Vec::new(),
+            masks: BlockMasks::UNKNOWN,
             counts: Counts::default(),
         }
     }

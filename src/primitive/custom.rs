@@ -171,6 +171,10 @@ pub(crate) trait PrimitiveSet: Send + Sync {
         let _ = id;
         u32::MAX
     }
+    /// The visibility masks of all meshes, or of all primitives; empty if there are none.
+    fn masks(&self) -> Vec<u32> {
+        if self.len() > 0 { vec![u32::MAX] } else { Vec::new() }
+    }
     /// Mesh and primitive in the caller's numbering.
     fn mesh_and_primitive(&self, id: u32) -> (u32, u32) {
         (0, id)

@@ -113,7 +113,7 @@ impl TriangleMesh {
         TriangleMesh { active, ..self }
     }
 
-    /// The mesh with a visibility mask.
+    /// The mesh with a visibility mask. With a mask of 0, only queries without a mask see it.
     pub fn with_mask(self, mask: u32) -> TriangleMesh {
         TriangleMesh { mask, ..self }
     }

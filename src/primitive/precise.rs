@@ -35,10 +35,10 @@ impl Triangles {
     /// The padding of bounds for the rounding of vertices to f32; 0 if vertices are f32.
     ///
     /// Rounding is up to 1 ULP of the coordinate at each key, and no more in between; the other ULP is for
-    /// rounding the box that the padding is added to.
+    /// rounding the box that the padding is added to. The constant is for coordinates that are denormal in f32, or zero.
     #[inline(always)]
     pub(super) fn rounding(&self, id: u32, over: TimeInterval) -> f32 {
-        if self.is_precise(id) { 2.0 * ULP * self.magnitude(id, over) } else { 0.0 }
+        if self.is_precise(id) { 2.0 * ULP * self.magnitude(id, over) + f32::MIN_POSITIVE } else { 0.0 }
     }
 }
 

@@ -196,6 +196,12 @@ impl PrimitiveSet for Scene {
         }
     }
 
+    fn masks(&self) -> Vec<u32> {
+        let mut masks = self.triangles.masks();
+        masks.extend(self.shapes.masks());
+        masks
+    }
+
     #[inline]
     fn mesh_and_primitive(&self, id: u32) -> (u32, u32) {
         match self.shape(id) {

@@ -2,7 +2,7 @@
 
 use super::custom::{Intersection, Primitive, SurfacePoint};
 use crate::geometry::{Aabb, LinearBounds, Ray, TimeInterval};
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 /// A sphere whose center and radius move linearly between keys spaced evenly over the shutter.
 ///
@@ -57,6 +57,23 @@ impl MovingSphere {
         }
     }
 
+    /// The outward unit normal at a point of the surface, at a time in [0, 1]; zero at the center.
+    ///
+    /// ```
+    /// use mbkd::glam::{DVec3, Vec3};
+    /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree, Shape};
+    /// let ball = MovingSphere::new(vec![(DVec3::ZERO, 1.0), (DVec3::X, 1.0)]);
+    /// let tree = RayTree::of_scene(&[], vec![ball.into()], &BuildParams::default())?;
+    /// let ray = Ray::new(Vec3::new(0.5, 0.0, 9.0), Vec3::NEG_Z).at_time(0.5);
+    /// let hit = tree.closest_hit(&ray).unwrap();
+    /// let Shape::Sphere(hit_ball) = &tree.shapes()[hit.primitive as usize] else { unreachable!() };
+    /// assert_eq!(hit_ball.normal(ray.point(hit.t), ray.time), Vec3::Z);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn normal(&self, point: DVec3, time: f32) -> Vec3 {
+        (point - self.at(time).0).normalize_or_zero().as_vec3()
+    }
+
     fn bounds_at(&self, time: f32) -> Aabb {
         let (center, radius) = self.at(time);
         Aabb { min: center - radius, max: center + radius }
@@ -94,7 +111,7 @@ impl Primitive for MovingSphere {
     }
 
     /// The nearer of the two intersections that lies in the ray's range; `u` and `v` are the x and y
-    /// of the unit normal. (Its z may have either sign: the normal itself is the hit point minus the centre, divided by the radius.)
+    /// of the unit normal. (Its z may have either sign: see [`MovingSphere::normal`].)
     fn intersect(&self, ray: &Ray) -> Option<Intersection> {
         let (center, radius) = self.at(ray.time);
         let d = ray.dir.as_dvec3();

@@ -402,6 +402,11 @@ impl PrimitiveSet for Triangles {
         self.mesh(id).mask
     }
 
+    fn masks(&self) -> Vec<u32> {
+        // Empty meshes count as well, which does no harm.
+        self.meshes.iter().map(|mesh| mesh.mask).collect()
+    }
+
     fn positions(&self) -> [usize; 2] {
         self.counts
     }

@@ -24,8 +24,8 @@ impl<G: Geometry> RayTree<G> {
     /// Returns `None` for a point that is NaN, infinite or beyond
     /// [`MAX_COORDINATE`](crate::MAX_COORDINATE), a time outside `[0, 1]`, and a `max_distance` that is negative or NaN.
     ///
-    /// The time is O(log n) for points near the surface. At a very great distance (1e19 scene sizes) rounding makes all
-    /// distances equal, and every primitive is tested. The method is that of Ericson, *Real-Time Collision Detection*,
+    /// The time is O(log n) for points near the surface. From a great distance (1e7 scene sizes) all distances are equal as f32
+    /// numbers, and every primitive is tested. The method is that of Ericson, *Real-Time Collision Detection*,
     /// section 5.1.5.
     ///
     /// ```
@@ -47,6 +47,10 @@ impl<G: Geometry> RayTree<G> {
     /// [`RayTree::closest_point`] among the points for which `accept` returns true, on meshes whose
     /// [`mask`](crate::TriangleMesh::mask) shares a bit with `mask`. `accept` must be pure. It is not called for every
     /// point.
+    ///
+    /// Blocks of the tree in which `mask` hides everything are skipped (in the k-d layout, only triangles are). `accept` cannot skip
+    /// any: where it rejects all of the nearest hundred thousand triangles, each of their closest points is computed. So prefer
+    /// masks where they can express it.
     pub fn closest_point_filtered(
         &self,
         query: &ClosestPointQuery,

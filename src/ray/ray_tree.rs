@@ -436,7 +436,8 @@ impl RayTree {
     }
 
     /// The unit normal of the triangle that was hit, at any time. Seen from the side that it points to, the corners are in
-    /// counter-clockwise order. Zero for a degenerate triangle and for a hit of another tree.
+    /// counter-clockwise order. Zero for a degenerate triangle, for a hit of another tree and for one on a shape, which has a normal
+    /// of its own ([`MovingSphere::normal`](crate::MovingSphere::normal)).
     pub fn normal(&self, hit: &Hit, time: f32) -> Vec3 {
         let [a, b, c] = self.vertices(hit, time);
         (b - a).cross(c - a).normalize_or_zero().as_vec3()

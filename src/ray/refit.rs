@@ -47,6 +47,9 @@ impl<G: Geometry> RayTree<G> {
         // If the tree space changed, all coordinates did.
         let moved = if before.maps_as(now) { moved } else { vec![true; moved.len()] };
         let (done, cost) = tree.refit(&geometry, &Moved::new(moved), &mut self.plan);
+        if self.geometry.masks() != geometry.masks() {
+            tree.find_masks(&geometry);
+        }
         geometry.release_build_data();
         let blocks = tree.counts.nodes + tree.counts.leaves;
         self.geometry = geometry;

@@ -33,6 +33,12 @@ pub(crate) trait WideQuery<S: Simd> {
     const ORDERED: bool;
     /// The time of the query in the shutter.
     fn time(&self) -> f32;
+    /// Whether everything in a block is hidden from the query, so that it need not be visited.
+    #[inline(always)]
+    fn hides(&self, block: ChildRef) -> bool {
+        let _ = block;
+        false
+    }
     /// A node is about to be tested.
     fn node(&mut self);
     /// The children of a node of `ROWS` rows that are to be visited, and a key for each: smaller keys are visited
@@ -108,6 +114,7 @@ impl<'a> WideTraversal<'a> {
     pub fn advance<S: Simd, Q: WideQuery<S>>(self, s: S, cursor: &mut Cursor<'_>, query: &mut Q) -> ControlFlow<()> {
         let at = cursor.at;
         let next = match at.kind() {
+            _ if query.hides(at) => None,
             Kind::Node => self.step::<S, NODE_ROWS, Q>(s, at, query, &mut cursor.stack),
             Kind::StaticNode => self.step::<S, STATIC_NODE_ROWS, Q>(s, at, query, &mut cursor.stack),
             Kind::Time => Some(of_time_slice(self.arena, at, query.time())),

@@ -362,6 +362,12 @@ fn bad_queries_find_nothing() {
     }
     // A huge k returns all points, and allocates only for these.
     assert_eq!(still.nearest_n(Vec3::ZERO, 0.0, usize::MAX).len(), 2);
+    // Where leaves wait for a threshold, too (with checks of overflow in builds for debugging).
+    let many: Vec<Vec3> = (0..500).map(|i| Vec3::new(i as f32, 0.0, 0.0)).collect();
+    let many = PointTree::build(&many, &PointParams::default()).unwrap();
+    for k in [usize::MAX, usize::MAX / 2 + 1, usize::MAX / 3 + 1] {
+        assert_eq!(many.nearest_n(Vec3::ZERO, 0.0, k).len(), 500);
+    }
     assert_eq!(still.query(Vec3::ZERO, 0.0).approximate(f32::NAN).nearest().unwrap().id, 0);
     assert_eq!(still.query(Vec3::ZERO, 0.0).approximate(f32::INFINITY).nearest_n(2).len(), 2);
 }

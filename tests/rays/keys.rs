@@ -1,7 +1,7 @@
 //! Meshes with many keys: merging of keys, and answers against brute force.
 
-use super::common::{Random, closed_sphere, difference, soup};
-use mbkd::baseline::BruteForce;
+use super::common::{Random, closed_sphere, difference, soup, variants};
+use mbkd::baseline::{BruteForce, TriangleTests};
 use mbkd::glam::{DVec3, Quat, Vec3};
 use mbkd::{
     BuildError, BuildParams, ClosestPointQuery, Counters, Division, KdParams, Keys, Ray, RayTree, Statistics,
@@ -170,6 +170,34 @@ fn motion_that_ends_where_it_began_is_motion() {
         let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
         equals_brute_force(&[there.clone()], &params, 300);
     }
+}
+
+/// A triangle between large keys may be tiny in between; rounding is relative to the keys.
+#[test]
+fn triangles_that_pass_through_a_point_are_hit_in_every_tree() {
+    let soup = soup(200, 1, 0.5, 0.0, 41);
+    let Keys::F32(at) = &soup.keys else { panic!("f32") };
+    let there = at[0].iter().map(|&p| -p).collect();
+    let mesh = TriangleMesh { keys: vec![at[0].clone(), there].into(), ..soup };
+    let oracle = BruteForce::new(std::slice::from_ref(&mesh)).unwrap();
+    let tests = TriangleTests::new(std::slice::from_ref(&mesh)).unwrap();
+    let (mut random, mut hits) = (Random(42), 0);
+    let rays: Vec<Ray> = (0..600)
+        .map(|i| {
+            let time = 0.5 + [-1.0, 1.0][i % 2] * 0.5f32.powi(24 - i as i32 / 2 % 8);
+            let target = tests.corners(random.below(tests.len()) as u32, time)[0];
+            let origin = target + random.vec() * [1e-4, 1e-6, 1.0][i % 3];
+            Ray::new(origin, target - origin).at_time(time)
+        })
+        .collect();
+    for params in variants() {
+        let tree = RayTree::build(std::slice::from_ref(&mesh), &params).unwrap();
+        for ray in &rays {
+            assert_eq!(difference(&tree, &oracle, ray), None, "{params:?}");
+            hits += usize::from(oracle.any_hit(ray));
+        }
+    }
+    assert!(hits > 1000, "{hits}");
 }
 
 #[test]

@@ -303,6 +303,17 @@ fn a_tree_for_each_machine_answers_alike_with_little_work() {
 }
 
 /// A mesh in f32 keeps every bit anyway: that it asks changes nothing, not a byte of its tree.
+/// Coordinates that f32 rounds to zero in tree space are inside the boxes, too.
+#[test]
+fn boxes_hold_meshes_that_vanish_beside_others() {
+    let around = |size: f64, keys: usize, seed: u64| around(&[DVec3::ZERO], 20, size, keys, seed).precise();
+    let tiny = around(1e-48, 2, 9);
+    for meshes in [vec![around(1.0, 2, 10), tiny.clone(), around(1e-41, 1, 11)], vec![tiny]] {
+        let tree = RayTree::build(&meshes, &BuildParams::default()).unwrap();
+        assert_eq!(tree.validate(), Ok(()));
+    }
+}
+
 #[test]
 fn meshes_in_f32_are_what_they_were() {
     let meshes = [soup(500, 1, 0.1, 0.0, 1), soup(500, 2, 0.1, 0.2, 2), soup(200, 4, 0.1, 0.2, 3)];

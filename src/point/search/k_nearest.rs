@@ -84,7 +84,8 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         candidates.count = 0;
         let queue = LeafQueue::new();
         KNearest {
-            k,
+            // As good as any larger number, and small multiples of it do not overflow.
+            k: k.min(usize::MAX / 4),
             threshold: bound,
             origin: Origin::Caller,
             cull: bound,

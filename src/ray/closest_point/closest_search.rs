@@ -100,7 +100,7 @@ pub(in crate::ray) struct Best<'a, G, F> {
 }
 
 impl<G: PrimitiveSet, F: Filter<ClosestPoint>> Best<'_, G, F> {
-    /// Takes the point of a primitive if it is the closest so far.
+    /// Takes the point of a primitive that the query [sees](Best::sees) if it is the closest so far.
     #[inline(always)]
     fn offer(&mut self, candidate: Candidate, id: u32) {
         let better = match self.found {
@@ -109,16 +109,24 @@ impl<G: PrimitiveSet, F: Filter<ClosestPoint>> Best<'_, G, F> {
             }
             None => candidate.distance <= self.limit,
         };
-        if better && self.sees(id) && self.filter.accepts(|| self.answer(candidate, id)) {
+        if better && self.filter.accepts(|| self.answer(candidate, id)) {
             self.found = Some((candidate, id));
             self.limit = candidate.distance;
         }
     }
 
+    /// Whether a primitive exists at the query's time and the query sees it. It is asked before the closest point is computed, which
+    /// takes longer.
     #[inline(always)]
     fn sees(&self, id: u32) -> bool {
         (self.set.always_active() || self.set.active(id).contains(self.query.time))
             && self.filter.sees(|| self.set.mask(id))
+    }
+
+    /// Whether the mask of the query hides everything in a block.
+    #[inline(always)]
+    pub fn hides(&self, tree: &WideTree, block: ChildRef) -> bool {
+        !self.filter.sees(|| tree.masks.union(block))
     }
 
     fn answer(&self, Candidate { distance, point, u, v }: Candidate, id: u32) -> ClosestPoint {
@@ -145,6 +153,11 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> Leaves for InP
     }
 
     #[inline(always)]
+    fn hides(&self, block: ChildRef) -> bool {
+        self.best.hides(self.tree, block)
+    }
+
+    #[inline(always)]
     fn node(&mut self) {
         self.observer.node();
     }
@@ -158,7 +171,9 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> Leaves for InP
         self.observer.primitive_tests(leaf.len());
         let mut ids = &self.tree.arena.ints()[leaf.at()..leaf.at() + leaf.len()];
         while let Some((i, candidate)) = self.best.set.first_within(ids, self.best.query, self.best.limit) {
-            self.best.offer(candidate, ids[i]);
+            if self.best.sees(ids[i]) {
+                self.best.offer(candidate, ids[i]);
+            }
             ids = &ids[i + 1..];
         }
     }
@@ -188,10 +203,14 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
             let least = s.reduce_min_u(s.select_u(near, s.to_bits(distances), s.splat_u(u32::MAX)));
             let nearest = s.eq(distances, s.splat(f32::from_bits(least))) & near;
             let lane = nearest.trailing_zeros() as usize % LANES;
+            near &= !(1 << lane);
+            let id = self.tree.arena.ints()[ids + lane];
+            if !self.best.sees(id) {
+                continue;
+            }
             self.observer.primitive_tests(1);
-            let candidate = query.on_triangle(corners_in(&lanes, lane));
-            self.best.offer(candidate, self.tree.arena.ints()[ids + lane]);
-            near &= !(1 << lane) & s.le(distances, s.splat(query.cull(self.best.limit)));
+            self.best.offer(query.on_triangle(corners_in(&lanes, lane)), id);
+            near &= s.le(distances, s.splat(query.cull(self.best.limit)));
         }
     }
 }
@@ -254,6 +273,9 @@ fn search_kd<G: ClosestPointSource, F: Filter<ClosestPoint>>(
                     for reference in &tree.references[first as usize..][..count as usize] {
                         if !reference.is_active_at(time) {
                             observer.time_skip();
+                            continue;
+                        }
+                        if !best.sees(reference.id) {
                             continue;
                         }
                         observer.primitive_tests(1);
@@ -333,7 +355,9 @@ pub(crate) fn closest_point_of_all<G: ClosestPointSource>(
     let query = Query::new(query, *set.frame())?;
     let mut best = begin(set, &query, filter);
     for id in 0..set.len() as u32 {
-        if let Some(candidate) = set.closest_point(id, &query) {
+        if best.sees(id)
+            && let Some(candidate) = set.closest_point(id, &query)
+        {
             best.offer(candidate, id);
         }
     }

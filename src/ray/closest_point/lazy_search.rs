@@ -41,6 +41,11 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> Leaves for InS
     }
 
     #[inline(always)]
+    fn hides(&self, block: ChildRef) -> bool {
+        self.best.hides(&self.tree.top, block)
+    }
+
+    #[inline(always)]
     fn node(&mut self) {
         self.observer.node();
     }

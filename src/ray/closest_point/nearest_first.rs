@@ -12,6 +12,8 @@ use core::ops::ControlFlow;
 pub(crate) trait Leaves {
     /// The greatest distance of a point that can still improve the answer.
     fn limit(&self) -> f32;
+    /// Whether everything in a block is hidden from the query.
+    fn hides(&self, block: ChildRef) -> bool;
     /// A node is about to be tested.
     fn node(&mut self);
     /// Searches a leaf.
@@ -57,6 +59,11 @@ impl<S: Simd, L: Leaves> WideQuery<S> for Search<'_, L> {
     #[inline(always)]
     fn time(&self) -> f32 {
         self.query.time
+    }
+
+    #[inline(always)]
+    fn hides(&self, block: ChildRef) -> bool {
+        self.leaves.hides(block)
     }
 
     #[inline(always)]

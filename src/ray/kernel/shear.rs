@@ -97,9 +97,11 @@ impl Sheared {
         [x - self.sx * z, y - self.sy * z, z]
     }
 
-    /// Whether the ray may pass through the triangle of three sheared corners; `slack` is the ray's.
+    /// Whether the ray may pass through the triangle of three sheared corners; `slack` is the ray's. `size` is at least the largest
+    /// coordinate of the vertices between which the corners were interpolated, since that is what their rounding is relative to: in
+    /// motion through zero the corners are far smaller. It is 0 for corners that do not move.
     #[inline(always)]
-    pub fn may_hit([a, b, c]: [[f32; 3]; 3], slack: f32) -> bool {
+    pub fn may_hit([a, b, c]: [[f32; 3]; 3], size: f32, slack: f32) -> bool {
         let signs = [c[0] * b[1] - c[1] * b[0], a[0] * c[1] - a[1] * c[0], b[0] * a[1] - b[1] * a[0]];
         // Each number is compared separately: minimum and maximum of numbers that may be NaN take several times as long.
         let some_beyond = |margin: f32| {
@@ -115,8 +117,8 @@ impl Sheared {
         let beside = |p: [f32; 3]| max(p[0].abs(), p[1].abs());
         let aside = max(max(beside(a), beside(b)), beside(c));
         let ahead = max(max(a[2].abs(), b[2].abs()), c[2].abs());
-        // No coordinate of a vertex is larger than `aside + ahead` plus the origin.
-        !some_beyond(edge_margin(4.0 * aside, deviation(aside + ahead, 2.0 * slack)))
+        // No coordinate of a corner is larger than `aside + ahead` plus the origin.
+        !some_beyond(edge_margin(4.0 * aside, deviation(max(aside + ahead, size), 2.0 * slack)))
     }
 }
 

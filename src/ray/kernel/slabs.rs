@@ -166,7 +166,7 @@ mod tests {
     /// Whether a ray hits a triangle, and if so, whether it misses the triangle's box when that is padded by `pad` times its size.
     fn hit_and_lost(ray: &TreeRay, corners: [Vec3; 3], pad: f32) -> (bool, bool) {
         let fine = || corners.map(Vec3::as_dvec3);
-        let Some(hit) = intersect_triangle(ray, &Sheared::new(ray), corners, fine) else { return (false, false) };
+        let Some(hit) = intersect_triangle(ray, &Sheared::new(ray), corners, 0.0, fine) else { return (false, false) };
         let hull = corners.into_iter().fold(Box3::EMPTY, Box3::include);
         let hull = hull.pad(pad * hull.magnitude());
         let slabs = &ray.slabs;

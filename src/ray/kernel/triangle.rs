@@ -141,7 +141,7 @@ mod tests {
 
     fn intersect(ray: &Ray, corners: [Vec3; 3]) -> Option<SetHit> {
         let ray = TreeRay::new(ray, &Frame::WORLD).unwrap();
-        intersect_triangle(&ray, &Sheared::new(&ray), corners, || corners.map(Vec3::as_dvec3))
+        intersect_triangle(&ray, &Sheared::new(&ray), corners, 0.0, || corners.map(Vec3::as_dvec3))
     }
 
     #[test]
@@ -192,7 +192,7 @@ mod tests {
                 continue;
             }
             let [a, b, c] = corners.map(|p| sheared.corner(p, ray.origin));
-            assert!(Sheared::may_hit([a, b, c], ray.slack), "{corners:?} {original:?}");
+            assert!(Sheared::may_hit([a, b, c], 0.0, ray.slack), "{corners:?} {original:?}");
             let edges = [c[0] * b[1] - c[1] * b[0], a[0] * c[1] - a[1] * c[0], b[0] * a[1] - b[1] * a[0]];
             hits += 1;
             without += usize::from(edges.iter().any(|&e| e < 0.0) && edges.iter().any(|&e| e > 0.0));

@@ -215,7 +215,7 @@ mod tests {
             let original = Ray::new(origin, dir);
             let Some(ray) = TreeRay::new(&original, &Frame::WORLD) else { continue };
             let fine = || [a, b, c].map(Vec3::as_dvec3);
-            let Some(hit) = intersect_triangle(&ray, &Sheared::new(&ray), [a, b, c], fine) else { continue };
+            let Some(hit) = intersect_triangle(&ray, &Sheared::new(&ray), [a, b, c], 0.0, fine) else { continue };
             let axes = Axes::new(&ray, a.abs().max(b.abs()).max(c.abs()).max_element());
             let (at, pad) = axes.crossing(0, a.x, a.x.abs());
             let within = if axes.inverse[0] > 0.0 { hit.t <= at + pad * part } else { at - pad * part <= hit.t };
