@@ -85,6 +85,21 @@ pub(crate) mod presplit {
     pub const LEAST_AREA: f32 = 4.0;
 }
 
+/// Reinsertion of subtrees.
+///
+/// `cargo bench --bench embree -- --only ours --side 64 --runs 1` counts.
+pub(crate) mod reinsertion {
+    /// The share of the subtrees that are tried in each round, and the least number of them.
+    pub const SHARE: f32 = 0.02;
+    pub const LEAST_NODES: usize = 16;
+    /// The greatest number of rounds.
+    pub const ROUNDS: usize = 4;
+    /// A round must gain this fraction of the visits of the nodes that it tries for another one to follow.
+    pub const LEAST_GAIN: f32 = 0.01;
+    /// The greatest number of places that are compared for a subtree.
+    pub const MOST_STEPS: usize = 256;
+}
+
 /// Temporal splits of the wide tree.
 ///
 /// `cargo bench --bench ray_choices`
