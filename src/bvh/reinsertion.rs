@@ -120,7 +120,7 @@ impl Reinsertion<'_> {
         Some(children)
     }
 
-    /// Moves subtrees as long as that pays. Returns whether any was moved.
+    /// Moves subtrees as long as that pays, twice as many in each round: a move makes others worthwhile. Returns whether any was moved.
     fn improve(&mut self) -> bool {
         let count = ((self.nodes.len() as f32 * SHARE) as usize).max(LEAST_NODES);
         for round in 0..ROUNDS {
