@@ -9,6 +9,7 @@ mod collapse;
 mod partition;
 mod presplit;
 mod reference;
+mod reinsertion;
 mod replace_subtree;
 mod visits;
 
@@ -17,5 +18,6 @@ pub(crate) use cells::coarse_tree;
 pub(crate) use collapse::{Collapse, CostModel, WideChild};
 pub(crate) use presplit::presplit;
 pub(crate) use reference::Reference;
+pub(crate) use reinsertion::reinsert;
 pub(crate) use replace_subtree::ReplacedSubtree;
 pub(crate) use visits::{SurfaceDensity, mean_half_area};

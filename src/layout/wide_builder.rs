@@ -20,8 +20,8 @@ use crate::primitive::{PrimitiveSet, Triangles};
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES, huge_vec};
 use crate::time::{
-    COST_MODEL, Draft, DraftParams, Region, SharedLeaves, TimeSlice, draft_sample, draft_tree, prefetch_blocks,
-    primitives, regions,
+    COST_MODEL, Draft, DraftParams, Region, Reinsertion, SharedLeaves, TimeSlice, draft_sample, draft_tree,
+    prefetch_blocks, primitives, regions,
 };
 use crate::tuning::lazy::{LEAST_SAMPLE, SAMPLED};
 use glam::Vec3;
@@ -140,7 +140,8 @@ impl WideTree {
         if let Division::SeparateTrees(count) = params.wide.division {
             return self.separate_trees(set, ids, count, params, step);
         }
-        let mut draft = draft_tree(set, ids, TimeSlice::WHOLE, params, None);
+        let when = if params.wide.division == Division::Whole { Reinsertion::Now } else { Reinsertion::OfStatic };
+        let mut draft = draft_tree(set, ids, TimeSlice::WHOLE, params, None, when);
         step(0.5)?;
         let regions = regions(set, &draft, params);
         step(0.25)?;
@@ -173,7 +174,7 @@ impl WideTree {
             replaced.push(ReplacedSubtree { node: region.node, cost: region.cost });
             roots.push((node.first, root));
         }
-        draft.collapse.replace_subtrees(&draft.binary, draft.cost_model, &replaced);
+        draft.replace_subtrees(set, &mut replaced);
         let subtree = self.write_draft(set, &draft, &roots)?;
         let written = replaced.iter().map(|g| f64::from(draft.binary[g.node as usize].count)).sum::<f64>();
         step(0.25 * (1.0 - written / all))?;
@@ -192,7 +193,7 @@ impl WideTree {
         self.slices = self.slices.max(count);
         let mut written = Vec::with_capacity(count);
         for index in 0..count {
-            let draft = draft_tree(set, ids, TimeSlice { index, of: count }, params, None);
+            let draft = draft_tree(set, ids, TimeSlice { index, of: count }, params, None, Reinsertion::Now);
             let before = self.arena.len();
             written.push(self.write_draft(set, &draft, &[])?);
             if index == 0 {

@@ -207,7 +207,7 @@ fn joined(binary: &[BinaryNode], x: u32, mut regions: Vec<Region>) -> Vec<Region
 
 #[cfg(test)]
 mod tests {
-    use super::super::draft::{TimeSlice, draft_tree};
+    use super::super::draft::{Reinsertion, TimeSlice, draft_tree};
     use super::super::trials::primitives;
     use super::*;
     use crate::params::WideParams;
@@ -220,7 +220,7 @@ mod tests {
         let set = Triangles::new(&scene.meshes).unwrap();
         let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
         let params = DraftParams::new(WideParams::default());
-        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &params, None);
+        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &params, None, Reinsertion::Later);
         let regions = regions(&set, &draft, &params);
         for pair in regions.windows(2) {
             let (a, b) = (&draft.binary[pair[0].node as usize], &draft.binary[pair[1].node as usize]);
@@ -265,7 +265,14 @@ mod tests {
         let scene = scene::tornado(60_000);
         let set = Triangles::new(&scene.meshes).unwrap();
         let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
-        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &DraftParams::new(WideParams::default()), None);
+        let draft = draft_tree(
+            &set,
+            &ids,
+            TimeSlice::WHOLE,
+            &DraftParams::new(WideParams::default()),
+            None,
+            Reinsertion::Later,
+        );
         let mut treelets = treelets(&set, &draft);
         let (right, low, high) = sides(&draft, 0, &treelets);
         let middles = [sides(&draft, 1, low).0, sides(&draft, right, high).0];

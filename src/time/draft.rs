@@ -6,8 +6,8 @@
 //! cost times visits, which the collapse returns.
 
 use crate::bvh::{
-    BinaryNode, BinaryTree, Collapse, CostModel, LeafKind, Reference, SurfaceDensity, WideChild, build_binary,
-    neighbourhoods, presplit,
+    BinaryNode, BinaryTree, Collapse, CostModel, LeafKind, Reference, ReplacedSubtree, SurfaceDensity, WideChild,
+    build_binary, neighbourhoods, presplit, reinsert,
 };
 use crate::geometry::{Box3, KeyTime, LinearBox3, TimeInterval};
 use crate::parallel;
@@ -39,6 +39,8 @@ pub(crate) struct Draft {
     pub primitives: usize,
     /// Whether references may be sub-references, which bound a part of their primitive.
     pub presplit: bool,
+    /// Whether its subtrees have been moved to better places.
+    reinserted: bool,
     /// Half the area of a box per area of the triangle in it.
     ratio: Option<f64>,
     /// The model that its costs are computed with.
@@ -70,6 +72,18 @@ impl Draft {
             }
         }
         cost
+    }
+
+    /// Makes subtrees single children, which others have replaced, and moves subtrees to better places unless that has been done.
+    /// Afterwards only the references of nodes that may be leaf blocks are side by side.
+    pub fn replace_subtrees<S: PrimitiveSet>(&mut self, set: &S, replaced: &mut [ReplacedSubtree]) {
+        if !self.reinserted
+            && let Some(better) = reinsert(&self.binary, &mut self.references, replaced, &self.cost_model)
+        {
+            self.binary = better;
+            self.collapse = collapse(set, &self.binary, &self.references, self.cost_model);
+        }
+        self.collapse.replace_subtrees(&self.binary, self.cost_model, replaced);
     }
 
     /// The references below a binary node.
@@ -156,6 +170,17 @@ pub(crate) struct Presplit {
     pays: bool,
 }
 
+/// When the subtrees of a draft are moved to better places.
+#[derive(Clone, Copy, PartialEq)]
+pub(crate) enum Reinsertion {
+    /// Never: costs are to be compared with those of other drafts, or time slices decided on.
+    Later,
+    /// At once if nothing moves, so that nothing is to be decided.
+    OfStatic,
+    /// Before the collapse.
+    Now,
+}
+
 /// Drafts one tree, pre-split if that pays. A cost model is given if its costs are to be compared with those of other
 /// trees.
 pub(crate) fn draft_tree<S: PrimitiveSet>(
@@ -164,6 +189,7 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
     slice: TimeSlice,
     params: &DraftParams,
     cost_model: Option<CostModel>,
+    reinsertion: Reinsertion,
 ) -> Draft {
     let over = slice.interval();
     let budget = params.most_references();
@@ -171,7 +197,8 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
     let elongated = is_elongated(budget, ratio) && params.decided.is_none_or(|decided| decided.pays);
     // Room for all sub-references from the start: memory that is not touched costs nothing.
     let most = if elongated { (ids.len() as f64 * f64::from(budget)) as usize + 1 } else { ids.len() };
-    let mut references = huge_vec(most);
+    // Some more for reinsertion.
+    let mut references = huge_vec(most + most / 16);
     parallel::fill(&mut references, ids.len(), |i| Reference::new(set.bounds(ids[i], over), ids[i]));
     let cost_model = cost_model.unwrap_or_else(|| {
         let density = SurfaceDensity::of(&references, ratio.unwrap_or(LEAST_AREA_RATIO));
@@ -183,7 +210,7 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
     if presplits {
         presplit(&mut references, |id| set.ends(id, over), budget);
     }
-    Draft { primitives: ids.len(), ratio, ..draft_with(set, references, slice, presplits, cost_model) }
+    Draft { primitives: ids.len(), ratio, ..draft_with(set, references, slice, presplits, cost_model, reinsertion) }
 }
 
 /// Drafts a tree over a sample, pre-split if that pays for the sample as a whole, and returns the decision. There is no draft if
@@ -200,7 +227,7 @@ pub(crate) fn draft_sample<S: PrimitiveSet>(set: &S, ids: &[u32], params: &WideP
     }
     let with = |pays: bool, cost_model: Option<CostModel>| {
         let params = DraftParams { wide: *params, decided: Some(Presplit { ratio, pays }) };
-        draft_tree(set, ids, TimeSlice::WHOLE, &params, cost_model)
+        draft_tree(set, ids, TimeSlice::WHOLE, &params, cost_model, Reinsertion::Later)
     };
     let whole = with(false, None);
     if elongated {
@@ -230,7 +257,9 @@ fn presplit_pays<S: PrimitiveSet>(
     let most = (n / (16 * PRESPLIT_SAMPLES)).clamp(*PRESPLIT_SAMPLE.start(), *PRESPLIT_SAMPLE.end());
     let (mut with, mut without) = (0.0, 0.0);
     for sample in neighbourhoods(references, PRESPLIT_SAMPLES, most) {
-        let cost = |references: Vec<Reference>| draft_with(set, references, slice, true, cost_model).collapse.total();
+        let cost = |references: Vec<Reference>| {
+            draft_with(set, references, slice, true, cost_model, Reinsertion::Later).collapse.total()
+        };
         let mut split = sample.clone();
         presplit(&mut split, |id| set.ends(id, over), budget);
         let (split, whole) = parallel::both(|| cost(split), || cost(sample));
@@ -250,22 +279,43 @@ fn draft_with<S: PrimitiveSet>(
     slice: TimeSlice,
     presplit: bool,
     cost_model: CostModel,
+    reinsertion: Reinsertion,
 ) -> Draft {
     let kind = |id: u32| set.leaf_kind(id);
     let kinds: Option<&LeafKind<'_>> = if set.bent() { Some(&kind) } else { None };
     let [stop, overlapping] = [*BINARY_LEAF.start(), *BINARY_LEAF.end()].map(|most| most.min(S::PER_LEAF));
-    let binary = build_binary(&mut references, stop..=overlapping, kinds, Some(cost_model.density));
-    let collapse = Collapse::new(&binary, cost_model, |node| {
+    let mut binary = build_binary(&mut references, stop..=overlapping, kinds, Some(cost_model.density));
+    let now = match reinsertion {
+        Reinsertion::Later => false,
+        Reinsertion::OfStatic => binary.first().is_some_and(|root| !root.moving),
+        Reinsertion::Now => true,
+    };
+    if now && let Some(better) = reinsert(&binary, &mut references, &mut [], &cost_model) {
+        binary = better;
+    }
+    let collapse = collapse(set, &binary, &references, cost_model);
+    let primitives = references.len();
+    let over = slice.interval();
+    Draft { slice, over, references, primitives, presplit, reinserted: now, ratio: None, cost_model, binary, collapse }
+}
+
+/// Collapses a binary tree over references into wide nodes and leaf blocks.
+fn collapse<S: PrimitiveSet>(
+    set: &S,
+    binary: &BinaryTree,
+    references: &[Reference],
+    cost_model: CostModel,
+) -> Collapse {
+    let kind = |id: u32| set.leaf_kind(id);
+    let kinds: Option<&LeafKind<'_>> = if set.bent() { Some(&kind) } else { None };
+    Collapse::new(binary, cost_model, |node| {
         if node.count as usize > S::PER_LEAF {
             return None;
         }
         let block = &references[node.first as usize..][..node.count as usize];
         let fits = kinds.is_none_or(|kind| one_block(set, block, kind, node.right == 0));
         fits.then_some(COST_MODEL.leaf_of(node.count as usize))
-    });
-    let primitives = references.len();
-    let over = slice.interval();
-    Draft { slice, over, references, primitives, presplit, ratio: None, cost_model, binary, collapse }
+    })
 }
 
 /// Whether references may form a leaf block: they are of one kind and, unless they cannot be split further, fit.

@@ -4,7 +4,7 @@
 //! sample, and compares its cost with that of the undivided tree during the same slice. Trees for the shortest slices come first: no
 //! division costs a ray fewer steps, so they tell which ones are worth a trial at all.
 
-use super::draft::{Draft, DraftParams, Presplit, TimeSlice, draft_tree};
+use super::draft::{Draft, DraftParams, Presplit, Reinsertion, TimeSlice, draft_tree};
 use super::slices::SharedLeaves;
 use crate::bvh::Reference;
 use crate::limits::MAX_TIME_SLICES;
@@ -186,7 +186,7 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
             for &index in &slices {
                 let slice = TimeSlice { index, of: count };
                 let params = DraftParams { decided, ..*params };
-                let draft = draft_tree(self.set, &ids, slice, &params, Some(self.draft.cost_model));
+                let draft = draft_tree(self.set, &ids, slice, &params, Some(self.draft.cost_model), Reinsertion::Later);
                 sum += draft.collapse.total();
                 decided = Some(draft.decided());
             }
@@ -296,7 +296,7 @@ mod tests {
     fn drafted(scene: &scene::Scene) -> (Triangles, Draft) {
         let set = Triangles::new(&scene.meshes).unwrap();
         let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
-        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &params(), None);
+        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &params(), None, Reinsertion::Later);
         (set, draft)
     }
 
@@ -375,7 +375,16 @@ mod tests {
             let predicted = Samples::new(&set, &draft, 0, &params).cost(Division::SeparateTrees(count));
             let tree = |index: usize| {
                 let params = params.of_each_tree(count);
-                draft_tree(&set, &ids, TimeSlice { index, of: count }, &params, Some(draft.cost_model)).collapse.total()
+                draft_tree(
+                    &set,
+                    &ids,
+                    TimeSlice { index, of: count },
+                    &params,
+                    Some(draft.cost_model),
+                    Reinsertion::Later,
+                )
+                .collapse
+                .total()
             };
             let actual = (0..count).map(tree).sum::<f32>() / count as f32 / draft.collapse.total();
             assert!((0.75..1.4).contains(&(predicted / actual)), "{count}: {predicted} instead of {actual}");
