@@ -14,10 +14,10 @@
 //! | rows | for each key: x y z of v vertices, or nine rows of n corners |
 
 use super::key_rows::KeyRows;
-use super::leaf_block::{Shared, WideSource, set_sizes, write_corners};
+use super::leaf_block::{WideSource, set_sizes, write_corners};
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
 use crate::geometry::KeyTime;
-use crate::primitive::Triangles;
+use crate::primitive::{Shared, Triangles};
 use crate::simd::{Arena, LANES, SimdLevel, dispatch};
 
 /// The header of such a block.
@@ -174,9 +174,11 @@ impl Triangles {
             words[leaf.vertices()] |= (count as u32 - 1) << 12;
         }
         words[leaf.ids()..][..count].copy_from_slice(ids);
-        self.fill_keyed(words, &leaf, ids, shared.as_ref(), SimdLevel::best());
+        let level = SimdLevel::best();
+        self.fill_keyed(words, &leaf, ids, shared.as_ref(), level);
+        let sizes = leaf.sizes(words, level);
         // The lower half of this word holds the vertices of the first triangle, or zero.
-        set_sizes(&mut words[leaf.vertices()], self.sizes(ids, first..first + held));
+        set_sizes(&mut words[leaf.vertices()], sizes);
         ChildRef::new(Kind::OtherLeaf, at, width)
     }
 

@@ -2,7 +2,7 @@
 
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, Sizes, VERTEX_ROWS};
 use crate::geometry::{LinearBox3, TimeInterval};
-use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes, Triangles};
+use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes, Shared, Triangles};
 use crate::simd::{Arena, LANES, Lanes, SimdLevel};
 use crate::time::TimeSlice;
 use core::ops::Range;
@@ -162,47 +162,7 @@ impl Triangles {
     }
 }
 
-/// The distinct vertices of a few triangles.
-pub(super) struct Shared {
-    /// Their indices, and the stride between their keys.
-    vertices: Lanes<u32>,
-    strides: Lanes<u32>,
-    pub(super) count: usize,
-    /// The vertices of each triangle, four bits each.
-    pub(super) corners: Lanes<u32>,
-}
-
 impl Shared {
-    /// Returns `None` if there are too many, or as many as corners: then the block has no shared vertices.
-    pub(super) fn of(set: &Triangles, ids: &[u32]) -> Option<Shared> {
-        let mut shared = Shared { vertices: [0; LANES], strides: [0; LANES], count: 0, corners: [0; LANES] };
-        // A bit set of hashed vertices seen so far (a Bloom filter), so that most new vertices need no search.
-        let mut seen = 0u64;
-        for (corners, &id) in shared.corners.iter_mut().zip(ids) {
-            let stride = set.stride(id) as u32;
-            for (i, vertex) in set.vertices(id).into_iter().enumerate() {
-                let bit = 1u64 << (vertex % 64);
-                let known = match seen & bit {
-                    0 => None,
-                    _ => shared.vertices[..shared.count].iter().position(|&v| v == vertex),
-                };
-                seen |= bit;
-                let place = match known {
-                    Some(place) => place,
-                    None if shared.count == LANES => return None,
-                    None => {
-                        shared.vertices[shared.count] = vertex;
-                        shared.strides[shared.count] = stride;
-                        shared.count += 1;
-                        shared.count - 1
-                    }
-                };
-                *corners |= (place as u32) << (4 * i);
-            }
-        }
-        (shared.count < 3 * ids.len()).then_some(shared)
-    }
-
     /// Reconstructed from a block that was written for the same triangles; `numbers` begins with the row of vertex
     /// numbers, and there are `count` vertices.
     pub(super) fn again(set: &Triangles, ids: &[u32], numbers: &[u32], count: usize) -> Shared {

@@ -9,7 +9,7 @@ use crate::bvh::{
     BinaryNode, BinaryTree, Collapse, CostModel, LeafKind, Reference, SurfaceDensity, WideChild, build_binary,
     neighbourhoods, presplit,
 };
-use crate::geometry::{Box3, KeyTime, LinearBox3, TimeInterval};
+use crate::geometry::{Box3, KeyTime, LaneBounds, LinearBox3, TimeInterval};
 use crate::parallel;
 use crate::params::WideParams;
 use crate::primitive::PrimitiveSet;
@@ -172,7 +172,7 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
     // Room for all sub-references from the start: memory that is not touched costs nothing.
     let most = if elongated { (ids.len() as f64 * f64::from(budget)) as usize + 1 } else { ids.len() };
     let mut references = huge_vec(most);
-    parallel::fill(&mut references, ids.len(), |i| Reference::new(set.bounds(ids[i], over), ids[i]));
+    add_references(set, ids, over, &mut references);
     let cost_model = cost_model.unwrap_or_else(|| {
         let density = SurfaceDensity::of(&references, ratio.unwrap_or(LEAST_AREA_RATIO));
         CostModel { density, ..COST_MODEL }
@@ -184,6 +184,25 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
         presplit(&mut references, |id| set.ends(id, over), budget);
     }
     Draft { primitives: ids.len(), ratio, ..draft_with(set, references, slice, presplits, cost_model) }
+}
+
+/// Primitives with more than two keys whose bounds are computed together, by one thread.
+const TOGETHER: usize = 512;
+
+/// Appends a reference for each of some primitives.
+fn add_references<S: PrimitiveSet>(set: &S, ids: &[u32], over: TimeInterval, references: &mut Vec<Reference>) {
+    if !set.bent() || !ids.is_sorted() {
+        return parallel::fill(references, ids.len(), |i| Reference::new(set.bounds(ids[i], over), ids[i]));
+    }
+    references.resize(ids.len(), Reference::new(LinearBox3::EMPTY, 0));
+    let mut parts: Vec<_> = ids.chunks(TOGETHER).zip(references.chunks_mut(TOGETHER)).collect();
+    parallel::each(&mut parts, |(ids, references)| {
+        let mut bounds = [LaneBounds::EMPTY; TOGETHER];
+        set.lane_bounds(ids, over, &mut bounds[..ids.len()]);
+        for ((reference, &id), bounds) in references.iter_mut().zip(*ids).zip(&bounds) {
+            *reference = Reference::new(bounds.bounds(), id);
+        }
+    });
 }
 
 /// Drafts a tree over a sample, pre-split if that pays for the sample as a whole, and returns the decision. There is no draft if
