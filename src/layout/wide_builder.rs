@@ -347,7 +347,7 @@ fn leaf_blocks<S: WideSource>(
     blocks: &mut [ChildRef],
 ) -> Result<(), BuildError> {
     for (i, (node, block)) in of.iter().zip(blocks).enumerate() {
-        prefetch_blocks(set, draft, of, i);
+        prefetch_blocks(set, draft, of, i, draft.over);
         let of = draft.references(node);
         let mut ids = [0; LANES];
         for (id, r) in ids.iter_mut().zip(of) {

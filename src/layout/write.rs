@@ -77,8 +77,8 @@ const MAX_FRAGMENT: u32 = 4096;
 pub(crate) type LeafWriter<'a> =
     &'a (dyn Fn(&mut Arena, &[BinaryNode], &mut [ChildRef]) -> Result<(), BuildError> + Sync);
 
-/// Leaf blocks that are written per task.
-const BLOCKS: usize = 512;
+/// Leaf blocks that are written per task: with many keys they are large, and a task should stay in a near cache.
+const BLOCKS: usize = 32;
 
 /// Writes a leaf block for each of some binary nodes and returns them in order. The caller will append `further` words.
 pub(crate) fn write_blocks(

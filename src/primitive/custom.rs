@@ -169,8 +169,8 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     /// Prefetches the vertex indices of a primitive; the vertices themselves follow with
     /// [`PrimitiveSet::prefetch_vertices`]. A hint.
     fn prefetch(&self, _: u32) {}
-    /// Prefetches the vertices of a primitive whose corners were prefetched some time ago.
-    fn prefetch_vertices(&self, _: u32) {}
+    /// Prefetches the vertices of a primitive, as bounds over an interval need them, whose corners were prefetched some time ago.
+    fn prefetch_vertices(&self, _: u32, _over: TimeInterval) {}
     /// The visibility mask.
     fn mask(&self, id: u32) -> u32 {
         let _ = id;

@@ -52,6 +52,10 @@ impl Triangles {
             }
             let one = corners[0];
             corners[count..].fill(one);
+            // The vertices of most of the next group.
+            for &id in ids[count..].iter().take(count) {
+                self.vertices(id).into_iter().for_each(|vertex| self.prefetch_keys(vertex, first..last + 1));
+            }
             let coordinates = self.coordinates();
             let keys = first..last + 1;
             f(

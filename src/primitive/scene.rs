@@ -191,9 +191,9 @@ impl PrimitiveSet for Scene {
         }
     }
 
-    fn prefetch_vertices(&self, id: u32) {
+    fn prefetch_vertices(&self, id: u32, over: TimeInterval) {
         if self.shape(id).is_none() {
-            self.triangles.prefetch_vertices(id);
+            self.triangles.prefetch_vertices(id, over);
         }
     }
 

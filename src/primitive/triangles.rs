@@ -376,8 +376,16 @@ impl PrimitiveSet for Triangles {
         self.prefetch_corners(id);
     }
 
-    fn prefetch_vertices(&self, id: u32) {
-        self.prefetch_positions(id);
+    fn prefetch_vertices(&self, id: u32, over: TimeInterval) {
+        let keys = self.keys(id);
+        if keys <= 2 {
+            return self.prefetch_positions(id);
+        }
+        let key = |time: f32| (time * (keys - 1) as f32) as usize;
+        let needed = key(over.begin())..(key(over.end()) + 2).min(keys);
+        for vertex in self.vertices(id) {
+            self.prefetch_keys(vertex, needed.clone());
+        }
     }
 
     fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3 {

@@ -317,14 +317,20 @@ fn area_ratio<S: PrimitiveSet>(set: &S, ids: &[u32], over: TimeInterval) -> Opti
 /// How many leaf blocks ahead the numbers of vertices are prefetched; the vertices follow one block ahead.
 const AHEAD: usize = 4;
 
-/// Prefetches the data of the blocks that follow block `i`.
-pub(crate) fn prefetch_blocks<S: PrimitiveSet>(set: &S, draft: &Draft, of: &[BinaryNode], i: usize) {
+/// Prefetches the data of the blocks that follow block `i`, as bounds over an interval need them.
+pub(crate) fn prefetch_blocks<S: PrimitiveSet>(
+    set: &S,
+    draft: &Draft,
+    of: &[BinaryNode],
+    i: usize,
+    over: TimeInterval,
+) {
     let next = if i == 0 { 0..of.len().min(AHEAD + 1) } else { i + AHEAD..of.len().min(i + AHEAD + 1) };
     for node in of.get(next).unwrap_or_default() {
         draft.references(node).iter().for_each(|r| set.prefetch(r.id()));
     }
     for node in of.iter().skip(i + 1).take(1) {
-        draft.references(node).iter().for_each(|r| set.prefetch_vertices(r.id()));
+        draft.references(node).iter().for_each(|r| set.prefetch_vertices(r.id(), over));
     }
 }
 

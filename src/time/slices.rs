@@ -65,9 +65,11 @@ fn bounds_in<S: PrimitiveSet>(
 ) -> Vec<LinearBox3> {
     let mut all = huge_vec_of(LinearBox3::EMPTY, clusters.len() * over.len());
     let mut parts: Vec<_> = clusters.chunks(BLOCKS).zip(all.chunks_mut(BLOCKS * over.len())).collect();
+    let needed = over.iter().copied().reduce(TimeInterval::hull).unwrap_or(TimeInterval::FULL);
     parallel::each(&mut parts, |(clusters, bounds)| {
         let mut intervals = Intervals::new(over);
-        for (cluster, bounds) in clusters.iter().zip(bounds.chunks_mut(over.len())) {
+        for (i, (cluster, bounds)) in clusters.iter().zip(bounds.chunks_mut(over.len())).enumerate() {
+            prefetch_blocks(set, draft, clusters, i, needed);
             include_slice_bounds(set, draft.references(cluster), draft, &mut intervals, bounds);
         }
     });
@@ -93,7 +95,7 @@ fn boundary<S: PrimitiveSet>(
     }
     let mut boxes = huge_vec(clusters.len());
     parallel::fill(&mut boxes, clusters.len(), |i| {
-        prefetch_blocks(set, draft, clusters, i);
+        prefetch_blocks(set, draft, clusters, i, over);
         draft.references(&clusters[i]).iter().fold(Box3::EMPTY, |b, r| {
             let Some(ends) = set.ends(r.id(), over) else { return b };
             let corners = ends.begin.into_iter().chain(ends.end).fold(Box3::EMPTY, Box3::include);
