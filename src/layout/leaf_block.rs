@@ -24,6 +24,11 @@ pub(crate) trait WideSource: PrimitiveSet {
     }
     /// Releases the data that only the build needs: leaf blocks have copies of it.
     fn release_build_data(&mut self) {}
+    /// The number of words that [`WideSource::write_leaf`] takes, of primitives in any order.
+    fn leaf_words(&self, ids: &[u32], slice: TimeSlice) -> usize {
+        let _ = slice;
+        ids.len()
+    }
     /// Writes a leaf block for queries in a time slice; `None` if the arena is full.
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef> {
         let _ = slice;
@@ -76,6 +81,13 @@ impl WideSource for Scene {
         self.triangles.drop_vertices();
     }
 
+    fn leaf_words(&self, ids: &[u32], slice: TimeSlice) -> usize {
+        match ids.first().is_some_and(|&id| self.is_listed(id)) {
+            false => self.triangles.leaf_words(ids, slice),
+            true => ids.len(),
+        }
+    }
+
     #[inline]
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef> {
         // All primitives of a block are of one kind, since the build separates kinds.
@@ -107,6 +119,16 @@ impl WideSource for Scene {
 }
 
 impl Triangles {
+    /// The number of words of a block of triangles.
+    fn leaf_words(&self, ids: &[u32], slice: TimeSlice) -> usize {
+        let (n, most) = (ids.len(), ids.iter().map(|&id| self.keys(id)).max().unwrap_or(1));
+        let shared = Shared::of(self, ids);
+        if most > 2 {
+            return self.keyed_words(shared.as_ref(), n, most, slice.segments(most));
+        }
+        shared.map_or(most * CORNER_ROWS * n + 1 + n, |shared| most * VERTEX_ROWS * shared.count + 2 * n)
+    }
+
     /// Writes a block of triangles.
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef> {
         let most = ids.iter().map(|&id| self.keys(id)).max().unwrap_or(1);

@@ -309,6 +309,7 @@ mod tests {
     use crate::random::Random;
     use crate::scene;
     use crate::time::time_slice;
+    use glam::Vec3;
 
     /// Meshes of one key to seventeen, with shared vertices and without; parts of them do not move.
     fn meshes() -> Vec<TriangleMesh> {

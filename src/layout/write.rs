@@ -80,10 +80,12 @@ pub(crate) type LeafWriter<'a> =
 /// Leaf blocks that are written per task: with many keys they are large, and a task should stay in a near cache.
 const BLOCKS: usize = 32;
 
-/// Writes a leaf block for each of some binary nodes and returns them in order. The caller will append `further` words.
+/// Writes a leaf block for each of some binary nodes, of so many words each, and returns them in order. The caller will append
+/// `further` words.
 pub(crate) fn write_blocks(
     arena: &mut Arena,
     of: &[BinaryNode],
+    words: &[u32],
     further: usize,
     leaves: LeafWriter<'_>,
 ) -> Result<Vec<ChildRef>, BuildError> {
@@ -92,7 +94,8 @@ pub(crate) fn write_blocks(
         fragment.tops.resize(tasks[task].len(), ChildRef::NOTHING);
         leaves(&mut fragment.arena, tasks[task], &mut fragment.tops)
     };
-    write_in_order(arena, &vec![1; tasks.len()], further, &|_| true, &write)
+    let sizes: Vec<u32> = words.chunks(BLOCKS).map(|words| words.iter().sum()).collect();
+    write_in_order(arena, &sizes, further, &|_| true, &write)
 }
 
 /// The words of the nodes of a collapsed binary tree without their leaf blocks.

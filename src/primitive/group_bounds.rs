@@ -32,7 +32,7 @@ impl Triangles {
         over: &mut Intervals<'_>,
         mut f: impl FnMut(SimdLevel, Group<'_>, usize),
     ) {
-        let level = SimdLevel::best();
+        let level = over.level;
         let slack = Triangles::slack(keys, 1.0);
         let (windows, rows) = over.windows(keys);
         let first = windows.iter().map(|window| *window.around.start()).min().unwrap_or(0);
@@ -43,8 +43,14 @@ impl Triangles {
             rows.resize(needed, 0.0);
         }
         let mut done = 0;
+        let mut next = Shared::of_first(self, ids);
         while !ids.is_empty() {
-            let (Shared { vertices, count: of_vertices, mut corners, .. }, count) = Shared::of_first(self, ids);
+            let (Shared { vertices, count: of_vertices, mut corners, .. }, count) = next;
+            ids = &ids[count..];
+            next = Shared::of_first(self, ids);
+            for &vertex in &next.0.vertices[..next.0.count] {
+                self.prefetch_keys(vertex, first..last + 1);
+            }
             // Other lanes repeat the first one, so that they change nothing.
             let mut begins = [3 * (vertices[0] as usize + first); LANES];
             for (begin, &vertex) in begins.iter_mut().zip(&vertices[..of_vertices]) {
@@ -52,19 +58,10 @@ impl Triangles {
             }
             let one = corners[0];
             corners[count..].fill(one);
-            // The vertices of most of the next group.
-            for &id in ids[count..].iter().take(count) {
-                self.vertices(id).into_iter().for_each(|vertex| self.prefetch_keys(vertex, first..last + 1));
-            }
-            let coordinates = self.coordinates();
-            let keys = first..last + 1;
-            f(
-                level,
-                Group { coordinates, begins, keys, corners, count, windows, slack, rows: &mut rows[..needed] },
-                done,
-            );
+            let (coordinates, keys) = (self.coordinates(), first..last + 1);
+            let rows = &mut rows[..needed];
+            f(level, Group { coordinates, begins, keys, corners, count, windows, slack, rows }, done);
             done += count;
-            ids = &ids[count..];
         }
     }
 }
@@ -176,6 +173,67 @@ impl Kernel for Together<'_, '_> {
             let mut greatest = [0.0; LANES];
             s.store(greatest_of_each(s, all), &mut greatest);
             *to = to.union(bounds_of_faces(&greatest));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::TimeInterval;
+    use crate::primitive::{PrimitiveSet, TriangleMesh};
+    use crate::random::Random;
+    use glam::Vec3;
+
+    /// A strip and single triangles of random vertices, some of which stand still, and a mesh behind which there is nothing.
+    fn meshes(keys: usize, random: &mut Random) -> [TriangleMesh; 3] {
+        let mut mesh = |indices: Vec<[u32; 3]>| {
+            let vertices = indices.as_flattened().iter().max().map_or(0, |&most| most as usize + 1);
+            let mut place = |scale: f32| (0..vertices).map(|_| random.vec() * scale).collect::<Vec<Vec3>>();
+            let at = place(2.0);
+            let still = |vertex: usize| (8..16).contains(&(vertex % 40));
+            let key = |_| {
+                let offsets = place(0.1);
+                (0..vertices).map(|v| if still(v) { at[v] } else { at[v] + offsets[v] }).collect()
+            };
+            TriangleMesh::new(indices, (0..keys).map(key).collect::<Vec<Vec<Vec3>>>())
+        };
+        let strip = (0..70).map(|i| [i, i + 1, i + 2]).collect();
+        let single = (0..50).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        // A vertex may occur twice in a triangle.
+        [mesh(strip), mesh(single), mesh(vec![[0, 1, 2], [2, 1, 1]])]
+    }
+
+    #[test]
+    fn groups_have_the_bounds_of_their_triangles_on_all_instruction_sets() {
+        let mut random = Random(41);
+        for keys in [3, 4, 5, 9, 18, 65] {
+            let set = Triangles::new(&meshes(keys, &mut random)).expect("meshes");
+            let ids: Vec<u32> = (0..set.len() as u32).collect();
+            let part = |a: f32, b: f32| TimeInterval::half_open(a, b).expect("not empty");
+            let over = [TimeInterval::FULL, part(0.0, 0.26), part(0.2499, 0.5), part(0.71, 0.72), part(0.9, 2.0)];
+            for level in SimdLevel::available() {
+                for &over in &over {
+                    let mut out = vec![LaneBounds::EMPTY; ids.len()];
+                    let mut intervals = Intervals::new(core::slice::from_ref(&over));
+                    intervals.level = level;
+                    set.bent_lane_bounds(&ids, keys, &mut intervals, &mut out);
+                    for (&id, found) in ids.iter().zip(&out) {
+                        assert_eq!(found.bounds(), set.bounds(id, over), "{keys} keys, {over:?}, {id}, {level}");
+                    }
+                }
+                let mut intervals = Intervals::new(&over);
+                intervals.level = level;
+                for some in ids.chunks(13) {
+                    let mut out = [LinearBox3::EMPTY; 5];
+                    set.include_bent(some, keys, &mut intervals, &mut out);
+                    for (&over, found) in over.iter().zip(out) {
+                        let all = some.iter().map(|&id| set.bounds(id, over));
+                        let all = all.fold(LinearBox3::EMPTY, LinearBox3::union);
+                        assert_eq!(found, all, "{keys} keys, {over:?}, {some:?}, {level}");
+                    }
+                }
+            }
         }
     }
 }

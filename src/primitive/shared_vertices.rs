@@ -1,7 +1,7 @@
 //! The distinct vertices of a few triangles.
 
 use super::triangles::Triangles;
-use crate::simd::{LANES, Lanes};
+use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch, first_lanes};
 
 /// The distinct vertices of up to sixteen triangles, one per lane.
 pub(crate) struct Shared {
@@ -22,33 +22,46 @@ impl Shared {
 
     /// The vertices of the first triangles, of as many as there are lanes for; and the number of these triangles.
     pub fn of_first(set: &Triangles, ids: &[u32]) -> (Shared, usize) {
+        dispatch(SimdLevel::best(), Distinct { set, ids })
+    }
+}
+
+struct Distinct<'a> {
+    set: &'a Triangles,
+    ids: &'a [u32],
+}
+
+impl Kernel for Distinct<'_> {
+    type Output = (Shared, usize);
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> (Shared, usize) {
+        let Distinct { set, ids } = self;
         let mut shared = Shared { vertices: [0; LANES], strides: [0; LANES], count: 0, corners: [0; LANES] };
-        // A bit set of hashed vertices seen so far (a Bloom filter), so that most new vertices need no search.
-        let mut seen = 0u64;
-        for (triangle, &id) in ids.iter().enumerate().take(LANES) {
-            let stride = set.stride(id) as u32;
-            let mut corners = 0;
+        let (mut vertices, mut strides, mut triangles) = (s.splat_u(0), s.splat_u(0), 0);
+        'all: for (corners, &id) in shared.corners.iter_mut().zip(ids) {
+            let stride = s.splat_u(set.stride(id) as u32);
+            let mut places = 0;
             for (i, vertex) in set.vertices(id).into_iter().enumerate() {
-                let bit = 1u64 << (vertex % 64);
-                let known = match seen & bit {
-                    0 => None,
-                    _ => shared.vertices[..shared.count].iter().position(|&v| v == vertex),
-                };
-                seen |= bit;
+                let vertex = s.splat_u(vertex);
+                let known = s.eq_u(vertices, vertex) & first_lanes(shared.count);
                 let place = match known {
-                    Some(place) => place,
-                    None if shared.count == LANES => return (shared, triangle),
-                    None => {
-                        shared.vertices[shared.count] = vertex;
-                        shared.strides[shared.count] = stride;
+                    0 if shared.count == LANES => break 'all,
+                    0 => {
+                        let lane = 1 << shared.count;
+                        (vertices, strides) = (s.select_u(lane, vertex, vertices), s.select_u(lane, stride, strides));
                         shared.count += 1;
-                        shared.count - 1
+                        shared.count as u32 - 1
                     }
+                    _ => known.trailing_zeros(),
                 };
-                corners |= (place as u32) << (4 * i);
+                places |= place << (4 * i);
             }
-            shared.corners[triangle] = corners;
+            *corners = places;
+            triangles += 1;
         }
-        (shared, ids.len().min(LANES))
+        s.store_u(vertices, &mut shared.vertices);
+        s.store_u(strides, &mut shared.strides);
+        (shared, triangles)
     }
 }

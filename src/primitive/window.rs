@@ -1,6 +1,7 @@
 //! The keys within and around an interval.
 
 use crate::geometry::{KeyTime, TimeInterval};
+use crate::simd::SimdLevel;
 use core::ops::{Range, RangeInclusive};
 
 /// The keys within and around an interval.
@@ -52,11 +53,12 @@ pub(crate) struct Intervals<'a> {
     windows: Vec<Window>,
     /// Memory to be used again.
     rows: Vec<f32>,
+    pub level: SimdLevel,
 }
 
 impl<'a> Intervals<'a> {
     pub fn new(over: &'a [TimeInterval]) -> Intervals<'a> {
-        Intervals { over, keys: 0, windows: Vec::new(), rows: Vec::new() }
+        Intervals { over, keys: 0, windows: Vec::new(), rows: Vec::new(), level: SimdLevel::best() }
     }
 
     /// The windows of a motion with more than two keys, and memory of any contents.
