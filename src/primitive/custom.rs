@@ -3,6 +3,7 @@
 //! A caller implements [`Primitive`] for a custom moving shape. Inside the crate, a tree accesses a whole set of primitives
 //! through [`PrimitiveSet`], in tree space. Triangle meshes are one such set; a list of [`Primitive`]s is another.
 
+use super::vertex_tubes::VertexTubes;
 use super::window::Intervals;
 use crate::error::BuildError;
 use crate::geometry::{Aabb, Box3, Ends, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
@@ -114,8 +115,14 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     /// Linear bounds over an interval. They contain all hits of the kernel, up to the rounding that grows with the ray's
     /// distance; the slack of traversals covers that.
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3;
-    /// The bounds of some primitives in ascending order.
-    fn lane_bounds(&self, ids: &[u32], over: TimeInterval, out: &mut [LaneBounds]) {
+    /// What [`PrimitiveSet::lane_bounds`] can use if it is asked for the bounds of all of these primitives, in ascending order.
+    fn tubes(&self, ids: &[u32], over: TimeInterval) -> VertexTubes {
+        let _ = (ids, over);
+        VertexTubes::default()
+    }
+    /// The bounds of some primitives in ascending order; `tubes` are over the same interval.
+    fn lane_bounds(&self, ids: &[u32], over: TimeInterval, tubes: &VertexTubes, out: &mut [LaneBounds]) {
+        let _ = tubes;
         for (&id, to) in ids.iter().zip(out) {
             *to = LaneBounds::of(&self.bounds(id, over));
         }

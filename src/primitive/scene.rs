@@ -4,6 +4,7 @@ use super::custom::{Intersection, Primitive, PrimitiveSet, Shapes, ShapesExtent,
 use super::mesh::TriangleMesh;
 use super::sphere::MovingSphere;
 use super::triangles::Triangles;
+use super::vertex_tubes::VertexTubes;
 use super::window::Intervals;
 use crate::error::{BuildError, RefitError};
 use crate::geometry::{Box3, Ends, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
@@ -148,9 +149,13 @@ impl PrimitiveSet for Scene {
         }
     }
 
-    fn lane_bounds(&self, ids: &[u32], over: TimeInterval, out: &mut [LaneBounds]) {
+    fn tubes(&self, ids: &[u32], over: TimeInterval) -> VertexTubes {
+        self.triangles.tubes(&ids[..ids.partition_point(|&id| id < self.first)], over)
+    }
+
+    fn lane_bounds(&self, ids: &[u32], over: TimeInterval, tubes: &VertexTubes, out: &mut [LaneBounds]) {
         let triangles = ids.partition_point(|&id| id < self.first);
-        self.triangles.lane_bounds(&ids[..triangles], over, &mut out[..triangles]);
+        self.triangles.lane_bounds(&ids[..triangles], over, tubes, &mut out[..triangles]);
         for (&id, to) in ids[triangles..].iter().zip(&mut out[triangles..]) {
             *to = LaneBounds::of(&self.bounds(id, over));
         }

@@ -5,6 +5,7 @@
 
 use super::custom::{PrimitiveSet, include_each};
 use super::precise_vertices::PreciseVertices;
+use super::vertex_tubes::VertexTubes;
 use super::window::Intervals;
 use crate::geometry::{
     Box3, Ends, Frame, INSTANTS, Instant, KeyTime, LaneBounds, LinearBox3, TimeInterval, are_disjoint, clip_triangle,
@@ -319,8 +320,12 @@ impl PrimitiveSet for Triangles {
         LinearBox3 { begin: bounds.begin.pad(rounding), end: bounds.end.pad(rounding) }
     }
 
-    fn lane_bounds(&self, ids: &[u32], over: TimeInterval, out: &mut [LaneBounds]) {
-        self.lane_bounds_of_meshes(ids, over, out);
+    fn tubes(&self, ids: &[u32], over: TimeInterval) -> VertexTubes {
+        self.tubes_of_meshes(ids, over)
+    }
+
+    fn lane_bounds(&self, ids: &[u32], over: TimeInterval, tubes: &VertexTubes, out: &mut [LaneBounds]) {
+        self.lane_bounds_of_meshes(ids, over, tubes, out);
     }
 
     fn include_bounds(&self, ids: &[u32], over: &mut Intervals<'_>, out: &mut [LinearBox3]) {

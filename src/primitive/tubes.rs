@@ -5,9 +5,10 @@
 //! The tube of a vertex that several triangles share is computed once.
 
 use super::bent_bounds::TUBE_ULPS;
+use super::vertex_tubes::SIZE;
 use super::window::Window;
 use crate::geometry::{Box3, KeyTime, LinearBox3, ULP};
-use crate::simd::{LANES, Lanes, Mask, Rows, Simd};
+use crate::simd::{LANES, Lanes, Mask, Rows, Simd, transpose};
 use glam::Vec3;
 
 /// Bounds in lanes: for each axis the negated lower one, and the upper one.
@@ -131,20 +132,30 @@ impl<S: Simd> Tubes<S> {
         all
     }
 
-    /// The padded faces of the triangles `present`, in the order of [`bounds_of_faces`]; `slack` is that of vertices with a
-    /// coordinate of 1, and `size` the largest coordinate.
+    /// The faces in the order of [`bounds_of_faces`].
+    #[inline(always)]
+    pub fn faces(&self) -> [S::F; 12] {
+        let mut all = [self.size; 12];
+        for (end, faces) in self.ends.iter().enumerate() {
+            for (axis, &[low, high]) in faces.iter().enumerate() {
+                (all[6 * end + axis], all[6 * end + 3 + axis]) = (low, high);
+            }
+        }
+        all
+    }
+
+    /// The padded faces of the triangles `present`; `slack` is that of vertices with a coordinate of 1, and `size` the largest
+    /// coordinate.
     #[inline(always)]
     pub fn padded(&self, s: S, size: S::F, slack: f32, present: Mask) -> [S::F; 12] {
         let pad = size * s.splat(slack) * s.splat(2.0) + size * s.splat(TUBE_ULPS * ULP);
-        let mut all = [pad; 12];
-        let [begin, end] = &self.ends;
+        let mut all = self.faces();
+        for face in &mut all {
+            *face = *face + pad;
+        }
         let mut unmoved = present;
-        for axis in 0..3 {
-            for side in 0..2 {
-                let (first, last) = (begin[axis][side] + pad, end[axis][side] + pad);
-                unmoved &= s.eq(first, last);
-                (all[3 * side + axis], all[6 + 3 * side + axis]) = (first, last);
-            }
+        for face in 0..6 {
+            unmoved &= s.eq(all[face], all[6 + face]);
         }
         if unmoved != 0 {
             // As for single triangles: a motion that returns to its begin is a motion nevertheless.
@@ -157,6 +168,21 @@ impl<S: Simd> Tubes<S> {
         }
         all
     }
+}
+
+/// The same faces of each lane as `LaneBounds`, which have the negated size in the lane [`SIZE`].
+#[inline(always)]
+pub(super) fn lanes_of_faces<S: Simd>(s: S, faces: &[S::F; 12], size: S::F) -> [S::F; LANES] {
+    let zero = s.splat(0.0);
+    let mut all = [zero; LANES];
+    all[SIZE] = zero - size;
+    for axis in 0..3 {
+        all[axis] = zero - faces[axis];
+        all[4 + axis] = zero - faces[6 + axis];
+        all[8 + axis] = zero - faces[3 + axis];
+        all[12 + axis] = zero - faces[9 + axis];
+    }
+    transpose(s, all)
 }
 
 /// Bounds from their faces: three negated lower and three upper ones at the begin of the interval, and as many at its end.

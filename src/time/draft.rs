@@ -194,11 +194,12 @@ fn add_references<S: PrimitiveSet>(set: &S, ids: &[u32], over: TimeInterval, ref
     if !set.bent() || !ids.is_sorted() {
         return parallel::fill(references, ids.len(), |i| Reference::new(set.bounds(ids[i], over), ids[i]));
     }
+    let tubes = set.tubes(ids, over);
     references.resize(ids.len(), Reference::new(LinearBox3::EMPTY, 0));
     let mut parts: Vec<_> = ids.chunks(TOGETHER).zip(references.chunks_mut(TOGETHER)).collect();
     parallel::each(&mut parts, |(ids, references)| {
         let mut bounds = [LaneBounds::EMPTY; TOGETHER];
-        set.lane_bounds(ids, over, &mut bounds[..ids.len()]);
+        set.lane_bounds(ids, over, &tubes, &mut bounds[..ids.len()]);
         for ((reference, &id), bounds) in references.iter_mut().zip(*ids).zip(&bounds) {
             *reference = Reference::new(bounds.bounds(), id);
         }
