@@ -4,7 +4,7 @@
 //! nodes above them follow.
 
 use super::node_boxes::BoxRows;
-use super::serialize::{Fragment, write_in_order};
+use super::serialize::{FIRST, Fragment, write_in_order};
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS, children_mut};
 use crate::bvh::{BinaryNode, Collapse, WideChild, mean_half_area};
 use crate::error::BuildError;
@@ -95,7 +95,7 @@ pub(crate) fn write_blocks(
         leaves(&mut fragment.arena, tasks[task], &mut fragment.tops)
     };
     let sizes: Vec<u32> = words.chunks(BLOCKS).map(|words| words.iter().sum()).collect();
-    write_in_order(arena, &sizes, further, &|_| true, &write)
+    write_in_order(arena, &sizes, further, 1, &|_| true, &write)
 }
 
 /// The words of the nodes of a collapsed binary tree without their leaf blocks.
@@ -142,7 +142,7 @@ impl Nodes<'_> {
             fragment.tops.push(root);
             Ok(())
         };
-        let done = write_in_order(arena, &sizes, 0, &inside, &write)?;
+        let done = write_in_order(arena, &sizes, 0, FIRST, &inside, &write)?;
         self.node(arena, 0, &mut Vec::new(), &mut Some(done.into_iter()))
     }
 
