@@ -82,6 +82,11 @@ impl TimeInterval {
         self.begin <= t && t < self.end
     }
 
+    /// The least interval that holds both.
+    pub(crate) fn hull(self, other: TimeInterval) -> TimeInterval {
+        TimeInterval { begin: self.begin.min(other.begin), end: self.end.max(other.end) }
+    }
+
     /// The intersection, unless it is empty.
     pub fn intersect(self, other: TimeInterval) -> Option<TimeInterval> {
         TimeInterval::half_open(self.begin.max(other.begin), self.end.min(other.end))

@@ -14,10 +14,10 @@
 //! | rows | for each key: x y z of v vertices, or nine rows of n corners |
 
 use super::key_rows::KeyRows;
-use super::leaf_block::{Shared, WideSource, set_sizes, write_corners};
+use super::leaf_block::{WideSource, set_sizes, write_corners};
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
 use crate::geometry::KeyTime;
-use crate::primitive::Triangles;
+use crate::primitive::{Shared, Triangles};
 use crate::simd::{Arena, LANES, SimdLevel, dispatch};
 
 /// The header of such a block.
@@ -46,6 +46,12 @@ fn front(width: usize) -> usize {
 }
 
 impl KeyedLeaf {
+    /// A block of `count` triangles with `keys` keys each, which holds the keys of the segments from `first` to `last`.
+    pub fn new(shared: Option<&Shared>, count: usize, keys: usize, [first, last]: [usize; 2]) -> KeyedLeaf {
+        let width = shared.map_or(count, |shared| shared.count);
+        KeyedLeaf { segments: keys - 1, first, keys: last + 2 - first, shared: shared.is_some(), count, width }
+    }
+
     /// Reads the header of a leaf block; `words` are those of the arena.
     #[inline(always)]
     pub fn read(words: &[u32], leaf: ChildRef) -> KeyedLeaf {
@@ -152,6 +158,17 @@ impl KeyedRows {
 }
 
 impl Triangles {
+    /// The number of words of a block of so many triangles, as [`Triangles::write_keyed`] writes it.
+    pub(super) fn keyed_words(
+        &self,
+        shared: Option<&Shared>,
+        count: usize,
+        keys: usize,
+        segments: [usize; 2],
+    ) -> usize {
+        KeyedLeaf::new(shared, count, keys, segments).words()
+    }
+
     /// Writes a block of triangles with `keys` keys each. The block holds the keys of the segments from `first` to `last`. Returns `None` if
     /// the arena is full.
     pub(super) fn write_keyed(
@@ -162,9 +179,8 @@ impl Triangles {
         [first, last]: [usize; 2],
     ) -> Option<ChildRef> {
         let shared = Shared::of(self, ids);
-        let width = shared.as_ref().map_or(ids.len(), |shared| shared.count);
-        let (segments, held, count) = (keys - 1, last + 2 - first, ids.len());
-        let leaf = KeyedLeaf { segments, first, keys: held, shared: shared.is_some(), count, width };
+        let leaf = KeyedLeaf::new(shared.as_ref(), ids.len(), keys, [first, last]);
+        let KeyedLeaf { segments, keys: held, count, width, .. } = leaf;
         let at = arena.grow(leaf.words());
         let form = (held as u32) << 5 | (count as u32 - 1) << 1 | u32::from(leaf.shared);
         let words = &mut arena.ints_mut()[at..];
@@ -174,9 +190,11 @@ impl Triangles {
             words[leaf.vertices()] |= (count as u32 - 1) << 12;
         }
         words[leaf.ids()..][..count].copy_from_slice(ids);
-        self.fill_keyed(words, &leaf, ids, shared.as_ref(), SimdLevel::best());
+        let level = SimdLevel::best();
+        self.fill_keyed(words, &leaf, ids, shared.as_ref(), level);
+        let sizes = leaf.sizes(words, level);
         // The lower half of this word holds the vertices of the first triangle, or zero.
-        set_sizes(&mut words[leaf.vertices()], self.sizes(ids, first..first + held));
+        set_sizes(&mut words[leaf.vertices()], sizes);
         ChildRef::new(Kind::OtherLeaf, at, width)
     }
 

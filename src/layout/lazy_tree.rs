@@ -21,6 +21,7 @@ use crate::bvh::{BinaryNode, Collapse, coarse_tree};
 use crate::error::BuildError;
 use crate::geometry::{Frame, LaneBounds, TimeInterval};
 use crate::params::{LazyParams, WideParams};
+use crate::primitive::VertexTubes;
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES};
 use crate::time::COST_MODEL;
@@ -49,7 +50,7 @@ impl LazyTree {
     pub fn build<S: WideSource>(set: &S, params: &LazyParams, progress: &Progress) -> Result<LazyTree, BuildError> {
         let over = TimeInterval::FULL;
         let most = params.subtree.min(most_in_subtree(set));
-        let bounds = |ids: &[u32], out: &mut [LaneBounds]| set.lane_bounds(ids, out);
+        let bounds = |ids: &[u32], out: &mut [LaneBounds]| set.lane_bounds(ids, over, &VertexTubes::default(), out);
         let (binary, ids) = coarse_tree(set.len(), &bounds, most);
         step(progress, 0.5)?;
         // In preorder, the leaves are in the order of their primitives.

@@ -2,7 +2,7 @@
 
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, Sizes, VERTEX_ROWS};
 use crate::geometry::{LinearBox3, TimeInterval};
-use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes, Triangles};
+use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes, Shared, Triangles};
 use crate::simd::{Arena, LANES, Lanes, SimdLevel};
 use crate::time::TimeSlice;
 use core::ops::Range;
@@ -24,6 +24,11 @@ pub(crate) trait WideSource: PrimitiveSet {
     }
     /// Releases the data that only the build needs: leaf blocks have copies of it.
     fn release_build_data(&mut self) {}
+    /// The number of words that [`WideSource::write_leaf`] takes, of primitives in any order.
+    fn leaf_words(&self, ids: &[u32], slice: TimeSlice) -> usize {
+        let _ = slice;
+        ids.len()
+    }
     /// Writes a leaf block for queries in a time slice; `None` if the arena is full.
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef> {
         let _ = slice;
@@ -76,6 +81,13 @@ impl WideSource for Scene {
         self.triangles.drop_vertices();
     }
 
+    fn leaf_words(&self, ids: &[u32], slice: TimeSlice) -> usize {
+        match ids.first().is_some_and(|&id| self.is_listed(id)) {
+            false => self.triangles.leaf_words(ids, slice),
+            true => ids.len(),
+        }
+    }
+
     #[inline]
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef> {
         // All primitives of a block are of one kind, since the build separates kinds.
@@ -107,6 +119,16 @@ impl WideSource for Scene {
 }
 
 impl Triangles {
+    /// The number of words of a block of triangles.
+    fn leaf_words(&self, ids: &[u32], slice: TimeSlice) -> usize {
+        let (n, most) = (ids.len(), ids.iter().map(|&id| self.keys(id)).max().unwrap_or(1));
+        let shared = Shared::of(self, ids);
+        if most > 2 {
+            return self.keyed_words(shared.as_ref(), n, most, slice.segments(most));
+        }
+        shared.map_or(most * CORNER_ROWS * n + 1 + n, |shared| most * VERTEX_ROWS * shared.count + 2 * n)
+    }
+
     /// Writes a block of triangles.
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef> {
         let most = ids.iter().map(|&id| self.keys(id)).max().unwrap_or(1);
@@ -162,47 +184,7 @@ impl Triangles {
     }
 }
 
-/// The distinct vertices of a few triangles.
-pub(super) struct Shared {
-    /// Their indices, and the stride between their keys.
-    vertices: Lanes<u32>,
-    strides: Lanes<u32>,
-    pub(super) count: usize,
-    /// The vertices of each triangle, four bits each.
-    pub(super) corners: Lanes<u32>,
-}
-
 impl Shared {
-    /// Returns `None` if there are too many, or as many as corners: then the block has no shared vertices.
-    pub(super) fn of(set: &Triangles, ids: &[u32]) -> Option<Shared> {
-        let mut shared = Shared { vertices: [0; LANES], strides: [0; LANES], count: 0, corners: [0; LANES] };
-        // A bit set of hashed vertices seen so far (a Bloom filter), so that most new vertices need no search.
-        let mut seen = 0u64;
-        for (corners, &id) in shared.corners.iter_mut().zip(ids) {
-            let stride = set.stride(id) as u32;
-            for (i, vertex) in set.vertices(id).into_iter().enumerate() {
-                let bit = 1u64 << (vertex % 64);
-                let known = match seen & bit {
-                    0 => None,
-                    _ => shared.vertices[..shared.count].iter().position(|&v| v == vertex),
-                };
-                seen |= bit;
-                let place = match known {
-                    Some(place) => place,
-                    None if shared.count == LANES => return None,
-                    None => {
-                        shared.vertices[shared.count] = vertex;
-                        shared.strides[shared.count] = stride;
-                        shared.count += 1;
-                        shared.count - 1
-                    }
-                };
-                *corners |= (place as u32) << (4 * i);
-            }
-        }
-        (shared.count < 3 * ids.len()).then_some(shared)
-    }
-
     /// Reconstructed from a block that was written for the same triangles; `numbers` begins with the row of vertex
     /// numbers, and there are `count` vertices.
     pub(super) fn again(set: &Triangles, ids: &[u32], numbers: &[u32], count: usize) -> Shared {

@@ -4,16 +4,16 @@
 //! signs of zeros): the same operations on the same operands, and the greatest of some numbers is the same in any order.
 //! Lower bounds are negated throughout, so that all results are maxima.
 //!
-//! For more than two keys this is the computation of [`Window`]. There the tube of a vertex that several triangles share
-//! is computed once.
+//! For more than two keys `primitive/tubes.rs` computes the bounds.
 
 use super::keyed_leaf::KeyedLeaf;
 use super::leaf_block::{MovedLeaf, bounds_of};
 use super::wide_node::{CORNER_ROWS, Kind, Sizes, VERTEX_ROWS};
-use crate::geometry::{Box3, KeyTime, LinearBox3, TimeInterval, ULP};
-use crate::primitive::{TUBE_ULPS, Triangles, Window};
-use crate::simd::{Kernel, LANES, Lanes, Mask, Rows, Simd, as_floats, dispatch, greatest_of_each, lanes_of};
-use glam::Vec3;
+use crate::geometry::{KeyTime, LinearBox3, TimeInterval};
+use crate::primitive::{Faces, RowsOfKeys, Triangles, Window, at_corners, bounds_of_faces};
+use crate::simd::{
+    Kernel, LANES, Lanes, Rows, Simd, SimdLevel, as_floats, dispatch, first_lanes, greatest_of_each, lanes_of,
+};
 
 /// The bounds of the triangles in a block over an interval, and the sizes at all of its keys ([`Sizes::word`]).
 pub(super) struct Measured {
@@ -46,7 +46,7 @@ impl Triangles {
         let leaf = KeyedLeaf::of(words, of.leaf.len());
         let keys = leaf.segments + 1;
         let window = Window::new(over, keys);
-        let numbers = if leaf.shared { lanes_of(&words[leaf.vertices()..], ids.len()) } else { [0; LANES] };
+        let numbers = leaf.numbers(words);
         // The largest coordinates at the keys around the interval that the block does not hold.
         let mut beyond = [0.0f32; LANES];
         let held = leaf.first..leaf.first + leaf.keys;
@@ -58,26 +58,47 @@ impl Triangles {
             }
         }
         let (segments, slack) = ([window.begin.segment, window.end.segment], Triangles::slack(keys, 1.0));
-        let done = segments.iter().all(|&segment| leaf.holds([segment; 2])).then(|| {
-            let words = &as_floats(words)[leaf.front()..];
-            dispatch(level, Bent { words, leaf, numbers, window, beyond: &beyond, slack })
-        });
-        match done.flatten() {
-            Some(greatest) => measured_of(greatest),
-            None => Measured { bounds: bounds_of(self, ids, over), sizes: self.sizes(ids, held) },
+        if !segments.iter().all(|&segment| leaf.holds([segment; 2])) {
+            return Measured { bounds: bounds_of(self, ids, over), sizes: leaf.sizes(words, level) };
         }
+        let (rows, corners) = (leaf.rows_of_keys(words), leaf.corners(&numbers));
+        measured_of(dispatch(level, Bent { rows, corners, window, beyond: &beyond, slack }))
+    }
+}
+
+impl KeyedLeaf {
+    /// The sizes of the block at all of its keys ([`Sizes::word`]).
+    pub(super) fn sizes(&self, words: &[u32], level: SimdLevel) -> u32 {
+        let numbers = self.numbers(words);
+        let [size, extent] =
+            dispatch(level, SizesOf { rows: self.rows_of_keys(words), corners: self.corners(&numbers) });
+        Sizes::word_of(size, extent)
+    }
+
+    /// The lanes of the corners of each triangle, if vertices are shared.
+    fn numbers(&self, words: &[u32]) -> Lanes<u32> {
+        if self.shared { lanes_of(&words[self.vertices()..], self.count) } else { [0; LANES] }
+    }
+
+    fn corners<'a>(&self, numbers: &'a Lanes<u32>) -> Corners<'a> {
+        Corners { shared: self.shared, numbers, count: self.count }
+    }
+
+    fn rows_of_keys<'a>(&self, words: &'a [u32]) -> RowsOfKeys<'a> {
+        let rows = if self.shared { VERTEX_ROWS } else { CORNER_ROWS };
+        let words = &as_floats(words)[self.front()..];
+        RowsOfKeys { words, first: self.first, keys: self.keys, width: self.width, rows }
     }
 }
 
 /// The results from the greatest of each.
 fn measured_of(greatest: Lanes<f32>) -> Measured {
-    let [a, b, c, d, e, f, g, h, i, j, k, l, size, extent, ..] = greatest;
-    // Not the negative, which would be a negative zero.
-    let low = |x: f32, y: f32, z: f32| Vec3::ZERO - Vec3::new(x, y, z);
-    let begin = Box3 { min: low(a, b, c), max: Vec3::new(d, e, f) };
-    let end = Box3 { min: low(g, h, i), max: Vec3::new(j, k, l) };
-    Measured { bounds: LinearBox3 { begin, end }, sizes: Sizes::word_of(size, extent) }
+    Measured { bounds: bounds_of_faces(&greatest), sizes: Sizes::word_of(greatest[SIZE], greatest[EXTENT]) }
 }
+
+/// Behind the twelve faces: the largest coordinate, and the largest extent.
+const SIZE: usize = 12;
+const EXTENT: usize = 13;
 
 /// The rows of the triangles at one key or two.
 struct InRows<'a> {
@@ -86,9 +107,6 @@ struct InRows<'a> {
     numbers: Lanes<u32>,
     count: usize,
 }
-
-/// Bounds in lanes: for each axis the negated lower one, and the upper one.
-type Faces<S> = [[<S as Simd>::F; 2]; 3];
 
 impl InRows<'_> {
     /// One coordinate of the three corners at a key.
@@ -99,16 +117,6 @@ impl InRows<'_> {
             false => s.load_thirds(&self.rows, CORNER_ROWS * key + axis),
         }
     }
-}
-
-/// The values of the vertices at the three corners of each triangle.
-#[inline(always)]
-fn at_corners<S: Simd>(s: S, vertices: S::F, numbers: S::U) -> [S::F; 3] {
-    [
-        s.permute(vertices, numbers),
-        s.permute(vertices, s.shift_right::<4>(numbers)),
-        s.permute(vertices, s.shift_right::<8>(numbers)),
-    ]
 }
 
 /// The negated least and the greatest of three.
@@ -171,7 +179,14 @@ impl Kernel for Linear<'_> {
         let moving = s.lt_u(s.splat_u(0), s.load_u(strides));
         let slack = s.select(moving, size * s.splat(Triangles::slack(2, 1.0)), zero);
         let ends = if part { ends } else { at };
-        greatest(s, ends, slack, [size, extents], triangles.count)
+        let mut faces = [slack; 12];
+        for axis in 0..3 {
+            for side in 0..2 {
+                faces[3 * side + axis] = ends[0][axis][side] + slack;
+                faces[6 + 3 * side + axis] = ends[1][axis][side] + slack;
+            }
+        }
+        greatest(s, &faces, [size, extents], triangles.count)
     }
 }
 
@@ -183,26 +198,15 @@ fn between<S: Simd>(s: S, time: KeyTime, [a, b, c]: [S::F; 3], [a2, b2, c2]: [S:
     [at(a, a2), at(b, b2), at(c, c2)]
 }
 
-/// The greatest among the first `count` lanes: of the padded faces at both ends, the size and the extent.
+/// The greatest among the first `count` lanes: of the faces, the size and the extent.
 #[inline(always)]
-fn greatest<S: Simd>(
-    s: S,
-    [begin, end]: [Faces<S>; 2],
-    pad: S::F,
-    [size, extent]: [S::F; 2],
-    count: usize,
-) -> Lanes<f32> {
-    let present = (u32::MAX >> (32 - count as u32)) as Mask;
+fn greatest<S: Simd>(s: S, faces: &[S::F; 12], [size, extent]: [S::F; 2], count: usize) -> Lanes<f32> {
+    let present = first_lanes(count);
     let least = s.splat(f32::NEG_INFINITY);
     let mut all = [least; LANES];
-    for axis in 0..3 {
-        all[axis] = begin[axis][0] + pad;
-        all[axis + 3] = begin[axis][1] + pad;
-        all[axis + 6] = end[axis][0] + pad;
-        all[axis + 9] = end[axis][1] + pad;
-    }
-    (all[12], all[13]) = (size, extent);
-    for lanes in all.iter_mut().take(14) {
+    all[..12].copy_from_slice(faces);
+    (all[SIZE], all[EXTENT]) = (size, extent);
+    for lanes in all.iter_mut().take(EXTENT + 1) {
         *lanes = s.select(present, *lanes, least);
     }
     let mut to = [0.0; LANES];
@@ -213,9 +217,8 @@ fn greatest<S: Simd>(
 /// Triangles with more than two keys.
 struct Bent<'a> {
     /// The rows of all keys.
-    words: &'a [f32],
-    leaf: KeyedLeaf,
-    numbers: Lanes<u32>,
+    rows: RowsOfKeys<'a>,
+    corners: Corners<'a>,
     window: Window,
     /// The largest coordinate of each triangle at keys that are not in the block.
     beyond: &'a Lanes<f32>,
@@ -223,149 +226,77 @@ struct Bent<'a> {
     slack: f32,
 }
 
-/// One tube per lane, of a vertex or of one of the corners.
+/// The corners of triangles, which rows have.
 #[derive(Clone, Copy)]
-struct Tubes<S: Simd> {
-    /// At the begin and the end of the interval.
-    ends: [Faces<S>; 2],
-    /// The largest coordinate.
-    size: S::F,
-}
-
-impl<S: Simd> Tubes<S> {
-    /// Replaces each number by a function of it and another's.
-    #[inline(always)]
-    fn replace(&mut self, by: &Tubes<S>, f: impl Fn(S::F, S::F) -> S::F) {
-        for (faces, others) in self.ends.iter_mut().zip(&by.ends) {
-            for (sides, others) in faces.iter_mut().zip(others) {
-                for (side, &other) in sides.iter_mut().zip(others) {
-                    *side = f(*side, other);
-                }
-            }
-        }
-        self.size = f(self.size, by.size);
-    }
+struct Corners<'a> {
+    /// Whether the rows are of vertices. Then these are their lanes, four bits for each corner.
+    shared: bool,
+    numbers: &'a Lanes<u32>,
+    /// Number of triangles.
+    count: usize,
 }
 
 impl Kernel for Bent<'_> {
-    type Output = Option<Lanes<f32>>;
+    type Output = Lanes<f32>;
 
-    /// Returns `None` if a triangle's bounds are the same at both ends.
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> Option<Lanes<f32>> {
-        let numbers = s.load_u(&self.numbers);
-        let Tubes { ends, size } = match self.leaf.shared {
-            true => {
-                let tubes = self.tubes(s, 0);
-                let mut all = tubes;
-                all.replace(&tubes, |_, x| {
-                    let [a, b, c] = at_corners(s, x, numbers);
-                    s.max(s.max(a, b), c)
-                });
-                all
-            }
-            false => {
-                let mut all = self.tubes(s, 0);
-                all.replace(&self.tubes(s, 3), |a, b| s.max(a, b));
-                all.replace(&self.tubes(s, 6), |a, b| s.max(a, b));
-                all
-            }
-        };
-        let at_keys = size;
-        let size = s.max(size, s.load(self.beyond));
-        let pad = size * s.splat(self.slack) * s.splat(2.0) + size * s.splat(TUBE_ULPS * ULP);
-        let mut still = (u32::MAX >> (32 - self.leaf.count as u32)) as Mask;
-        for (begin, end) in ends[0].as_flattened().iter().zip(ends[1].as_flattened()) {
-            still &= s.eq(*begin + pad, *end + pad);
+    fn run<S: Simd>(self, s: S) -> Lanes<f32> {
+        let Bent { rows, corners, window, beyond, slack } = self;
+        let mut triangles = rows.tubes(s, &window, 0);
+        if corners.shared {
+            triangles = triangles.of_triangles(s, s.load_u(corners.numbers));
+        } else {
+            triangles.unite(s, &rows.tubes(s, &window, 3));
+            triangles.unite(s, &rows.tubes(s, &window, 6));
         }
-        if still != 0 {
-            return None;
-        }
-        let [beyond, extents] = self.sizes(s, numbers);
-        Some(greatest(s, ends, pad, [s.max(beyond, at_keys), extents], self.leaf.count))
+        let size = s.max(triangles.size, s.load(beyond));
+        let faces = triangles.padded(s, size, slack, first_lanes(corners.count));
+        let [others, extents] = sizes(s, &rows, corners, Some(&window));
+        greatest(s, &faces, [s.max(others, triangles.size), extents], corners.count)
     }
 }
 
-impl Bent<'_> {
-    /// The rows of a key.
-    #[inline(always)]
-    fn rows(&self, key: usize) -> Rows<'_> {
-        let words = self.leaf.key_words();
-        Rows::new(&self.words[(key - self.leaf.first) * words..], self.leaf.width, words / self.leaf.width)
-    }
+/// The largest coordinate and the largest extent of triangles with more than two keys.
+struct SizesOf<'a> {
+    rows: RowsOfKeys<'a>,
+    corners: Corners<'a>,
+}
 
-    /// The points whose coordinates are in three successive rows, at a time between keys of the block.
-    #[inline(always)]
-    fn state<S: Simd>(&self, s: S, time: KeyTime, row: usize) -> [S::F; 3] {
-        let (low, high) = (self.rows(time.segment), self.rows(time.segment + 1));
-        let mut state = [s.splat(0.0); 3];
-        for (axis, state) in state.iter_mut().enumerate() {
-            let (a, b) = (s.load_row(&low, row + axis), s.load_row(&high, row + axis));
-            *state = (if time.from_end { b } else { a }) + (b - a) * s.splat(time.s);
-        }
-        state
-    }
+impl Kernel for SizesOf<'_> {
+    type Output = [f32; 2];
 
-    /// The tubes of the points whose coordinates are in three successive rows.
     #[inline(always)]
-    fn tubes<S: Simd>(&self, s: S, row: usize) -> Tubes<S> {
-        let zero = s.splat(0.0);
-        let window = &self.window;
-        let (begin, end) = (self.state(s, window.begin, row), self.state(s, window.end, row));
-        let way = [end[0] - begin[0], end[1] - begin[1], end[2] - begin[2]];
-        let (mut below, mut above) = ([zero; 3], [zero; 3]);
-        // The coordinates on both sides of zero that are farthest from it.
-        let (mut least, mut most) = (zero, zero);
-        for key in window.inner.clone() {
-            let (rows, w) = (self.rows(key), s.splat(window.fraction(key)));
-            for axis in 0..3 {
-                let place = s.load_row(&rows, row + axis);
-                let off = place - (begin[axis] + way[axis] * w);
-                below[axis] = s.min(below[axis], off);
-                above[axis] = s.max(above[axis], off);
-                (least, most) = (s.min(least, place), s.max(most, place));
-            }
-        }
-        let held = self.leaf.first..self.leaf.first + self.leaf.keys;
-        for key in window.around.clone().filter(|key| held.contains(key) && !window.inner.contains(key)) {
-            let rows = self.rows(key);
-            for axis in 0..3 {
-                let place = s.load_row(&rows, row + axis);
-                (least, most) = (s.min(least, place), s.max(most, place));
-            }
-        }
-        let (mut first, mut last) = ([[zero; 2]; 3], [[zero; 2]; 3]);
+    fn run<S: Simd>(self, s: S) -> [f32; 2] {
+        let sizes = sizes(s, &self.rows, self.corners, None);
+        let greatest = greatest(s, &[sizes[0]; 12], sizes, self.corners.count);
+        [greatest[SIZE], greatest[EXTENT]]
+    }
+}
+
+/// The largest coordinate of each triangle at the keys that are not around the window, if there is one, and the largest
+/// extent at all keys.
+#[inline(always)]
+fn sizes<S: Simd>(s: S, of: &RowsOfKeys<'_>, corners: Corners<'_>, window: Option<&Window>) -> [S::F; 2] {
+    let zero = s.splat(0.0);
+    let numbers = s.load_u(corners.numbers);
+    let (mut size, mut extents) = (zero, zero);
+    for key in of.first..of.first + of.keys {
+        let rows = of.at(key);
+        let within = window.is_some_and(|window| window.holds(key));
         for axis in 0..3 {
-            first[axis] = [zero - (begin[axis] + below[axis]), begin[axis] + above[axis]];
-            last[axis] = [zero - (end[axis] + below[axis]), end[axis] + above[axis]];
-        }
-        Tubes { ends: [first, last], size: s.max(most, zero - least) }
-    }
-
-    /// The largest coordinate of each triangle at the keys of the block that are not around the interval, and the largest
-    /// extent at all keys of the block.
-    #[inline(always)]
-    fn sizes<S: Simd>(&self, s: S, numbers: S::U) -> [S::F; 2] {
-        let zero = s.splat(0.0);
-        let (mut size, mut extents) = (zero, zero);
-        for key in self.leaf.first..self.leaf.first + self.leaf.keys {
-            let rows = self.rows(key);
-            let within = self.window.holds(key);
-            for axis in 0..3 {
-                let [a, b, c] = match self.leaf.shared {
-                    true => at_corners(s, s.load_row(&rows, axis), numbers),
-                    false => s.load_thirds(&rows, axis),
-                };
-                let (low, high) = (s.min(s.min(a, b), c), s.max(s.max(a, b), c));
-                // The second one of equal numbers, so that zeros stay positive.
-                extents = s.max(high - low, extents);
-                if !within {
-                    size = s.max(s.max(high, zero - low), size);
-                }
+            let [a, b, c] = match corners.shared {
+                true => at_corners(s, s.load_row(&rows, axis), numbers),
+                false => s.load_thirds(&rows, axis),
+            };
+            let (low, high) = (s.min(s.min(a, b), c), s.max(s.max(a, b), c));
+            // The second one of equal numbers, so that zeros stay positive.
+            extents = s.max(high - low, extents);
+            if !within {
+                size = s.max(s.max(high, zero - low), size);
             }
         }
-        [size, extents]
     }
+    [size, extents]
 }
 
 #[cfg(test)]
@@ -377,8 +308,8 @@ mod tests {
     use crate::progress::Progress;
     use crate::random::Random;
     use crate::scene;
-    use crate::simd::SimdLevel;
     use crate::time::time_slice;
+    use glam::Vec3;
 
     /// Meshes of one key to seventeen, with shared vertices and without; parts of them do not move.
     fn meshes() -> Vec<TriangleMesh> {

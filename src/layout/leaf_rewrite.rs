@@ -1,10 +1,10 @@
 //! Rewriting the coordinates of leaf blocks, when a tree is refitted.
 
 use super::keyed_leaf::KeyedLeaf;
-use super::leaf_block::{MovedLeaf, Shared, set_sizes};
+use super::leaf_block::{MovedLeaf, set_sizes};
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
 use crate::geometry::LinearBox3;
-use crate::primitive::Triangles;
+use crate::primitive::{Shared, Triangles};
 use crate::simd::{LANES, prefetch};
 
 /// The lines of a block of one key or two that are prefetched: most have twelve rows or fewer, of half a line each.

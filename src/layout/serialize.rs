@@ -13,7 +13,7 @@ use std::sync::{Mutex, PoisonError};
 
 /// The number of tasks, at most, and no more than every fourth, that are written first to estimate the size of all of
 /// them. The fewer they are, the more blocks are copied while they are in the cache.
-const FIRST: usize = 16;
+pub(crate) const FIRST: usize = 16;
 
 /// Blocks in an arena of their own, not yet in place.
 #[derive(Default)]
@@ -101,7 +101,8 @@ fn above(subtrees: usize) -> usize {
 }
 
 /// Writes tasks separately and appends them in order; returns the top blocks. `sizes` are the relative sizes of the
-/// tasks, and `inside` tells which children of nodes are written with them. The caller will append `further` words.
+/// tasks, and `inside` tells which children of nodes are written with them. The caller will append `further` words. The
+/// size of all tasks is estimated by about `first` of them, [`FIRST`] unless the relative sizes are exact.
 ///
 /// Each thread takes the next task, writes it into a fragment to be reused, and appends the fragments that are ready,
 /// unless another thread is doing that: so few fragments wait, and data is copied while it is still in the caches.
@@ -109,11 +110,12 @@ pub(crate) fn write_in_order(
     arena: &mut Arena,
     sizes: &[u32],
     further: usize,
+    first: usize,
     inside: &(dyn Fn(ChildRef) -> bool + Sync),
     write: &(dyn Fn(usize, &mut Fragment) -> Result<(), BuildError> + Sync),
 ) -> Result<Vec<ChildRef>, BuildError> {
     let n = sizes.len();
-    let step = n.div_ceil(FIRST).max(4);
+    let step = n.div_ceil(first).max(4);
     let first = parallel::map(n.div_ceil(step), |i| {
         let mut fragment = Fragment::default();
         write(i * step, &mut fragment).map(|()| fragment)
@@ -168,7 +170,7 @@ mod tests {
                 Ok(())
             };
             let mut arena = Arena::default();
-            let tops = write_in_order(&mut arena, &vec![1; n], 0, &|_| false, &write).unwrap();
+            let tops = write_in_order(&mut arena, &vec![1; n], 0, FIRST, &|_| false, &write).unwrap();
             assert_eq!(tops.len(), n);
             let mut expected = 0;
             for (i, top) in tops.iter().enumerate() {

@@ -252,7 +252,15 @@ impl WideTree {
             |arena: &mut Arena, of: &[BinaryNode], blocks: &mut [ChildRef]| leaf_blocks(arena, set, draft, of, blocks);
         // Room for everything at once: growing later would copy all leaf blocks.
         let further = shared.trees.iter().map(|tree| words_of_nodes(&tree.binary, &tree.collapse)).sum::<usize>();
-        let blocks = write_blocks(&mut self.arena, &shared.clusters, further, &leaves)?;
+        // The sizes of blocks of sub-references of one primitive are slightly too large.
+        let mut words = Vec::new();
+        parallel::fill(&mut words, shared.clusters.len(), |i| {
+            let of = draft.references(&shared.clusters[i]);
+            let mut ids = [0; LANES];
+            ids.iter_mut().zip(of).for_each(|(id, r)| *id = r.id());
+            set.leaf_words(&ids[..of.len()], draft.slice).next_multiple_of(LANES) as u32
+        });
+        let blocks = write_blocks(&mut self.arena, &shared.clusters, &words, further, &leaves)?;
         let mut slices = Vec::new();
         for tree in &shared.trees {
             let leaves = |_: &mut Arena, of: &[BinaryNode], known: &mut [ChildRef]| {
@@ -350,7 +358,7 @@ fn leaf_blocks<S: WideSource>(
     blocks: &mut [ChildRef],
 ) -> Result<(), BuildError> {
     for (i, (node, block)) in of.iter().zip(blocks).enumerate() {
-        prefetch_blocks(set, draft, of, i);
+        prefetch_blocks(set, draft, of, i, draft.over);
         let of = draft.references(node);
         let mut ids = [0; LANES];
         for (id, r) in ids.iter_mut().zip(of) {

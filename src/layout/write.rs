@@ -4,7 +4,7 @@
 //! nodes above them follow.
 
 use super::node_boxes::BoxRows;
-use super::serialize::{Fragment, write_in_order};
+use super::serialize::{FIRST, Fragment, write_in_order};
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS, children_mut};
 use crate::bvh::{BinaryNode, Collapse, WideChild, mean_half_area};
 use crate::error::BuildError;
@@ -77,13 +77,15 @@ const MAX_FRAGMENT: u32 = 4096;
 pub(crate) type LeafWriter<'a> =
     &'a (dyn Fn(&mut Arena, &[BinaryNode], &mut [ChildRef]) -> Result<(), BuildError> + Sync);
 
-/// Leaf blocks that are written per task.
-const BLOCKS: usize = 512;
+/// Leaf blocks that are written per task: with many keys they are large, and a task should stay in a near cache.
+const BLOCKS: usize = 32;
 
-/// Writes a leaf block for each of some binary nodes and returns them in order. The caller will append `further` words.
+/// Writes a leaf block for each of some binary nodes, of so many words each, and returns them in order. The caller will append
+/// `further` words.
 pub(crate) fn write_blocks(
     arena: &mut Arena,
     of: &[BinaryNode],
+    words: &[u32],
     further: usize,
     leaves: LeafWriter<'_>,
 ) -> Result<Vec<ChildRef>, BuildError> {
@@ -92,7 +94,8 @@ pub(crate) fn write_blocks(
         fragment.tops.resize(tasks[task].len(), ChildRef::NOTHING);
         leaves(&mut fragment.arena, tasks[task], &mut fragment.tops)
     };
-    write_in_order(arena, &vec![1; tasks.len()], further, &|_| true, &write)
+    let sizes: Vec<u32> = words.chunks(BLOCKS).map(|words| words.iter().sum()).collect();
+    write_in_order(arena, &sizes, further, 1, &|_| true, &write)
 }
 
 /// The words of the nodes of a collapsed binary tree without their leaf blocks.
@@ -139,7 +142,7 @@ impl Nodes<'_> {
             fragment.tops.push(root);
             Ok(())
         };
-        let done = write_in_order(arena, &sizes, 0, &inside, &write)?;
+        let done = write_in_order(arena, &sizes, 0, FIRST, &inside, &write)?;
         self.node(arena, 0, &mut Vec::new(), &mut Some(done.into_iter()))
     }
 

@@ -14,8 +14,9 @@
 //! a difference (4): 12. The tube's end is a sum (3). So the padding is twice the slack and 16 ULP.
 
 use super::triangles::Triangles;
-use crate::geometry::{Box3, KeyTime, LinearBox3, TimeInterval, ULP};
-use core::ops::{Range, RangeInclusive};
+use super::window::Window;
+use crate::geometry::{Box3, LinearBox3, TimeInterval, ULP};
+use core::ops::Range;
 use glam::{Vec3, Vec3A};
 
 impl Triangles {
@@ -24,7 +25,7 @@ impl Triangles {
         let [a, b, c] = self.vertices(id);
         let window = Window::new(over, keys);
         let corners = [self.keys_of_vertex(a, keys), self.keys_of_vertex(b, keys), self.keys_of_vertex(c, keys)];
-        let (bounds, magnitude) = window.bounds(corners);
+        let (bounds, magnitude) = bounds_of(&window, corners);
         let pad = 2.0 * Triangles::slack(keys, magnitude) + TUBE_ULPS * ULP * magnitude;
         let mut bounds = LinearBox3 { begin: bounds.begin.pad(pad), end: bounds.end.pad(pad) };
         if bounds.begin == bounds.end {
@@ -36,68 +37,27 @@ impl Triangles {
 }
 
 /// The padding beside twice the slack.
-pub(crate) const TUBE_ULPS: f32 = 16.0;
+pub(super) const TUBE_ULPS: f32 = 16.0;
 
-/// The keys within and around an interval.
-pub(crate) struct Window {
-    pub begin: KeyTime,
-    pub end: KeyTime,
-    /// The keys strictly inside.
-    pub inner: Range<usize>,
-    /// The keys of the overlapped segments, and of those next to them: the times of queries are rounded.
-    pub around: RangeInclusive<usize>,
-    /// The begin of the interval in segments, and the fraction of the interval per segment.
-    first: f64,
-    per_segment: f64,
-}
-
-impl Window {
-    pub fn new(over: TimeInterval, keys: usize) -> Window {
-        let (begin, end) = (KeyTime::new(over.begin(), keys), KeyTime::new(over.end(), keys));
-        let segments = (keys - 1) as f64;
-        let (first, last) = (f64::from(over.begin()) * segments, f64::from(over.end()) * segments);
-        Window {
-            inner: first as usize + 1..(last.ceil() as usize).max(first as usize + 1),
-            around: begin.segment.saturating_sub(1)..=(end.segment + 2).min(keys - 1),
-            per_segment: if last > first { 1.0 / (last - first) } else { 0.0 },
-            begin,
-            end,
-            first,
-        }
+/// Bounds of three vertices over the interval of a window, not padded, and the largest coordinate at the keys around it.
+#[inline(always)]
+fn bounds_of(window: &Window, [a, b, c]: [&[Vec3]; 3]) -> (LinearBox3, f32) {
+    let mut tubes = [Tube::new(window, a), Tube::new(window, b), Tube::new(window, c)];
+    let of = |keys: &'_ [Vec3]| -> Range<usize> { window.inner.start..window.inner.end.min(keys.len()) };
+    let inner = a[of(a)].iter().zip(&b[of(b)]).zip(&c[of(c)]);
+    for (key, ((&a, &b), &c)) in (window.inner.start..).zip(inner) {
+        let w = window.fraction(key);
+        tubes[0].include(a, w);
+        tubes[1].include(b, w);
+        tubes[2].include(c, w);
     }
-
-    /// Whether a key is inside or around the interval.
-    #[inline(always)]
-    pub fn holds(&self, key: usize) -> bool {
-        self.inner.contains(&key) || self.around.contains(&key)
+    // The keys between are included already.
+    let mut size = tubes[0].size.max(tubes[1].size).max(tubes[2].size);
+    for key in window.around.clone().filter(|key| !window.inner.contains(key)) {
+        size = size.max(a[key].abs().max(b[key].abs()).max(c[key].abs()).into());
     }
-
-    /// The fraction of the interval at a key inside.
-    #[inline(always)]
-    pub fn fraction(&self, key: usize) -> f32 {
-        ((key as f64 - self.first) * self.per_segment) as f32
-    }
-
-    /// Bounds of three vertices, not padded, and the largest coordinate at the keys around the interval.
-    #[inline(always)]
-    fn bounds(&self, [a, b, c]: [&[Vec3]; 3]) -> (LinearBox3, f32) {
-        let mut tubes = [Tube::new(self, a), Tube::new(self, b), Tube::new(self, c)];
-        let of = |keys: &'_ [Vec3]| -> Range<usize> { self.inner.start..self.inner.end.min(keys.len()) };
-        let inner = a[of(a)].iter().zip(&b[of(b)]).zip(&c[of(c)]);
-        for (key, ((&a, &b), &c)) in (self.inner.start..).zip(inner) {
-            let w = self.fraction(key);
-            tubes[0].include(a, w);
-            tubes[1].include(b, w);
-            tubes[2].include(c, w);
-        }
-        // The keys between are included already.
-        let mut size = tubes[0].size.max(tubes[1].size).max(tubes[2].size);
-        for key in self.around.clone().filter(|key| !self.inner.contains(key)) {
-            size = size.max(a[key].abs().max(b[key].abs()).max(c[key].abs()).into());
-        }
-        let [a, b, c] = [tubes[0].bounds(), tubes[1].bounds(), tubes[2].bounds()];
-        (a.union(b).union(c), size.max_element())
-    }
+    let [a, b, c] = [tubes[0].bounds(), tubes[1].bounds(), tubes[2].bounds()];
+    (a.union(b).union(c), size.max_element())
 }
 
 /// The bounds of a vertex: the line between its positions at both ends, shifted down and up.
@@ -165,7 +125,7 @@ mod tests {
                 };
                 let bounds = set.bounds(0, over);
                 let window = Window::new(over, keys);
-                let size = window.bounds(set.vertices(0).map(|v| set.keys_of_vertex(v, keys))).1;
+                let size = bounds_of(&window, set.vertices(0).map(|v| set.keys_of_vertex(v, keys))).1;
                 let off = f64::from(part * (2.0 * Triangles::slack(keys, size) + 16.0 * ULP * size));
                 for i in 0..200 {
                     let key = (i / 3 % keys) as f32 / (keys - 1) as f32;

@@ -124,19 +124,30 @@ fn append<P: Copy + Sync>(positions: &mut Vec<Vec3>, at: &[Vec<P>], keys: &[usiz
     }
     let vertices = at[0].len();
     let begin = positions.len();
-    positions.resize(begin + vertices * keys.len(), Vec3::ZERO);
-    let mut blocks: Vec<(usize, &mut [Vec3])> =
-        (0..).step_by(TOGETHER).zip(positions[begin..].chunks_mut(TOGETHER * keys.len())).collect();
-    parallel::each(&mut blocks, |(first, block)| {
+    let copy = |first: usize, block: &mut [Vec3]| {
         for (place, &key) in keys.iter().enumerate() {
-            let given = &at[key][*first..];
+            let given = &at[key][first..];
             // So few lines of a key are over before the processor foresees the next ones.
             given.iter().skip(TOGETHER).take(TOGETHER).step_by(64 / size_of::<P>()).for_each(prefetch);
             for (of_vertex, &given) in block.chunks_exact_mut(keys.len()).zip(given) {
                 of_vertex[place] = map(given);
             }
         }
-    });
+    };
+    if parallel::threads() == 1 {
+        // Memory is written once, instead of zeros first.
+        let mut block = vec![Vec3::ZERO; TOGETHER * keys.len()];
+        for first in (0..vertices).step_by(TOGETHER) {
+            let block = &mut block[..TOGETHER.min(vertices - first) * keys.len()];
+            copy(first, block);
+            positions.extend_from_slice(block);
+        }
+        return;
+    }
+    positions.resize(begin + vertices * keys.len(), Vec3::ZERO);
+    let mut blocks: Vec<(usize, &mut [Vec3])> =
+        (0..).step_by(TOGETHER).zip(positions[begin..].chunks_mut(TOGETHER * keys.len())).collect();
+    parallel::each(&mut blocks, |(first, block)| copy(*first, block));
 }
 
 /// Checks meshes, and returns the frame of them and of the other primitives.

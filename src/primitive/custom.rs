@@ -3,6 +3,8 @@
 //! A caller implements [`Primitive`] for a custom moving shape. Inside the crate, a tree accesses a whole set of primitives
 //! through [`PrimitiveSet`], in tree space. Triangle meshes are one such set; a list of [`Primitive`]s is another.
 
+use super::vertex_tubes::VertexTubes;
+use super::window::Intervals;
 use crate::error::BuildError;
 use crate::geometry::{Aabb, Box3, Ends, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
 use crate::limits::MAX_COORDINATE;
@@ -113,11 +115,21 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     /// Linear bounds over an interval. They contain all hits of the kernel, up to the rounding that grows with the ray's
     /// distance; the slack of traversals covers that.
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3;
-    /// The bounds over the whole shutter of some primitives in ascending order.
-    fn lane_bounds(&self, ids: &[u32], out: &mut [LaneBounds]) {
+    /// What [`PrimitiveSet::lane_bounds`] can use if it is asked for the bounds of all of these primitives, in ascending order.
+    fn tubes(&self, ids: &[u32], over: TimeInterval) -> VertexTubes {
+        let _ = (ids, over);
+        VertexTubes::default()
+    }
+    /// The bounds of some primitives in ascending order; `tubes` are over the same interval.
+    fn lane_bounds(&self, ids: &[u32], over: TimeInterval, tubes: &VertexTubes, out: &mut [LaneBounds]) {
+        let _ = tubes;
         for (&id, to) in ids.iter().zip(out) {
-            *to = LaneBounds::of(&self.bounds(id, TimeInterval::FULL));
+            *to = LaneBounds::of(&self.bounds(id, over));
         }
+    }
+    /// Extends `out` by the bounds of some primitives of one kind ([`PrimitiveSet::leaf_kind`]): one element for each interval.
+    fn include_bounds(&self, ids: &[u32], over: &mut Intervals<'_>, out: &mut [LinearBox3]) {
+        include_each(self, ids, over, out);
     }
     /// Bounds of the part inside `cell` at one instant, for choosing planes; empty if there is none.
     fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3 {
@@ -164,8 +176,8 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     /// Prefetches the vertex indices of a primitive; the vertices themselves follow with
     /// [`PrimitiveSet::prefetch_vertices`]. A hint.
     fn prefetch(&self, _: u32) {}
-    /// Prefetches the vertices of a primitive whose corners were prefetched some time ago.
-    fn prefetch_vertices(&self, _: u32) {}
+    /// Prefetches the vertices of a primitive, as bounds over an interval need them, whose corners were prefetched some time ago.
+    fn prefetch_vertices(&self, _: u32, _over: TimeInterval) {}
     /// The visibility mask.
     fn mask(&self, id: u32) -> u32 {
         let _ = id;
@@ -187,6 +199,18 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     }
     /// Bytes allocated.
     fn bytes(&self) -> usize;
+}
+
+/// Extends `out` by the bounds of some primitives, one by one.
+pub(super) fn include_each<S: PrimitiveSet + ?Sized>(
+    set: &S,
+    ids: &[u32],
+    over: &Intervals<'_>,
+    out: &mut [LinearBox3],
+) {
+    for (&over, to) in over.over.iter().zip(out) {
+        *to = ids.iter().fold(*to, |all, &id| all.union(set.bounds(id, over)));
+    }
 }
 
 /// Caller-defined primitives, as a [`RayTree`](crate::RayTree) holds them.

@@ -1,13 +1,22 @@
-//! Bounds of triangles over the whole shutter, fast: for the coarse build of a lazy tree, whose time is mostly this.
+//! Bounds of many triangles, fast: over the whole shutter for the coarse build of a lazy tree, whose time is mostly this, and over any
+//! interval if they have more than two keys.
 
 use super::custom::PrimitiveSet;
 use super::triangles::{MeshInfo, Triangles};
+use super::vertex_tubes::VertexTubes;
+use super::window::Intervals;
 use crate::geometry::{LaneBounds, TimeInterval};
 use glam::Vec4;
 
 impl Triangles {
     /// `PrimitiveSet::lane_bounds`: mesh by mesh.
-    pub(super) fn lane_bounds_of_meshes(&self, mut ids: &[u32], mut out: &mut [LaneBounds]) {
+    pub(super) fn lane_bounds_of_meshes(
+        &self,
+        mut ids: &[u32],
+        over: TimeInterval,
+        tubes: &VertexTubes,
+        mut out: &mut [LaneBounds],
+    ) {
         while let Some(&first) = ids.first() {
             let mesh = self.mesh_of(first);
             let end = self.meshes.get(mesh + 1).map_or(self.len as u32, |next| next.first);
@@ -20,14 +29,20 @@ impl Triangles {
             (of_mesh, ids) = ids.split_at(own);
             let to;
             (to, out) = out.split_at_mut(own);
-            self.lane_bounds_in_mesh(&self.meshes[mesh], of_mesh, to);
+            match tubes.of_mesh(mesh) {
+                Some(of) => self.bounds_of_tubes(of_mesh, self.meshes[mesh].keys, of, to),
+                None => self.lane_bounds_in_mesh(&self.meshes[mesh], of_mesh, over, to),
+            }
         }
     }
 
-    fn lane_bounds_in_mesh(&self, mesh: &MeshInfo, ids: &[u32], out: &mut [LaneBounds]) {
-        if mesh.keys > 2 || mesh.precise.is_some() {
+    fn lane_bounds_in_mesh(&self, mesh: &MeshInfo, ids: &[u32], over: TimeInterval, out: &mut [LaneBounds]) {
+        if mesh.keys > 2 && mesh.precise.is_none() {
+            return self.bent_lane_bounds(ids, mesh.keys, &mut Intervals::new(&[over]), out);
+        }
+        if mesh.precise.is_some() || mesh.keys == 2 && over != TimeInterval::FULL {
             for (&id, to) in ids.iter().zip(out) {
-                *to = LaneBounds::of(&self.bounds(id, TimeInterval::FULL));
+                *to = LaneBounds::of(&self.bounds(id, over));
             }
             return;
         }
@@ -94,7 +109,7 @@ mod tests {
         for (first, step) in [(0, 1), (1, 1), (39, 1), (41, 1), (77, 1), (3, 7)] {
             let ids: Vec<u32> = (first..set.len() as u32).step_by(step).collect();
             let mut out = vec![LaneBounds::EMPTY; ids.len()];
-            set.lane_bounds(&ids, &mut out);
+            set.lane_bounds(&ids, TimeInterval::FULL, &VertexTubes::default(), &mut out);
             for (id, of) in ids.into_iter().zip(out) {
                 assert_eq!(of.bounds(), set.bounds(id, TimeInterval::FULL), "{id}");
             }

@@ -1,9 +1,11 @@
 //! Scenes of meshes, spheres and caller-defined primitives.
 
-use super::custom::{Intersection, Primitive, PrimitiveSet, Shapes, ShapesExtent, SurfacePoint};
+use super::custom::{Intersection, Primitive, PrimitiveSet, Shapes, ShapesExtent, SurfacePoint, include_each};
 use super::mesh::TriangleMesh;
 use super::sphere::MovingSphere;
 use super::triangles::Triangles;
+use super::vertex_tubes::VertexTubes;
+use super::window::Intervals;
 use crate::error::{BuildError, RefitError};
 use crate::geometry::{Box3, Ends, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
 use glam::DVec3;
@@ -147,12 +149,23 @@ impl PrimitiveSet for Scene {
         }
     }
 
-    fn lane_bounds(&self, ids: &[u32], out: &mut [LaneBounds]) {
+    fn tubes(&self, ids: &[u32], over: TimeInterval) -> VertexTubes {
+        self.triangles.tubes(&ids[..ids.partition_point(|&id| id < self.first)], over)
+    }
+
+    fn lane_bounds(&self, ids: &[u32], over: TimeInterval, tubes: &VertexTubes, out: &mut [LaneBounds]) {
         let triangles = ids.partition_point(|&id| id < self.first);
-        self.triangles.lane_bounds(&ids[..triangles], &mut out[..triangles]);
+        self.triangles.lane_bounds(&ids[..triangles], over, tubes, &mut out[..triangles]);
         for (&id, to) in ids[triangles..].iter().zip(&mut out[triangles..]) {
-            *to = LaneBounds::of(&self.bounds(id, TimeInterval::FULL));
+            *to = LaneBounds::of(&self.bounds(id, over));
         }
+    }
+
+    fn include_bounds(&self, ids: &[u32], over: &mut Intervals<'_>, out: &mut [LinearBox3]) {
+        if ids.iter().all(|&id| id < self.first) {
+            return self.triangles.include_bounds(ids, over, out);
+        }
+        include_each(self, ids, over, out);
     }
 
     fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3 {
@@ -183,9 +196,9 @@ impl PrimitiveSet for Scene {
         }
     }
 
-    fn prefetch_vertices(&self, id: u32) {
+    fn prefetch_vertices(&self, id: u32, over: TimeInterval) {
         if self.shape(id).is_none() {
-            self.triangles.prefetch_vertices(id);
+            self.triangles.prefetch_vertices(id, over);
         }
     }
 

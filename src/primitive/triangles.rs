@@ -3,8 +3,10 @@
 //! The data that a build needs (vertex positions) and the data that answers need (the mesh of a triangle, its active
 //! interval and mask) are separate: leaf blocks of the wide layout hold all corners, and then the vertices are released.
 
-use super::custom::PrimitiveSet;
+use super::custom::{PrimitiveSet, include_each};
 use super::precise_vertices::PreciseVertices;
+use super::vertex_tubes::VertexTubes;
+use super::window::Intervals;
 use crate::geometry::{
     Box3, Ends, Frame, INSTANTS, Instant, KeyTime, LaneBounds, LinearBox3, TimeInterval, are_disjoint, clip_triangle,
 };
@@ -318,8 +320,20 @@ impl PrimitiveSet for Triangles {
         LinearBox3 { begin: bounds.begin.pad(rounding), end: bounds.end.pad(rounding) }
     }
 
-    fn lane_bounds(&self, ids: &[u32], out: &mut [LaneBounds]) {
-        self.lane_bounds_of_meshes(ids, out);
+    fn tubes(&self, ids: &[u32], over: TimeInterval) -> VertexTubes {
+        self.tubes_of_meshes(ids, over)
+    }
+
+    fn lane_bounds(&self, ids: &[u32], over: TimeInterval, tubes: &VertexTubes, out: &mut [LaneBounds]) {
+        self.lane_bounds_of_meshes(ids, over, tubes, out);
+    }
+
+    fn include_bounds(&self, ids: &[u32], over: &mut Intervals<'_>, out: &mut [LinearBox3]) {
+        let keys = ids.first().map_or(1, |&id| self.keys(id));
+        if keys > 2 && !ids.iter().any(|&id| self.is_precise(id)) {
+            return self.include_bent(ids, keys, over, out);
+        }
+        include_each(self, ids, over, out);
     }
 
     fn leaf_kind(&self, id: u32) -> u32 {
@@ -367,8 +381,16 @@ impl PrimitiveSet for Triangles {
         self.prefetch_corners(id);
     }
 
-    fn prefetch_vertices(&self, id: u32) {
-        self.prefetch_positions(id);
+    fn prefetch_vertices(&self, id: u32, over: TimeInterval) {
+        let keys = self.keys(id);
+        if keys <= 2 {
+            return self.prefetch_positions(id);
+        }
+        let key = |time: f32| (time * (keys - 1) as f32) as usize;
+        let needed = key(over.begin())..(key(over.end()) + 2).min(keys);
+        for vertex in self.vertices(id) {
+            self.prefetch_keys(vertex, needed.clone());
+        }
     }
 
     fn clipped(&self, id: u32, time: f32, cell: Box3) -> Box3 {

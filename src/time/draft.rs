@@ -9,7 +9,7 @@ use crate::bvh::{
     BinaryNode, BinaryTree, Collapse, CostModel, LeafKind, Reference, ReplacedSubtree, SurfaceDensity, WideChild,
     build_binary, neighbourhoods, presplit, reinsert,
 };
-use crate::geometry::{Box3, KeyTime, LinearBox3, TimeInterval};
+use crate::geometry::{Box3, KeyTime, LaneBounds, LinearBox3, TimeInterval};
 use crate::parallel;
 use crate::params::WideParams;
 use crate::primitive::PrimitiveSet;
@@ -199,7 +199,7 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
     let most = if elongated { (ids.len() as f64 * f64::from(budget)) as usize + 1 } else { ids.len() };
     // Some more for reinsertion.
     let mut references = huge_vec(most + most / 16);
-    parallel::fill(&mut references, ids.len(), |i| Reference::new(set.bounds(ids[i], over), ids[i]));
+    add_references(set, ids, over, &mut references);
     let cost_model = cost_model.unwrap_or_else(|| {
         let density = SurfaceDensity::of(&references, ratio.unwrap_or(LEAST_AREA_RATIO));
         CostModel { density, ..COST_MODEL }
@@ -211,6 +211,26 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
         presplit(&mut references, |id| set.ends(id, over), budget);
     }
     Draft { primitives: ids.len(), ratio, ..draft_with(set, references, slice, presplits, cost_model, reinsertion) }
+}
+
+/// Primitives with more than two keys whose bounds are computed together, by one thread.
+const TOGETHER: usize = 512;
+
+/// Appends a reference for each of some primitives.
+fn add_references<S: PrimitiveSet>(set: &S, ids: &[u32], over: TimeInterval, references: &mut Vec<Reference>) {
+    if !set.bent() || !ids.is_sorted() {
+        return parallel::fill(references, ids.len(), |i| Reference::new(set.bounds(ids[i], over), ids[i]));
+    }
+    let tubes = set.tubes(ids, over);
+    references.resize(ids.len(), Reference::new(LinearBox3::EMPTY, 0));
+    let mut parts: Vec<_> = ids.chunks(TOGETHER).zip(references.chunks_mut(TOGETHER)).collect();
+    parallel::each(&mut parts, |(ids, references)| {
+        let mut bounds = [LaneBounds::EMPTY; TOGETHER];
+        set.lane_bounds(ids, over, &tubes, &mut bounds[..ids.len()]);
+        for ((reference, &id), bounds) in references.iter_mut().zip(*ids).zip(&bounds) {
+            *reference = Reference::new(bounds.bounds(), id);
+        }
+    });
 }
 
 /// Drafts a tree over a sample, pre-split if that pays for the sample as a whole, and returns the decision. There is no draft if
@@ -348,14 +368,20 @@ fn area_ratio<S: PrimitiveSet>(set: &S, ids: &[u32], over: TimeInterval) -> Opti
 /// How many leaf blocks ahead the numbers of vertices are prefetched; the vertices follow one block ahead.
 const AHEAD: usize = 4;
 
-/// Prefetches the data of the blocks that follow block `i`.
-pub(crate) fn prefetch_blocks<S: PrimitiveSet>(set: &S, draft: &Draft, of: &[BinaryNode], i: usize) {
+/// Prefetches the data of the blocks that follow block `i`, as bounds over an interval need them.
+pub(crate) fn prefetch_blocks<S: PrimitiveSet>(
+    set: &S,
+    draft: &Draft,
+    of: &[BinaryNode],
+    i: usize,
+    over: TimeInterval,
+) {
     let next = if i == 0 { 0..of.len().min(AHEAD + 1) } else { i + AHEAD..of.len().min(i + AHEAD + 1) };
     for node in of.get(next).unwrap_or_default() {
         draft.references(node).iter().for_each(|r| set.prefetch(r.id()));
     }
     for node in of.iter().skip(i + 1).take(1) {
-        draft.references(node).iter().for_each(|r| set.prefetch_vertices(r.id()));
+        draft.references(node).iter().for_each(|r| set.prefetch_vertices(r.id(), over));
     }
 }
 

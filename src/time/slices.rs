@@ -4,8 +4,8 @@ use super::draft::{Draft, prefetch_blocks, time_slice};
 use crate::bvh::{BinaryNode, BinaryTree, Collapse, CostModel, Reference, build_binary};
 use crate::geometry::{Box3, LinearBox3, TimeInterval, ULP};
 use crate::parallel;
-use crate::primitive::PrimitiveSet;
-use crate::simd::huge_vec;
+use crate::primitive::{Intervals, PrimitiveSet};
+use crate::simd::{LANES, huge_vec, huge_vec_of};
 
 /// The hierarchies and their shared leaf blocks.
 pub(crate) struct SharedLeaves {
@@ -31,18 +31,16 @@ impl SharedLeaves {
         let needed = |i: usize| i > 0 && (slices.contains(&i) || slices.contains(&(i - 1)));
         let boundary = |i: usize| if needed(i) { boundary(set, draft, &clusters, i, count) } else { Some(Vec::new()) };
         let boundaries: Option<Vec<Vec<Box3>>> = (0..count).map(boundary).collect();
-        let trees = parallel::map(slices.len(), |i| {
-            let slice = slices[i];
-            let over = time_slice(slice, count);
+        let over: Vec<TimeInterval> = slices.iter().map(|&slice| time_slice(slice, count)).collect();
+        let in_slices = if boundaries.is_none() { bounds_in(set, draft, &clusters, &over) } else { Vec::new() };
+        let trees = parallel::map(slices.len(), |nth| {
+            let (slice, over) = (slices[nth], over[nth]);
             let bounds = |i: usize| match &boundaries {
                 Some(boundaries) => LinearBox3 {
                     begin: if slice == 0 { clusters[i].bounds.begin } else { boundaries[slice][i] },
                     end: if slice + 1 == count { clusters[i].bounds.end } else { boundaries[slice + 1][i] },
                 },
-                None => {
-                    let of = draft.references(&clusters[i]).iter();
-                    of.fold(LinearBox3::EMPTY, |b, r| b.union(slice_bounds(set, r, draft, over)))
-                }
+                None => in_slices[i * slices.len() + nth],
             };
             Slice::build(&clusters, over, draft.cost_model, bounds)
         });
@@ -53,6 +51,29 @@ impl SharedLeaves {
     pub fn cost(&self) -> f32 {
         self.trees.iter().map(|t| t.collapse.total()).sum::<f32>() / self.trees.len() as f32
     }
+}
+
+/// Leaf blocks whose bounds are computed by one thread.
+const BLOCKS: usize = 256;
+
+/// The bounds of the leaf blocks over each of some intervals, block by block.
+fn bounds_in<S: PrimitiveSet>(
+    set: &S,
+    draft: &Draft,
+    clusters: &[BinaryNode],
+    over: &[TimeInterval],
+) -> Vec<LinearBox3> {
+    let mut all = huge_vec_of(LinearBox3::EMPTY, clusters.len() * over.len());
+    let mut parts: Vec<_> = clusters.chunks(BLOCKS).zip(all.chunks_mut(BLOCKS * over.len())).collect();
+    let needed = over.iter().copied().reduce(TimeInterval::hull).unwrap_or(TimeInterval::FULL);
+    parallel::each(&mut parts, |(clusters, bounds)| {
+        let mut intervals = Intervals::new(over);
+        for (i, (cluster, bounds)) in clusters.iter().zip(bounds.chunks_mut(over.len())).enumerate() {
+            prefetch_blocks(set, draft, clusters, i, needed);
+            include_slice_bounds(set, draft.references(cluster), draft, &mut intervals, bounds);
+        }
+    });
+    all
 }
 
 /// The boxes of the leaf blocks at the beginning of time slice `i`; `None` if a block's motion between such times is
@@ -74,7 +95,7 @@ fn boundary<S: PrimitiveSet>(
     }
     let mut boxes = huge_vec(clusters.len());
     parallel::fill(&mut boxes, clusters.len(), |i| {
-        prefetch_blocks(set, draft, clusters, i);
+        prefetch_blocks(set, draft, clusters, i, over);
         draft.references(&clusters[i]).iter().fold(Box3::EMPTY, |b, r| {
             let Some(ends) = set.ends(r.id(), over) else { return b };
             let corners = ends.begin.into_iter().chain(ends.end).fold(Box3::EMPTY, Box3::include);
@@ -102,6 +123,29 @@ impl Slice {
             })
         });
         Slice { over, binary, collapse, order: blocks.iter().map(Reference::id).collect() }
+    }
+}
+
+/// Extends bounds over each of some parts of a draft's time interval by those of references of one kind.
+pub(crate) fn include_slice_bounds<S: PrimitiveSet>(
+    set: &S,
+    references: &[Reference],
+    draft: &Draft,
+    over: &mut Intervals<'_>,
+    bounds: &mut [LinearBox3],
+) {
+    if draft.presplit {
+        for (&over, bounds) in over.over.iter().zip(bounds) {
+            *bounds = references.iter().fold(*bounds, |b, r| b.union(slice_bounds(set, r, draft, over)));
+        }
+        return;
+    }
+    for some in references.chunks(LANES) {
+        let mut ids = [0; LANES];
+        for (id, r) in ids.iter_mut().zip(some) {
+            *id = r.id();
+        }
+        set.include_bounds(&ids[..some.len()], over, bounds);
     }
 }
 

@@ -6,12 +6,12 @@
 //! time, so bent motion that gains nothing in halves is tried in a few of the shortest slices.
 
 use super::draft::{Draft, time_slice};
-use super::slices::slice_bounds;
+use super::slices::{include_slice_bounds, slice_bounds};
 use crate::bvh::{BinaryNode, Reference, mean_half_area};
 use crate::geometry::{LinearBox3, TimeInterval};
 use crate::limits::MAX_TIME_SLICES;
 use crate::parallel;
-use crate::primitive::PrimitiveSet;
+use crate::primitive::{Intervals, PrimitiveSet};
 use crate::tuning::slices::{LEAST_TREELET, MAX_AREA_OF_HALVES, SHORT_SLICES, TREELET_SAMPLE, TREELETS};
 
 /// A small subtree and its estimates.
@@ -50,7 +50,9 @@ fn area_in_slices<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32) -> f32 {
         return 1.0;
     }
     let mut areas = [0.0; 2];
-    add_areas(draft, x, &|r| in_halves(set, draft, r), &mut areas);
+    let halves = [time_slice(0, 2), time_slice(1, 2)];
+    let mut over = Intervals::new(&halves);
+    add_areas(draft, x, &mut |of| in_halves(set, draft, of, &mut over), &mut areas);
     let whole = whole_area(draft, x);
     let relative = |area: f32| if whole > 0.0 { (area / whole).min(1.0) } else { 1.0 };
     let halves = relative(0.5 * (areas[0] + areas[1]));
@@ -63,8 +65,13 @@ fn area_in_slices<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32) -> f32 {
     let slices: [TimeInterval; SHORT_SLICES] =
         core::array::from_fn(|i| time_slice((2 * i + 1) * MAX_TIME_SLICES / (2 * SHORT_SLICES), MAX_TIME_SLICES));
     let mut areas = [0.0; SHORT_SLICES];
-    let each = |r: &Reference| slices.map(|slice| slice_bounds(set, r, draft, slice));
-    add_areas(draft, x, &each, &mut areas);
+    let mut over = Intervals::new(&slices);
+    let mut in_slices = |of: &[Reference]| {
+        let mut boxes = [LinearBox3::EMPTY; SHORT_SLICES];
+        include_slice_bounds(set, of, draft, &mut over, &mut boxes);
+        boxes
+    };
+    add_areas(draft, x, &mut in_slices, &mut areas);
     relative(areas.iter().sum::<f32>() / SHORT_SLICES as f32).min(halves)
 }
 
@@ -79,13 +86,13 @@ fn whole_area(draft: &Draft, x: u32) -> f32 {
 fn add_areas<const N: usize>(
     draft: &Draft,
     x: u32,
-    bounds: &impl Fn(&Reference) -> [LinearBox3; N],
+    bounds: &mut impl FnMut(&[Reference]) -> [LinearBox3; N],
     areas: &mut [f32; N],
 ) -> [LinearBox3; N] {
     let node = &draft.binary[x as usize];
     let union = |a: [LinearBox3; N], b: [LinearBox3; N]| core::array::from_fn(|i| a[i].union(b[i]));
     let boxes = if node.right == 0 {
-        draft.references(node).iter().map(bounds).fold([LinearBox3::EMPTY; N], union)
+        bounds(draft.references(node))
     } else {
         union(add_areas(draft, x + 1, bounds, areas), add_areas(draft, x + node.right, bounds, areas))
     };
@@ -95,14 +102,19 @@ fn add_areas<const N: usize>(
     boxes
 }
 
-/// The bounds of a reference for both halves of the shutter. Linear motion has one box at mid-shutter for both.
-fn in_halves<S: PrimitiveSet>(set: &S, draft: &Draft, r: &Reference) -> [LinearBox3; 2] {
-    let first = slice_bounds(set, r, draft, time_slice(0, 2));
-    if set.leaf_kind(r.id()) != 0 {
-        return [first, slice_bounds(set, r, draft, time_slice(1, 2))];
+/// The bounds of references of one kind for both halves of the shutter. Linear motion has one box at mid-shutter for both.
+fn in_halves<S: PrimitiveSet>(set: &S, draft: &Draft, of: &[Reference], over: &mut Intervals<'_>) -> [LinearBox3; 2] {
+    let mut halves = [LinearBox3::EMPTY; 2];
+    if of.first().is_some_and(|r| set.leaf_kind(r.id()) != 0) {
+        include_slice_bounds(set, of, draft, over, &mut halves);
+        return halves;
     }
-    let LinearBox3 { begin, end } = r.bounds();
-    [LinearBox3 { begin, end: first.end }, LinearBox3 { begin: first.end, end }]
+    for r in of {
+        let (LinearBox3 { begin, end }, middle) = (r.bounds(), slice_bounds(set, r, draft, over.over[0]).end);
+        halves[0] = halves[0].union(LinearBox3 { begin, end: middle });
+        halves[1] = halves[1].union(LinearBox3 { begin: middle, end });
+    }
+    halves
 }
 
 /// The subtree of at most `most` references that contains index `at` of a subtree; or its leaf.
