@@ -49,12 +49,29 @@ pub(crate) fn reinsert(
     tree.improve().then(|| tree.write(references, replaced)).flatten()
 }
 
+/// The bounds of a subtree, and whether any reference in it moves.
+#[derive(Clone, Copy)]
+struct Bounds {
+    linear: LinearBox3,
+    moving: bool,
+}
+
+impl Bounds {
+    #[inline(always)]
+    fn union(&self, other: &Bounds) -> Bounds {
+        let begin = self.linear.begin.union(other.linear.begin);
+        let moving = self.moving | other.moving;
+        // Where nothing moves, half of the work.
+        let end = if moving { self.linear.end.union(other.linear.end) } else { begin };
+        Bounds { linear: LinearBox3 { begin, end }, moving }
+    }
+}
+
 /// A node whose subtree is no longer that of the given tree.
 struct Changed {
-    bounds: LinearBox3,
+    bounds: Bounds,
     children: [u32; 2],
     count: u32,
-    moving: bool,
 }
 
 /// A tree that is being changed.
@@ -86,10 +103,11 @@ impl Reinsertion<'_> {
         (right > 0 && self.whole.binary_search(&x).is_err()).then_some([x + 1, x + right])
     }
 
-    fn bounds(&self, x: u32) -> (LinearBox3, bool) {
+    #[inline(always)]
+    fn bounds(&self, x: u32) -> Bounds {
         match self.changed(x) {
-            Some(changed) => (changed.bounds, changed.moving),
-            None => (self.nodes[x as usize].bounds, self.nodes[x as usize].moving),
+            Some(changed) => changed.bounds,
+            None => Bounds { linear: self.nodes[x as usize].bounds, moving: self.nodes[x as usize].moving },
         }
     }
 
@@ -98,8 +116,13 @@ impl Reinsertion<'_> {
     }
 
     /// How often a node with these bounds is visited, by cost.
-    fn visits(&self, (bounds, moving): &(LinearBox3, bool)) -> f32 {
-        self.cost_model.density.visits(bounds) * if *moving { 1.0 } else { self.cost_model.static_factor }
+    #[inline(always)]
+    fn visits(&self, bounds: &Bounds) -> f32 {
+        let CostModel { density, static_factor, .. } = self.cost_model;
+        match bounds.moving {
+            true => density.visits(&bounds.linear),
+            false => static_factor * density.visits_of_static(&bounds.linear.begin),
+        }
     }
 
     fn cost(&self, x: u32) -> f32 {
@@ -183,7 +206,7 @@ impl Reinsertion<'_> {
                 }
                 steps += 1;
                 let there = self.bounds(to);
-                let gain = gained - self.visits(&(there.0.union(own.0), there.1 | own.1));
+                let gain = gained - self.visits(&there.union(&own));
                 if gain > best.1 && to != beside {
                     best = (to, gain);
                 }
@@ -196,8 +219,7 @@ impl Reinsertion<'_> {
                 }
             }
             if pivot != parent {
-                let beside = self.bounds(sibling);
-                without = (without.0.union(beside.0), without.1 | beside.1);
+                without = without.union(&self.bounds(sibling));
                 gained += self.cost(pivot) - self.visits(&without);
             }
             if pivot == 0 {
@@ -229,8 +251,8 @@ impl Reinsertion<'_> {
 
     fn change(&mut self, x: u32) -> &mut Changed {
         if self.slot[x as usize] == 0 {
-            let ((bounds, moving), count) = (self.bounds(x), self.count(x));
-            self.changed.push(Changed { bounds, children: self.children(x).unwrap_or([x; 2]), count, moving });
+            let children = self.children(x).unwrap_or([x; 2]);
+            self.changed.push(Changed { bounds: self.bounds(x), children, count: self.count(x) });
             self.slot[x as usize] = self.changed.len() as u32;
         }
         &mut self.changed[self.slot[x as usize] as usize - 1]
@@ -240,9 +262,9 @@ impl Reinsertion<'_> {
     fn refit(&mut self, mut x: u32) {
         loop {
             let [a, b] = self.change(x).children;
-            let (count, (left, right)) = (self.count(a) + self.count(b), (self.bounds(a), self.bounds(b)));
+            let (count, bounds) = (self.count(a) + self.count(b), self.bounds(a).union(&self.bounds(b)));
             let changed = self.change(x);
-            (changed.bounds, changed.moving, changed.count) = (left.0.union(right.0), left.1 | right.1, count);
+            (changed.bounds, changed.count) = (bounds, count);
             if x == 0 {
                 return;
             }
@@ -267,7 +289,7 @@ impl Reinsertion<'_> {
                 out.extend_from_slice(&self.nodes[x as usize..end as usize]);
                 continue;
             }
-            let (bounds, moving) = self.bounds(x);
+            let Bounds { linear: bounds, moving } = self.bounds(x);
             let node = BinaryNode { bounds, moving, count: self.count(x), right: 0, ..self.nodes[x as usize] };
             out.push(node);
             let Some([left, right]) = self.children(x) else {

@@ -11,7 +11,7 @@
 //! the mean length is `l = 2 W / A`, as over all directions a ray sees half of the area. This leaves `a + V A / W`.
 
 use super::reference::Reference;
-use crate::geometry::LinearBox3;
+use crate::geometry::{Box3, LinearBox3};
 use crate::parallel;
 use glam::Vec3;
 
@@ -61,6 +61,13 @@ impl SurfaceDensity {
     pub fn visits(self, bounds: &LinearBox3) -> f32 {
         mean_half_area(bounds) + self.0 * volume(bounds)
     }
+
+    /// The same of a box that does not move.
+    #[inline(always)]
+    pub(super) fn visits_of_static(self, bounds: &Box3) -> f32 {
+        let size = (bounds.max - bounds.min).max(Vec3::ZERO);
+        size.x * size.y + size.y * size.z + size.z * size.x + self.0 * size.element_product()
+    }
 }
 
 /// The volume at the middle of the interval.
@@ -73,7 +80,6 @@ fn volume(b: &LinearBox3) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Box3;
     use crate::random::Random;
 
     fn fixed(min: Vec3, max: Vec3) -> LinearBox3 {
@@ -111,6 +117,8 @@ mod tests {
             let (counted, said) = (visited[i] / visited[0], expected[i] / expected[0]);
             assert!((counted / said - 1.0).abs() < 0.05, "{counted} instead of {said}");
         }
+        let of_static = SurfaceDensity(density).visits_of_static(&boxes[2].begin);
+        assert!((of_static / SurfaceDensity(density).visits(&boxes[2]) - 1.0).abs() < 1e-6);
         // By area alone the plate would be visited as often as the thick boxes around it.
         assert!(visited[1] < 0.8 * visited[0] * mean_half_area(&boxes[1]) / mean_half_area(&boxes[0]));
     }
