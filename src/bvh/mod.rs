@@ -1,5 +1,5 @@
-//! The bounding volume hierarchy: object splits by binned SAH, and the optimal collapse of the binary tree into
-//! sixteen-way nodes. The picture: a binary tree over boxes that move linearly, of which each wide node absorbs the
+//! The bounding volume hierarchy: object splits by binned SAH, reinsertion of subtrees, and the optimal collapse of the binary
+//! tree into sixteen-way nodes. The picture: a binary tree over boxes that move linearly, of which each wide node absorbs the
 //! levels that make it cheapest.
 
 mod binning;

@@ -201,7 +201,8 @@ impl Reinsertion<'_> {
             self.stack.push((gained, sibling));
             while let Some((gained, to)) = self.stack.pop() {
                 // Any place below costs at least as much as the subtree itself. (Not a number is no gain.)
-                if steps == MOST_STEPS || !(gained - own_cost > best.1) {
+                let may_gain = gained - own_cost > best.1;
+                if steps == MOST_STEPS || !may_gain {
                     continue;
                 }
                 steps += 1;
