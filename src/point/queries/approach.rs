@@ -13,7 +13,7 @@
 //! - The fraction of the query's interval is off by at most 7u of itself. With 5u for the rest, the position of the query is
 //!   within 2·7uM + 5uM = 19uM of the exact one per axis; with that end, 23uM.
 //! - Faces of moving boxes are farther out than the points by 2^-24 of the sizes that are rounded there, in f32
-//!   ([`crate::point::layout::linear_bounds`]), or by 2^-49 of the centre (`crate::point::precise`). Rounding the face itself moves it by u of the
+//!   (`point/layout/linear_bounds.rs`), or by 2^-49 of the centre (`crate::point::precise`). Rounding the face itself moves it by u of the
 //!   query's coordinate and of the gap.
 //! - So the distance of a box is too large by less than √3·24uM < 0.5e-14 M, and a fraction 2^-50 of itself. But a distance
 //!   is excluded only if it is beyond that of a point as computed, raised by 1.5e-14 M, of which 0.9e-14 remain

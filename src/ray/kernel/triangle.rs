@@ -14,7 +14,7 @@
 //! the point is in one of them.
 //!
 //! Most tested triangles are missed, and f32 is enough to prove it: the lanes of the wide layout
-//! ([`crate::ray::traversal::candidates`]), and [`Sheared::may_hit`] for one triangle, reject triangles beyond margins for the rounding
+//! (`ray/traversal/candidates.rs`), and [`Sheared::may_hit`] for one triangle, reject triangles beyond margins for the rounding
 //! of f32 ([`super::shear`]). The remaining ones are decided here, so every layout gives the same answers bit for bit.
 //!
 //! Coordinates are within 2^102 of zero in tree space and directions within 2^128, so no product overflows in f64, and

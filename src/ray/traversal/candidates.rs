@@ -1,6 +1,6 @@
 //! Candidates: the triangles of a leaf block that a ray may hit, as far as f32 can tell.
 //!
-//! Deciding one triangle in f64 ([`crate::ray::kernel::triangle`]) takes as long as testing a whole block in f32. So f32 makes two tests. The first
+//! Deciding one triangle in f64 (`ray/kernel/triangle.rs`) takes as long as testing a whole block in f32. So f32 makes two tests. The first
 //! test uses one margin for all triangles of the block and rules out most blocks. If any triangles are left, the second test uses a
 //! margin for each triangle, and also compares its distance with the ray's range. The distance matters: rays that begin on a surface
 //! meet more triangles just behind their origin than ahead of it.

@@ -2,7 +2,7 @@
 //!
 //! In f32, the corners of all triangles of a block are interpolated at the ray's time, moved relative to its origin and sheared along its
 //! direction. This rules out most of the triangles ([`super::candidates`]). The few that are left are decided one by one in f64
-//! ([`crate::ray::kernel::triangle`]), with the same arithmetic as brute force and without fused operations.
+//! (`ray/kernel/triangle.rs`), with the same arithmetic as brute force and without fused operations.
 
 use super::candidates::{Candidates, Edges};
 use super::collect::{Collect, Found};

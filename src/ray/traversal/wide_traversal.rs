@@ -1,4 +1,4 @@
-//! Traversal of the wide layout by a ray: nodes are tested by the slab test ([`crate::ray::kernel::slabs`]), leaf blocks by kernels of their own
+//! Traversal of the wide layout by a ray: nodes are tested by the slab test (`ray/kernel/slabs.rs`), leaf blocks by kernels of their own
 //! ([`super::leaf`]).
 
 use super::collect::Collect;
