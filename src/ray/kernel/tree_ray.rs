@@ -214,10 +214,13 @@ impl<'a> TreeRay<'a> {
 
     /// A distance in tree space up to which everything beyond the begin is within the range, except for two ULP at either end. Minus
     /// infinity if there is none that is simple to compute: for rays whose origin was moved to the scene, where one step of `t` may be
-    /// longer than the scene, for lines that begin behind their origin, and for ranges that end at a denormal `t`.
+    /// longer than the scene, for lines that begin behind their origin, and for ranges that begin or end at a denormal `t`, of which the next
+    /// one may be far away.
     #[inline(always)]
     pub fn certain_end(&self) -> f32 {
-        let usual = (self.advance == 0.0) & (self.begin >= 0.0) & (self.original.t_max >= f32::MIN_POSITIVE);
+        // Zero is not denormal: one less, its bits are the greatest number.
+        let begins = self.original.t_min.to_bits().wrapping_sub(1) >= f32::MIN_POSITIVE.to_bits() - 1;
+        let usual = (self.advance == 0.0) & (self.begin >= 0.0) & (self.original.t_max >= f32::MIN_POSITIVE) & begins;
         if usual { self.end.min((GREATEST * self.t_per_world) as f32) } else { f32::NEG_INFINITY }
     }
 
