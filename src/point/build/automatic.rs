@@ -9,7 +9,7 @@
 use super::plan::{Plan, middle_segment, time_slices, tree, tree_without_fast};
 use super::source::Source;
 use super::trials::{Trial, Trials, references_of};
-use crate::point::layout::moving_tree::MovingTree;
+use crate::point::layout::moving_tree::{MovingTree, Placed};
 use crate::point::leaf_order::moving_reference::TimeSlice;
 use crate::point::search::layers::Layer;
 use crate::progress::Progress;
@@ -50,7 +50,7 @@ pub(in crate::point) fn moving_layers(
         trials.try_slices(true);
     }
     if fast_first || trials.best(true).fast.is_some() {
-        (fast, slow, ready) = split_fast(source, points, trials.leaf_size, progress);
+        (fast, slow, ready) = split_fast(source, points, &mut trials, progress);
     }
     let mut separated = None;
     if !fast.is_empty()
@@ -109,9 +109,12 @@ fn one_layer<'a>(
     ready: Option<MovingTree>,
     progress: &Progress,
 ) -> (PartialLayer<'a>, f64, String) {
-    let mut layer = match (trials.best(false).plan, ready) {
-        (Plan::Boxes(1), Some(tree)) => PartialLayer::with(source, points, Plan::Boxes(1), tree),
-        (plan, _) => PartialLayer::new(source, points, plan, progress),
+    let mut layer = match trials.best(false).plan {
+        plan @ Plan::Boxes(1) => {
+            let tree = ready.unwrap_or_else(|| linear_tree(source, points, trials.placed.take(), None, progress).0);
+            PartialLayer::with(source, points, plan, tree)
+        }
+        plan => PartialLayer::new(source, points, plan, progress),
     };
     let mut cost = layer.cost(trials);
     let mut measured = vec![format!("in the whole set {} {cost:.1}", name(layer.plan))];
@@ -122,22 +125,34 @@ fn one_layer<'a>(
         if of_next >= cost * MAX_COST {
             break;
         }
+        trials.learn((layer.plan, cost), (next.plan, of_next));
         (layer, cost) = (next, of_next);
     }
     let measured = format!("{}: {}", measured.join(", "), name(layer.plan));
     (layer, cost, measured)
 }
 
+/// The tree of one time slice between the keys in the middle; see [`tree_without_fast`].
+fn linear_tree(
+    source: &Source,
+    points: &[u32],
+    placed: Option<Placed>,
+    leaf_size: Option<f32>,
+    progress: &Progress,
+) -> (MovingTree, Vec<u32>) {
+    let slice = &time_slices(source.keys, 1)[middle_segment(source.keys)];
+    // Counted as progress once it is known whether it is used.
+    tree_without_fast(source, points, slice, placed, leaf_size, &progress.subtask(0.0))
+}
+
 /// The fast points, the others, and the linear tree of those between the keys in the middle.
 fn split_fast(
     source: &Source,
     points: &[u32],
-    leaf_size: f32,
+    trials: &mut Trials,
     progress: &Progress,
 ) -> (Vec<u32>, Vec<u32>, Option<MovingTree>) {
-    let slice = &time_slices(source.keys, 1)[middle_segment(source.keys)];
-    // Counted as progress once it is known whether it is used.
-    let (tree, fast) = tree_without_fast(source, points, slice, Some(leaf_size), &progress.subtask(0.0));
+    let (tree, fast) = linear_tree(source, points, trials.placed.take(), Some(trials.leaf_size), progress);
     let mut is_fast = vec![false; source.len];
     fast.iter().for_each(|&point| is_fast[point as usize] = true);
     let slow = points.iter().copied().filter(|&point| !is_fast[point as usize]).collect();

@@ -7,16 +7,21 @@
 //! A sample is located by a subset of all points, drawn evenly: repeatedly split at the median of the widest axis, the
 //! subset yields a box that holds the wanted share of all points. One pass over all points then finds those inside.
 
+use super::persistent_points::PersistentPoints;
 use super::plan::{middle_segment, time_slices, time_slices_of};
 use super::source::Source;
 use crate::geometry::TimeInterval;
+use crate::point::layout::moving_tree::Placed;
 use crate::point::leaf_order::fast_points::Fast;
+use crate::point::leaf_order::motion_groups::Displaced;
 use crate::point::leaf_order::moving_reference::{MovingReference, TimeSlice};
+use crate::point::leaf_order::point_rows::PointRows;
 use crate::point::leaf_order::select::select;
 use crate::point::leaf_order::spread::spread;
 use crate::point::leaf_order::widest_axis::widest_axis;
 use crate::simd::{Item, Kernel, LANES, Mask, Simd, SimdLevel, dispatch, lanes_at};
 use crate::tuning::points::{SAMPLE, SAMPLED, SAMPLES};
+use glam::DVec3;
 
 /// Takes samples of some points of a set, between the keys in the middle.
 pub(in crate::point) struct Sampler<'a> {
@@ -37,6 +42,8 @@ pub(in crate::point) struct Sample {
     pub(in crate::point) scale: f64,
     /// The longest side of a leaf of usual size; 0 unless fast points are marked.
     pub(in crate::point) leaf_size: f32,
+    /// Numbers of the references, those of one leaf behind those of the other, if fast points are marked.
+    order: Vec<u32>,
 }
 
 impl Sample {
@@ -45,15 +52,30 @@ impl Sample {
         let middle = self.slice.middle();
         let exist = self.references.iter().filter(|m| m.active.contains(middle));
         let at_rest = |m: &MovingReference| MovingReference { active: TimeInterval::FULL, ..m.at_rest(&self.slice) };
-        Sample { references: exist.map(at_rest).collect(), ..*self }
+        Sample { references: exist.map(at_rest).collect(), order: Vec::new(), ..*self }
     }
 
     /// The same points, the fast ones where they are in the middle of the time slice.
     pub(in crate::point) fn with_fast_at_rest(&self) -> Sample {
         let at_rest = |m: &MovingReference| if m.fast { m.at_rest(&self.slice) } else { *m };
-        Sample { references: self.references.iter().map(at_rest).collect(), ..*self }
+        Sample { references: self.references.iter().map(at_rest).collect(), order: Vec::new(), ..*self }
+    }
+
+    /// A point in the middle of the time slice, and its displacement between the keys.
+    pub(in crate::point) fn displaced(&self, number: usize) -> Displaced {
+        let (m, wide) = (&self.references[number], |x: [f32; 3]| DVec3::from_array(x.map(f64::from)));
+        Displaced { at: wide(m.position(self.slice.middle_phase())), by: wide(m.close) - wide(m.open) }
+    }
+
+    /// The points of some of the leaves, if fast points are marked.
+    pub(in crate::point) fn some_leaves(&self) -> Vec<Displaced> {
+        let leaves = self.order.chunks_exact(LANES).step_by(LEAVES_PER);
+        leaves.flatten().map(|&number| self.displaced(number as usize)).collect()
     }
 }
+
+/// One leaf of so many is looked at.
+const LEAVES_PER: usize = 4;
 
 /// The largest number of points that are drawn to locate samples.
 const DRAWN: usize = 1 << 12;
@@ -72,8 +94,21 @@ impl<'a> Sampler<'a> {
         Sampler { source, points, simd, drawn, wanted }
     }
 
-    /// Samples for trees over `per_segment` time slices of a segment between two keys. Fast points are marked if `marked`.
-    pub(in crate::point) fn samples(&self, per_segment: usize, marked: bool) -> Vec<Sample> {
+    /// All points where they are in the middle of the segment, if all persist.
+    pub(in crate::point) fn placed(&self) -> Option<Placed> {
+        let Sampler { source, points, .. } = *self;
+        let whole = &time_slices(source.keys, 1)[middle_segment(source.keys)];
+        source.all_persist().then(|| Placed::new(&PersistentPoints::new(source, points, whole), whole))
+    }
+
+    /// Samples for trees over `per_segment` time slices of a segment between two keys. Fast points are marked if `marked`. If there is one
+    /// slice, all points may be [`placed`](Sampler::placed).
+    pub(in crate::point) fn samples(
+        &self,
+        per_segment: usize,
+        placed: Option<&mut Placed>,
+        marked: bool,
+    ) -> Vec<Sample> {
         let (source, points) = (self.source, self.points);
         let segment = middle_segment(source.keys);
         let finer: Vec<TimeSlice> = time_slices_of(segment, source.keys, per_segment).collect();
@@ -82,18 +117,24 @@ impl<'a> Sampler<'a> {
         let mut inside: [Vec<u32>; SAMPLES] = Default::default();
         // If many points coincide, some of them suffice.
         let most = 2 * self.wanted as usize;
-        dispatch(self.simd, Scan { source, points, cells: &cells, inside: &mut inside, most });
+        match placed {
+            Some(placed) => {
+                let rows = &placed.rows();
+                dispatch(self.simd, ScanPlaced { rows, count: points.len(), cells: &cells, inside: &mut inside, most });
+            }
+            None => dispatch(self.simd, Scan { source, points, cells: &cells, inside: &mut inside, most }),
+        }
         let whole = time_slices(source.keys, 1)[segment];
         let sample = |(slice, inside): (&TimeSlice, &Vec<u32>)| {
             let mut references = source.references(&whole, inside.iter().map(|&i| i as usize), |i| i as u32);
-            let mut leaf_size = 0.0;
+            let (mut leaf_size, mut order) = (0.0, Vec::new());
             if marked {
                 let fast = Fast::of(&references[..], &whole, slice.middle_phase());
                 fast.numbers.iter().for_each(|number| references[*number as usize].fast = true);
-                leaf_size = fast.leaf_size;
+                (leaf_size, order) = (fast.leaf_size, fast.order);
             }
             let scale = points.len() as f64 / inside.len().max(1) as f64;
-            Sample { references, slice: *slice, scale, leaf_size }
+            Sample { references, slice: *slice, scale, leaf_size, order }
         };
         slices.iter().zip(&inside).map(sample).collect()
     }
@@ -197,19 +238,51 @@ impl Kernel for Scan<'_> {
                             at[axis] = from + (to - from) * s.splat(phase);
                         }
                     }
-                    let mut holding = exist;
-                    for (axis, at) in at.into_iter().enumerate() {
-                        // Adjacent boxes share the points on their border.
-                        holding &= s.le(s.splat(cell.lo[axis]), at) & s.le(at, s.splat(cell.hi[axis]));
-                    }
-                    while holding != 0 {
-                        if inside.len() < most {
-                            inside.push(points[holding.trailing_zeros() as usize]);
-                        }
-                        holding &= holding - 1;
-                    }
+                    cell.take(s, &at, exist, points, most, inside);
                 }
             }
+        }
+    }
+}
+
+/// Finds the points in each cell at the same time, at most so many, among those at that time.
+struct ScanPlaced<'a> {
+    rows: &'a PointRows<'a>,
+    count: usize,
+    cells: &'a [Cell; SAMPLES],
+    inside: &'a mut [Vec<u32>; SAMPLES],
+    most: usize,
+}
+
+impl Kernel for ScanPlaced<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let ScanPlaced { rows, count, cells, inside, most } = self;
+        for begin in (0..count).step_by(LANES) {
+            let (at, numbers) = (rows.vector(s, begin).at, &rows.index[begin..]);
+            let exist = Mask::MAX >> (LANES - (count - begin).min(LANES));
+            for (cell, inside) in cells.iter().zip(inside.iter_mut()) {
+                cell.take(s, &at, exist, numbers, most, inside);
+            }
+        }
+    }
+}
+
+impl Cell {
+    /// Adds those of sixteen points that exist and are inside, up to `most` in all.
+    #[inline(always)]
+    fn take<S: Simd>(&self, s: S, at: &[S::F; 3], exist: Mask, numbers: &[u32], most: usize, inside: &mut Vec<u32>) {
+        let mut holding = exist;
+        for (axis, &at) in at.iter().enumerate() {
+            // Adjacent boxes share the points on their border.
+            holding &= s.le(s.splat(self.lo[axis]), at) & s.le(at, s.splat(self.hi[axis]));
+        }
+        while holding != 0 {
+            if inside.len() < most {
+                inside.push(numbers[holding.trailing_zeros() as usize]);
+            }
+            holding &= holding - 1;
         }
     }
 }
@@ -231,8 +304,10 @@ mod tests {
             let source = Source::read(&points[..], false).unwrap();
             let all: Vec<u32> = (0..n as u32).collect();
             let sampler = Sampler::new(&source, &all, SimdLevel::best());
-            for slices in [1, 8] {
-                for sample in sampler.samples(slices, false) {
+            let mut placed = sampler.placed();
+            assert_eq!(placed.is_some(), active == 0);
+            for (slices, placed) in [(1, None), (8, None), (1, placed.as_mut())] {
+                for sample in sampler.samples(slices, placed, false) {
                     let count = sample.references.len() as f32;
                     assert!(count >= (0.5 * sampler.wanted).min(n as f32), "{count} of {n}, not {}", sampler.wanted);
                     assert!(count <= 2.0 * sampler.wanted, "{count} of {n}, not {}", sampler.wanted);
@@ -257,6 +332,6 @@ mod tests {
         let source = Source::read(&points[..], false).unwrap();
         let all: Vec<u32> = (0..points.len() as u32).collect();
         let sampler = Sampler::new(&source, &all, SimdLevel::best());
-        assert!(sampler.samples(2, true).iter().all(|s| s.references.len() == 2 * sampler.wanted as usize));
+        assert!(sampler.samples(2, None, true).iter().all(|s| s.references.len() == 2 * sampler.wanted as usize));
     }
 }

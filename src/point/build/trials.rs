@@ -11,8 +11,9 @@ use super::plan::{Plan, time_slices_of};
 use super::sample::{Sample, Sampler};
 use super::source::Source;
 use crate::geometry::{KeyTime, TimeInterval};
-use crate::point::layout::moving_tree::MovingTree;
+use crate::point::layout::moving_tree::{MovingTree, Placed};
 use crate::point::layout::static_tree::Shape;
+use crate::point::leaf_order::motion_groups::{Displaced, MotionDivision, SAMPLE, cost_of_slices};
 use crate::point::leaf_order::moving_reference::{MovingReference, TimeSlice, positions_at};
 use crate::point::leaf_order::spread::spread;
 use crate::point::leaf_order::widest_axis::include;
@@ -21,7 +22,7 @@ use crate::point::search::candidates::Candidates;
 use crate::point::search::counted_search::{CountedSearch, search_counted};
 use crate::point::search::layers::Layer;
 use crate::progress::Progress;
-use crate::simd::{Item, Lanes, Mask, SimdLevel};
+use crate::simd::{Item, LANES, Lanes, Mask, SimdLevel};
 use crate::tuning::points::{
     BLOCK_COST, CONFIRMED, HALF_UNCACHED_BYTES, MAX_COST, MAX_PREDICTED_COST, MAX_REFINED_COST, REFERENCE_BYTES,
     SEARCHED, SEARCHES, UNCACHED_COST,
@@ -54,10 +55,14 @@ pub(in crate::point) struct Trials<'a> {
     pub(in crate::point) leaf_size: f32,
     /// Samples of one tree for all points.
     whole: Vec<Sample>,
+    /// All points where they are in the middle of the segment, for that tree; those of sets in which all persist.
+    pub(in crate::point) placed: Option<Placed>,
     /// The work of a search if all points rested. No number of time slices makes it less.
     at_rest: f64,
     /// The cost if the fast points had a layer of their own and rested; infinite unless they are few.
     fast_at_rest: f64,
+    /// What trees of the samples that are divided by motion cost at least, relative to points at rest; 1 for those divided by position.
+    flows: Vec<f64>,
 }
 
 /// The largest number of time slices of a segment.
@@ -75,12 +80,15 @@ impl<'a> Trials<'a> {
     /// Tries one tree for all points (at least one).
     pub(in crate::point) fn new(source: &'a Source, points: &'a [u32], most: f32, simd: SimdLevel) -> Trials<'a> {
         let sampler = Sampler::new(source, points, simd);
-        let whole = sampler.samples(1, true);
+        let mut placed = sampler.placed();
+        let whole = sampler.samples(1, placed.as_mut(), true);
         let mut sizes: Vec<f32> = whole.iter().map(|sample| sample.leaf_size).collect();
         sizes.sort_by(f32::total_cmp);
         let leaf_size = sizes[sizes.len() / 2];
         let (all, at_rest, fast_at_rest) = (Vec::new(), 0.0, f64::INFINITY);
-        let mut trials = Trials { source, points, most, simd, sampler, all, leaf_size, whole, at_rest, fast_at_rest };
+        let flows = whole.iter().map(least_with_flows).collect();
+        let mut trials =
+            Trials { source, points, most, simd, sampler, all, leaf_size, whole, placed, at_rest, fast_at_rest, flows };
         let linear = trials.work(&trials.whole, (LINEAR, None), trials.searches());
         trials.all.push(Trial { plan: LINEAR, fast: None, cost: linear.cost, references: linear.references });
         trials.at_rest = trials.work_at_rest(&trials.whole);
@@ -106,7 +114,9 @@ impl<'a> Trials<'a> {
     /// as long as halving the slices helps and still can, and coarser ones if the guess is not confirmed.
     pub(in crate::point) fn try_slices(&mut self, fast_too: bool) {
         let (linear, guess) = (self.all[0].cost, self.few_slices());
-        let mut goes_on = [true, fast_too && self.fast_at_rest <= linear * MAX_REFINED_COST];
+        let finer = || iter::successors(Some(guess), |n| Some(2 * n)).take_while(|n| self.affordable(*n));
+        let may_gain = finer().any(|slices| !self.flows_exceed(slices, linear * MAX_COST));
+        let mut goes_on = [may_gain, fast_too && self.fast_at_rest <= linear * MAX_REFINED_COST];
         let mut before = [linear; 2];
         let mut slices = guess;
         loop {
@@ -115,7 +125,7 @@ impl<'a> Trials<'a> {
             if goes_on == [false; 2] {
                 break;
             }
-            let (samples, plan) = (self.sampler.samples(slices, goes_on[1]), Plan::Boxes(slices));
+            let (samples, plan) = (self.sampler.samples(slices, None, goes_on[1]), Plan::Boxes(slices));
             if goes_on[0] {
                 let cost = self.add(&samples, plan, None);
                 if slices == guess && guess > 2 {
@@ -137,7 +147,7 @@ impl<'a> Trials<'a> {
         let limit = CONFIRMED * self.expected(1, linear)(guess);
         let mut slices = if self.tried(guess).is_some_and(|cost| cost < limit) { guess / 2 } else { 1 };
         while slices > 1 {
-            let samples = self.sampler.samples(slices, false);
+            let samples = self.sampler.samples(slices, None, false);
             let cost = self.add(&samples, Plan::Boxes(slices), None);
             slices = if cost * MAX_COST <= self.least() { slices / 2 } else { 1 };
         }
@@ -191,6 +201,19 @@ impl<'a> Trials<'a> {
         self.at_rest + self.memory_cost(slices) < limit && self.affordable(slices)
     }
 
+    /// Whether so many time slices should cost clearly more than a limit because flows pass through each other: their leaves hold points
+    /// of all flows at a place, or of one flow each, as those of one tree do. (Of the cost of both kinds the least is expected.)
+    fn flows_exceed(&self, slices: usize, limit: f64) -> bool {
+        if self.flows.iter().all(|&flows| flows == 1.0) {
+            return false;
+        }
+        let least = |(sample, &flows): (&Sample, &f64)| {
+            if flows > 1.0 { flows.min(cost_of_slices(&sample.some_leaves(), slices)) } else { 1.0 }
+        };
+        let least = self.whole.iter().zip(&self.flows).map(least).sum::<f64>() / self.whole.len() as f64;
+        self.at_rest * least * MAX_COST + self.memory_cost(slices) >= limit
+    }
+
     /// The cost of memory of so many time slices of all points: of some of them, if not all exist throughout.
     fn memory_cost(&self, slices: usize) -> f64 {
         let count = self.points.len();
@@ -225,15 +248,28 @@ impl<'a> Trials<'a> {
     pub(in crate::point) fn finer(&mut self, plan: Plan, cost: f64) -> Option<Plan> {
         let (slices, limit) = (plan.time_slices(), cost * MAX_PREDICTED_COST);
         let halved = 2 * slices;
-        if !self.may_gain(halved, limit) {
+        if !self.may_gain(halved, limit) || self.flows_exceed(halved, limit) {
             return None;
         }
         let predicted = self.tried(halved).unwrap_or_else(|| {
-            let samples = self.sampler.samples(halved, false);
+            let samples = self.sampler.samples(halved, None, false);
             self.add(&samples, Plan::Boxes(halved), None)
         });
         // Samples did not see what makes this one expensive, so they may not see what makes the next one expensive either.
         (predicted < limit).then(|| Plan::Boxes(self.guess(slices, cost).max(halved)))
+    }
+
+    /// Raises the work at rest to what follows from the costs of longer and shorter time slices in the whole set, if trees are not divided by
+    /// motion: the third root of the work is a line over the duration of a slice.
+    pub(in crate::point) fn learn(&mut self, longer: (Plan, f64), shorter: (Plan, f64)) {
+        let [(longer, of_longer), (shorter, of_shorter)] = [longer, shorter].map(|(plan, cost)| {
+            let slices = plan.time_slices();
+            (1.0 / slices as f64, (cost - self.memory_cost(slices)).cbrt())
+        });
+        if self.flows.iter().all(|&flows| flows == 1.0) {
+            let at_rest = of_shorter - shorter * (of_longer - of_shorter) / (longer - shorter);
+            self.at_rest = self.at_rest.max(at_rest.powi(3));
+        }
     }
 
     /// The cost of layers over all points with this many references in all, measured in their trees of one time slice.
@@ -286,6 +322,14 @@ impl<'a> Trials<'a> {
     pub(in crate::point) fn may_have(&self, slices: usize, references: f64) -> bool {
         slices <= FINEST && references <= f64::from(self.most) * self.points.len() as f64
     }
+}
+
+/// What a tree of a sample that is divided by motion costs at least, relative to points at rest; 1 if it is divided by position.
+fn least_with_flows(sample: &Sample) -> f64 {
+    let count = sample.references.len();
+    let some: Vec<Displaced> = (0..SAMPLE.min(count)).map(|i| sample.displaced(spread(i, count))).collect();
+    let division = (count > 0).then(|| MotionDivision::of(&some, count, LANES * LANES)).flatten();
+    division.map_or(1.0, |division| division.least_cost)
 }
 
 /// The number of references to all points if this many time slices of a segment hold the fast ones, by samples.

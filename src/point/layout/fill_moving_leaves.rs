@@ -4,7 +4,7 @@ use super::linear_bounds::{LinearBox, LinearBoxes, TrajectoryRows};
 use super::moving_leaf::{LaneIntervals, LeafRows};
 use crate::parallel;
 use crate::point::leaf_order::bottom_order::{MOST, Rows, SPARE};
-use crate::point::leaf_order::fast_points::{Among, sizes_of_leaves};
+use crate::point::leaf_order::fast_points::{Among, displacements, sizes_of_leaves};
 use crate::point::leaf_order::moving_reference::{References, TimeSlice};
 use crate::point::leaf_order::point_rows::PointRows;
 use crate::simd::{Kernel, LANES, Simd, SimdLevel, dispatch};
@@ -82,6 +82,7 @@ impl<R: References + ?Sized> Kernel for Fill<'_, '_, R> {
         let Ordered { references, slice, rows: all, without_fast } = from;
         let mut fast = Vec::new();
         let (mut rows, mut spare) = (Rows::<MOST>::EMPTY, Rows::<SPARE>::EMPTY);
+        let mut by = [[[0.0; LANES]; 3]; LANES];
         let mut trajectories = throughout(slice);
         let (whole, timed) = (trajectories.range.map(|row| row[0]), leaves.timed());
         for (number, node) in nodes.iter_mut().enumerate() {
@@ -90,30 +91,42 @@ impl<R: References + ?Sized> Kernel for Fill<'_, '_, R> {
             rows.take(all, begin, count);
             rows.order(s, count, LANES, &mut spare);
             let (room, mut used_of) = (count.div_ceil(LANES), sizes_of_leaves(count));
+            for leaf in 0..room {
+                for lane in 0..used_of[leaf] {
+                    // The accesses are practically random. Those of the next node are known before their order.
+                    if let Some(&later) = all.index.get(begin + BELOW + leaf * LANES + lane) {
+                        references.prefetch(later);
+                    }
+                    let reference = references.reference(rows.index[leaf * LANES + lane]);
+                    leaves.set(number * LANES + leaf, lane, &reference);
+                }
+            }
             if let Some(leaf_size) = *without_fast {
-                let among = Among { references: *references, slice, leaf_size };
-                used_of = among.take(s, (&mut rows, count), &mut spare, &mut fast);
+                for leaf in 0..room {
+                    by[leaf] = displacements(s, &leaves.ends(number * LANES + leaf), used_of[leaf]);
+                }
+                let among = Among { references: *references, slice, timed, leaf_size };
+                let kept = among.take(s, (&mut rows, count), &by, &mut spare, &mut fast);
+                used_of = kept.in_leaves;
+                for leaf in (0..room).filter(|leaf| kept.changed >> leaf & 1 != 0) {
+                    for lane in 0..used_of[leaf] {
+                        let reference = references.reference(rows.index[leaf * LANES + lane]);
+                        leaves.set(number * LANES + leaf, lane, &reference);
+                    }
+                }
             }
             let mut children = [LinearBox::EMPTY; LANES];
             let mut of_node = LaneIntervals::NEVER;
             let used_children = used_of.iter().filter(|&&used| used > 0).count();
             for (leaf, child) in children.iter_mut().enumerate().take(used_children) {
-                let (own, at) = (leaf * LANES, number * LANES + leaf);
-                let used = used_of[leaf];
-                for lane in 0..used {
-                    // The accesses are practically random. Those of the next node are known before their order.
-                    if let Some(&later) = all.index.get(begin + BELOW + own + lane) {
-                        references.prefetch(later);
-                    }
-                    let reference = references.reference(rows.index[own + lane]);
-                    leaves.set(at, lane, &reference);
-                    if timed {
-                        let active_throughout = reference.interval == slice.interval;
-                        let range = if active_throughout { whole } else { reference.range(slice) };
-                        let times = [reference.interval.begin(), reference.interval.end_bound()];
-                        trajectories.set_times(lane, range, times);
-                        leaves.set_times(at, lane, times, reference.active);
-                    }
+                let (at, used) = (number * LANES + leaf, used_of[leaf]);
+                for lane in 0..if timed { used } else { 0 } {
+                    let reference = references.reference(rows.index[leaf * LANES + lane]);
+                    let active_throughout = reference.interval == slice.interval;
+                    let range = if active_throughout { whole } else { reference.range(slice) };
+                    let times = [reference.interval.begin(), reference.interval.end_bound()];
+                    trajectories.set_times(lane, range, times);
+                    leaves.set_times(at, lane, times, reference.active);
                 }
                 for lane in used..LANES {
                     leaves.clear(at, lane);

@@ -31,6 +31,26 @@ pub(in crate::point) struct MovingTree {
     pub(in crate::point) references: usize,
 }
 
+/// References where they are in the middle of a time slice, in the memory that the leaves of their tree will have.
+pub(in crate::point) struct Placed {
+    blocks: Vec<Block>,
+    count: usize,
+}
+
+impl Placed {
+    pub(in crate::point) fn new<R: References + ?Sized>(references: &R, slice: &TimeSlice) -> Placed {
+        let count = references.len();
+        let mut placed = Placed { blocks: Block::zeroed(count.div_ceil(LANES)), count };
+        take_positions(placed.rows(), references, slice.middle_phase());
+        placed
+    }
+
+    /// Their positions and numbers.
+    pub(in crate::point) fn rows(&mut self) -> PointRows<'_> {
+        PointRows::in_blocks(&mut self.blocks, self.count)
+    }
+}
+
 impl MovingTree {
     /// Builds the complete tree: each reference is in one leaf.
     pub(in crate::point) fn build<R: References + ?Sized>(
@@ -38,22 +58,22 @@ impl MovingTree {
         slice: TimeSlice,
         progress: &Progress,
     ) -> MovingTree {
-        MovingTree::build_without_fast(references, slice, None, progress).0
+        MovingTree::build_without_fast(references, Placed::new(references, &slice), slice, None, progress).0
     }
 
     /// The same without references that are fast ([`fast_points`](crate::point::leaf_order::fast_points)), if the longest side of a leaf of usual
     /// size is given; and the numbers of those. Their lanes are empty, the shape of the tree is that with them.
     pub(in crate::point) fn build_without_fast<R: References + ?Sized>(
         references: &R,
+        placed: Placed,
         slice: TimeSlice,
         without_fast: Option<f32>,
         progress: &Progress,
     ) -> (MovingTree, Vec<u32>) {
-        let count = references.len();
         // Points are put in order in the memory of the blocks that they end up in, and as much besides as they need.
-        let (mut blocks, mut more) = (Block::zeroed(count.div_ceil(LANES)), PointRows::memory(count));
-        let mut from = PointRows::in_blocks(&mut blocks, count);
-        take_positions(from.borrow(), references, slice.middle_phase());
+        let Placed { mut blocks, count } = placed;
+        let mut more = PointRows::memory(count);
+        let from = PointRows::in_blocks(&mut blocks, count);
         let mut rows = PointRows::in_blocks(&mut more, count);
         let phases = (slice.phases[1] - slice.phases[0]) as f32;
         let displacements = |numbers: &[u32], to: &mut [[f32; 3]]| {

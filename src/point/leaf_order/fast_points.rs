@@ -1,7 +1,7 @@
 //! Detecting points that move far relative to their neighbours.
 
 use super::bottom_order::{MOST, Rows, SPARE};
-use super::divide::extremes;
+use super::divide::{extremes, least_lane};
 use super::moving_reference::{References, TimeSlice, take_positions};
 use super::order::order_rows;
 use super::point_rows::PointRows;
@@ -15,6 +15,8 @@ pub(in crate::point) struct Fast {
     pub(in crate::point) numbers: Vec<u32>,
     /// The longest side of a leaf of usual size.
     pub(in crate::point) leaf_size: f32,
+    /// The numbers of all, those of one leaf behind those of the other.
+    pub(in crate::point) order: Vec<u32>,
 }
 
 impl Fast {
@@ -28,12 +30,12 @@ impl Fast {
         let simd = SimdLevel::best();
         let sizes = dispatch(simd, OrderLeaves { rows: &mut rows, count });
         let Some(half) = sizes.len().checked_sub(1).map(|last| last / 2) else {
-            return Fast { numbers: Vec::new(), leaf_size: 0.0 };
+            return Fast { numbers: Vec::new(), leaf_size: 0.0, order: Vec::new() };
         };
         let (_, &mut leaf_size, _) = sizes.clone().select_nth_unstable_by(half, f32::total_cmp);
-        let among = Among { references, slice, leaf_size };
+        let among = Among { references, slice, timed: true, leaf_size };
         let numbers = dispatch(simd, Compare { among, numbers: &rows.index[..count], sizes: &sizes });
-        Fast { numbers, leaf_size }
+        Fast { numbers, leaf_size, order: rows.index[..count].to_vec() }
     }
 }
 
@@ -45,83 +47,112 @@ const FEW: usize = LANES / 2;
 pub(in crate::point) struct Among<'a, R: ?Sized> {
     pub(in crate::point) references: &'a R,
     pub(in crate::point) slice: &'a TimeSlice,
+    /// Whether references are perhaps not active throughout the slice.
+    pub(in crate::point) timed: bool,
     /// The longest side of a leaf of usual size.
     pub(in crate::point) leaf_size: f32,
 }
 
+/// What remains below a bottom node.
+pub(in crate::point) struct Kept {
+    /// How many references each leaf has.
+    pub(in crate::point) in_leaves: Lanes<usize>,
+    /// The leaves that have other references than before, as bits.
+    pub(in crate::point) changed: Mask,
+}
+
 impl<R: References + ?Sized> Among<'_, R> {
-    /// Moves the fast ones among the first `count` of a bottom node, which are in order, to `fast`. Returns how many of the others each leaf
-    /// has; these are put in order again unless few are gone. If all are fast, none is.
+    /// Moves the fast ones among the first `count` of a bottom node, which are in order, to `fast`; `displacements` are those of each leaf
+    /// between the keys. The others are put in order again unless few are gone. If all are fast, none is.
     #[inline(always)]
     pub(in crate::point) fn take<S: Simd>(
         &self,
         s: S,
         (rows, count): (&mut Rows<MOST>, usize),
+        displacements: &[[Lanes<f32>; 3]; LANES],
         spare: &mut Rows<SPARE>,
         fast: &mut Vec<u32>,
-    ) -> Lanes<usize> {
+    ) -> Kept {
         let leaves = count.div_ceil(LANES);
-        let (mut masks, mut kept_in, mut found) = ([0; LANES], sizes_of_leaves(count), 0);
+        let (mut masks, mut in_leaves, mut found) = ([0; LANES], sizes_of_leaves(count), 0);
         for leaf in 0..leaves {
             let numbers = &rows.index[leaf * LANES..count.min((leaf + 1) * LANES)];
-            masks[leaf] = self.lanes(s, numbers, size(s, rows, leaf));
-            kept_in[leaf] -= masks[leaf].count_ones() as usize;
+            masks[leaf] = self.lanes(s, numbers, &displacements[leaf], size(s, rows, leaf));
+            in_leaves[leaf] -= masks[leaf].count_ones() as usize;
             found += masks[leaf].count_ones() as usize;
         }
         if found == 0 || found == count {
-            return sizes_of_leaves(count);
+            return Kept { in_leaves: sizes_of_leaves(count), changed: 0 };
         }
-        let stay = found <= FEW && kept_in[..leaves].iter().all(|&kept| kept > 0);
-        let mut kept = 0;
-        for i in 0..count {
-            if stay && i % LANES == 0 {
-                kept = i;
+        let stay = found <= FEW && in_leaves[..leaves].iter().all(|&kept| kept > 0);
+        let (mut kept, mut changed) = (0, 0);
+        for (leaf, &mask) in masks.iter().enumerate().take(leaves) {
+            if stay {
+                kept = leaf * LANES;
+                if mask == 0 {
+                    continue;
+                }
+                changed |= 1 << leaf;
             }
-            let item = rows.get(i);
-            if masks[i / LANES] >> (i % LANES) & 1 != 0 {
-                fast.push(item.index);
-            } else {
-                rows.set(kept, &item);
-                kept += 1;
+            for lane in 0..LANES.min(count - leaf * LANES) {
+                let item = rows.get(leaf * LANES + lane);
+                if mask >> lane & 1 != 0 {
+                    fast.push(item.index);
+                } else {
+                    rows.set(kept, &item);
+                    kept += 1;
+                }
             }
         }
         if stay {
-            return kept_in;
+            return Kept { in_leaves, changed };
         }
         rows.order(s, kept, LANES, spare);
-        sizes_of_leaves(kept)
+        Kept { in_leaves: sizes_of_leaves(kept), changed: Mask::MAX }
     }
 
-    /// The fast ones of a leaf, given its longest side.
+    /// The fast ones of a leaf, given their displacements between the keys and its longest side.
     #[inline(always)]
-    fn lanes<S: Simd>(&self, s: S, numbers: &[u32], size: f32) -> Mask {
+    fn lanes<S: Simd>(&self, s: S, numbers: &[u32], displacement: &[Lanes<f32>; 3], size: f32) -> Mask {
         let TimeSlice { interval, phases: [begin, end], .. } = *self.slice;
-        // Lanes without a reference are behind all others.
-        let mut displacement = [[f32::INFINITY; LANES]; 3];
         let mut duration = [(end - begin) as f32; LANES];
-        for (lane, &number) in numbers.iter().enumerate() {
-            let m = self.references.reference(number);
-            for (axis, row) in displacement.iter_mut().enumerate() {
-                row[lane] = m.close[axis] - m.open[axis];
-            }
-            if m.interval != interval {
-                let [begin, end] = m.range(self.slice);
-                duration[lane] = (end - begin) as f32;
+        if self.timed {
+            for (lane, &number) in numbers.iter().enumerate() {
+                let m = self.references.reference(number);
+                if m.interval != interval {
+                    let [begin, end] = m.range(self.slice);
+                    duration[lane] = (end - begin) as f32;
+                }
             }
         }
         let limit = s.splat(FAST * if size < self.leaf_size { size } else { self.leaf_size });
         let (duration, exists) = (s.load(&duration), Mask::MAX >> (LANES - numbers.len()));
         let first = [displacement[0][0], displacement[1][0], displacement[2][0]];
-        let most = duration * farthest(s, &displacement, first);
+        let most = duration * farthest(s, displacement, first);
         // No point is twice as far from the middle of all as all are from the first.
         if s.lt(limit, most + most) & exists == 0 {
             return 0;
         }
         let half = numbers.len() / 2;
-        let [x, y, z] = &displacement;
+        let [x, y, z] = displacement;
         let usual = [middle(s, x, half), middle(s, y, half), middle(s, z, half)];
-        s.lt(limit, duration * farthest(s, &displacement, usual)) & exists
+        s.lt(limit, duration * farthest(s, displacement, usual)) & exists
     }
+}
+
+/// Displacements between the keys, given positions at both. Lanes without a reference are behind all others.
+#[inline(always)]
+pub(in crate::point) fn displacements<S: Simd>(
+    s: S,
+    (open, close): &([Lanes<f32>; 3], [Lanes<f32>; 3]),
+    used: usize,
+) -> [Lanes<f32>; 3] {
+    let exists = Mask::MAX >> (LANES - used);
+    let mut rows = [[0.0; LANES]; 3];
+    for (axis, row) in rows.iter_mut().enumerate() {
+        s.store(s.select(exists, s.load(&close[axis]) - s.load(&open[axis]), s.splat(f32::INFINITY)), row);
+    }
+    rows
 }
 
 /// The numbers of points in leaves that are filled one after the other.
@@ -193,7 +224,15 @@ impl<R: References + ?Sized> Kernel for Compare<'_, R> {
         let Compare { among, numbers, sizes } = self;
         let mut fast = Vec::new();
         for (numbers, size) in numbers.chunks(LANES).zip(sizes) {
-            let mask = among.lanes(s, numbers, *size);
+            let (mut open, mut close) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
+            for (lane, &number) in numbers.iter().enumerate() {
+                let reference = among.references.reference(number);
+                for axis in 0..3 {
+                    (open[axis][lane], close[axis][lane]) = (reference.open[axis], reference.close[axis]);
+                }
+            }
+            let displacements = displacements(s, &(open, close), numbers.len());
+            let mask = among.lanes(s, numbers, &displacements, *size);
             for (lane, &number) in numbers.iter().enumerate() {
                 if mask >> lane & 1 != 0 {
                     fast.push(number);
@@ -207,14 +246,14 @@ impl<R: References + ?Sized> Kernel for Compare<'_, R> {
 /// The number that so many of sixteen are before in ascending order.
 #[inline(always)]
 fn middle<S: Simd>(s: S, row: &Lanes<f32>, number: usize) -> f32 {
-    let all = s.load(row);
+    let (all, one) = (s.load(row), s.splat(1.0));
+    let mut below = s.splat(0.0);
     for &x in row {
-        let below = s.lt(all, s.splat(x)).count_ones() as usize;
-        if below <= number && number < s.le(all, s.splat(x)).count_ones() as usize {
-            return x;
-        }
+        below = s.select(s.lt(s.splat(x), all), below + one, below);
     }
-    unreachable!("one of the numbers is in the middle")
+    // It is the greatest of those that no more are below.
+    let least = s.select(s.le(below, s.splat(number as f32)), s.splat(0.0) - all, s.splat(f32::INFINITY));
+    -least_lane(s, least)
 }
 
 #[cfg(test)]
@@ -222,13 +261,14 @@ mod tests {
     use super::super::moving_reference::MovingReference;
     use super::*;
     use crate::geometry::TimeInterval;
-    use crate::point::layout::moving_tree::MovingTree;
+    use crate::point::layout::moving_tree::{MovingTree, Placed};
     use crate::random::Random;
 
     /// A tree without fast references, the numbers of those, and the numbers of what is in the tree, in ascending order.
     fn split(references: &[MovingReference], slice: &TimeSlice) -> (MovingTree, Vec<u32>, Vec<u32>) {
         let leaf_size = Some(Fast::of(references, slice, slice.middle_phase()).leaf_size);
-        let (mut tree, mut fast) = MovingTree::build_without_fast(references, *slice, leaf_size, &Progress::new(None));
+        let (placed, progress) = (Placed::new(references, slice), Progress::new(None));
+        let (mut tree, mut fast) = MovingTree::build_without_fast(references, placed, *slice, leaf_size, &progress);
         let mut left: Vec<u32> = tree.leaves.ids_in_order().map(|id| *id).collect();
         left.sort_unstable();
         fast.sort_unstable();

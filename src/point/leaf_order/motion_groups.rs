@@ -29,6 +29,8 @@ pub(in crate::point) struct Displaced {
 pub(in crate::point) struct MotionDivision {
     /// The number of points with the lowest keys.
     pub(in crate::point) left: usize,
+    /// What it costs at least, if points of each side move together, relative to points that do not move and are not divided.
+    pub(in crate::point) least_cost: f64,
     axis: usize,
     /// The expected displacement along the axis: at a place, and how it grows with the position.
     middle: DVec3,
@@ -57,7 +59,8 @@ impl MotionDivision {
         off.iter().for_each(|&off| whole.add(off));
         let most = MAX_MOTION_COST * cost(leaf, leaf, whole.deviation());
         // A small spread is most common.
-        if most < cost(leaf, leaf, DVec3::ZERO) {
+        let at_rest = cost(leaf, leaf, DVec3::ZERO);
+        if most < at_rest {
             return None;
         }
         let (mut best, mut least) = (None, most);
@@ -75,14 +78,15 @@ impl MotionDivision {
                 let left = (cut.share * count as f64 / block as f64).round() as usize * block;
                 let cost = cut.cost(leaf, low.deviation(), whole.without(&low).deviation());
                 if cost < least && left > 0 && left < count {
-                    (best, least) = (Some((axis, left)), cost);
+                    let least_cost = cut.cost(leaf, DVec3::ZERO, DVec3::ZERO) / at_rest;
+                    (best, least) = (Some((axis, left, least_cost)), cost);
                 }
             }
         }
         let AffineMotion { middle, displacement, by_position } = expected;
-        best.map(|(axis, left)| {
+        best.map(|(axis, left, least_cost)| {
             let (usual, by_position) = (displacement[axis], by_position.row(axis));
-            MotionDivision { left, axis, middle, usual, by_position }
+            MotionDivision { left, least_cost, axis, middle, usual, by_position }
         })
     }
 
@@ -110,6 +114,27 @@ impl Cut {
     fn cost(&self, leaf: DVec3, low: DVec3, high: DVec3) -> f64 {
         self.share * cost(leaf, self.leaves[0], low) + (1.0 - self.share) * cost(leaf, self.leaves[1], high)
     }
+}
+
+/// What leaves of points that are divided by position cost with so many time slices, relative to points at rest: points in the order of leaves.
+pub(in crate::point) fn cost_of_slices(points: &[Displaced], slices: usize) -> f64 {
+    let mut sum = DVec3::ZERO;
+    let mut at_rest = DVec3::ZERO;
+    for leaf in points.chunks_exact(LANES) {
+        let size = |phase: f64| {
+            let at = || leaf.iter().map(|point| point.at + phase * point.by);
+            let greatest = at().fold(DVec3::NEG_INFINITY, DVec3::max);
+            greatest - at().fold(DVec3::INFINITY, DVec3::min)
+        };
+        let end = 0.5 / slices as f64;
+        at_rest += size(0.0);
+        // Faces are linear, so their distance in the middle is that at the ends on average.
+        sum += 0.5 * (size(-end) + size(end));
+    }
+    // The ball and the leaf are of the same size.
+    let least = cost(at_rest, at_rest, DVec3::ZERO);
+    // Of points in one place, leaves have no size.
+    if least > 0.0 { cost(at_rest, sum, DVec3::ZERO) / least } else { 1.0 }
 }
 
 /// The number of leaves of a size that a ball meets, relative to the number of leaves that have a corner in it. The ball is as large as
@@ -246,6 +271,27 @@ mod tests {
             let turned = points(|at, i, _| way(i) + turn(at));
             assert_eq!(divided(&turned).map(|division| division.left), Some(division.left));
         }
+    }
+
+    #[test]
+    fn flows_cost_as_much_in_shorter_slices_until_leaves_of_all_of_them_are_small() {
+        // A cube of sixteen points for each leaf, whose side is 1/6 of that of all.
+        let in_leaves = |by: f64| {
+            let mut random = Random(5);
+            let point = |i: usize| {
+                let at = DVec3::new((i / 16 % 6) as f64, (i / 96 % 6) as f64, 0.0)
+                    + DVec3::from_array([0; 3].map(|_| random.unit_f64()));
+                Displaced { at: at / 6.0, by: DVec3::X * by * if i % 2 == 0 { 1.0 } else { -1.0 } }
+            };
+            (0..36 * LANES).map(point).collect::<Vec<_>>()
+        };
+        assert_eq!(cost_of_slices(&in_leaves(0.0), 1), 1.0);
+        let costs: Vec<f64> = [1, 2, 4, 32].map(|slices| cost_of_slices(&in_leaves(1.0), slices)).to_vec();
+        assert!(costs.windows(2).all(|two| two[1] < two[0]), "{costs:?}");
+        // Two boxes of a sixth are a whole apart at both ends.
+        assert!((3.0..5.0).contains(&costs[0]) && costs[3] < 1.15, "{costs:?}");
+        let division = divided(&points(|_, i, _| DVec3::X * if i % 2 == 0 { 1.0 } else { -1.0 })).expect("two flows");
+        assert!((1.3..1.5).contains(&division.least_cost), "{}", division.least_cost);
     }
 
     #[test]
