@@ -91,8 +91,8 @@ impl<R: References + ?Sized> Kernel for Fill<'_, '_, R> {
             rows.take(all, begin, count);
             rows.order(s, count, LANES, &mut spare);
             let (room, mut used_of) = (count.div_ceil(LANES), sizes_of_leaves(count));
-            for leaf in 0..room {
-                for lane in 0..used_of[leaf] {
+            for (leaf, &used) in used_of.iter().enumerate().take(room) {
+                for lane in 0..used {
                     // The accesses are practically random. Those of the next node are known before their order.
                     if let Some(&later) = all.index.get(begin + BELOW + leaf * LANES + lane) {
                         references.prefetch(later);
@@ -102,8 +102,8 @@ impl<R: References + ?Sized> Kernel for Fill<'_, '_, R> {
                 }
             }
             if let Some(leaf_size) = *without_fast {
-                for leaf in 0..room {
-                    by[leaf] = displacements(s, &leaves.ends(number * LANES + leaf), used_of[leaf]);
+                for (leaf, by) in by.iter_mut().enumerate().take(room) {
+                    *by = displacements(s, &leaves.ends(number * LANES + leaf), used_of[leaf]);
                 }
                 let among = Among { references: *references, slice, timed, leaf_size };
                 let kept = among.take(s, (&mut rows, count), &by, &mut spare, &mut fast);

@@ -281,7 +281,7 @@ mod tests {
             let point = |i: usize| {
                 let at = DVec3::new((i / 16 % 6) as f64, (i / 96 % 6) as f64, 0.0)
                     + DVec3::from_array([0; 3].map(|_| random.unit_f64()));
-                Displaced { at: at / 6.0, by: DVec3::X * by * if i % 2 == 0 { 1.0 } else { -1.0 } }
+                Displaced { at: at / 6.0, by: DVec3::X * by * if i.is_multiple_of(2) { 1.0 } else { -1.0 } }
             };
             (0..36 * LANES).map(point).collect::<Vec<_>>()
         };
@@ -290,7 +290,8 @@ mod tests {
         assert!(costs.windows(2).all(|two| two[1] < two[0]), "{costs:?}");
         // Two boxes of a sixth are a whole apart at both ends.
         assert!((3.0..5.0).contains(&costs[0]) && costs[3] < 1.15, "{costs:?}");
-        let division = divided(&points(|_, i, _| DVec3::X * if i % 2 == 0 { 1.0 } else { -1.0 })).expect("two flows");
+        let division =
+            divided(&points(|_, i, _| DVec3::X * if i.is_multiple_of(2) { 1.0 } else { -1.0 })).expect("two flows");
         assert!((1.3..1.5).contains(&division.least_cost), "{}", division.least_cost);
     }
 
