@@ -25,6 +25,7 @@
 //! If the range itself is rounded by more, no hit is certain ([`TreeRay::certain_end`]).
 
 use super::collect::Collect;
+use crate::geometry::ULP;
 use crate::layout::{block_sizes, inverse_extent};
 use crate::ray::kernel::shear::{Deviation, deviation};
 use crate::ray::kernel::tree_ray::TreeRay;
@@ -90,22 +91,19 @@ impl Candidates {
     ) -> Candidates {
         let (size, extent) = block_sizes(sizes);
         let [da, db, dc] = distances;
-        let away = magnitude(s, da);
-        // The margin below is twice `edge_margin`. Its products are expanded, so that only one of them waits for the squares. The square of
-        // the deviation is bounded for the whole block: no corner is farther away than the largest coordinate plus the origin, and the
-        // slack is 20u of the origin.
-        let most = s.mul_add_one(of.far, size, of.near + ray.slack);
-        let aside = s.mul_add_one(5.0, most, 3.75 * extent);
-        let per_square = 2.5 * inverse_extent(sizes);
-        let of_squares = s.mul_add(away, s.splat(per_square * of.far), s.splat(per_square * of.near));
-        let flat = s.mul_add_one(aside, of.near, 2.5 * f32::MIN_POSITIVE);
-        let flat = s.mul_add(away, s.splat(aside * of.far), s.splat(flat));
-        let deviation = s.mul_add(away, s.splat(2.5 * of.far), s.splat(2.5 * of.near));
+        // Two and a half times the deviation.
+        let deviation = s.mul_add(magnitude(s, da), s.splat(2.5 * of.far), s.splat(2.5 * of.near));
         // For any e > 0, the sum of six magnitudes is at most half of (6e + the sum of their squares divided by e). Three short sums
         // have a shorter dependency chain than one long sum.
         let ([xa, xb, xc], [ya, yb, yc]) = (edges.x, edges.y);
         let squares = s.mul_add(xb, xb, xa * xa) + s.mul_add(ya, ya, xc * xc) + s.mul_add(yc, yc, yb * yb);
-        let margin = s.mul_add(squares, of_squares, flat);
+        // Twice `edge_margin` is two and a half deviations times the sum of magnitudes and twice the deviation, which here is bounded for
+        // the whole block: no corner is farther away than the largest coordinate plus the origin, and the slack is 20u of the origin.
+        let most = s.mul_add_one(27.0 * ULP, size, s.mul_add_one(30.0 * ULP, extent, 1.2 * ray.slack));
+        let aside = s.mul_add_one(2.0, most, 1.5 * extent);
+        let aside = s.mul_add(squares, s.splat(inverse_extent(sizes)), s.splat(aside));
+        let tiny = s.splat(2.5 * f32::MIN_POSITIVE);
+        let margin = s.mul_add(deviation, aside, tiny);
         let differ = s.max(da, s.max(db, dc)) - s.min(da, s.min(db, dc)) + deviation;
         let [u, v, w] = [magnitude(s, edges.edges[0]), magnitude(s, edges.edges[1]), magnitude(s, edges.edges[2])];
         let weights = u + v + w;
@@ -136,7 +134,7 @@ impl Candidates {
         }
         if C::ANYWHERE {
             // Computed anew instead of as `-margin`, which would have to wait for `margin`.
-            let below = s.negated_mul_add(squares, of_squares, s.splat(0.0) - flat);
+            let below = s.negated_mul_add(deviation, aside, s.splat(-2.5 * f32::MIN_POSITIVE));
             let inside = s.lt(margin, edges.least) | s.lt(edges.greatest, below);
             candidates.certain =
                 left & inside & s.le(begin, least) & s.le(greatest, weights * s.splat(collect.certain(ray)));
