@@ -53,6 +53,6 @@ pub(crate) use refit_plan::Plan;
 pub use statistics::Statistics;
 pub use tree_box::TreeBox;
 pub(crate) use wide_node::{
-    CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS, VERTEX_ROWS, block_sizes, shared_count,
+    CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS, VERTEX_ROWS, block_sizes, inverse_extent, shared_count,
 };
 pub(crate) use wide_tree::WideTree;

@@ -121,6 +121,12 @@ pub(crate) fn block_sizes(word: u32) -> (f32, f32) {
     (f32::from_bits(word >> 24 << 23), f32::from_bits((word >> 16 & 255) << 23))
 }
 
+/// The reciprocal of the extent in a word, which is a power of two and at most 2^103.
+#[inline(always)]
+pub(crate) fn inverse_extent(word: u32) -> f32 {
+    f32::from_bits(254u32.saturating_sub(word >> 16 & 255) << 23)
+}
+
 /// A reference to a child: 25 bits of cache line, 4 bits of leaf length, 3 bits of kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ChildRef(pub u32);

@@ -10,15 +10,34 @@
 //! - The sheared coordinate is at most 2m and is rounded by 2um: 13um in all. [`DEVIATION_ULPS`] is one more, which covers roundings of
 //!   roundings.
 //!
+//! **Corners near the origin.** These roundings are of numbers that become small near the origin, so rays that begin on a surface have
+//! tighter bounds ([`Deviation`]). Let `o` be the largest coordinate of the origin, `r` that of a corner relative to it, and `s` that of the
+//! vertex at the keys around the ray's time.
+//!
+//! - The rounding of the origin puts a corner off by uo. The nearer key minus the origin is at most r + s and is rounded by u of that; the
+//!   motion from there is half of the difference of two keys at most, so us for the rounding of this difference and us for that of the
+//!   product; their sum is rounded by ur. Together this is u(o + 2r + 3s), and u(o + r) without motion.
+//! - The slope and its product add 3ur to the error of the depth, and the sheared coordinate is rounded by 2ur: u(2o + 9r + 6s) in all.
+//! - Moving the origin to the scene puts it off by at most a tenth of the slack that it adds, and the sheared coordinate by twice that. A
+//!   fifth of a ray's slack is more than that and 2uo together.
+//! - A ray that hits the triangle meets its plane between the corners: sheared coordinates are at most twice the triangle's extent, and
+//!   depths differ by at most the extent. So r is at most three times the extent plus the depth of the first corner, which is at most
+//!   twice its distance. (This also holds for a triangle that f32 shows to be hit, up to the error itself.)
+//!
+//! A corner's distance is off by half of this bound: u(o + 2r + 3s) for its depth, and 2ur for the reciprocal and the product. Roundings of
+//! roundings are covered since the code counts 4uo, 10ur and 7us.
+//!
 //! Fused products, here and below, have fewer roundings. No product overflows: in tree space vertices are within about 1 of zero, and
 //! origins that are not moved to the scene are within 2^32.
 //!
 //! **Edge functions.** An edge function is `c x b`. Let `B` and `C` be the sums of both coordinates of the two corners. The errors of the
 //! corners put it off by `deviation (B + C + 2 deviation)`. The roundings of its two products and of their difference put it off by 2u of
-//! the products. A coordinate is at most 2m, so that is less than `2/7 deviation B`. Together this is less than [`edge_margin`].
+//! the products. A coordinate is at most 2m, so that is less than `2/7 deviation B`; and near the origin, where it is at most 2r, less than
+//! `2/9 deviation (B + C)`, since the products are less than `2r B` as well as `2r C`. Together this is less than [`edge_margin`].
 
 use super::tree_ray::{Direction, TreeRay, is_in_range};
 use crate::geometry::{KERNEL_ULPS, ULP};
+use crate::simd::Simd;
 use glam::Vec3;
 
 /// The data of a ray for the triangle test: the shear that maps it to an axis.
@@ -136,6 +155,24 @@ const DEVIATION_ULPS: f32 = 14.0;
 #[inline(always)]
 pub(crate) fn deviation(size: f32, slack: f32) -> f32 {
     DEVIATION_ULPS * ULP * size + DEVIATION_ULPS / KERNEL_ULPS * slack
+}
+
+/// The error bound, per axis, of the corners of a triangle in f32 relative to a ray: `near`, plus `far` times the magnitude of the first
+/// corner's distance in tree space. For triangles near the origin it is far less than [`deviation`].
+#[derive(Clone, Copy)]
+pub(crate) struct Deviation {
+    pub near: f32,
+    pub far: f32,
+}
+
+impl Deviation {
+    /// For triangles of at most this extent along an axis, whose vertices have no coordinate larger than `moving` at the keys; 0 if they do
+    /// not move.
+    #[inline(always)]
+    pub fn of<S: Simd>(s: S, extent: f32, moving: f32, slack: f32) -> Deviation {
+        let near = s.mul_add_one(7.0 * ULP, moving, s.mul_add_one(30.0 * ULP, extent, 0.2 * slack));
+        Deviation { near, far: 20.0 * ULP }
+    }
 }
 
 /// How far an edge function in f32 may have the wrong sign for a triangle that is hit. `aside` is the sum of the sheared coordinates of

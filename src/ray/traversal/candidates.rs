@@ -11,22 +11,23 @@
 //! three edges.
 //!
 //! **Margin of the distance.** The distance of a hit is the mean of its corners' distances, weighted by the edge functions. So it lies
-//! between them.
+//! between them. Let `dev` be the [`Deviation`] of the corners, `u` an [`ULP`](crate::geometry::ULP) and `r` as there.
 //!
-//! - If the weights are off by the margin, the mean moves by the margin times the differences between the corners' distances and the
-//!   mean, divided by the sum of the weights. These differences add up to at most twice the sum of two: second corner to first, and
-//!   third corner to first.
-//! - Each corner's distance is at most `m` and is off by 6um: 4um of its depth, and the rounding of the reciprocal and of the product.
-//!   So each of the two differences is off by 14um, together 28um, which is 2 `deviation`. The code adds twice as much.
-//! - The mean is off by 6um as well, and by 3um for the rounding of its sums. The sum of the weights, its product with an end of the
-//!   ray's range and that end are off by 5 ULP of it, which matters only where the end is below 2m. Together this is less than 28um.
-//!   The code adds twice as much again.
+//! - If the weights are off by the margin, the mean moves by the margin times the sum of the differences between the corners' distances
+//!   and the mean, divided by the sum of the weights. That sum is at most twice the difference between the greatest distance and the
+//!   least. The code takes twice the margin instead.
+//! - A corner's distance is off by dev / 2. So the difference of two is off by dev, and its rounding by 2ur: less than 1.3 dev. The code
+//!   adds 2.5 dev.
+//! - The mean is off by dev / 2 as well, and by 5ur for the roundings of its sums and of the sum with its own margin. The sum of the
+//!   weights, its product with an end of the ray's range and that end are off by 5u of it, which matters only where the end is below
+//!   2r. Together this is less than 2.2 dev. The code adds 2.5 dev.
 //!
 //! If the range itself is rounded by more, no hit is certain ([`TreeRay::certain_end`]).
 
 use super::collect::Collect;
-use crate::layout::block_sizes;
-use crate::ray::kernel::shear::deviation;
+use crate::geometry::ULP;
+use crate::layout::{block_sizes, inverse_extent};
+use crate::ray::kernel::shear::{Deviation, deviation};
 use crate::ray::kernel::tree_ray::TreeRay;
 use crate::simd::{LANES, Lanes, Mask, Simd};
 
@@ -79,33 +80,36 @@ pub(in crate::ray) struct Candidates {
 
 impl Candidates {
     /// The second test: which of the given lanes may be hit within the ray's range and within the distance that still matters.
-    /// `distances` are those of the corners in tree space. If `FEW`, all lanes lie in the lower half.
+    /// `distances` are those of the corners in tree space, `of` is their deviation. If `FEW`, all lanes lie in the lower half.
     #[inline(always)]
     pub fn new<S: Simd, C: Collect, const FEW: bool>(
         s: S,
         edges: &Edges<S>,
         (lanes, distances, sizes): (Mask, [S::F; 3], u32),
-        ray: &TreeRay,
+        (ray, of): (&TreeRay, Deviation),
         collect: &C,
     ) -> Candidates {
         let (size, extent) = block_sizes(sizes);
-        let deviation = deviation_of(s, size, ray.slack);
+        let [da, db, dc] = distances;
+        // Two and a half times the deviation.
+        let deviation = s.mul_add(magnitude(s, da), s.splat(2.5 * of.far), s.splat(2.5 * of.near));
         // For any e > 0, the sum of six magnitudes is at most half of (6e + the sum of their squares divided by e). Three short sums
         // have a shorter dependency chain than one long sum.
         let ([xa, xb, xc], [ya, yb, yc]) = (edges.x, edges.y);
         let squares = s.mul_add(xb, xb, xa * xa) + s.mul_add(ya, ya, xc * xc) + s.mul_add(yc, yc, yb * yb);
-        let half = s.mul_add_one(0.5, extent, f32::MIN_POSITIVE);
-        // Twice `edge_margin`, and a quarter more.
-        let most = s.mul_add_one(3.125 * deviation, s.mul_add_one(3.0, half, 2.0 * deviation), 2.5 * f32::MIN_POSITIVE);
-        let (most, of_squares) = (s.splat(most), s.splat(1.5625 * deviation / half));
-        let margin = s.mul_add(squares, of_squares, most);
-        let [da, db, dc] = distances;
-        let differ = magnitude(s, da - db) + (magnitude(s, da - dc) + s.splat(4.0 * deviation));
+        // Twice `edge_margin` is two and a half deviations times the sum of magnitudes and twice the deviation, which here is bounded for
+        // the whole block: no corner is farther away than the largest coordinate plus the origin, and the slack is 20u of the origin.
+        let most = s.mul_add_one(27.0 * ULP, size, s.mul_add_one(30.0 * ULP, extent, 1.2 * ray.slack));
+        let aside = s.mul_add_one(2.0, most, 1.5 * extent);
+        let aside = s.mul_add(squares, s.splat(inverse_extent(sizes)), s.splat(aside));
+        let tiny = s.splat(2.5 * f32::MIN_POSITIVE);
+        let margin = s.mul_add(deviation, aside, tiny);
+        let differ = s.max(da, s.max(db, dc)) - s.min(da, s.min(db, dc)) + deviation;
         let [u, v, w] = [magnitude(s, edges.edges[0]), magnitude(s, edges.edges[1]), magnitude(s, edges.edges[2])];
         let weights = u + v + w;
         // The distance times the sum of the weights, and a bound of its error.
         let distance = s.mul_add(w, dc, s.mul_add(v, db, u * da));
-        let off = s.mul_add(margin, differ, s.mul_add(weights, s.splat(4.0 * deviation), s.splat(f32::MIN_POSITIVE)));
+        let off = s.mul_add(margin, differ, s.mul_add(weights, deviation, s.splat(f32::MIN_POSITIVE)));
         let (least, greatest) = (distance - off, distance + off);
         let begin = weights * s.splat(ray.begin);
         // A comparison with NaN is false, so such a triangle is kept.
@@ -130,7 +134,7 @@ impl Candidates {
         }
         if C::ANYWHERE {
             // Computed anew instead of as `-margin`, which would have to wait for `margin`.
-            let below = s.negated_mul_add(squares, of_squares, s.splat(0.0) - most);
+            let below = s.negated_mul_add(deviation, aside, s.splat(-2.5 * f32::MIN_POSITIVE));
             let inside = s.lt(margin, edges.least) | s.lt(edges.greatest, below);
             candidates.certain =
                 left & inside & s.le(begin, least) & s.le(greatest, weights * s.splat(collect.certain(ray)));
@@ -197,32 +201,70 @@ mod tests {
 
     const ALL: Mask = Mask::MAX;
 
-    /// The contents of a leaf block: triangles, and the word with their sizes.
+    /// The contents of a leaf block: triangles at the key nearest to a time and at the next one, and the word with their sizes.
     struct Block {
-        triangles: Lanes<[Vec3; 3]>,
+        near: Lanes<[Vec3; 3]>,
+        far: Lanes<[Vec3; 3]>,
+        /// From the nearest key to the next, at most 1/2; 0 without motion.
+        fraction: f32,
         sizes: u32,
     }
 
     impl Block {
-        fn new(triangles: Lanes<[Vec3; 3]>) -> Block {
-            let largest =
-                |of: fn(&[Vec3; 3]) -> Vec3| triangles.iter().map(|t| of(t).max_element()).fold(0.0, f32::max);
+        fn new(near: Lanes<[Vec3; 3]>, far: Lanes<[Vec3; 3]>, fraction: f32) -> Block {
+            let both = || near.iter().chain(&far);
+            let largest = |of: fn(&[Vec3; 3]) -> Vec3| both().map(|t| of(t).max_element()).fold(0.0, f32::max);
             let size = largest(|[a, b, c]| a.abs().max(b.abs()).max(c.abs()));
             let extent = largest(|[a, b, c]| a.max(*b).max(*c) - a.min(*b).min(*c));
             let exponent = |x: f32| (x.to_bits() >> 23) + 1;
-            Block { triangles, sizes: exponent(size) << 24 | exponent(extent) << 16 }
+            Block { near, far, fraction, sizes: exponent(size) << 24 | exponent(extent) << 16 }
+        }
+
+        /// Triangles of a size around a place; if they move, that far, together but for their size.
+        fn random(random: &mut Random, place: Vec3, size: f32, far: f32) -> Block {
+            let fraction = if far > 0.0 { 0.5 * random.unit() } else { 0.0 };
+            let motion = random.vec() * far;
+            let jitter = if far > 0.0 { size } else { 0.0 };
+            let mut near = [[Vec3::ZERO; 3]; LANES];
+            let mut next = near;
+            for (a, b) in near.as_flattened_mut().iter_mut().zip(next.as_flattened_mut()) {
+                let moved = motion + random.vec() * jitter;
+                *a = place + random.vec() * size - moved * fraction;
+                *b = *a + moved;
+            }
+            Block::new(near, next, fraction)
+        }
+
+        /// The corners of a triangle in f64.
+        fn corners(&self, i: usize) -> [DVec3; 3] {
+            core::array::from_fn(|c| {
+                let (a, b) = (self.near[i][c].as_dvec3(), self.far[i][c].as_dvec3());
+                a + (b - a) * f64::from(self.fraction)
+            })
         }
 
         /// The lanes that are hit.
         fn hit(&self, ray: &TreeRay, sheared: &Sheared) -> Mask {
-            let hit = |t: &[Vec3; 3]| ray.decide_one(sheared, t.map(Vec3::as_dvec3), ray.t_max()).is_some();
-            (0..LANES).filter(|&i| hit(&self.triangles[i])).fold(0, |mask, i| mask | 1 << i)
+            let hit = |i: usize| ray.decide_one(sheared, self.corners(i), ray.t_max()).is_some();
+            (0..LANES).filter(|&i| hit(i)).fold(0, |mask, i| mask | 1 << i)
+        }
+
+        /// The deviation of the corners.
+        fn deviation(&self, slack: f32) -> Deviation {
+            let (size, extent) = block_sizes(self.sizes);
+            Deviation::of(Portable, extent, if self.fraction > 0.0 { size } else { 0.0 }, slack)
         }
 
         /// The lanes that pass the first test, those that pass the second test (closest and any hit), and those that are certain.
-        fn tests(&self, ray: &TreeRay, sheared: &Sheared, sizes: u32) -> [Mask; 4] {
+        fn tests(&self, ray: &TreeRay, sheared: &Sheared, sizes: u32, deviation: Deviation) -> [Mask; 4] {
             let s = Portable;
-            let corners = self.triangles.map(|t| t.map(|p| sheared.corner(p, ray.origin)));
+            let [x, y, z, _] = ray.origin;
+            let corners: Lanes<[[f32; 3]; 3]> = core::array::from_fn(|i| {
+                core::array::from_fn(|c| {
+                    let (a, b) = (self.near[i][c], self.far[i][c]);
+                    sheared.corner((b - a) * self.fraction + (a - Vec3::new(x, y, z)), [0.0; 4])
+                })
+            });
             let row = |corner: usize, axis: usize| s.load(&corners.map(|c| c[corner][axis]));
             let rows = |axis: usize| [row(0, axis), row(1, axis), row(2, axis)];
             let edges = Edges::new(s, rows(0), rows(1));
@@ -230,35 +272,31 @@ mod tests {
             let of = (ALL, rows(2).map(|depth| depth * s.splat(sheared.inverse)), sizes);
             let closest = Closest::new(ray);
             let any = Any::new(ray, true);
-            let closest = Candidates::new::<_, _, false>(s, &edges, of, ray, &closest);
-            let any = Candidates::new::<_, _, false>(s, &edges, of, ray, &any);
+            let closest = Candidates::new::<_, _, false>(s, &edges, of, (ray, deviation), &closest);
+            let any = Candidates::new::<_, _, false>(s, &edges, of, (ray, deviation), &any);
             assert_eq!(closest.certain, 0);
             [first, closest.lanes, any.lanes, any.certain]
         }
     }
 
-    /// Triangles of many sizes, rays to their corners and edges, and ranges that end at hits or one float beside them.
+    /// Triangles of many sizes, at rest and in motion, rays from near and from far to their corners and edges, and ranges that end at
+    /// hits or one float beside them.
     #[test]
     fn no_hit_is_ruled_out_and_no_miss_is_certain_and_both_would_be_without_margins() {
         let mut random = Random(15);
         let (mut hits, mut certain, mut lost, mut lost_by_range, mut wrong) = (0, 0, 0, 0, 0);
-        for i in 0..30_000 {
+        for i in 0..60_000 {
             let size = 10f32.powi(-(i % 7));
-            let mut point = |scale: f32| random.vec() * scale;
-            let place = point(1.0);
-            let block =
-                Block::new(core::array::from_fn(|_| [place + point(size), place + point(size), place + point(size)]));
-            let origin = if i % 2 == 0 { point(3.0) } else { place + point(3.0 * size) };
-            let [a, b, _] = block.triangles[i as usize % LANES];
+            let place = random.vec();
+            let block = Block::random(&mut random, place, size, if i % 4 < 2 { 0.0 } else { 1.0 });
+            let origin = if i % 2 == 0 { random.vec() * 3.0 } else { place + random.vec() * 3.0 * size };
+            let [a, b, _] = block.corners(i as usize % LANES).map(|p| p.as_vec3());
             let target = if i % 3 == 0 { a } else { a.lerp(b, random.unit()) };
             let whole = Ray::new(origin, target - origin);
             let Some(ray) = TreeRay::new(&whole, &Frame::WORLD) else { continue };
             let sheared = Sheared::new(&ray);
-            let Some(hit) =
-                block.triangles.iter().find_map(|t| ray.decide_one(&sheared, t.map(Vec3::as_dvec3), f32::INFINITY))
-            else {
-                continue;
-            };
+            let decide = |i: usize| ray.decide_one(&sheared, block.corners(i), f32::INFINITY);
+            let Some(hit) = (0..LANES).find_map(decide) else { continue };
             for (begin, end) in [
                 (0.0, f32::INFINITY),
                 (hit.t, f32::INFINITY),
@@ -269,7 +307,8 @@ mod tests {
                 let part = whole.between(begin, end);
                 let Some(mut ray) = TreeRay::new(&part, &Frame::WORLD) else { continue };
                 let hit = block.hit(&ray, &sheared);
-                let [first, closest, any, sure] = block.tests(&ray, &sheared, block.sizes);
+                let deviation = block.deviation(ray.slack);
+                let [first, closest, any, sure] = block.tests(&ray, &sheared, block.sizes, deviation);
                 assert_eq!(hit & !first, 0, "{part:?}");
                 assert_eq!(hit & !closest, 0, "{part:?}");
                 assert_eq!(hit & !any, 0, "{part:?}");
@@ -278,33 +317,41 @@ mod tests {
                 certain += sure.count_ones();
                 // The margins for rounding removed.
                 ray.slack = 0.0;
-                let [first, closest, _, sure] = block.tests(&ray, &sheared, block.sizes & 0xff_ffff);
+                let none = Deviation { near: 0.0, far: 0.0 };
+                let [first, closest, _, sure] = block.tests(&ray, &sheared, block.sizes & 0xff_ffff, none);
                 lost += (hit & !first).count_ones();
                 lost_by_range += (hit & first & !closest).count_ones();
                 wrong += (sure & !hit).count_ones();
             }
         }
-        assert!(hits > 100_000 && certain > hits / 4, "{certain} of {hits}");
-        assert!(lost > 1000 && lost_by_range > 1000 && wrong > 1000, "{lost} {lost_by_range} {wrong}");
+        assert!(hits > 200_000 && certain > hits / 4, "{certain} of {hits}");
+        assert!(lost > 2000 && lost_by_range > 2000 && wrong > 2000, "{lost} {lost_by_range} {wrong}");
     }
 
     #[test]
     fn the_nearest_comes_first_and_what_is_beyond_it_never() {
         let wall =
             |depth: f32| [Vec3::new(-1.0, -1.0, depth), Vec3::new(3.0, -1.0, depth), Vec3::new(-1.0, 3.0, depth)];
-        let block = Block::new(core::array::from_fn(|i| wall((i * 7 % LANES) as f32 / LANES as f32 - 0.25)));
+        let walls = core::array::from_fn(|i| wall((i * 7 % LANES) as f32 / LANES as f32 - 0.25));
+        let block = Block::new(walls, walls, 0.0);
         let part = Ray::new(DVec3::ZERO, Vec3::Z).between(0.01, f32::INFINITY);
         let ray = TreeRay::new(&part, &Frame::WORLD).unwrap();
         let sheared = Sheared::new(&ray);
         let s = Portable;
-        let corners = block.triangles.map(|t| t.map(|p| sheared.corner(p, ray.origin)));
+        let corners = block.near.map(|t| t.map(|p| sheared.corner(p, ray.origin)));
         let row = |corner: usize, axis: usize| s.load(&corners.map(|c| c[corner][axis]));
         let rows = |axis: usize| [row(0, axis), row(1, axis), row(2, axis)];
         assert_eq!(sheared.inverse, 1.0);
         let edges = Edges::new(s, rows(0), rows(1));
         let mut collect = Closest::new(&ray);
-        let mut candidates = Candidates::new::<_, _, false>(s, &edges, (ALL, rows(2), block.sizes), &ray, &collect);
-        let depth = |lane: usize| block.triangles[lane][0].z;
+        let mut candidates = Candidates::new::<_, _, false>(
+            s,
+            &edges,
+            (ALL, rows(2), block.sizes),
+            (&ray, block.deviation(ray.slack)),
+            &collect,
+        );
+        let depth = |lane: usize| block.near[lane][0].z;
         assert_eq!(candidates.lanes.count_ones(), 11, "triangles behind the begin of the range are no candidates");
         assert_eq!(candidates.next(&collect).map(depth), Some(0.0625));
         assert_eq!(candidates.next(&collect).map(depth), Some(0.125));

@@ -8,9 +8,9 @@ use super::candidates::{Candidates, Edges};
 use super::collect::{Collect, Found};
 use super::intersect::RaySource;
 use super::traverser::Traverser;
-use crate::layout::{Between, CORNER_ROWS, ChildRef, KeyedLeaf, VERTEX_ROWS, shared_count};
+use crate::layout::{Between, CORNER_ROWS, ChildRef, KeyedLeaf, VERTEX_ROWS, block_sizes, shared_count};
 use crate::ray::filter::Filter;
-use crate::ray::kernel::shear::Sheared;
+use crate::ray::kernel::shear::{Deviation, Sheared};
 use crate::ray::kernel::tree_ray::TreeRay;
 use crate::ray::observer::Observer;
 use crate::simd::{LANES, Mask, Rows, Simd, lanes_at};
@@ -68,7 +68,9 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         }
         let scale = s.splat(of.inverse);
         let distances = [za * scale, zb * scale, zc * scale];
-        let mut candidates = Candidates::new::<S, _, FEW>(s, &edges, (lanes, distances, sizes), ray, collect);
+        let deviation = deviation::<S, MOVING>(s, sizes, ray);
+        let mut candidates =
+            Candidates::new::<S, _, FEW>(s, &edges, (lanes, distances, sizes), (ray, deviation), collect);
         if self.is_certainly_hit(&mut candidates, ids, ray, collect) {
             return true;
         }
@@ -140,7 +142,9 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         }
         let distance = z * s.splat(of.inverse);
         let distances = [s.permute(distance, first), s.permute(distance, second), s.permute(distance, third)];
-        let mut candidates = Candidates::new::<S, _, FEW>(s, &edges, (lanes, distances, words[0]), ray, collect);
+        let deviation = deviation::<S, MOVING>(s, words[0], ray);
+        let mut candidates =
+            Candidates::new::<S, _, FEW>(s, &edges, (lanes, distances, words[0]), (ray, deviation), collect);
         if self.is_certainly_hit(&mut candidates, at + n, ray, collect) {
             return true;
         }
@@ -223,6 +227,13 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
     fn sees(&self, id: u32, ray: &TreeRay) -> bool {
         (self.set.always_active() || self.set.active(id).contains(ray.time())) && self.filter.sees(|| self.set.mask(id))
     }
+}
+
+/// The deviation of the corners of a block with these sizes.
+#[inline(always)]
+fn deviation<S: Simd, const MOVING: bool>(s: S, sizes: u32, ray: &TreeRay) -> Deviation {
+    let (size, extent) = block_sizes(sizes);
+    Deviation::of(s, extent, if MOVING { size } else { 0.0 }, ray.slack)
 }
 
 /// The first `n` lanes. If `FEW`, they are in the lower half; the mask tells the compiler so, and it drops the computations of the upper
