@@ -2,9 +2,9 @@
 //!
 //! Object splits visit every reference once per level. If only the first levels are wanted, one pass over the primitives is
 //! enough: each is put into the cell of a grid that holds its centre, and object splits then partition the cells. No reference is
-//! stored: a primitive leaves its bounds in its cell, and the number of the cell. A single cell with too many primitives gets a grid of its
-//! own. If it has more than half of all, as where a scene is concentrated in a small region, it is split as usual: then grid after grid
-//! might separate little.
+//! stored: a primitive leaves its bounds in its cell, and the number of the cell. A single cell with too many primitives is split as
+//! usual, or by a grid of its own if it has very many, but not more than half of all, as where a scene is concentrated in a small region: then
+//! grid after grid might separate little.
 //!
 //! Where the tree ends is decided from the leaves up: a subtree is one leaf unless its parts are expected to cost less, since they are
 //! needed less often. Rays of a picture are close together, so whether any of them enters a box depends on its size: the chance grows
@@ -16,7 +16,7 @@ use super::visits::mean_half_area;
 use crate::geometry::LaneBounds;
 use crate::parallel;
 use crate::simd::{Kernel, Lanes, Simd, SimdLevel, dispatch, huge_vec};
-use crate::tuning::lazy::{CELLS, LEAF_COST, PLACED};
+use crate::tuning::lazy::{CELLS, CROWDED, PLACED, SUBTREE_COST};
 use core::ops::Range;
 use glam::Vec4;
 
@@ -205,7 +205,7 @@ fn parts(tree: &[BinaryNode], counts: &[u32], most: usize) -> Vec<Part> {
     for (x, node) in tree.iter().enumerate().rev() {
         let below = (node.right > 0).then(|| [parts[x + 1], parts[x + node.right as usize]]);
         let count = below.map_or_else(|| counts[node.first as usize], |[l, r]| l.count + r.count);
-        let cost = mean_half_area(&node.bounds).sqrt() * (count as f32 + LEAF_COST);
+        let cost = mean_half_area(&node.bounds).sqrt() * (count as f32 + SUBTREE_COST);
         let whole = Part { count, whole: true, cost };
         parts[x] = match below.map(|[l, r]| l.cost + r.cost) {
             Some(divided) if count as usize > most || divided < cost => Part { whole: false, cost: divided, ..whole },
@@ -248,7 +248,7 @@ impl CoarseBuilder<'_> {
     fn crowded_cell(&mut self, first: u32, count: u32) {
         let all = self.ids.len();
         let ids = &mut self.ids[first as usize..][..count as usize];
-        if ids.len() <= all / 2 {
+        if ids.len() > CROWDED * self.most && ids.len() <= all / 2 {
             let (bounds, given) = (self.bounds, ids.to_vec());
             let of = |places: &[u32], out: &mut [LaneBounds]| {
                 let ids: Vec<u32> = places.iter().map(|&at| given[at as usize]).collect();
