@@ -1,16 +1,22 @@
-//! The top levels of a binary tree, by a grid.
+//! The top levels of a binary tree, by grids.
 //!
 //! Object splits visit every reference once per level. If only the first levels are wanted, one pass over the primitives is
 //! enough: each is put into the cell of a grid that holds its centre, and object splits then partition the cells. No reference is
 //! stored: a primitive leaves its bounds in its cell, and the number of the cell. A single cell with too many primitives is split as
-//! usual, so scenes that are concentrated in a small region cost no more than a full build.
+//! usual, or by a grid of its own if it has very many, but not more than half of all, as where a scene is concentrated in a small region: then
+//! grid after grid might separate little.
+//!
+//! Where the tree ends is decided from the leaves up: a subtree is one leaf unless its parts are expected to cost less, since they are
+//! needed less often. Rays of a picture are close together, so whether any of them enters a box depends on its size: the chance grows
+//! with the root of the area, not with the area.
 
 use super::builder::{BinaryNode, BinaryTree, build_binary};
 use super::reference::Reference;
+use super::visits::mean_half_area;
 use crate::geometry::LaneBounds;
 use crate::parallel;
 use crate::simd::{Kernel, Lanes, Simd, SimdLevel, dispatch, huge_vec};
-use crate::tuning::lazy::{CELLS, PLACED};
+use crate::tuning::lazy::{CELLS, CROWDED, PLACED, SUBTREE_COST};
 use core::ops::Range;
 use glam::Vec4;
 
@@ -20,12 +26,12 @@ const BIN_CHUNK: usize = 1 << 16;
 /// Primitives whose bounds are found before they are binned: they stay in a near cache.
 const BLOCK: usize = 256;
 
+/// Writes the bounds of some primitives, in ascending order. Called through `dyn`, since a grid within a cell asks for those of others.
+pub(crate) type BoundsOf<'a> = dyn Fn(&[u32], &mut [LaneBounds]) + Sync + 'a;
+
 /// A binary tree over `0..n` whose leaves have at most `most` primitives, and the ids of these in the order of the tree; those of a
 /// leaf are a few ascending runs. `bounds` writes those of some primitives in ascending order.
-pub(crate) fn coarse_tree<B>(n: usize, bounds: &B, most: usize) -> (BinaryTree, Vec<u32>)
-where
-    B: Fn(&[u32], &mut [LaneBounds]) + Sync,
-{
+pub(crate) fn coarse_tree(n: usize, bounds: &BoundsOf<'_>, most: usize) -> (BinaryTree, Vec<u32>) {
     if n == 0 {
         return (BinaryTree::new(), Vec::new());
     }
@@ -55,8 +61,9 @@ where
         ids[*place as usize] = id;
         *place += 1;
     }
-    let counts = cells.iter().map(|cell| counts[cell.id() as usize]).collect();
-    let mut builder = CoarseBuilder { bounds, tree: &tree, counts, most, binary: BinaryTree::new(), ids };
+    let counts: Vec<u32> = cells.iter().map(|cell| counts[cell.id() as usize]).collect();
+    let parts = parts(&tree, &counts, most);
+    let mut builder = CoarseBuilder { bounds, tree: &tree, parts: &parts, most, binary: BinaryTree::new(), ids };
     builder.node(0, 0);
     (builder.binary, builder.ids)
 }
@@ -84,7 +91,7 @@ const ROUND: f32 = 8_388_608.0;
 
 impl Grid {
     /// A grid around the centres of most primitives, as fine as leaves of at most `most` need.
-    fn around<B: Fn(&[u32], &mut [LaneBounds])>(n: usize, bounds: &B, most: usize) -> Grid {
+    fn around(n: usize, bounds: &BoundsOf<'_>, most: usize) -> Grid {
         let (mut min, mut max) = (Vec4::INFINITY, Vec4::NEG_INFINITY);
         let few: Vec<u32> = (0..n as u32).step_by(n / PLACED + 1).collect();
         let mut boxes = vec![LaneBounds::EMPTY; few.len()];
@@ -118,7 +125,7 @@ impl Grid {
     }
 
     /// Bins some primitives into the cells.
-    fn binned<B: Fn(&[u32], &mut [LaneBounds])>(&self, of: &B, ids: Range<usize>) -> Binned {
+    fn binned(&self, of: &BoundsOf<'_>, ids: Range<usize>) -> Binned {
         let mut bounds = huge_vec(self.cells());
         bounds.resize(self.cells(), LaneBounds::EMPTY);
         let mut binned = Binned { keys: Vec::with_capacity(ids.len()), counts: vec![0; self.cells()], bounds };
@@ -181,30 +188,55 @@ impl Kernel for Refer<'_> {
     }
 }
 
-/// Turns the tree over cells into the tree of primitives: subtrees with few enough become leaves.
-struct CoarseBuilder<'a, B> {
-    bounds: &'a B,
+/// A part of the tree over cells.
+#[derive(Clone, Copy)]
+struct Part {
+    /// The number of primitives in its cells.
+    count: u32,
+    /// Whether it is better one leaf, or a single cell.
+    whole: bool,
+    /// The expected cost, in primitives times the size of the boxes that they are needed with.
+    cost: f32,
+}
+
+/// For each node of the tree over cells, whether it becomes a leaf. `counts` has the number of primitives in each cell.
+fn parts(tree: &[BinaryNode], counts: &[u32], most: usize) -> Vec<Part> {
+    let mut parts = vec![Part { count: 0, whole: true, cost: 0.0 }; tree.len()];
+    for (x, node) in tree.iter().enumerate().rev() {
+        let below = (node.right > 0).then(|| [parts[x + 1], parts[x + node.right as usize]]);
+        let count = below.map_or_else(|| counts[node.first as usize], |[l, r]| l.count + r.count);
+        let cost = mean_half_area(&node.bounds).sqrt() * (count as f32 + SUBTREE_COST);
+        let whole = Part { count, whole: true, cost };
+        parts[x] = match below.map(|[l, r]| l.cost + r.cost) {
+            Some(divided) if count as usize > most || divided < cost => Part { whole: false, cost: divided, ..whole },
+            _ => whole,
+        };
+    }
+    parts
+}
+
+/// Turns the tree over cells into the tree of primitives.
+struct CoarseBuilder<'a> {
+    bounds: &'a BoundsOf<'a>,
     tree: &'a [BinaryNode],
-    /// The number of primitives in each cell, in the order of the tree.
-    counts: Vec<u32>,
+    parts: &'a [Part],
     most: usize,
     binary: BinaryTree,
     /// All ids, those of each cell together.
     ids: Vec<u32>,
 }
 
-impl<B: Fn(&[u32], &mut [LaneBounds])> CoarseBuilder<'_, B> {
+impl CoarseBuilder<'_> {
     /// Appends a node of the tree over cells, and its subtree, whose primitives begin at index `first`. Returns where they end.
     fn node(&mut self, x: usize, first: u32) -> u32 {
-        let node = self.tree[x];
-        let count: u32 = self.counts[node.first as usize..][..node.count as usize].iter().sum();
-        if count as usize > self.most && node.right == 0 {
+        let (node, Part { count, whole, .. }) = (self.tree[x], self.parts[x]);
+        if whole && count as usize > self.most {
             self.crowded_cell(first, count);
             return first + count;
         }
         let at = self.binary.len();
         self.binary.push(BinaryNode { first, count, right: 0, ..node });
-        if count as usize > self.most {
+        if !whole {
             let middle = self.node(x + 1, first);
             self.binary[at].right = (self.binary.len() - at) as u32;
             self.node(x + node.right as usize, middle);
@@ -214,7 +246,19 @@ impl<B: Fn(&[u32], &mut [LaneBounds])> CoarseBuilder<'_, B> {
 
     /// Appends a subtree over the primitives of one cell.
     fn crowded_cell(&mut self, first: u32, count: u32) {
+        let all = self.ids.len();
         let ids = &mut self.ids[first as usize..][..count as usize];
+        if ids.len() > CROWDED * self.most && ids.len() <= all / 2 {
+            let (bounds, given) = (self.bounds, ids.to_vec());
+            let of = |places: &[u32], out: &mut [LaneBounds]| {
+                let ids: Vec<u32> = places.iter().map(|&at| given[at as usize]).collect();
+                bounds(&ids, out);
+            };
+            let (below, order) = coarse_tree(given.len(), &of, self.most);
+            self.binary.extend(below.iter().map(|node| BinaryNode { first: first + node.first, ..*node }));
+            ids.iter_mut().zip(order).for_each(|(id, at)| *id = given[at as usize]);
+            return;
+        }
         let mut references = Vec::with_capacity(ids.len());
         let mut block = [LaneBounds::EMPTY; BLOCK];
         for ids in ids.chunks(BLOCK) {
@@ -258,13 +302,17 @@ mod tests {
     #[test]
     fn every_reference_is_in_one_leaf_and_all_boxes_hold_their_subtrees() {
         let mut random = Random(5);
-        // Spread over a box, all but a few in a corner of it, in a plane, at one point.
-        for spread in [Vec3::ONE, Vec3::splat(1e-4), Vec3::new(1.0, 0.0, 1.0), Vec3::ZERO] {
+        // Spread over a box, a third of them close together, all but a few in a corner of it, in a plane, at one point.
+        let plane = Vec3::new(1.0, 0.0, 1.0);
+        for (spread, third) in
+            [(Vec3::ONE, 1.0), (Vec3::ONE, 1e-3), (Vec3::splat(1e-4), 1.0), (plane, 1.0), (Vec3::ZERO, 1.0)]
+        {
             for (n, most) in [(1, 1), (40, 1), (3000, 7), (150_000, 100), (5000, 5000)] {
                 let references: Vec<Reference> = (0..n)
                     .map(|id| {
                         let far = if id % 999 == 0 && spread != Vec3::ZERO { 1.0 } else { 0.0 };
-                        let p = Vec3::new(random.unit(), random.unit(), random.unit()) * spread + far;
+                        let size = if id % 3 == 1 { third } else { 1.0 };
+                        let p = Vec3::new(random.unit(), random.unit(), random.unit()) * spread * size + far;
                         let of = |p: Vec3| Box3 { min: p, max: p + 0.01 * spread };
                         let end = if id % 3 == 0 { p + 0.1 * spread } else { p };
                         Reference::new(LinearBox3 { begin: of(p), end: of(end) }, id)
@@ -283,5 +331,26 @@ mod tests {
                 assert!(ids.into_iter().eq(0..n));
             }
         }
+    }
+
+    #[test]
+    fn primitives_far_apart_are_in_different_leaves() {
+        let leaves = |distance: f32| {
+            let mut random = Random(6);
+            let references: Vec<LinearBox3> = (0..600)
+                .map(|id| {
+                    let offset = Vec3::X * distance * (id % 2) as f32;
+                    let p = Vec3::new(random.unit(), random.unit(), random.unit()) + offset;
+                    let b = Box3 { min: p, max: p + 0.01 };
+                    LinearBox3 { begin: b, end: b }
+                })
+                .collect();
+            let bounds = |ids: &[u32], out: &mut [LaneBounds]| {
+                ids.iter().zip(out).for_each(|(&id, to)| *to = LaneBounds::of(&references[id as usize]));
+            };
+            coarse_tree(600, &bounds, 2048).0.iter().filter(|node| node.right == 0).count()
+        };
+        assert_eq!([0.0, 1.0].map(leaves), [1, 1]);
+        assert!(leaves(20.0) > 1);
     }
 }

@@ -226,4 +226,9 @@ impl Collect for All<'_> {
         }
         self.flow.is_break()
     }
+
+    #[inline(always)]
+    fn is_final(&self) -> bool {
+        self.flow.is_break()
+    }
 }

@@ -1,111 +1,62 @@
-//! Ray queries in a lazy tree: the coarse tree leads to subtrees, which are built when a ray first reaches them and
-//! queried as trees of their own.
+//! Ray queries in a lazy tree: the coarse tree leads to subtrees, which are built when a ray first reaches them.
 //!
-//! A subtree is queried by the same code as a tree that was built whole. All trees share one tree space, so each hit
-//! has the same bits as there. Ending the ray at the best hit so far changes no nearer hit, and of several at the same
-//! `t` the lowest (mesh, primitive) wins here as it does there. Each primitive is in one subtree only.
+//! All trees share one tree space. So the ray is prepared once, and its hits are collected across subtrees as they are across the leaves
+//! of a whole tree: each has the same bits as there, and of several at the same `t` the same one wins.
 
+use super::collect::Collect;
 use super::intersect::RaySource;
-use super::query::{AllHits, Asked, ClosestHit, OfWide, Query, QueryArgs};
+use super::query::{Asked, Query, QueryArgs};
+use super::ray_layout::RayLayout;
 use super::ray_traversal::{LeafVisitor, RayTraversal};
+use super::wide_traversal::Wide;
 use crate::geometry::Ray;
 use crate::layout::{ChildRef, LazyTree, WideTree};
 use crate::ray::filter::Filter;
-use crate::ray::hit::Hit;
 use crate::ray::kernel::tree_ray::TreeRay;
 use crate::ray::observer::Observer;
-use crate::simd::{Simd, SimdLevel, dispatch};
+use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
+use crate::traverse::StackOf;
 use core::ops::ControlFlow;
 
-/// A query that can be answered from one subtree after the other.
-pub(in crate::ray) trait LazyQuery: Query {
-    /// Answers the query from all subtrees that the ray reaches.
-    fn answer_lazily<G: RaySource, F: Filter, O: Observer>(
-        self,
-        args: QueryArgs<'_, G, F, O>,
-        tree: &LazyTree,
-        simd: SimdLevel,
-    ) -> Self::Answer;
-}
-
-impl LazyQuery for ClosestHit {
-    #[inline(never)]
-    fn answer_lazily<G: RaySource, F: Filter, O: Observer>(
-        self,
-        args: QueryArgs<'_, G, F, O>,
-        tree: &LazyTree,
-        simd: SimdLevel,
-    ) -> Option<Hit> {
-        let mut best: Option<Hit> = None;
-        let answer = |tree: &WideTree, args: QueryArgs<'_, G, F, O>| {
-            let end = args.ray.t_max;
-            let order = |hit: &Hit| (hit.t, hit.mesh, hit.primitive);
-            let asked = Asked(ClosestHit, args);
-            if let Some(hit) = dispatch(simd, OfWide { tree, outline: None, asked })
-                && best.is_none_or(|best| order(&hit) < order(&best))
-            {
-                best = Some(hit);
-            }
-            ControlFlow::Continue(best.map_or(end, |best| best.t))
-        };
-        traverse_subtrees::<true, _, _, _, _>(tree, simd, args, answer);
-        best
-    }
-}
-
-impl LazyQuery for AllHits<'_> {
-    #[inline(never)]
-    fn answer_lazily<G: RaySource, F: Filter, O: Observer>(
-        self,
-        args: QueryArgs<'_, G, F, O>,
-        tree: &LazyTree,
-        simd: SimdLevel,
-    ) -> ControlFlow<()> {
-        let mut flow = ControlFlow::Continue(());
-        let answer = |tree: &WideTree, args: QueryArgs<'_, G, F, O>| {
-            let end = args.ray.t_max;
-            let asked = Asked(AllHits(&mut *self.0), args);
-            flow = dispatch(simd, OfWide { tree, outline: None, asked });
-            flow?;
-            ControlFlow::Continue(end)
-        };
-        traverse_subtrees::<false, _, _, _, _>(tree, simd, args, answer);
-        flow
-    }
-}
-
-/// Visits the subtrees that a ray reaches, until `answer` breaks.
-fn traverse_subtrees<const ORDERED: bool, G, F, O, A>(
+/// Answers a query from all subtrees that the ray reaches.
+#[inline(never)]
+pub(in crate::ray) fn answer_lazily<G: RaySource, F: Filter, O: Observer, Q: Query>(
+    asked: Asked<'_, G, F, O, Q>,
     tree: &LazyTree,
     simd: SimdLevel,
-    args: QueryArgs<'_, G, F, O>,
-    answer: A,
-) where
-    G: RaySource,
-    O: Observer,
-    A: FnMut(&WideTree, QueryArgs<'_, G, F, O>) -> ControlFlow<(), f32>,
-{
-    let ray = args.ray;
+) -> Q::Answer {
+    let Asked(query, QueryArgs { set, ray, filter, observer }) = asked;
     if tree.top.root == ChildRef::NOTHING {
-        return;
+        return Q::NOTHING;
     }
-    let Some(tree_ray) = TreeRay::new(ray, args.set.frame()) else { return };
+    let Some(tree_ray) = TreeRay::new(ray, set.frame()) else { return Q::NOTHING };
+    let (tree_ray, top) = (&tree_ray, &tree.top);
+    let mut collect = query.collect(tree_ray, filter.accepts_all());
     // Compiled once for all queries: the query of a subtree takes far longer than the call.
-    let visitor: &mut dyn SubtreeVisitor = &mut Subtrees { tree, args, answer };
-    dispatch(simd, RayTraversal::<'_, ORDERED, _> { tree: &tree.top, ray, tree_ray: &tree_ray, visitor });
+    let visitor: &mut dyn SubtreeVisitor =
+        &mut Subtrees { tree, simd, set, tree_ray, filter, collect: &mut collect, observer };
+    match Q::Collect::ORDERED {
+        true => dispatch(simd, RayTraversal::<'_, true, _> { tree: top, ray, tree_ray, visitor }),
+        false => dispatch(simd, RayTraversal::<'_, false, _> { tree: top, ray, tree_ray, visitor }),
+    }
+    Q::answer(collect, set)
 }
 
-/// The subtrees that a ray reaches.
-struct Subtrees<'a, 'b, G, F, O, A> {
+/// The subtrees that a ray reaches, and the parts of its query.
+struct Subtrees<'a, 'b, G, F, C, O> {
     tree: &'a LazyTree,
-    args: QueryArgs<'b, G, F, O>,
-    answer: A,
+    simd: SimdLevel,
+    set: &'a G,
+    tree_ray: &'a TreeRay<'b>,
+    filter: &'a F,
+    collect: &'a mut C,
+    observer: &'a mut O,
 }
 
 /// The callbacks of [`LeafVisitor`] in a form that can be called through `dyn`.
 trait SubtreeVisitor {
     fn node(&mut self);
-    fn subtree(&mut self, subtree: u32, ray: &Ray) -> ControlFlow<(), f32>;
+    fn subtree(&mut self, subtree: u32) -> ControlFlow<(), f32>;
 }
 
 impl LeafVisitor for dyn SubtreeVisitor + '_ {
@@ -116,23 +67,45 @@ impl LeafVisitor for dyn SubtreeVisitor + '_ {
     /// Leaves are counted by the query of the subtree.
     fn leaf(&mut self) {}
 
-    fn object<S: Simd>(&mut self, _: S, subtree: u32, ray: &Ray) -> ControlFlow<(), f32> {
-        self.subtree(subtree, ray)
+    fn object<S: Simd>(&mut self, _: S, subtree: u32, _: &Ray) -> ControlFlow<(), f32> {
+        self.subtree(subtree)
     }
 }
 
-impl<G, F, O, A> SubtreeVisitor for Subtrees<'_, '_, G, F, O, A>
-where
-    G: RaySource,
-    O: Observer,
-    A: FnMut(&WideTree, QueryArgs<'_, G, F, O>) -> ControlFlow<(), f32>,
-{
+impl<G: RaySource, F: Filter, C: Collect, O: Observer> SubtreeVisitor for Subtrees<'_, '_, G, F, C, O> {
     fn node(&mut self) {
-        self.args.observer.node();
+        self.observer.node();
     }
 
-    fn subtree(&mut self, subtree: u32, ray: &Ray) -> ControlFlow<(), f32> {
-        let QueryArgs { set, filter, ref mut observer, .. } = self.args;
-        (self.answer)(self.tree.subtree(set, subtree), QueryArgs { set, ray, filter, observer })
+    fn subtree(&mut self, subtree: u32) -> ControlFlow<(), f32> {
+        let Subtrees { set, tree_ray, filter, ref mut collect, ref mut observer, .. } = *self;
+        let tree = self.tree.subtree(set, subtree);
+        dispatch(
+            self.simd,
+            OfSubtree { tree, set, tree_ray, filter, collect: &mut **collect, observer: &mut **observer },
+        );
+        if self.collect.is_final() { ControlFlow::Break(()) } else { ControlFlow::Continue(self.collect.limit()) }
+    }
+}
+
+/// The part of a query that is answered from one subtree, to be dispatched to an instruction set.
+struct OfSubtree<'a, 'b, G, F, C, O> {
+    tree: &'a WideTree,
+    set: &'a G,
+    tree_ray: &'a TreeRay<'b>,
+    filter: &'a F,
+    collect: &'a mut C,
+    observer: &'a mut O,
+}
+
+impl<G: RaySource, F: Filter, C: Collect, O: Observer> Kernel for OfSubtree<'_, '_, G, F, C, O> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let OfSubtree { tree, set, tree_ray, filter, collect, observer } = self;
+        let mut memory = StackOf::new();
+        let stack = memory.stack(tree.max_stack());
+        Wide { tree, simd: s, stack }.traverse(set, tree_ray, filter, collect, observer);
     }
 }
