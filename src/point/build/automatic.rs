@@ -109,12 +109,17 @@ fn one_layer<'a>(
     ready: Option<MovingTree>,
     progress: &Progress,
 ) -> (PartialLayer<'a>, f64, String) {
+    let placed = trials.placed.take();
     let mut layer = match trials.best(false).plan {
         plan @ Plan::Boxes(1) => {
-            let tree = ready.unwrap_or_else(|| linear_tree(source, points, trials.placed.take(), None, progress).0);
+            let tree = ready.unwrap_or_else(|| linear_tree(source, points, placed, None, progress).0);
             PartialLayer::with(source, points, plan, tree)
         }
-        plan => PartialLayer::new(source, points, plan, progress),
+        plan => {
+            // Other trees have no use for this memory.
+            drop(placed);
+            PartialLayer::new(source, points, plan, progress)
+        }
     };
     let mut cost = layer.cost(trials);
     let mut measured = vec![format!("in the whole set {} {cost:.1}", name(layer.plan))];

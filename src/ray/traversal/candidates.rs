@@ -11,7 +11,7 @@
 //! three edges.
 //!
 //! **Margin of the distance.** The distance of a hit is the mean of its corners' distances, weighted by the edge functions. So it lies
-//! between them. Let `dev` be the [`Deviation`] of the corners, `u` an [`ULP`](crate::geometry::ULP) and `r` as there.
+//! between them. Let `dev` be the [`Deviation`] of the corners, `u` an [`ULP`] and `r` as there.
 //!
 //! - If the weights are off by the margin, the mean moves by the margin times the sum of the differences between the corners' distances
 //!   and the mean, divided by the sum of the weights. That sum is at most twice the difference between the greatest distance and the
