@@ -48,6 +48,14 @@ impl KeyTime {
         t
     }
 
+    /// The first time that is not before a key.
+    pub fn not_before(key: usize, keys: usize) -> f32 {
+        let segments = (keys.max(2) - 1) as f64;
+        let t = (key as f64 / segments) as f32;
+        // The product is exact.
+        if f64::from(t) * segments < key as f64 { t.next_up() } else { t }
+    }
+
     #[inline]
     fn in_segment(s: f32, segment: usize) -> KeyTime {
         if s < 0.5 { KeyTime { segment, s, from_end: false } } else { KeyTime { segment, s: s - 1.0, from_end: true } }
@@ -69,6 +77,17 @@ impl KeyTime {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn no_time_before_the_first_that_is_not_before_a_key_is_after_it() {
+        for keys in 2..300 {
+            for key in 0..keys {
+                let t = KeyTime::not_before(key, keys);
+                let along = |t: f32| f64::from(t) * (keys - 1) as f64;
+                assert!(along(t) >= key as f64 && (key == 0 || along(t.next_down()) < key as f64), "{key} of {keys}");
+            }
+        }
+    }
 
     #[test]
     fn segments_begin_at_their_first_times() {

@@ -1,6 +1,6 @@
 //! Point trees in files.
 
-use super::build::plan::time_slices;
+use super::build::plan::{precise_time_slices, time_slices};
 use super::layout::moving_file::MovingRecord;
 use super::layout::moving_tree::MovingTree;
 use super::layout::plane_file::PlaneRecord;
@@ -196,7 +196,8 @@ impl LayerRecord {
         let LayerRecord { keys, per_segment, points, why, trees } = self;
         let points = points as usize;
         let Ok(why) = String::from_utf8(why) else { return broken("the reason of a layer is not valid UTF-8") };
-        let slices = |trees: usize| time_slices_of(keys, per_segment, trees);
+        let slices_of = if matches!(trees, Trees::Precise(_)) { precise_time_slices } else { time_slices };
+        let slices = |trees: usize| checked_slices(slices_of, (keys, per_segment), trees);
         match trees {
             Trees::Static(record) => {
                 let (static_tree, count) = record.checked()?;
@@ -243,12 +244,16 @@ fn require_points<T: SliceTree>(points: usize, trees: &[T]) -> Result<(), FileEr
     require((counts().max().unwrap_or(0)..=counts().sum()).contains(&points), OTHER_POINTS)
 }
 
-/// The time slices of a layer with this many trees.
-fn time_slices_of(keys: usize, per_segment: usize, trees: usize) -> Result<Vec<TimeSlice>, FileError> {
+/// The time slices of a layer with this many trees, made by `slices_of`.
+fn checked_slices(
+    slices_of: fn(usize, usize) -> Vec<TimeSlice>,
+    (keys, per_segment): (usize, usize),
+    trees: usize,
+) -> Result<Vec<TimeSlice>, FileError> {
     let known = (1..=MAX_KEYS).contains(&keys) && (1..=MAX_POINT_TIME_SLICES).contains(&per_segment);
     // Some slices are so short that they contain no time.
     let few = known && (keys - 1).max(1) * per_segment <= 8 * trees;
-    let slices = if few { time_slices(keys, per_segment) } else { Vec::new() };
+    let slices = if few { slices_of(keys, per_segment) } else { Vec::new() };
     require(few && slices.len() == trees, "the number of trees does not match the time slices")?;
     Ok(slices)
 }

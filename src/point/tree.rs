@@ -1,7 +1,7 @@
 //! The point tree as callers build and query it, and its parameters.
 
 use super::build::automatic::{moving_layers, plan_for_all};
-use super::build::plan::{Plan, moving_layer, time_slices};
+use super::build::plan::{Plan, moving_layer, precise_time_slices};
 use super::build::source::{Input, Source};
 use super::error::PointError;
 use super::layout::plane_tree::PlaneTree;
@@ -271,7 +271,7 @@ impl PointTree {
         }
         if count < len {
             let moving = (0..len).filter(|&i| !(separate && is_static[i]));
-            let (count, slices) = (moving.clone().count(), time_slices(keys, plan.time_slices()));
+            let (count, slices) = (moving.clone().count(), precise_time_slices(keys, plan.time_slices()));
             let progress = progress.subtask(count as f64 / (len * slices.len()) as f64);
             let tree = |slice: TimeSlice| {
                 let count = if progress.cancelled() { 0 } else { len };

@@ -49,9 +49,11 @@ impl Cloud {
 
     fn at(&self, point: usize, time: f32) -> DVec3 {
         let segments = (self.keys.len() - 1).max(1);
-        let segment = ((time * segments as f32) as usize).min(segments - 1);
+        // The product is exact.
+        let along = f64::from(time) * segments as f64;
+        let segment = (along as usize).min(segments - 1);
         let (a, b) = (self.keys[segment][point], self.keys[(segment + 1).min(self.keys.len() - 1)][point]);
-        let phase = (f64::from(time) * segments as f64 - segment as f64).clamp(0.0, 1.0);
+        let phase = along - segment as f64;
         if phase < 0.5 { a + (b - a) * phase } else { b + (b - a) * (phase - 1.0) }
     }
 
@@ -132,6 +134,24 @@ fn every_query_equals_brute_force() {
                     }
                 }
             }
+        }
+    }
+}
+
+/// The product of such a time and the number of segments is rounded to the number of a key in f32, from either side.
+#[test]
+fn times_a_rounding_beside_keys_are_exact() {
+    let mut rng = Rng(29);
+    for keys in [4, 200] {
+        let cloud = Cloud::new(40, keys, (1.0, 0.0, 2.0), false, &mut rng);
+        let tree = cloud.tree(PointStructure::Automatic, SimdLevel::best()).unwrap();
+        let rounded = (1..keys - 1).flat_map(|key| {
+            let time = (key as f64 / (keys - 1) as f64) as f32;
+            [time.next_down(), time, time.next_up()]
+        });
+        for time in rounded {
+            let q = cloud.at(7, time) + vec(&mut rng);
+            compare(&cloud, &tree, q, time, &format!("{keys} keys, {q} at {time}"));
         }
     }
 }

@@ -38,29 +38,41 @@ pub(in crate::point) fn time_slices(keys: usize, per_segment: usize) -> Vec<Time
     (0..(keys - 1).max(1)).flat_map(|segment| time_slices_of(segment, keys, per_segment)).collect()
 }
 
-/// The time slices of one segment.
+/// The same for points in f64, whose positions at a time are exact: no slice contains a time before its segment or after it.
+pub(in crate::point) fn precise_time_slices(keys: usize, per_segment: usize) -> Vec<TimeSlice> {
+    let of = |segment| slices_between(segment, keys, per_segment, KeyTime::not_before);
+    (0..(keys - 1).max(1)).flat_map(of).collect()
+}
+
+/// The time slices of one segment. It begins and ends where queries that multiply in f32 find it to.
 pub(in crate::point) fn time_slices_of(
     segment: usize,
     keys: usize,
     per_segment: usize,
 ) -> impl Iterator<Item = TimeSlice> {
+    slices_between(segment, keys, per_segment, KeyTime::first_time)
+}
+
+/// The time slices of one segment; `first_time` gives the first time of a segment.
+fn slices_between(
+    segment: usize,
+    keys: usize,
+    per_segment: usize,
+    first_time: fn(usize, usize) -> f32,
+) -> impl Iterator<Item = TimeSlice> {
     let (begin, end) = (segment * per_segment, (segment + 1) * per_segment);
     let count = (keys - 1).max(1) * per_segment;
-    let bound = move |i: usize| if i == count { 2.0 } else { boundary(i, per_segment, keys) };
+    let bound = move |i: usize| match i {
+        _ if i == count => 2.0,
+        _ if i.is_multiple_of(per_segment) => first_time(i / per_segment, keys),
+        _ => (i as f64 / count as f64) as f32,
+    };
     (begin..end).filter_map(move |i| {
         let interval = TimeInterval::half_open(bound(i), bound(i + 1))?;
         let at = |i: usize| exact_phase(bound(i), keys, segment);
         let phases = [if i == begin { 0.0 } else { at(i) }, if i + 1 == end { 1.0 } else { at(i + 1) }];
         Some(TimeSlice { keys, segment, interval, phases })
     })
-}
-
-/// Begin of time slice `i`.
-fn boundary(i: usize, per_segment: usize, keys: usize) -> f32 {
-    if i.is_multiple_of(per_segment) {
-        return KeyTime::first_time(i / per_segment, keys);
-    }
-    (i as f64 / ((keys - 1).max(1) * per_segment) as f64) as f32
 }
 
 /// The tree of some of the points for a time slice. Once `progress` is cancelled, it is empty.
