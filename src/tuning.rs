@@ -54,13 +54,13 @@ pub(crate) mod lazy {
     /// and coherent, but 1.12 and 1.05 of it in camera and crowd.
     pub const CELLS: usize = 16;
     pub const PLACED: usize = 4096;
-    /// A cell with more than this many times the primitives of a subtree gets a grid of its own. With 1 the hall needs .207 instead of
-    /// .223 of a build, but the hairball .4 instead of .21: there a subtree of one cell is in the order of the mesh, in which the sample that
+    /// A cell with more than this many times the primitives of a subtree gets a grid of its own. With 1 the hall needs .93 of what it needs
+    /// now, lazy build and what rays build, but the hairball (`--scale 0.3`) nearly twice as much: there a subtree of one cell is in the order of the mesh, in which the sample that
     /// decides on its division is a few strands.
     pub const CROWDED: usize = 4;
     /// What a subtree costs beside its primitives, in primitives; it decides where the coarse tree ends. Building one takes about as
-    /// long as 280 primitives do (debris), and a ray that enters it needs some time. Of 68 pictures of the catalogue at other sizes and
-    /// places those of building need a sixth more with 256, and those of debris a tenth more with 1024.
+    /// long as 280 primitives do (debris), and a ray that enters it needs some time. Counted for 68 pictures of the catalogue at other sizes
+    /// and places (docs/notes.md), those of building need a sixth more with 256, and all together 2 % more with 1024.
     pub const SUBTREE_COST: f32 = 512.0;
     /// Pre-splits and temporal splits of a subtree are decided on one in this many of its primitives, and on at least this many. Half
     /// of both takes 2 to 6 % less for what rays build, but rays take 10 to 20 % longer in tornado and mixed; twice both gains rays

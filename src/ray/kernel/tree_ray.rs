@@ -154,7 +154,7 @@ impl<'a> TreeRay<'a> {
             advance = distance_to_scene(from, step, 1.001 * reach, line)?;
             origin = from + step * advance;
             // The origin in f64 was rounded three times, and so are the kernel's computations with the original one, and those of the
-            // caller's own primitives. Together these are less than 3.2 f64::EPSILON.
+            // caller's own primitives. Together this is less than a tenth of what is allowed for.
             lost = (32.0 * f64::EPSILON * away) as f32;
         }
         let origin = origin.as_vec3();

@@ -11,7 +11,7 @@
 //! three edges.
 //!
 //! **Margin of the distance.** The distance of a hit is the mean of its corners' distances, weighted by the edge functions. So it lies
-//! between them. Let `dev` be the [`Deviation`] of the corners, `u` an [`ULP`] and `r` as there.
+//! between them. Let `dev` be the [`Deviation`] of the corners, `u` an [`ULP`](crate::geometry::ULP) and `r` as there.
 //!
 //! - If the weights are off by the margin, the mean moves by the margin times the sum of the differences between the corners' distances
 //!   and the mean, divided by the sum of the weights. That sum is at most twice the difference between the greatest distance and the
@@ -25,7 +25,6 @@
 //! If the range itself is rounded by more, no hit is certain ([`TreeRay::certain_end`]).
 
 use super::collect::Collect;
-use crate::geometry::ULP;
 use crate::layout::{block_sizes, inverse_extent};
 use crate::ray::kernel::shear::{Deviation, deviation};
 use crate::ray::kernel::tree_ray::TreeRay;
@@ -99,7 +98,7 @@ impl Candidates {
         let squares = s.mul_add(xb, xb, xa * xa) + s.mul_add(ya, ya, xc * xc) + s.mul_add(yc, yc, yb * yb);
         // Twice `edge_margin` is two and a half deviations times the sum of magnitudes and twice the deviation, which here is bounded for
         // the whole block: no corner is farther away than the largest coordinate plus the origin, and the slack is 20u of the origin.
-        let most = s.mul_add_one(27.0 * ULP, size, s.mul_add_one(30.0 * ULP, extent, 1.2 * ray.slack));
+        let most = s.mul_add_one(of.far, size, of.near + ray.slack);
         let aside = s.mul_add_one(2.0, most, 1.5 * extent);
         let aside = s.mul_add(squares, s.splat(inverse_extent(sizes)), s.splat(aside));
         let tiny = s.splat(2.5 * f32::MIN_POSITIVE);
