@@ -84,8 +84,6 @@ pub(crate) mod presplit {
     /// Pre-splitting is decided on neighbourhoods of a sixteenth of all references together, each in these bounds.
     pub const PRESPLIT_SAMPLES: usize = 2;
     pub const PRESPLIT_SAMPLE: RangeInclusive<usize> = 512..=4096;
-    /// Only references whose motion is at most this fraction of their length are split.
-    pub const MAX_MOTION_RATIO: f32 = 0.6;
     /// A split must save at least this times the area of an average reference: it costs memory and a test.
     pub const MIN_SAVING: f32 = 0.2;
     /// The area that is left when nothing can be gained, in areas of the triangle: about that of a triangle in

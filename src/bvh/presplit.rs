@@ -2,21 +2,21 @@
 //! (Ernst and Greiner, "Early Split Clipping for Bounding Volume Hierarchies", 2007; the shares after Karras and Aila,
 //! "Fast Parallel Construction of High-Quality Bounding Volume Hierarchies", 2013), here for moving triangles.
 //!
-//! Long triangles fill little of their boxes; their parts fill more. If triangles cross planes because they *move*,
-//! splitting does not pay, so only references whose motion is small compared with their length are split.
+//! Long triangles fill little of their boxes; their parts fill more. Planes across a triangle at the middle of the interval divide it
+//! into parts that then move with it: each is bounded by the bounds of its own corners, however far it moves.
 
-use super::binning::HALF;
 use super::reference::{Packed, Reference};
 use super::visits::mean_half_area;
-use crate::geometry::{Box3, Ends, LinearBox3, ULP};
+use crate::geometry::{Box3, CornerBounds, ULP};
 use crate::parallel::{self, CHUNK};
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
-use crate::tuning::presplit::{LEAST_AREA, MAX_MOTION_RATIO, MIN_SAVING};
+use crate::tuning::presplit::{LEAST_AREA, MIN_SAVING};
+use glam::Vec3;
 
 /// The greatest number of sub-references of one reference.
 const BINS: usize = 8;
 
-/// Evenly spaced planes across a reference.
+/// Evenly spaced planes across a triangle in the middle of the interval.
 #[derive(Clone, Copy)]
 struct Planes {
     axis: usize,
@@ -25,20 +25,14 @@ struct Planes {
 }
 
 impl Planes {
-    /// Planes between `parts` parts of the longest axis; `None` if that is too short, or the motion too fast.
-    fn across(bounds: &LinearBox3, parts: usize) -> Option<Planes> {
-        let middle = bounds.at(0.5);
-        let extent = middle.max - middle.min;
+    /// Planes between `parts` parts along the longest axis of a triangle with these corners; `None` if it is too short.
+    fn across(corners: [Vec3; 3], parts: usize) -> Option<Planes> {
+        let bounds = corners.into_iter().fold(Box3::EMPTY, Box3::include);
+        let extent = bounds.max - bounds.min;
         let axis = extent.max_position();
-        let (b, e) = (&bounds.begin, &bounds.end);
-        let motion = (e.min[axis] - b.min[axis]).abs().max((e.max[axis] - b.max[axis]).abs());
         let width = extent[axis] / parts as f32;
-        let magnitude = middle.min[axis].abs().max(middle.max[axis].abs());
-        (width > 4.0 * ULP * magnitude && motion <= MAX_MOTION_RATIO * extent[axis]).then_some(Planes {
-            axis,
-            low: middle.min[axis],
-            width,
-        })
+        let magnitude = bounds.min[axis].abs().max(bounds.max[axis].abs());
+        (width > 4.0 * ULP * magnitude).then_some(Planes { axis, low: bounds.min[axis], width })
     }
 
     /// The plane below part `k`.
@@ -53,32 +47,36 @@ impl Planes {
 ///
 /// In `m` parts a diagonal needle has an `m`-th of its area, so the `m`-th part saves `1 / (m (m - 1))` of it.
 /// References are split as long as a part saves at least a threshold; it is raised until the budget suffices.
-pub(crate) fn presplit(references: &mut Vec<Reference>, ends: impl Fn(u32) -> Option<Ends> + Sync, budget: f32) {
+pub(crate) fn presplit(
+    references: &mut Vec<Reference>,
+    corners: impl Fn(u32) -> Option<CornerBounds> + Sync,
+    budget: f32,
+) {
     let n = references.len();
-    let (gains, least) = gains(references, &ends);
+    let (gains, least) = gains(references, &corners);
     let least = raised(&gains, least, (n as f64 * f64::from(budget)) as usize - n);
     let mut tasks: Vec<_> = references.chunks_mut(CHUNK).zip(&gains).collect();
     let more = parallel::each(&mut tasks, |(references, gains)| {
-        dispatch(SimdLevel::best(), Presplit { references, gains, ends: &ends, least })
+        dispatch(SimdLevel::best(), Presplit { references, gains, corners: &corners, least })
     });
     references.reserve(more.iter().map(Vec::len).sum());
     more.iter().for_each(|more| references.extend_from_slice(more));
 }
 
 /// Splits references: their first sub-references replace them, the others are returned.
-struct Presplit<'a, E> {
+struct Presplit<'a, C> {
     references: &'a mut [Reference],
     gains: &'a [Gain],
-    ends: &'a E,
+    corners: &'a C,
     least: f32,
 }
 
-impl<E: Fn(u32) -> Option<Ends>> Kernel for Presplit<'_, E> {
+impl<C: Fn(u32) -> Option<CornerBounds>> Kernel for Presplit<'_, C> {
     type Output = Vec<Reference>;
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Vec<Reference> {
-        let Presplit { references, gains, ends, least } = self;
+        let Presplit { references, gains, corners, least } = self;
         let mut more = Vec::with_capacity(gains.iter().map(|gain| split_count(gain.saved, least) - 1).sum());
         for gain in gains {
             let m = split_count(gain.saved, least);
@@ -86,11 +84,13 @@ impl<E: Fn(u32) -> Option<Ends>> Kernel for Presplit<'_, E> {
                 continue;
             }
             let r = &mut references[gain.at as usize];
-            let Some(planes) = Planes::across(&r.bounds(), m) else { continue };
-            let Some(ends) = ends(r.id()) else { continue };
+            let Some(corners) = corners(r.id()) else { continue };
+            let middle = corners.middle();
+            let Some(planes) = Planes::across(middle, m) else { continue };
             let mut boxes = [Packed::EMPTY; BINS];
-            let pad = ClipBetweenPlanes::pad(&ends);
-            ClipBetweenPlanes { ends: &ends, whole: r.packed(), planes, pad, parts: &mut boxes[..m] }.run(s);
+            let parts = &mut boxes[..m];
+            ClipBetweenPlanes { corners: &corners, middle, whole: r.packed(), planes, pad: pad(&corners), parts }
+                .run(s);
             let id = r.id();
             let mut made = boxes[..m].iter().filter(|part| !part.is_empty());
             if let Some(first) = made.next() {
@@ -113,7 +113,7 @@ struct Gain {
 
 /// The savings in each chunk, for references where they may be enough for a second part, and the least saving of a
 /// part.
-fn gains(references: &[Reference], ends: &(impl Fn(u32) -> Option<Ends> + Sync)) -> (Vec<Vec<Gain>>, f32) {
+fn gains(references: &[Reference], corners: &(impl Fn(u32) -> Option<CornerBounds> + Sync)) -> (Vec<Vec<Gain>>, f32) {
     let area = |r: &Reference| f64::from(mean_half_area(&r.bounds()));
     let areas = parallel::chunks(references.len(), |range| references[range].iter().map(area).sum::<f64>());
     let total = areas.into_iter().fold(0.0, |a, b| a + b);
@@ -123,14 +123,15 @@ fn gains(references: &[Reference], ends: &(impl Fn(u32) -> Option<Ends> + Sync))
     let gains = parallel::chunks(references.len(), |range| {
         let mut gains = Vec::with_capacity(range.len());
         for (at, r) in (0..).zip(&references[range]) {
-            let bounds = r.bounds();
-            let area = mean_half_area(&bounds);
+            let area = mean_half_area(&r.bounds());
             // The triangle itself is fetched only if its box is large enough.
             if area >= enough
-                && Planes::across(&bounds, BINS).is_some()
-                && let Some(ends) = ends(r.id())
+                && let Some(corners) = corners(r.id())
+                && Planes::across(corners.middle(), BINS).is_some()
             {
-                let saved = area - LEAST_AREA * ends.area();
+                // What no part falls below: the bounds of a corner, which are larger than it if its motion is bent.
+                let corner = corners.corners.iter().map(mean_half_area).fold(0.0, f32::max);
+                let saved = area - corner - LEAST_AREA * corners.area();
                 if saved >= enough {
                     gains.push(Gain { at, saved });
                 }
@@ -173,39 +174,37 @@ fn raised(gains: &[Vec<Gain>], least: f32, most: usize) -> f32 {
     raised
 }
 
-/// Clips a moving triangle at successive planes: linear bounds of the parts between them.
+/// Divides a moving triangle at successive planes: linear bounds of the parts between them.
 ///
-/// Proof that the bounds hold each part at every time. The part between two planes is a convex polygon; its corners are
-/// corners of the triangle, or points where an edge meets a plane.
-/// - A corner moves on a line, so it is in the bins between the two it begins and ends in; all of them include it at
-///   both ends.
-/// - Let an edge p(t) q(t) meet a plane at p + u (q - p). The distances of p and q to the plane are linear in t, so u
-///   is a quotient of two linear functions, monotone while the edge meets the plane. It begins to meet it at the
-///   beginning of the interval or when p (u = 0) or q (u = 1) enters the plane, and likewise ends; so u stays between
-///   the least and the greatest of those values. For a fixed u the point moves on a line, and at any time the points
-///   are linear in u: including the extreme points at both ends of the interval includes all in between. Of these, p
-///   and q are corners, and one that enters the plane is in both adjacent bins already.
+/// Proof that the bounds hold the triangle at every time. A plane meets two edges in the middle of the interval, at fractions u of
+/// them, which are kept at all other times: its *chord* ends where these points of the edges move. The bounds of a part hold the ends of
+/// the chords below and above it, and the corners in between.
+/// - An end of a chord is a mean of two corners with fixed weights, so the same mean of their linear bounds holds it at all times,
+///   and bounds that hold some points hold all points between these.
+/// - Every point of the triangle lies on a chord that is obtained by moving the ends of one chord along the edges to those of the next
+///   one, beginning at the lowest corner and ending at the highest: such a motion sweeps the whole triangle, also if fractions are
+///   rounded, even if two chords cross. On its way it meets the chord's own ends and corners that lie between both planes only, so it
+///   stays in the part's bounds. The comparisons that tell between which planes a corner lies are exact.
 ///
-/// The points are computed with three roundings at sizes of at most twice the largest coordinate (8 ULP of it cover
-/// them), and the kernel's corners deviate from the lines by `slack`.
+/// The points are computed with three roundings at sizes of at most twice the largest coordinate (8 ULP of it cover them), and
+/// the corners of queries deviate from their bounds by `slack`.
 struct ClipBetweenPlanes<'a> {
-    ends: &'a Ends,
-    /// Bounds of the triangle, or of the part of it that is to be split.
+    corners: &'a CornerBounds,
+    /// The corners in the middle of the interval.
+    middle: [Vec3; 3],
+    /// Bounds of the triangle.
     whole: &'a Packed,
     planes: Planes,
-    /// The padding of the parts: [`ClipBetweenPlanes::pad`].
+    /// The padding of the parts: [`pad`].
     pad: f32,
     /// The bounds of each part; empty for a part that the triangle does not reach.
     parts: &'a mut [Packed],
 }
 
-impl ClipBetweenPlanes<'_> {
-    /// The padding of the parts of a triangle: the rounding error of the computed points, and the slack of the corners.
-    #[inline(always)]
-    fn pad(ends: &Ends) -> f32 {
-        let magnitude = ends.begin.into_iter().chain(ends.end).fold(Box3::EMPTY, Box3::include).magnitude();
-        ends.slack + 8.0 * ULP * magnitude
-    }
+/// The padding of the parts of a triangle: the rounding error of the computed points, and the slack of the corners.
+#[inline(always)]
+fn pad(corners: &CornerBounds) -> f32 {
+    corners.slack + 8.0 * ULP * corners.union().swept().magnitude()
 }
 
 impl Kernel for ClipBetweenPlanes<'_> {
@@ -213,26 +212,25 @@ impl Kernel for ClipBetweenPlanes<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let ClipBetweenPlanes { ends, whole, planes, pad, parts } = self;
+        let ClipBetweenPlanes { corners: CornerBounds { corners: bounds, .. }, middle, whole, planes, pad, parts } =
+            self;
         let (axis, last) = (planes.axis, parts.len().clamp(1, BINS) - 1);
-        // The planes above the parts, in both halves of the lanes.
+        // The planes above the parts.
         let above = s.splat(planes.low) + s.splat(planes.width) * s.load(&ABOVE);
         let (zero, nothing, never) = (s.splat(0.0), s.splat(f32::INFINITY), s.splat(f32::NAN));
         let mut corners = [nothing; 3];
         // For each part: 0 if it includes the corner, otherwise NaN, which a minimum ignores.
         let mut held = [[0.0; LANES]; 3];
-        // For each plane above a part: where the edge meets it at the beginning and at the end, or NaN.
+        // For each plane above a part: the fraction of the edge where they meet, or NaN.
         let mut met = [[0.0; LANES]; 3];
         for i in 0..3 {
             let j = (i + 1) % 3;
-            corners[i] = s.load(&Packed::point(ends.begin[i], ends.end[i]).0);
-            let (p0, p1) = (ends.begin[i][axis], ends.end[i][axis]);
-            let (q0, q1) = (ends.begin[j][axis], ends.end[j][axis]);
-            let reaches = s.le(above, s.splat(p0.max(p1))) << 1 | 1;
-            let begins = s.le(s.splat(p0.min(p1)), above) | 1 << last;
+            corners[i] = s.load(&Packed::new(&bounds[i]).0);
+            let (p, q) = (s.splat(middle[i][axis]), s.splat(middle[j][axis]));
+            let reaches = s.le(above, p) << 1 | 1;
+            let begins = s.le(p, above) | 1 << last;
             s.store(s.select(reaches & begins, zero, never), &mut held[i]);
-            let p = s.select(HALF, s.splat(p0), s.splat(p1)) - above;
-            let q = s.select(HALF, s.splat(q0), s.splat(q1)) - above;
+            let (p, q) = (p - above, q - above);
             // If the distances are equal and the edge meets the plane at all, both are 0: it is met at the corner.
             let at = s.select(s.eq(p, q), zero, p / (p - q));
             let at = s.max(s.min(at, s.splat(1.0)), zero);
@@ -251,7 +249,6 @@ impl Kernel for ClipBetweenPlanes<'_> {
                 own = s.min(corners[i] + s.splat(held[i][k]), own);
                 if k < last {
                     above = s.min(corners[i] + edges[i] * s.splat(met[i][k]), above);
-                    above = s.min(corners[i] + edges[i] * s.splat(met[i][k + BINS]), above);
                 }
             }
             let own = s.min(own, above) - pad;
@@ -262,8 +259,8 @@ impl Kernel for ClipBetweenPlanes<'_> {
     }
 }
 
-/// The number of parts below the plane in each lane.
-const ABOVE: Lanes<f32> = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0];
+/// The number of parts below the plane in each lane; no more than [`BINS`] are used.
+const ABOVE: Lanes<f32> = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0, 16.0];
 
 /// The lane of the same face at the other end of the interval.
 const OTHER_END: Lanes<u32> = [3, 4, 5, 0, 1, 2, 6, 7, 11, 12, 13, 8, 9, 10, 14, 15];
@@ -271,39 +268,44 @@ const OTHER_END: Lanes<u32> = [3, 4, 5, 0, 1, 2, 6, 7, 11, 12, 13, 8, 9, 10, 14,
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::{LinearBox3, TimeInterval};
     use crate::primitive::{PrimitiveSet, TriangleMesh, Triangles};
     use crate::random::Random;
     use crate::time::time_slice;
-    use glam::Vec3;
 
-    /// The parts of a triangle between planes, computed by one of the instruction sets.
-    fn parts_of(planes: Planes, bounds: &LinearBox3, ends: &Ends, pad: f32, round: usize) -> [LinearBox3; BINS] {
-        let (whole, mut parts) = (Packed::new(bounds), [Packed::EMPTY; BINS]);
+    /// The parts of a triangle, computed by one of the instruction sets; `None` if it is too short.
+    fn parts_of(bounds: &LinearBox3, corners: &CornerBounds, pad: f32, round: usize) -> Option<[LinearBox3; BINS]> {
+        let (whole, middle, mut parts) = (Packed::new(bounds), corners.middle(), [Packed::EMPTY; BINS]);
+        let planes = Planes::across(middle, BINS)?;
         let level = SimdLevel::available()[round % SimdLevel::available().len()];
-        dispatch(level, ClipBetweenPlanes { ends, whole: &whole, planes, pad, parts: &mut parts });
-        parts.map(|part| part.bounds())
+        dispatch(level, ClipBetweenPlanes { corners, middle, whole: &whole, planes, pad, parts: &mut parts });
+        Some(parts.map(|part| part.bounds()))
+    }
+
+    /// The part that holds what is at `x` along the axis in the middle of the interval.
+    fn part_at(planes: Planes, x: f32) -> usize {
+        (1..BINS).take_while(|&k| x > planes.plane(k)).count()
     }
 
     #[test]
     fn needles_are_split_within_the_budget_and_the_longest_most() {
         let mut random = Random(3);
-        let mut needles: Vec<Ends> = Vec::new();
+        let mut needles: Vec<[Vec3; 3]> = Vec::new();
         for i in 0..1000 {
             let length = if i % 10 == 0 { 0.9 } else { 0.1 };
             let (at, along, thick) = (random.vec() * 0.1, random.vec() * length, random.vec() * 1e-3);
-            let begin = [at, at + along, at + thick];
-            needles.push(Ends { begin, end: begin, slack: 0.0 });
+            needles.push([at, at + along, at + thick]);
         }
-        let again = |i: u32| Ends { begin: needles[i as usize].begin, end: needles[i as usize].end, slack: 0.0 };
+        let still = |at: [Vec3; 3]| Some(CornerBounds::of_lines(at, at, 0.0));
         let references: Vec<Reference> = (0..1000u32)
             .map(|i| {
-                let b = needles[i as usize].begin.into_iter().fold(Box3::EMPTY, Box3::include);
+                let b = needles[i as usize].into_iter().fold(Box3::EMPTY, Box3::include);
                 Reference::new(LinearBox3 { begin: b, end: b }, i)
             })
             .collect();
         for (budget, least) in [(1.0, 1000), (1.2, 1120), (3.0, 1300)] {
             let mut parts = references.clone();
-            presplit(&mut parts, |i| Some(again(i)), budget);
+            presplit(&mut parts, |i| still(needles[i as usize]), budget);
             assert!(parts.len() as f32 <= 1000.0 * budget && parts.len() >= least, "{budget}: {}", parts.len());
             let of = |long: bool| parts.iter().filter(|r| (r.id() % 10 == 0) == long).count();
             assert!(budget == 1.0 || of(true) > 2 * 100 && of(false) < 2 * 900);
@@ -315,12 +317,12 @@ mod tests {
         // References without area gain nothing.
         let line = |i: u32| {
             let at = Vec3::new(Random(5 + u64::from(i)).signed(), 0.0, 0.0);
-            Ends { begin: [at, at + 0.1 * Vec3::X, at], end: [at, at + 0.1 * Vec3::X, at], slack: 0.0 }
+            [at, at + 0.1 * Vec3::X, at]
         };
-        let boxed = |i: u32| line(i).begin.into_iter().fold(Box3::EMPTY, Box3::include);
+        let boxed = |i: u32| line(i).into_iter().fold(Box3::EMPTY, Box3::include);
         let mut lines: Vec<Reference> =
             (0..100).map(|i| Reference::new(LinearBox3 { begin: boxed(i), end: boxed(i) }, i)).collect();
-        presplit(&mut lines, |i| Some(line(i)), 3.0);
+        presplit(&mut lines, |i| still(line(i)), 3.0);
         assert_eq!(lines.len(), 100);
         let mut uncut = references.clone();
         presplit(&mut uncut, |_| None, 3.0);
@@ -329,39 +331,34 @@ mod tests {
     }
 
     #[test]
-    fn every_point_of_a_moving_triangle_is_in_a_part_of_its_bin() {
+    fn every_point_of_a_moving_triangle_stays_in_the_part_that_holds_it_in_the_middle() {
         let mut random = Random(17);
         for round in 0..3000 {
-            let motion = [0.0, 0.02, 0.3, 2.0][round % 4];
+            let (motion, keys) = ([0.0, 0.02, 0.3, 2.0][round % 4], [2, 3, 9][round % 3]);
             let mut point = |scale: f32| random.vec() * scale;
-            let begin = [point(0.6), point(0.6), point(0.6)];
-            let end = begin.map(|p| (p + point(motion)).clamp(Vec3::NEG_ONE, Vec3::ONE));
-            let corners = Ends { begin, end, slack: 0.0 };
-            let bounds = LinearBox3 {
-                begin: begin.into_iter().fold(Box3::EMPTY, Box3::include),
-                end: end.into_iter().fold(Box3::EMPTY, Box3::include),
-            };
-            let middle = bounds.at(0.5);
-            let axis = round % 3;
-            let width = (middle.max[axis] - middle.min[axis]) / BINS as f32;
-            if width <= 4.0 * ULP {
-                continue;
+            let mut places = vec![vec![point(0.6), point(0.6), point(0.6)]];
+            for _ in 1..keys {
+                let last = places[places.len() - 1].iter();
+                places.push(last.map(|&p| (p + point(motion)).clamp(Vec3::NEG_ONE, Vec3::ONE)).collect());
             }
-            let planes = Planes { axis, low: middle.min[axis], width };
-            let parts = parts_of(planes, &bounds, &corners, ClipBetweenPlanes::pad(&corners), round / 4);
-            for step in 0..=8 {
-                let t = step as f32 / 8.0;
-                let now: [Vec3; 3] = core::array::from_fn(|i| begin[i] + (end[i] - begin[i]) * t);
+            let set = Triangles::new(&[TriangleMesh::new(vec![[0, 1, 2]], places)]).unwrap();
+            let (bounds, corners) =
+                (set.bounds(0, TimeInterval::FULL), set.corner_bounds(0, TimeInterval::FULL).unwrap());
+            let Some(parts) = parts_of(&bounds, &corners, pad(&corners), round / 4) else { continue };
+            let (middle, planes) = (corners.middle(), Planes::across(corners.middle(), BINS).unwrap());
+            for step in 0..=16 {
+                let t = step as f32 / 16.0;
+                let now = set.corners(0, t);
                 for i in 0..=12 {
                     for j in 0..=12 - i {
                         let (u, v) = (i as f32 / 12.0, j as f32 / 12.0);
-                        let p = now[0] * (1.0 - u - v) + now[1] * u + now[2] * v;
-                        let held = parts.iter().enumerate().any(|(k, part)| {
+                        let of = |[a, b, c]: [Vec3; 3]| a * (1.0 - u - v) + b * u + c * v;
+                        let (p, x) = (of(now), of(middle)[planes.axis]);
+                        // Beside a plane it may be in the next part.
+                        let parts = [-4.0, 4.0].map(|ulps| parts[part_at(planes, x + ulps * ULP)]);
+                        let held = parts.iter().any(|part| {
                             let b = part.at(t).pad(4.0 * ULP);
-                            let x = p[planes.axis];
-                            let inside = k == 0 || x >= planes.plane(k) - 4.0 * ULP;
-                            let inside = inside && (k + 1 == BINS || x <= planes.plane(k + 1) + 4.0 * ULP);
-                            inside && p.cmpge(b.min).all() && p.cmple(b.max).all()
+                            p.cmpge(b.min).all() && p.cmple(b.max).all()
                         });
                         assert!(held, "round {round}, t {t}, {p}");
                     }
@@ -370,36 +367,33 @@ mod tests {
         }
     }
 
-    /// Counts points of the edges of moving triangles beside the planes, in f64, that are in no part.
-    fn points_lost(pad_of: impl Fn(&Ends) -> f32) -> usize {
+    /// Counts points of the edges of moving triangles, in f64, that leave the part that holds them in the middle of the interval.
+    fn points_lost(pad_of: impl Fn(&CornerBounds) -> f32) -> usize {
         let (mut random, mut lost) = (Random(29), 0);
         for round in 0..4000 {
-            let motion = [0.0, 0.02, 0.3][round % 3];
+            let motion = [0.0, 0.02, 0.3, 3.0][round % 4];
             let mut point = |scale: f32| random.vec() * scale;
             let begin = [point(0.7), point(0.7), point(0.7)];
             let end = begin.map(|p| p + point(motion));
-            let ends = Ends { begin, end, slack: 0.0 };
-            let hull = |corners: [Vec3; 3]| corners.into_iter().fold(Box3::EMPTY, Box3::include);
-            let bounds = LinearBox3 { begin: hull(begin), end: hull(end) };
-            let Some(planes) = Planes::across(&bounds, BINS) else { continue };
-            let parts = parts_of(planes, &bounds, &ends, pad_of(&ends), round);
-            let axis = planes.axis;
-            for (t, at) in [(0.0, begin), (1.0, end)] {
-                for i in 0..3 {
-                    let (p, q) = (at[i].as_dvec3(), at[(i + 1) % 3].as_dvec3());
-                    for k in 1..BINS {
-                        let u = (f64::from(planes.plane(k)) - p[axis]) / (q[axis] - p[axis]);
-                        for beside in [-1e-8, 0.0, 1e-8] {
-                            let u = u + beside;
-                            if !(0.0..=1.0).contains(&u) {
-                                continue;
-                            }
-                            let x = p + (q - p) * u;
+            let corners = CornerBounds::of_lines(begin, end, 0.0);
+            let Some(parts) = parts_of(&corners.union(), &corners, pad_of(&corners), round / 4) else { continue };
+            let (middle, planes) = (corners.middle(), Planes::across(corners.middle(), BINS).unwrap());
+            for i in 0..3 {
+                let edge = |at: [Vec3; 3], u: f64| at[i].as_dvec3().lerp(at[(i + 1) % 3].as_dvec3(), u);
+                for k in 1..BINS {
+                    let [p, q] = [middle[i], middle[(i + 1) % 3]].map(|p| f64::from(p[planes.axis]));
+                    for beside in [-1e-8, 0.0, 1e-8] {
+                        let u = (f64::from(planes.plane(k)) - p) / (q - p) + beside;
+                        if !(0.0..=1.0).contains(&u) {
+                            continue;
+                        }
+                        for (at, begins) in [(begin, true), (end, false)] {
+                            let x = edge(at, u);
                             let holds = |part: &LinearBox3| {
-                                let b = if t == 0.0 { part.begin } else { part.end };
+                                let b = if begins { part.begin } else { part.end };
                                 (x.cmpge(b.min.as_dvec3()) & x.cmple(b.max.as_dvec3())).all()
                             };
-                            lost += usize::from(!parts.iter().any(holds));
+                            lost += usize::from(!parts[k - 1..=k].iter().any(holds));
                         }
                     }
                 }
@@ -410,13 +404,13 @@ mod tests {
 
     #[test]
     fn the_padding_of_parts_is_enough_and_needed() {
-        assert_eq!(points_lost(ClipBetweenPlanes::pad), 0);
+        assert_eq!(points_lost(pad), 0);
         assert!(points_lost(|_| 0.0) > 100);
     }
 
     /// Counts corners, as the kernel computes them at times of a slice, that are in no part. They move far in other segments,
     /// into which the slice reaches.
-    fn corners_lost(pad_of: impl Fn(&Ends) -> f32) -> usize {
+    fn corners_lost(pad_of: impl Fn(&CornerBounds) -> f32) -> usize {
         let (mut random, mut lost) = (Random(31), 0);
         for round in 0..600 {
             let keys = [3, 9, 100][round % 3];
@@ -428,9 +422,8 @@ mod tests {
             };
             let mesh = TriangleMesh::new(vec![[0, 1, 2]], (0..keys).map(&mut at).collect::<Vec<_>>());
             let (set, over) = (Triangles::new(&[mesh]).unwrap(), time_slice(segment, keys - 1));
-            let (bounds, ends) = (set.bounds(0, over), PrimitiveSet::ends(&set, 0, over).unwrap());
-            let Some(planes) = Planes::across(&bounds, BINS) else { continue };
-            let parts = parts_of(planes, &bounds, &ends, pad_of(&ends), round);
+            let (bounds, corners) = (set.bounds(0, over), set.corner_bounds(0, over).unwrap());
+            let Some(parts) = parts_of(&bounds, &corners, pad_of(&corners), round) else { continue };
             for step in 0..=64 {
                 let t = (over.begin() + over.duration() * (step as f32 / 64.0)).min(over.end());
                 let w = f64::from(t - over.begin()) / over.fine_duration();
@@ -454,7 +447,7 @@ mod tests {
 
     #[test]
     fn parts_hold_corners_that_leave_their_line_and_would_not_without_its_slack() {
-        assert_eq!(corners_lost(ClipBetweenPlanes::pad), 0);
-        assert!(corners_lost(|ends| ClipBetweenPlanes::pad(ends) - ends.slack) > 100);
+        assert_eq!(corners_lost(pad), 0);
+        assert!(corners_lost(|corners| pad(corners) - corners.slack) > 100);
     }
 }

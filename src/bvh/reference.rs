@@ -117,12 +117,6 @@ impl Packed {
         Packed(core::array::from_fn(|i| if self.0[i] < other.0[i] { self.0[i] } else { other.0[i] }))
     }
 
-    /// The bounds of a point that moves from `begin` to `end`.
-    #[inline(always)]
-    pub fn point(begin: Vec3, end: Vec3) -> Packed {
-        Packed::new(&LinearBox3 { begin: Box3 { min: begin, max: begin }, end: Box3 { min: end, max: end } })
-    }
-
     /// Whether these are still the bounds [`Packed::EMPTY`].
     #[inline]
     pub fn is_empty(&self) -> bool {

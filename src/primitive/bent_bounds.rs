@@ -15,33 +15,47 @@
 
 use super::triangles::Triangles;
 use super::window::Window;
-use crate::geometry::{Box3, LinearBox3, TimeInterval, ULP};
+use crate::geometry::{Box3, CornerBounds, LinearBox3, TimeInterval, ULP};
 use core::ops::Range;
 use glam::{Vec3, Vec3A};
 
 impl Triangles {
     /// Bounds over an interval; `keys` is the number of keys, more than two.
     pub(super) fn bent_bounds(&self, id: u32, keys: usize, over: TimeInterval) -> LinearBox3 {
-        let [a, b, c] = self.vertices(id);
-        let window = Window::new(over, keys);
-        let corners = [self.keys_of_vertex(a, keys), self.keys_of_vertex(b, keys), self.keys_of_vertex(c, keys)];
-        let (bounds, magnitude) = bounds_of(&window, corners);
-        let pad = 2.0 * Triangles::slack(keys, magnitude) + TUBE_ULPS * ULP * magnitude;
-        let mut bounds = LinearBox3 { begin: bounds.begin.pad(pad), end: bounds.end.pad(pad) };
+        let CornerBounds { corners: [a, b, c], slack } = self.tubes_of_corners(id, keys, over);
+        let bounds = a.union(b).union(c);
+        let mut bounds = LinearBox3 { begin: bounds.begin.pad(slack), end: bounds.end.pad(slack) };
         if bounds.begin == bounds.end {
             // A motion that returns to its begin is a motion nevertheless, and dividing the shutter may pay.
             bounds.end.max.x = bounds.end.max.x.next_up();
         }
         bounds
     }
+
+    /// Bounds of the corners over an interval; `keys` is the number of keys, more than two.
+    pub(super) fn bent_corner_bounds(&self, id: u32, keys: usize, over: TimeInterval) -> CornerBounds {
+        let mut bounds = self.tubes_of_corners(id, keys, over);
+        bounds.slack += self.rounding(id, over);
+        bounds
+    }
+
+    /// The tubes of the corners, and their padding.
+    #[inline(always)]
+    fn tubes_of_corners(&self, id: u32, keys: usize, over: TimeInterval) -> CornerBounds {
+        let [a, b, c] = self.vertices(id);
+        let window = Window::new(over, keys);
+        let corners = [self.keys_of_vertex(a, keys), self.keys_of_vertex(b, keys), self.keys_of_vertex(c, keys)];
+        let (corners, magnitude) = tubes_of(&window, corners);
+        CornerBounds { corners, slack: 2.0 * Triangles::slack(keys, magnitude) + TUBE_ULPS * ULP * magnitude }
+    }
 }
 
 /// The padding beside twice the slack.
 pub(super) const TUBE_ULPS: f32 = 16.0;
 
-/// Bounds of three vertices over the interval of a window, not padded, and the largest coordinate at the keys around it.
+/// The tubes of three vertices over the interval of a window, and the largest coordinate at the keys around it.
 #[inline(always)]
-fn bounds_of(window: &Window, [a, b, c]: [&[Vec3]; 3]) -> (LinearBox3, f32) {
+fn tubes_of(window: &Window, [a, b, c]: [&[Vec3]; 3]) -> ([LinearBox3; 3], f32) {
     let mut tubes = [Tube::new(window, a), Tube::new(window, b), Tube::new(window, c)];
     let of = |keys: &'_ [Vec3]| -> Range<usize> { window.inner.start..window.inner.end.min(keys.len()) };
     let inner = a[of(a)].iter().zip(&b[of(b)]).zip(&c[of(c)]);
@@ -56,8 +70,7 @@ fn bounds_of(window: &Window, [a, b, c]: [&[Vec3]; 3]) -> (LinearBox3, f32) {
     for key in window.around.clone().filter(|key| !window.inner.contains(key)) {
         size = size.max(a[key].abs().max(b[key].abs()).max(c[key].abs()).into());
     }
-    let [a, b, c] = [tubes[0].bounds(), tubes[1].bounds(), tubes[2].bounds()];
-    (a.union(b).union(c), size.max_element())
+    ([tubes[0].bounds(), tubes[1].bounds(), tubes[2].bounds()], size.max_element())
 }
 
 /// The bounds of a vertex: the line between its positions at both ends, shifted down and up.
@@ -125,7 +138,7 @@ mod tests {
                 };
                 let bounds = set.bounds(0, over);
                 let window = Window::new(over, keys);
-                let size = bounds_of(&window, set.vertices(0).map(|v| set.keys_of_vertex(v, keys))).1;
+                let size = tubes_of(&window, set.vertices(0).map(|v| set.keys_of_vertex(v, keys))).1;
                 let off = f64::from(part * (2.0 * Triangles::slack(keys, size) + 16.0 * ULP * size));
                 for i in 0..200 {
                     let key = (i / 3 % keys) as f32 / (keys - 1) as f32;

@@ -6,7 +6,7 @@
 use super::vertex_tubes::VertexTubes;
 use super::window::Intervals;
 use crate::error::BuildError;
-use crate::geometry::{Aabb, Box3, Ends, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
+use crate::geometry::{Aabb, Box3, CornerBounds, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
 use crate::limits::MAX_COORDINATE;
 use crate::simd::LANES;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -168,8 +168,8 @@ pub(crate) trait PrimitiveSet: Send + Sync {
         let _ = (id, over, cell);
         false
     }
-    /// The corners at both ends of an interval in which they move linearly; `None` for a primitive that is not clipped.
-    fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends> {
+    /// Linear bounds of the corners of a triangle over an interval; `None` for a primitive that is not split.
+    fn corner_bounds(&self, id: u32, over: TimeInterval) -> Option<CornerBounds> {
         let _ = (id, over);
         None
     }

@@ -7,7 +7,7 @@ use super::triangles::Triangles;
 use super::vertex_tubes::VertexTubes;
 use super::window::Intervals;
 use crate::error::{BuildError, RefitError};
-use crate::geometry::{Box3, Ends, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
+use crate::geometry::{Box3, CornerBounds, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
 use glam::DVec3;
 
 /// A shape that shares a tree with meshes ([`RayTree::of_scene`](crate::RayTree::of_scene)).
@@ -183,9 +183,9 @@ impl PrimitiveSet for Scene {
     }
 
     #[inline(always)]
-    fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends> {
+    fn corner_bounds(&self, id: u32, over: TimeInterval) -> Option<CornerBounds> {
         match self.shape(id) {
-            None => PrimitiveSet::ends(&self.triangles, id, over),
+            None => self.triangles.corner_bounds(id, over),
             Some(_) => None,
         }
     }

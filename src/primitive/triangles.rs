@@ -8,7 +8,8 @@ use super::precise_vertices::PreciseVertices;
 use super::vertex_tubes::VertexTubes;
 use super::window::Intervals;
 use crate::geometry::{
-    Box3, Ends, Frame, INSTANTS, Instant, KeyTime, LaneBounds, LinearBox3, TimeInterval, are_disjoint, clip_triangle,
+    Box3, CornerBounds, Frame, INSTANTS, Instant, KeyTime, LaneBounds, LinearBox3, TimeInterval, are_disjoint,
+    clip_triangle,
 };
 use crate::simd::{LANES, Lanes, as_coordinates, prefetch};
 use core::ops::Range;
@@ -368,13 +369,13 @@ impl PrimitiveSet for Triangles {
     }
 
     #[inline(always)]
-    fn ends(&self, id: u32, over: TimeInterval) -> Option<Ends> {
+    fn corner_bounds(&self, id: u32, over: TimeInterval) -> Option<CornerBounds> {
         let keys = self.keys(id);
         if keys > 2 && !Triangles::is_within_segment(over, keys) {
-            return None;
+            return Some(self.bent_corner_bounds(id, keys, over));
         }
-        let [begin, end] = Triangles::ends(self, id, over);
-        Some(Ends { begin, end, slack: self.slack_of_line(id, over) })
+        let [begin, end] = self.ends(id, over);
+        Some(CornerBounds::of_lines(begin, end, self.slack_of_line(id, over)))
     }
 
     fn prefetch(&self, id: u32) {

@@ -68,7 +68,7 @@ const WIDENED: f64 = 2.4e-7 + 6e-8;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::KeyTime;
+    use crate::geometry::{KeyTime, LinearBox3};
     use crate::primitive::{PrimitiveSet, TriangleMesh};
     use crate::random::Random;
     use crate::time::time_slice;
@@ -150,13 +150,14 @@ mod tests {
             let positions: Vec<_> = (0..keys).map(|key| vec![point(key); 3]).collect();
             let set = Triangles::new(&[TriangleMesh::new(vec![[0, 1, 2]], positions)]).unwrap();
             let over = time_slice((random.unit() * (keys - 1) as f32) as usize, keys - 1);
-            let line = PrimitiveSet::ends(&set, 0, over).unwrap();
+            let line = set.corner_bounds(0, over).unwrap();
             assert_eq!(line.slack, set.slack_of_line(0, over));
             let magnitude = f64::from(set.magnitude(0, over));
             for i in 0..=64 {
                 let t = (over.begin() + over.duration() * (i as f32 / 64.0)).min(over.end());
                 let w = f64::from(t - over.begin()) / over.fine_duration();
-                let at = line.begin[0].as_dvec3().lerp(line.end[0].as_dvec3(), w);
+                let LinearBox3 { begin, end } = line.corners[0];
+                let at = begin.min.as_dvec3().lerp(end.min.as_dvec3(), w);
                 let off = (set.corners(0, t)[0].as_dvec3() - at).abs().max_element();
                 assert!(off <= f64::from(line.slack), "{keys} keys, {over:?}, t {t}: {off} of {}", line.slack);
                 worst = worst.max(off / magnitude);

@@ -9,7 +9,7 @@ use crate::bvh::{
     BinaryNode, BinaryTree, Collapse, CostModel, LeafKind, Reference, ReplacedSubtree, SurfaceDensity, WideChild,
     build_binary, neighbourhoods, presplit, reinsert,
 };
-use crate::geometry::{Box3, KeyTime, LaneBounds, LinearBox3, TimeInterval};
+use crate::geometry::{KeyTime, LaneBounds, LinearBox3, TimeInterval};
 use crate::parallel;
 use crate::params::WideParams;
 use crate::primitive::PrimitiveSet;
@@ -208,7 +208,7 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
     let presplits =
         elongated && (params.decided.is_some() || presplit_pays(set, &references, slice, budget, cost_model));
     if presplits {
-        presplit(&mut references, |id| set.ends(id, over), budget);
+        presplit(&mut references, |id| set.corner_bounds(id, over), budget);
     }
     Draft { primitives: ids.len(), ratio, ..draft_with(set, references, slice, presplits, cost_model, reinsertion) }
 }
@@ -281,7 +281,7 @@ fn presplit_pays<S: PrimitiveSet>(
             draft_with(set, references, slice, true, cost_model, Reinsertion::Later).collapse.total()
         };
         let mut split = sample.clone();
-        presplit(&mut split, |id| set.ends(id, over), budget);
+        presplit(&mut split, |id| set.corner_bounds(id, over), budget);
         let (split, whole) = parallel::both(|| cost(split), || cost(sample));
         with += split;
         without += whole;
@@ -358,9 +358,9 @@ fn area_ratio<S: PrimitiveSet>(set: &S, ids: &[u32], over: TimeInterval) -> Opti
     let (mut boxes, mut triangles) = (0.0, 0.0);
     // A sample of one or two thousand is enough.
     for &id in ids.iter().step_by(ids.len() / 2048 + 1) {
-        let Some(ends) = set.ends(id, over) else { continue };
-        boxes += f64::from(ends.begin.into_iter().fold(Box3::EMPTY, Box3::include).half_area());
-        triangles += f64::from(ends.area());
+        let Some(corners) = set.corner_bounds(id, over) else { continue };
+        boxes += f64::from(corners.union().begin.half_area());
+        triangles += f64::from(corners.area());
     }
     (triangles > 0.0).then_some(boxes / triangles)
 }

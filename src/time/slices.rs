@@ -90,16 +90,15 @@ fn boundary<S: PrimitiveSet>(
     count: usize,
 ) -> Option<Vec<Box3>> {
     let over = time_slice(i, count).intersect(time_slice(i - 1, count))?;
-    if draft.presplit || set.bent() || set.ends(draft.references.first()?.id(), over).is_none() {
+    if draft.presplit || set.bent() || set.corner_bounds(draft.references.first()?.id(), over).is_none() {
         return None;
     }
     let mut boxes = huge_vec(clusters.len());
     parallel::fill(&mut boxes, clusters.len(), |i| {
         prefetch_blocks(set, draft, clusters, i, over);
         draft.references(&clusters[i]).iter().fold(Box3::EMPTY, |b, r| {
-            let Some(ends) = set.ends(r.id(), over) else { return b };
-            let corners = ends.begin.into_iter().chain(ends.end).fold(Box3::EMPTY, Box3::include);
-            b.union(corners.pad(ends.slack))
+            let Some(bounds) = set.corner_bounds(r.id(), over) else { return b };
+            b.union(bounds.union().swept().pad(bounds.slack))
         })
     });
     Some(boxes)

@@ -1,0 +1,46 @@
+//! Where the corners of a moving triangle are.
+
+use super::{Box3, LinearBox3};
+use glam::Vec3;
+
+/// Linear bounds of each corner of a triangle over an interval; a point where it moves on a line.
+pub(crate) struct CornerBounds {
+    pub corners: [LinearBox3; 3],
+    /// How far corners, as queries compute them, may be outside.
+    pub slack: f32,
+}
+
+impl CornerBounds {
+    /// Corners that move on lines.
+    #[inline(always)]
+    pub fn of_lines(begin: [Vec3; 3], end: [Vec3; 3], slack: f32) -> CornerBounds {
+        let point = |p: Vec3| Box3 { min: p, max: p };
+        let line = |i: usize| LinearBox3 { begin: point(begin[i]), end: point(end[i]) };
+        CornerBounds { corners: [line(0), line(1), line(2)], slack }
+    }
+
+    /// The bounds of the triangle but for the slack.
+    #[inline(always)]
+    pub fn union(&self) -> LinearBox3 {
+        let [a, b, c] = self.corners;
+        a.union(b).union(c)
+    }
+
+    /// The triangle's area at the begin, with its corners in the middle of their boxes.
+    #[inline(always)]
+    pub fn area(&self) -> f32 {
+        let [a, b, c] = self.corners.map(|corner| centre(corner.begin));
+        0.5 * (b - a).cross(c - a).length()
+    }
+
+    /// The corners in the middle of the interval and of their boxes; exactly where they are if they do not move.
+    #[inline(always)]
+    pub fn middle(&self) -> [Vec3; 3] {
+        self.corners.map(|corner| 0.5 * centre(corner.begin) + 0.5 * centre(corner.end))
+    }
+}
+
+#[inline(always)]
+fn centre(b: Box3) -> Vec3 {
+    0.5 * b.min + 0.5 * b.max
+}
