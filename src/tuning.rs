@@ -125,6 +125,9 @@ pub(crate) mod slices {
     pub const MAX_AREA_OF_HALVES: f32 = 0.87;
     /// A region must gain this fraction of the cost of the whole tree.
     pub const MIN_GAIN: f32 = 0.002;
+    /// The whole tree is divided if it has at most this many times the references of a region: the rest is then in each of its trees, so
+    /// it has at most this many times the bytes, and rays have one node less to pass.
+    pub const NEARLY_ALL: f32 = 1.01;
     /// Halves of a region whose area ratios differ by more than this are separate regions.
     pub const MAX_DIFFERENCE: f32 = 0.15;
     /// Subregions of a rejected region are compared up to this many levels below it, if they have at least this many

@@ -20,7 +20,7 @@ use super::trials::decide;
 use crate::bvh::BinaryNode;
 use crate::params::Division;
 use crate::primitive::PrimitiveSet;
-use crate::tuning::slices::{FEW, LEVELS, MAX_AREA_OF_HALVES, MAX_DIFFERENCE, MIN_GAIN};
+use crate::tuning::slices::{FEW, LEVELS, MAX_AREA_OF_HALVES, MAX_DIFFERENCE, MIN_GAIN, NEARLY_ALL};
 use crate::tuning::wide::BYTES_PER_REFERENCE;
 
 /// A subtree of a draft that gets a temporal split.
@@ -59,6 +59,10 @@ pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &DraftPar
         divided(draft, candidate, least, &decide, &mut decided);
     }
     let mut regions = joined(&draft.binary, 0, decided);
+    if let Some(&region) = regions.iter().find(|region| is_nearly_all(draft, region.node)) {
+        let around = draft.collapse.total() - draft.collapse.cost(region.node);
+        return vec![Region { node: 0, cost: region.cost + around, ..region }];
+    }
     let in_a_block = |node: u32| draft.binary[node as usize].count as usize <= draft.cost_model.most;
     regions.retain(|region| region.node == 0 || !in_a_block(region.node));
     regions
@@ -205,6 +209,12 @@ fn joined(binary: &[BinaryNode], x: u32, mut regions: Vec<Region>) -> Vec<Region
     }
 }
 
+/// Whether a node has nearly all references, as figures on a floor do: then a node above the time node, for the few others, would cost
+/// rays more than it saves.
+fn is_nearly_all(draft: &Draft, x: u32) -> bool {
+    draft.binary[0].count as f32 <= NEARLY_ALL * draft.binary[x as usize].count as f32
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::draft::{Reinsertion, TimeSlice, draft_tree};
@@ -258,6 +268,16 @@ mod tests {
         }
         let (regions, _) = regions_of(&scene::tornado(20_000));
         assert!(matches!(regions[..], [Region { node: 0, division: Division::SeparateTrees(4..), .. }]), "{regions:?}");
+    }
+
+    #[test]
+    fn the_few_primitives_around_a_region_are_divided_with_it() {
+        let (mut scene, mut floor) = (scene::tornado(20_000), scene::Shape::default());
+        floor.block(Vec3::new(-20.0, -9.0, -20.0), Vec3::new(20.0, -8.0, 20.0));
+        scene.meshes.push(floor.fixed());
+        let (regions, inside) = regions_of(&scene);
+        assert!(matches!(regions[..], [Region { node: 0, .. }]), "{regions:?}");
+        assert!(inside.iter().all(|&share| share > 0.999), "{inside:?}");
     }
 
     #[test]
