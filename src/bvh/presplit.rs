@@ -418,7 +418,7 @@ mod tests {
             let near = [(); 3].map(|()| random.vec() * 0.9);
             let mut at = |key: usize| {
                 let here = (segment..segment + 2).contains(&key);
-                near.map(|p| if here { p + random.vec() * 0.01 } else { random.vec() }).to_vec()
+                near.map(|p| if here { p + random.vec() * 0.3 } else { random.vec() }).to_vec()
             };
             let mesh = TriangleMesh::new(vec![[0, 1, 2]], (0..keys).map(&mut at).collect::<Vec<_>>());
             let (set, over) = (Triangles::new(&[mesh]).unwrap(), time_slice(segment, keys - 1));

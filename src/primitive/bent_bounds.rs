@@ -32,16 +32,9 @@ impl Triangles {
         bounds
     }
 
-    /// Bounds of the corners over an interval; `keys` is the number of keys, more than two.
-    pub(super) fn bent_corner_bounds(&self, id: u32, keys: usize, over: TimeInterval) -> CornerBounds {
-        let mut bounds = self.tubes_of_corners(id, keys, over);
-        bounds.slack += self.rounding(id, over);
-        bounds
-    }
-
-    /// The tubes of the corners, and their padding.
+    /// The tubes of the corners, and their padding; `keys` is the number of keys, more than two.
     #[inline(always)]
-    fn tubes_of_corners(&self, id: u32, keys: usize, over: TimeInterval) -> CornerBounds {
+    pub(super) fn tubes_of_corners(&self, id: u32, keys: usize, over: TimeInterval) -> CornerBounds {
         let [a, b, c] = self.vertices(id);
         let window = Window::new(over, keys);
         let corners = [self.keys_of_vertex(a, keys), self.keys_of_vertex(b, keys), self.keys_of_vertex(c, keys)];

@@ -371,11 +371,15 @@ impl PrimitiveSet for Triangles {
     #[inline(always)]
     fn corner_bounds(&self, id: u32, over: TimeInterval) -> Option<CornerBounds> {
         let keys = self.keys(id);
-        if keys > 2 && !Triangles::is_within_segment(over, keys) {
-            return Some(self.bent_corner_bounds(id, keys, over));
-        }
-        let [begin, end] = self.ends(id, over);
-        Some(CornerBounds::of_lines(begin, end, self.slack_of_line(id, over)))
+        let mut bounds = match keys {
+            ..=2 => {
+                let [begin, end] = self.ends(id, over);
+                CornerBounds::of_lines(begin, end, Triangles::slack(keys, self.magnitude(id, over)))
+            }
+            _ => self.tubes_of_corners(id, keys, over),
+        };
+        bounds.slack += self.rounding(id, over);
+        Some(bounds)
     }
 
     fn prefetch(&self, id: u32) {

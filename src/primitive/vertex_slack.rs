@@ -22,24 +22,6 @@ impl Triangles {
         ulps as f32 * ULP * magnitude
     }
 
-    /// The largest distance of a kernel's vertex from the line between [`Triangles::ends`], over an interval of one segment
-    /// that may reach [`WIDENED`], 5 ULP of the shutter, beyond it. There corners already move differently, by at most twice
-    /// their magnitude per segment, at either end: 20 (n - 1) ULP. The vertex and an end of the line add their own rounding.
-    #[inline(always)]
-    pub(crate) fn slack_of_line(&self, id: u32, over: TimeInterval) -> f32 {
-        let slack = match self.keys(id) {
-            1 => 0.0,
-            2 => Triangles::slack(2, self.magnitude(id, over)),
-            n => (4 + 26 * (n - 1)) as f32 * ULP * self.magnitude(id, over),
-        };
-        slack + self.rounding(id, over)
-    }
-
-    /// Whether an interval lies within one segment between keys, but for the width of time slices.
-    pub(super) fn is_within_segment(over: TimeInterval, keys: usize) -> bool {
-        within_segment(over, keys, WIDENED)
-    }
-
     /// The largest magnitude of a coordinate of a triangle's corners at the keys around all times of an interval, and
     /// around the times that these may be rounded to.
     pub(super) fn magnitude(&self, id: u32, over: TimeInterval) -> f32 {
@@ -55,23 +37,12 @@ impl Triangles {
 /// An upper bound of the difference of times whose products with a number of segments are rounded to the same.
 const ROUNDED_TIME: f32 = 4.0 * ULP;
 
-/// Whether no key lies within an interval and farther from its ends than `widened`.
-fn within_segment(over: TimeInterval, keys: usize, widened: f64) -> bool {
-    let segments = (keys - 1) as f64;
-    let (begin, end) = (f64::from(over.begin()) + widened, f64::from(over.end()) - widened);
-    (begin * segments).floor() >= (end * segments).ceil() - 1.0
-}
-
-/// [`crate::time`] widens slices by this much, and rounds their ends to f32.
-const WIDENED: f64 = 2.4e-7 + 6e-8;
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{KeyTime, LinearBox3};
+    use crate::geometry::KeyTime;
     use crate::primitive::{PrimitiveSet, TriangleMesh};
     use crate::random::Random;
-    use crate::time::time_slice;
     use glam::Vec3;
 
     /// The largest error of a kernel's vertex, in ULP of the largest coordinate around its time.
@@ -127,51 +98,5 @@ mod tests {
             }
         }
         assert!(lost[0] == 0 && lost[1] > 100, "{keys} keys: {lost:?}");
-    }
-
-    #[test]
-    fn time_slices_of_one_segment_are_within_it_and_only_if_they_may_be_wider() {
-        let slices = || (2..500).chain([65_535]).flat_map(|n| (0..n).map(move |i| (i, n)));
-        let within = |widened: f64| slices().filter(move |&(i, n)| within_segment(time_slice(i, n), n + 1, widened));
-        assert_eq!(within(WIDENED).count(), slices().count());
-        assert_eq!(within(0.0).count(), 0);
-        // Slices with a key inside.
-        let inside = slices().filter(|&(_, n)| n < 500);
-        assert!(inside.clone().all(|(i, n)| !within_segment(time_slice(i, n), n + 2, WIDENED)));
-    }
-
-    /// The largest distance of a kernel's vertex, at any time of a widened slice, from the line between the ends, in ULP of its
-    /// largest coordinate. The motion is the opposite one in the next segments.
-    fn largest_distance_from_the_line(keys: usize) -> f64 {
-        let (mut random, mut worst) = (Random(37), 0.0f64);
-        for _ in 0..300 {
-            let mut point =
-                |key: usize| Vec3::splat(if key.is_multiple_of(2) { 1.0 } else { -1.0 }) * (1.0 - 0.1 * random.unit());
-            let positions: Vec<_> = (0..keys).map(|key| vec![point(key); 3]).collect();
-            let set = Triangles::new(&[TriangleMesh::new(vec![[0, 1, 2]], positions)]).unwrap();
-            let over = time_slice((random.unit() * (keys - 1) as f32) as usize, keys - 1);
-            let line = set.corner_bounds(0, over).unwrap();
-            assert_eq!(line.slack, set.slack_of_line(0, over));
-            let magnitude = f64::from(set.magnitude(0, over));
-            for i in 0..=64 {
-                let t = (over.begin() + over.duration() * (i as f32 / 64.0)).min(over.end());
-                let w = f64::from(t - over.begin()) / over.fine_duration();
-                let LinearBox3 { begin, end } = line.corners[0];
-                let at = begin.min.as_dvec3().lerp(end.min.as_dvec3(), w);
-                let off = (set.corners(0, t)[0].as_dvec3() - at).abs().max_element();
-                assert!(off <= f64::from(line.slack), "{keys} keys, {over:?}, t {t}: {off} of {}", line.slack);
-                worst = worst.max(off / magnitude);
-            }
-        }
-        worst / f64::from(ULP)
-    }
-
-    #[test]
-    fn the_slack_of_lines_is_enough_and_has_to_grow_with_the_number_of_keys() {
-        for keys in [3, 4, 9, 65, 200, 1000] {
-            let (off, without_growth) =
-                (largest_distance_from_the_line(keys), f64::from(Triangles::slack(2, 1.0) / ULP));
-            assert!(off > 2.0 * without_growth, "{keys} keys: {off} ULP");
-        }
     }
 }
