@@ -69,6 +69,16 @@ impl SimdLevel {
         SimdLevel::PORTABLE
     }
 
+    /// The widest level of the CPU up to this one whose registers are half of sixteen lanes or less: for loops that load what they have
+    /// just stored, for which whole registers take longer.
+    pub(crate) fn in_halves(self) -> SimdLevel {
+        #[cfg(target_arch = "x86_64")]
+        if self.0 == Isa::Avx512 {
+            return SimdLevel(Isa::Avx2);
+        }
+        self
+    }
+
     /// `"sse2"`, `"avx2"` or `"avx512"` on x86-64, `"neon"` on AArch64, `"portable"` on other architectures.
     pub fn name(self) -> &'static str {
         match self.0 {
