@@ -73,7 +73,7 @@ pub(crate) fn build_binary(
     };
     // A single reference far away makes the root box large, but not the sum over references.
     let large = density.map(|density| {
-        let rays = density.visits(&bounds).min(density.visits_of_all(references));
+        let rays = density.visits_of_all(references, density.visits(&bounds));
         (density, LARGE_LEAF * rays)
     });
     let builder = Builder { simd, leaf: *leaf.start().max(&1), overlapping_leaf: *leaf.end(), large, alone, kinds };
@@ -313,7 +313,7 @@ mod tests {
         assert!(after.len() > before.len() && after.len() <= before.len() + 20, "{} {}", before.len(), after.len());
         // No leaf of several references is visited by more than its share of the rays.
         let references = room();
-        let rays = density.visits(&summary(SimdLevel::best(), &references).0).min(density.visits_of_all(&references));
+        let rays = density.visits_of_all(&references, density.visits(&summary(SimdLevel::best(), &references).0));
         let large = |leaves: &[BinaryNode]| leaves.iter().any(|l| l.count > 1 && visits(l) > LARGE_LEAF * rays);
         assert!(large(&before) && !large(&after));
     }
