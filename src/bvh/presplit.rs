@@ -8,10 +8,11 @@
 use super::binning::HALF;
 use super::reference::{Packed, Reference};
 use super::visits::mean_half_area;
-use crate::geometry::{Box3, Ends, LinearBox3, ULP};
+use crate::geometry::{Ends, LinearBox3, ULP};
 use crate::parallel::{self, CHUNK};
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
 use crate::tuning::presplit::{LEAST_AREA, MAX_MOTION_RATIO, MIN_SAVING};
+use glam::Vec3;
 
 /// The greatest number of sub-references of one reference.
 const BINS: usize = 8;
@@ -203,8 +204,11 @@ impl ClipBetweenPlanes<'_> {
     /// The padding of the parts of a triangle: the rounding error of the computed points, and the slack of the corners.
     #[inline(always)]
     fn pad(ends: &Ends) -> f32 {
-        let magnitude = ends.begin.into_iter().chain(ends.end).fold(Box3::EMPTY, Box3::include).magnitude();
-        ends.slack + 8.0 * ULP * magnitude
+        let mut greatest = Vec3::ZERO;
+        for (begin, end) in ends.begin.iter().zip(&ends.end) {
+            greatest = greatest.max(begin.abs()).max(end.abs());
+        }
+        ends.slack + 8.0 * ULP * greatest.max_element()
     }
 }
 
@@ -271,10 +275,10 @@ const OTHER_END: Lanes<u32> = [3, 4, 5, 0, 1, 2, 6, 7, 11, 12, 13, 8, 9, 10, 14,
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Box3;
     use crate::primitive::{PrimitiveSet, TriangleMesh, Triangles};
     use crate::random::Random;
     use crate::time::time_slice;
-    use glam::Vec3;
 
     /// The parts of a triangle between planes, computed by one of the instruction sets.
     fn parts_of(planes: Planes, bounds: &LinearBox3, ends: &Ends, pad: f32, round: usize) -> [LinearBox3; BINS] {
