@@ -30,8 +30,8 @@ pub(super) struct Binning {
     last: f32,
 }
 
-/// Adding this constant rounds a small float to the nearest integer, which is then in its low bits.
-const ROUND: f32 = 8_388_608.0;
+/// Adding this constant rounds a small float to the nearest integer, which is then in its low bits; -0.5 becomes 0.
+const ROUND: f32 = 12_582_912.0;
 
 impl Binning {
     fn new(centres: Box3, bins: usize) -> Binning {
@@ -60,7 +60,7 @@ impl Binning {
     #[inline(always)]
     fn rounded(&self, centre: Vec4) -> Vec4 {
         let at = (centre - self.low) * self.scale - Vec4::splat(0.5);
-        at.max(Vec4::ZERO).min(Vec4::splat(self.last)) + Vec4::splat(ROUND)
+        at.min(Vec4::splat(self.last)) + Vec4::splat(ROUND)
     }
 }
 
@@ -245,7 +245,7 @@ impl Sides {
     #[inline(always)]
     pub fn is_low(&self, r: &Reference) -> bool {
         let at = (r.0.0[self.lane % LANES] - self.low) * self.scale - 0.5;
-        at.max(0.0).min(self.last) + ROUND < self.plane
+        at.min(self.last) + ROUND < self.plane
     }
 }
 
