@@ -120,7 +120,7 @@ const TURNS: usize = 4;
 
 /// References at each of these places whose bins are computed before they are counted: bins go through memory, since extracting lanes
 /// from registers is slow.
-const BLOCK: usize = 16;
+const BLOCK: usize = 8;
 
 /// Adds references to the bins of a table, on all axes that are not flat.
 struct Count<'a> {
