@@ -46,19 +46,12 @@ impl SurfaceDensity {
         SurfaceDensity(if density.is_finite() { density } else { 0.0 })
     }
 
-    /// How often the boxes of references are visited in total, as an area, but at most `most`. Mostly a few of them suffice for that.
-    pub fn visits_of_all(self, references: &[Reference], most: f32) -> f32 {
-        let mut visits = 0.0;
-        for references in references.chunks(parallel::CHUNK * parallel::threads()) {
-            let parts = parallel::chunks(references.len(), |of| {
-                references[of].iter().map(|r| f64::from(self.visits(&r.bounds()))).sum::<f64>()
-            });
-            visits += parts.into_iter().sum::<f64>();
-            if visits >= f64::from(most) {
-                return most;
-            }
-        }
-        visits as f32
+    /// How often the boxes of references are visited in total, as an area.
+    pub fn visits_of_all(self, references: &[Reference]) -> f32 {
+        let parts = parallel::chunks(references.len(), |of| {
+            references[of].iter().map(|r| f64::from(self.visits(&r.bounds()))).sum::<f64>()
+        });
+        parts.into_iter().sum::<f64>() as f32
     }
 
     /// How often a box is visited, as an area.
