@@ -2,7 +2,8 @@
 //!
 //! Each task is written into an arena of its own that stays in the cache. As soon as all tasks before it are in place
 //! it is appended, and the references in its nodes are relocated: the order is that of the tasks, whichever thread
-//! wrote them. A small arena whose blocks are in place is reused by the next task.
+//! wrote them. A small arena whose blocks are in place is reused by the next task. A single thread writes most tasks
+//! straight into the final arena.
 
 use super::wide_node::{ChildRef, NODE_ROWS, children_mut};
 use crate::error::BuildError;

@@ -69,8 +69,8 @@ impl SimdLevel {
         SimdLevel::PORTABLE
     }
 
-    /// The widest level of the CPU up to this one whose registers are half of sixteen lanes or less: for loops that load what they have
-    /// just stored, for which whole registers take longer.
+    /// This level, or AVX2 instead of AVX-512: for loops that load what they have just stored, where two halves of sixteen lanes take less
+    /// time than the whole.
     pub(crate) fn in_halves(self) -> SimdLevel {
         #[cfg(target_arch = "x86_64")]
         if self.0 == Isa::Avx512 {
