@@ -30,8 +30,8 @@ pub(super) struct Binning {
     last: f32,
 }
 
-/// Adding this constant rounds a small float to the nearest integer, which is then in its low bits.
-const ROUND: f32 = 8_388_608.0;
+/// Adding this constant rounds a small float to the nearest integer, which is then in its low bits; -0.5 becomes 0.
+const ROUND: f32 = 12_582_912.0;
 
 impl Binning {
     fn new(centres: Box3, bins: usize) -> Binning {
@@ -48,20 +48,19 @@ impl Binning {
         }
     }
 
-    /// Treats all axes but the widest as flat, and returns the widest.
-    fn keep_widest(&mut self, centres: Box3) -> usize {
+    /// Treats all axes but the widest as flat.
+    fn keep_widest(&mut self, centres: Box3) {
         let axis = (centres.max - centres.min).max_position();
         for other in (0..3).filter(|&other| other != axis) {
             self.scale[other] = 0.0;
         }
-        axis
     }
 
     /// The bin on each axis, plus [`ROUND`].
     #[inline(always)]
     fn rounded(&self, centre: Vec4) -> Vec4 {
         let at = (centre - self.low) * self.scale - Vec4::splat(0.5);
-        at.max(Vec4::ZERO).min(Vec4::splat(self.last)) + Vec4::splat(ROUND)
+        at.min(Vec4::splat(self.last)) + Vec4::splat(ROUND)
     }
 }
 
@@ -115,17 +114,21 @@ impl Table {
     }
 }
 
-/// References whose bins are computed before they are counted: bins go through memory, since extracting lanes from
-/// registers is slow.
-const BLOCK: usize = 64;
+/// The number of places in a node from which references are taken in turn. Neighbours are often in the same bin, and would wait for
+/// each other there.
+const TURNS: usize = 4;
 
-/// Adds references to the bins of a table.
+/// References at each of these places whose bins are computed before they are counted: bins go through memory, since extracting lanes
+/// from registers is slow.
+const BLOCK: usize = 8;
+
+/// Adds references to the bins of a table, on all axes that are not flat.
 struct Count<'a> {
     references: &'a [Reference],
+    /// The references are added in chunks of this size.
+    chunk: usize,
     binning: Binning,
     bins: usize,
-    /// The only axis to count on; `None` for all three.
-    only: Option<usize>,
     axes: &'a mut [Bins; 3],
 }
 
@@ -134,40 +137,62 @@ impl Kernel for Count<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Count { references, binning, bins, only, axes } = self;
+        let Count { references, chunk, binning, bins, axes } = self;
+        let (mut used, mut n) = ([0, 1, 2], 0);
         for (axis, table) in axes.iter_mut().enumerate() {
-            if only.is_none_or(|only| only == axis) {
+            if binning.scale[axis] > 0.0 {
                 table.clear(bins);
+                used[n] = axis;
+                n += 1;
             }
         }
-        let mut places = [[0.0; 4]; BLOCK];
-        for references in references.chunks(BLOCK) {
-            for (r, at) in references.iter().zip(&mut places) {
-                *at = binning.rounded(r.centre()).to_array();
-            }
-            let [x, y, z] = &mut *axes;
-            match only {
-                Some(0) => count_on::<S, 0>(s, references, &places, x),
-                Some(1) => count_on::<S, 1>(s, references, &places, y),
-                Some(_) => count_on::<S, 2>(s, references, &places, z),
-                None => {
-                    for (r, at) in references.iter().zip(&places) {
-                        let lanes = s.load(&r.0.0);
-                        x.put(s, lanes, at[0]);
-                        y.put(s, lanes, at[1]);
-                        z.put(s, lanes, at[2]);
-                    }
-                }
+        for references in references.chunks(chunk) {
+            match n {
+                3 => count::<S, 3>(s, references, binning, [0, 1, 2], axes),
+                2 => count::<S, 2>(s, references, binning, [used[0], used[1]], axes),
+                1 => count::<S, 1>(s, references, binning, [used[0]], axes),
+                _ => {}
             }
         }
     }
 }
 
-/// Adds references to the bins of one axis.
+/// Adds references to the bins of some axes, in an order that depends on their number only.
 #[inline(always)]
-fn count_on<S: Simd, const AXIS: usize>(s: S, references: &[Reference], places: &[[f32; 4]; BLOCK], bins: &mut Bins) {
-    for (r, at) in references.iter().zip(places) {
-        bins.put(s, s.load(&r.0.0), at[AXIS]);
+fn count<S: Simd, const N: usize>(
+    s: S,
+    references: &[Reference],
+    binning: Binning,
+    axes: [usize; N],
+    table: &mut [Bins; 3],
+) {
+    let share = references.len() / TURNS;
+    let (shares, rest) = references.split_at(TURNS * share);
+    let mut places = [[[0.0; 4]; TURNS]; BLOCK];
+    for first in (0..share).step_by(BLOCK) {
+        let block = first..share.min(first + BLOCK);
+        for turn in 0..TURNS {
+            for (r, at) in shares[turn * share..][block.clone()].iter().zip(&mut places) {
+                at[turn] = binning.rounded(r.centre()).to_array();
+            }
+        }
+        for (i, at) in block.zip(&places) {
+            for turn in 0..TURNS {
+                put(s, &shares[turn * share + i], at[turn], axes, table);
+            }
+        }
+    }
+    for r in rest {
+        put(s, r, binning.rounded(r.centre()).to_array(), axes, table);
+    }
+}
+
+/// Adds a reference to its bins; `at` has the bin on each axis plus [`ROUND`].
+#[inline(always)]
+fn put<S: Simd, const N: usize>(s: S, r: &Reference, at: [f32; 4], axes: [usize; N], table: &mut [Bins; 3]) {
+    let lanes = s.load(&r.0.0);
+    for axis in axes {
+        table[axis % 3].put(s, lanes, at[axis % 3]);
     }
 }
 
@@ -220,7 +245,7 @@ impl Sides {
     #[inline(always)]
     pub fn is_low(&self, r: &Reference) -> bool {
         let at = (r.0.0[self.lane % LANES] - self.low) * self.scale - 0.5;
-        at.max(0.0).min(self.last) + ROUND < self.plane
+        at.min(self.last) + ROUND < self.plane
     }
 }
 
@@ -236,17 +261,20 @@ pub(super) fn find_split(
 ) -> Option<Split> {
     let bins = bins_for(references.len());
     let mut binning = Binning::new(centres, bins);
-    let only = (overlapping && references.len() <= SMALL).then(|| binning.keep_widest(centres));
-    let (mut chunk, mut chunks) = (references.len(), Vec::new());
+    if overlapping && references.len() <= SMALL {
+        binning.keep_widest(centres);
+    }
+    // One thread counts large nodes in the same chunks, so the result does not depend on the threads.
+    let chunk = if references.len() < PARALLEL { PARALLEL } else { references.len().div_ceil(CHUNKS) };
+    let mut chunks = Vec::new();
     if references.len() < PARALLEL || parallel::threads() == 1 {
-        dispatch(simd, Count { references, binning, bins, only, axes: &mut table.axes });
+        dispatch(simd.in_halves(), Count { references, chunk, binning, bins, axes: &mut table.axes });
     } else {
-        // Minima and sums are merged in order, so the result does not depend on the threads.
-        chunk = references.len().div_ceil(CHUNKS);
+        // Minima and sums are merged in order.
         chunks = parallel::map(references.len().div_ceil(chunk), |i| {
             let mut axes = Box::new([Bins::EMPTY; 3]);
             let references = &references[i * chunk..references.len().min((i + 1) * chunk)];
-            dispatch(simd, Count { references, binning, bins, only, axes: &mut axes });
+            dispatch(simd.in_halves(), Count { references, chunk, binning, bins, axes: &mut axes });
             axes
         });
         for (axis, sum) in table.axes.iter_mut().enumerate() {
@@ -316,12 +344,12 @@ fn union<S: Simd>(s: S, bins: &[Packed]) -> LinearBox3 {
 
 /// Lanes 0 to 7, two of which are unused.
 pub(super) const HALF: u16 = 0x00ff;
-const EXTENTS: u16 = 0x3f3f;
+pub(super) const EXTENTS: u16 = 0x3f3f;
 
 /// For the extents at the beginning and at the end, d0 and d1, in each half: the lanes of (y z x) of d0 and of d1, and
 /// the same exchanged.
-const TURNED: Lanes<u32> = [1, 2, 0, 4, 5, 3, 6, 7, 9, 10, 8, 12, 13, 11, 14, 15];
-const CROSSED: Lanes<u32> = [4, 5, 3, 1, 2, 0, 6, 7, 12, 13, 11, 9, 10, 8, 14, 15];
+pub(super) const TURNED: Lanes<u32> = [1, 2, 0, 4, 5, 3, 6, 7, 9, 10, 8, 12, 13, 11, 14, 15];
+pub(super) const CROSSED: Lanes<u32> = [4, 5, 3, 1, 2, 0, 6, 7, 12, 13, 11, 9, 10, 8, 14, 15];
 
 /// Planes whose costs are computed together: one in each lane of a half.
 const AT_ONCE: usize = LANES / 2;

@@ -12,7 +12,7 @@ use super::visits::{SurfaceDensity, mean_half_area};
 use crate::geometry::{Box3, LinearBox3};
 use crate::parallel;
 use crate::simd::{SimdLevel, concat, huge_vec};
-use crate::tuning::wide::{LARGE_LEAF, MIN_OVERLAP};
+use crate::tuning::wide::{LARGE_LEAF, MANY_BOXES, MIN_OVERLAP};
 use core::ops::RangeInclusive;
 
 /// A node of the binary tree, in preorder: the left child follows its parent.
@@ -72,16 +72,19 @@ pub(crate) fn build_binary(
         threads => PARALLEL.max(n / (SUBTREES * threads)),
     };
     // A single reference far away makes the root box large, but not the sum over references.
-    let large = density.map(|density| {
-        let rays = density.visits(&bounds).min(density.visits_of_all(references));
-        (density, LARGE_LEAF * rays)
-    });
+    let large = density.map(|density| (density, large_visits(density, &bounds, references)));
     let builder = Builder { simd, leaf: *leaf.start().max(&1), overlapping_leaf: *leaf.end(), large, alone, kinds };
     let mut subtrees = builder.subtrees(references, Task { first: 0, depth: 0, overlapping: false, bounds, centres });
     match subtrees.len() {
         1 => subtrees.remove(0),
         _ => concat(&subtrees),
     }
+}
+
+/// The number of visits, as an area, above which a leaf counts as large.
+fn large_visits(density: SurfaceDensity, bounds: &LinearBox3, references: &[Reference]) -> f32 {
+    let all = density.visits_of_all(references);
+    LARGE_LEAF * density.visits(bounds).min(all).max(all / MANY_BOXES)
 }
 
 /// Capacity for the nodes over this many references: leaves are about half full, and with one reference each there are
@@ -313,8 +316,8 @@ mod tests {
         assert!(after.len() > before.len() && after.len() <= before.len() + 20, "{} {}", before.len(), after.len());
         // No leaf of several references is visited by more than its share of the rays.
         let references = room();
-        let rays = density.visits(&summary(SimdLevel::best(), &references).0).min(density.visits_of_all(&references));
-        let large = |leaves: &[BinaryNode]| leaves.iter().any(|l| l.count > 1 && visits(l) > LARGE_LEAF * rays);
+        let most = large_visits(density, &summary(SimdLevel::best(), &references).0, &references);
+        let large = |leaves: &[BinaryNode]| leaves.iter().any(|l| l.count > 1 && visits(l) > most);
         assert!(large(&before) && !large(&after));
     }
 }

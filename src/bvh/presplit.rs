@@ -7,7 +7,7 @@
 
 use super::reference::{Packed, Reference};
 use super::visits::mean_half_area;
-use crate::geometry::{Box3, CornerBounds, ULP};
+use crate::geometry::{CornerBounds, ULP};
 use crate::parallel::{self, CHUNK};
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
 use crate::tuning::presplit::{LEAST_AREA, MIN_SAVING};
@@ -26,13 +26,14 @@ struct Planes {
 
 impl Planes {
     /// Planes between `parts` parts along the longest axis of a triangle with these corners; `None` if it is too short.
-    fn across(corners: [Vec3; 3], parts: usize) -> Option<Planes> {
-        let bounds = corners.into_iter().fold(Box3::EMPTY, Box3::include);
-        let extent = bounds.max - bounds.min;
+    #[inline(always)]
+    fn across([a, b, c]: [Vec3; 3], parts: usize) -> Option<Planes> {
+        let (min, max) = (a.min(b).min(c), a.max(b).max(c));
+        let extent = max - min;
         let axis = extent.max_position();
         let width = extent[axis] / parts as f32;
-        let magnitude = bounds.min[axis].abs().max(bounds.max[axis].abs());
-        (width > 4.0 * ULP * magnitude).then_some(Planes { axis, low: bounds.min[axis], width })
+        let magnitude = min[axis].abs().max(max[axis].abs());
+        (width > 4.0 * ULP * magnitude).then_some(Planes { axis, low: min[axis], width })
     }
 
     /// The plane below part `k`.
@@ -130,7 +131,8 @@ fn gains(references: &[Reference], corners: &(impl Fn(u32) -> Option<CornerBound
                 && Planes::across(corners.middle(), BINS).is_some()
             {
                 // What no part falls below: the bounds of a corner, which are larger than it if its motion is bent.
-                let corner = corners.corners.iter().map(mean_half_area).fold(0.0, f32::max);
+                let [a, b, c] = &corners.corners;
+                let corner = mean_half_area(a).max(mean_half_area(b)).max(mean_half_area(c));
                 let saved = area - corner - LEAST_AREA * corners.area();
                 if saved >= enough {
                     gains.push(Gain { at, saved });
@@ -268,7 +270,7 @@ const OTHER_END: Lanes<u32> = [3, 4, 5, 0, 1, 2, 6, 7, 11, 12, 13, 8, 9, 10, 14,
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{LinearBox3, TimeInterval};
+    use crate::geometry::{Box3, LinearBox3, TimeInterval};
     use crate::primitive::{PrimitiveSet, TriangleMesh, Triangles};
     use crate::random::Random;
     use crate::time::time_slice;

@@ -1,7 +1,7 @@
 //! The references that a binary tree is built over: linear bounds and an id, in one cache line.
 
-use crate::geometry::{Box3, LinearBox3};
-use crate::simd::{LANES, Lanes, Mask, Simd};
+use crate::geometry::{Box3, LaneBounds, LinearBox3};
+use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch};
 use glam::{Vec3, Vec4};
 
 /// One entry of a primitive in the tree being built: its linear bounds during the build's time interval, and its id.
@@ -13,7 +13,7 @@ use glam::{Vec3, Vec4};
 pub(crate) struct Reference(pub(super) Packed);
 
 /// The lane of the id.
-const ID: usize = 15;
+const ID: usize = Reference::ID;
 
 /// The lanes of the centre as a mask.
 const CENTRES: Mask = 1 << 6 | 1 << 7 | 1 << 14;
@@ -24,6 +24,9 @@ const FIRST: Lanes<u32> = [0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 2, 0];
 const SECOND: Lanes<u32> = [3, 3, 3, 3, 3, 3, 3, 4, 3, 3, 3, 3, 3, 3, 5, 3];
 
 impl Reference {
+    /// The lane of the id.
+    pub(super) const ID: usize = 15;
+
     /// The lanes of the centre.
     pub(super) const CENTRE: [usize; 3] = [6, 7, 14];
 
@@ -53,6 +56,11 @@ impl Reference {
         let mut packed = Packed::EMPTY;
         s.store(s.select(1 << ID, id, s.select(CENTRES, centre, bounds)), &mut packed.0);
         Reference(packed)
+    }
+
+    /// Writes a reference for each of some primitives with bounds in lanes.
+    pub fn write(ids: &[u32], bounds: &[LaneBounds], out: &mut [Reference]) {
+        dispatch(SimdLevel::best(), Write { ids, bounds, out });
     }
 
     /// Its bounds; the spare lanes hold centre and id.
@@ -85,6 +93,27 @@ impl Reference {
     pub(super) fn centre(&self) -> Vec4 {
         let [x, y, z] = Reference::CENTRE.map(|lane| self.0.0[lane]);
         Vec4::new(x, y, z, 0.0)
+    }
+}
+
+/// [`Reference::write`].
+struct Write<'a> {
+    ids: &'a [u32],
+    bounds: &'a [LaneBounds],
+    out: &'a mut [Reference],
+}
+
+/// The lanes of [`LaneBounds`] in the order of [`Packed`].
+const TOGETHER: Lanes<u32> = [0, 1, 2, 4, 5, 6, 3, 3, 8, 9, 10, 12, 13, 14, 3, 3];
+
+impl Kernel for Write<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        for ((&id, bounds), to) in self.ids.iter().zip(self.bounds).zip(self.out) {
+            *to = Reference::of_lanes(s, s.permute(s.load(&bounds.0), s.load_u(&TOGETHER)), id);
+        }
     }
 }
 

@@ -10,9 +10,11 @@
 //! With half the surface `a = S / 2` that is `l / 2` times `a + 2 V / l`. Among surfaces of area `A` in a volume `W`
 //! the mean length is `l = 2 W / A`, as over all directions a ray sees half of the area. This leaves `a + V A / W`.
 
-use super::reference::Reference;
+use super::binning::{CROSSED, EXTENTS, HALF, TURNED};
+use super::reference::{Packed, Reference};
 use crate::geometry::{Box3, LinearBox3};
 use crate::parallel;
+use crate::simd::{Kernel, LANES, Simd, SimdLevel, dispatch};
 use glam::Vec3;
 
 /// Mean over the interval of half the surface area of a linearly changing box.
@@ -36,12 +38,8 @@ impl SurfaceDensity {
 
     /// The density of primitives whose boxes have `area_ratio` times their area (half the surface of a box counts).
     pub fn of(references: &[Reference], area_ratio: f64) -> SurfaceDensity {
-        let parts = parallel::chunks(references.len(), |of| {
-            references[of].iter().fold((0.0, LinearBox3::EMPTY), |(area, all), r| {
-                let bounds = r.bounds();
-                (area + f64::from(mean_half_area(&bounds)), all.union(bounds))
-            })
-        });
+        let simd = SimdLevel::best();
+        let parts = parallel::chunks(references.len(), |of| dispatch(simd, AreaAndBounds(&references[of])));
         let (area, all) = parts.into_iter().fold((0.0, LinearBox3::EMPTY), |a, b| (a.0 + b.0, a.1.union(b.1)));
         let density = (area / area_ratio / f64::from(volume(&all))) as f32;
         // A flat box has no volume.
@@ -67,6 +65,39 @@ impl SurfaceDensity {
     pub(super) fn visits_of_static(self, bounds: &Box3) -> f32 {
         let size = (bounds.max - bounds.min).max(Vec3::ZERO);
         size.x * size.y + size.y * size.z + size.z * size.x + self.0 * size.element_product()
+    }
+}
+
+/// The sum of the mean areas of references, and the bounds of all of them.
+struct AreaAndBounds<'a>(&'a [Reference]);
+
+/// References whose areas are added in f32.
+const BLOCK: usize = 64;
+
+impl Kernel for AreaAndBounds<'_> {
+    type Output = (f64, LinearBox3);
+
+    /// As in [`super::binning`], an area is six products in six lanes; here only one half of the lanes has them.
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> (f64, LinearBox3) {
+        let (zero, turned, crossed) = (s.splat(0.0), s.load_u(&TURNED), s.load_u(&CROSSED));
+        let (mut area, mut all) = (0.0, s.splat(f32::INFINITY));
+        for references in self.0.chunks(BLOCK) {
+            let mut areas = zero;
+            for r in references {
+                let lanes = s.load(&r.packed().0);
+                all = s.min(all, lanes);
+                let d = s.select(HALF & EXTENTS, s.max(zero - (lanes + s.swap_lanes::<8>(lanes)), zero), zero);
+                let (own, other) = (s.permute(d, turned), s.permute(d, crossed));
+                areas = areas + d * (own + other + own);
+            }
+            let mut by_lane = [0.0; LANES];
+            s.store(areas, &mut by_lane);
+            area += by_lane.iter().map(|&area| f64::from(area)).sum::<f64>();
+        }
+        let mut packed = Packed::EMPTY;
+        s.store(all, &mut packed.0);
+        (area / 6.0, packed.bounds())
     }
 }
 

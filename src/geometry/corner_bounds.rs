@@ -29,14 +29,17 @@ impl CornerBounds {
     /// The triangle's area at the begin, with its corners in the middle of their boxes.
     #[inline(always)]
     pub fn area(&self) -> f32 {
-        let [a, b, c] = self.corners.map(|corner| centre(corner.begin));
+        let [a, b, c] = &self.corners;
+        // Each by itself: mapped arrays become calls.
+        let (a, b, c) = (centre(a.begin), centre(b.begin), centre(c.begin));
         0.5 * (b - a).cross(c - a).length()
     }
 
     /// The corners in the middle of the interval and of their boxes; exactly where they are if they do not move.
     #[inline(always)]
     pub fn middle(&self) -> [Vec3; 3] {
-        self.corners.map(|corner| 0.5 * centre(corner.begin) + 0.5 * centre(corner.end))
+        let at = |corner: &LinearBox3| 0.5 * centre(corner.begin) + 0.5 * centre(corner.end);
+        [at(&self.corners[0]), at(&self.corners[1]), at(&self.corners[2])]
     }
 }
 

@@ -5,7 +5,7 @@
 //! key itself at both keys and wherever `a == b`, which `(1 - t) * a + t * b` does not, and so moving
 //! and static geometry agree where they touch. Nothing is fused, so the results have the same bits on every CPU.
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3, Vec4};
 
 /// The time of a query relative to the keys, the same for every vertex of a mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,6 +64,12 @@ impl KeyTime {
     /// The position between `a` (the segment's earlier key) and `b`.
     #[inline(always)]
     pub fn position(self, a: Vec3, b: Vec3) -> Vec3 {
+        (if self.from_end { b } else { a }) + (b - a) * self.s
+    }
+
+    /// The same in four lanes.
+    #[inline(always)]
+    pub fn position_of_lanes(self, a: Vec4, b: Vec4) -> Vec4 {
         (if self.from_end { b } else { a }) + (b - a) * self.s
     }
 

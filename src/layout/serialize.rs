@@ -2,7 +2,8 @@
 //!
 //! Each task is written into an arena of its own that stays in the cache. As soon as all tasks before it are in place
 //! it is appended, and the references in its nodes are relocated: the order is that of the tasks, whichever thread
-//! wrote them. A small arena whose blocks are in place is reused by the next task.
+//! wrote them. A small arena whose blocks are in place is reused by the next task. A single thread writes most tasks
+//! straight into the final arena.
 
 use super::wide_node::{ChildRef, NODE_ROWS, children_mut};
 use crate::error::BuildError;
@@ -52,7 +53,30 @@ struct InOrder<'a> {
     placed: f64,
 }
 
+/// Writes a task into a fragment.
+type Write<'a> = &'a (dyn Fn(usize, &mut Fragment) -> Result<(), BuildError> + Sync);
+
 impl InOrder<'_> {
+    /// Writes a task straight into the final arena, if its turn has come and there is room for more than is expected of it.
+    fn write(&mut self, task: usize, write: Write<'_>) -> Result<bool, BuildError> {
+        let size = f64::from(self.sizes[task]);
+        let expected = size * (self.words as f64 / self.placed.max(1.0));
+        if self.next != task || self.arena.room() < (expected * 1.5) as usize {
+            return Ok(false);
+        }
+        self.arena.align();
+        let before = self.arena.len();
+        let mut all = Fragment { arena: core::mem::take(self.arena), ..Fragment::default() };
+        let written = write(task, &mut all);
+        *self.arena = all.arena;
+        self.arena.align();
+        self.tops.append(&mut all.tops);
+        self.words += self.arena.len() - before + LANES;
+        self.placed += size;
+        self.next += 1;
+        written.map(|()| true)
+    }
+
     /// Appends all fragments whose turn has come. Children that are not `inside` a fragment are in the final arena
     /// already.
     fn put(&mut self, waiting: &Mutex<Waiting>, inside: &dyn Fn(ChildRef) -> bool) -> Result<(), BuildError> {
@@ -112,7 +136,7 @@ pub(crate) fn write_in_order(
     further: usize,
     first: usize,
     inside: &(dyn Fn(ChildRef) -> bool + Sync),
-    write: &(dyn Fn(usize, &mut Fragment) -> Result<(), BuildError> + Sync),
+    write: Write<'_>,
 ) -> Result<Vec<ChildRef>, BuildError> {
     let n = sizes.len();
     let step = n.div_ceil(first).max(4);
@@ -131,6 +155,7 @@ pub(crate) fn write_in_order(
     let in_order = InOrder { arena, sizes, further, next: 0, tops: Vec::with_capacity(n), words: 0, placed: 0.0 };
     let in_order = Mutex::new(in_order);
     let next = AtomicUsize::new(0);
+    let alone = parallel::threads() == 1;
     let threads = parallel::map(parallel::threads(), |_| {
         loop {
             let task = next.fetch_add(1, Ordering::Relaxed);
@@ -138,6 +163,10 @@ pub(crate) fn write_in_order(
                 return Ok(());
             }
             if !task.is_multiple_of(step) {
+                // One thread writes in order.
+                if alone && lock(&in_order).write(task, write)? {
+                    continue;
+                }
                 let spare = lock(&waiting).spare.pop();
                 let mut fragment = spare.unwrap_or_default();
                 write(task, &mut fragment)?;

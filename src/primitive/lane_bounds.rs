@@ -1,11 +1,11 @@
-//! Bounds of many triangles, fast: over the whole shutter for the coarse build of a lazy tree, whose time is mostly this, and over any
-//! interval if they have more than two keys.
+//! Bounds of many triangles, fast: the coarse build of a lazy tree spends most of its time on them, and builds over many time slices a
+//! tenth.
 
 use super::custom::PrimitiveSet;
 use super::triangles::{MeshInfo, Triangles};
 use super::vertex_tubes::VertexTubes;
 use super::window::Intervals;
-use crate::geometry::{LaneBounds, TimeInterval};
+use crate::geometry::{KeyTime, LaneBounds, TimeInterval};
 use glam::Vec4;
 
 impl Triangles {
@@ -40,7 +40,7 @@ impl Triangles {
         if mesh.keys > 2 && mesh.precise.is_none() {
             return self.bent_lane_bounds(ids, mesh.keys, &mut Intervals::new(&[over]), out);
         }
-        if mesh.precise.is_some() || mesh.keys == 2 && over != TimeInterval::FULL {
+        if mesh.precise.is_some() {
             for (&id, to) in ids.iter().zip(out) {
                 *to = LaneBounds::of(&self.bounds(id, over));
             }
@@ -53,12 +53,33 @@ impl Triangles {
             }
             return;
         }
+        if over != TimeInterval::FULL {
+            return self.lane_bounds_over(mesh.stride, ids, over, out);
+        }
         for (&id, to) in ids.iter().zip(out) {
             let corners = self.vertices(id);
             let ([low, high], [low_end, high_end]) = (self.extremes(corners, 0), self.extremes(corners, mesh.stride));
             let magnitude = -low.min(low_end).min(high.min(high_end));
             let slack = Triangles::slack(2, magnitude.x.max(magnitude.y).max(magnitude.z));
             *to = LaneBounds::new([low - slack, low_end - slack], [high - slack, high_end - slack]);
+        }
+    }
+
+    /// The bounds of triangles of a mesh with two keys, `stride` apart, over a part of the shutter.
+    fn lane_bounds_over(&self, stride: usize, ids: &[u32], over: TimeInterval, out: &mut [LaneBounds]) {
+        let [begin, end] = [over.begin(), over.end()].map(|t| KeyTime::new(t, 2));
+        for (&id, to) in ids.iter().zip(out) {
+            let (mut low, mut high) = ([Vec4::INFINITY; 2], [Vec4::NEG_INFINITY; 2]);
+            let mut magnitude = Vec4::ZERO;
+            for vertex in self.vertices(id) {
+                let (first, last) = (self.lanes_of(vertex, 0), self.lanes_of(vertex, stride));
+                magnitude = magnitude.max(first.abs()).max(last.abs());
+                let (first, last) = (begin.position_of_lanes(first, last), end.position_of_lanes(first, last));
+                (low[0], high[0]) = (low[0].min(first), high[0].max(first));
+                (low[1], high[1]) = (low[1].min(last), high[1].max(last));
+            }
+            let slack = Triangles::slack(2, magnitude.truncate().max_element());
+            *to = LaneBounds::new([low[0] - slack, low[1] - slack], [-high[0] - slack, -high[1] - slack]);
         }
     }
 
@@ -85,10 +106,11 @@ mod tests {
     use super::*;
     use crate::primitive::TriangleMesh;
     use crate::random::Random;
+    use crate::time::time_slice;
     use glam::Vec3;
 
     #[test]
-    fn lane_bounds_are_the_bounds_over_the_whole_shutter() {
+    fn lane_bounds_are_the_bounds_over_the_whole_shutter_and_parts_of_it() {
         let mut random = Random(11);
         let mut mesh = |keys: usize, triangles: usize| {
             let mut key = || (0..20).map(|_| random.vec()).collect::<Vec<Vec3>>();
@@ -108,10 +130,12 @@ mod tests {
         let set = Triangles::new(&meshes).unwrap();
         for (first, step) in [(0, 1), (1, 1), (39, 1), (41, 1), (77, 1), (3, 7)] {
             let ids: Vec<u32> = (first..set.len() as u32).step_by(step).collect();
-            let mut out = vec![LaneBounds::EMPTY; ids.len()];
-            set.lane_bounds(&ids, TimeInterval::FULL, &VertexTubes::default(), &mut out);
-            for (id, of) in ids.into_iter().zip(out) {
-                assert_eq!(of.bounds(), set.bounds(id, TimeInterval::FULL), "{id}");
+            for over in [TimeInterval::FULL, time_slice(0, 4), time_slice(2, 4), time_slice(15, 16)] {
+                let mut out = vec![LaneBounds::EMPTY; ids.len()];
+                set.lane_bounds(&ids, over, &VertexTubes::default(), &mut out);
+                for (&id, of) in ids.iter().zip(out) {
+                    assert_eq!(of.bounds(), set.bounds(id, over), "{id}, {over:?}");
+                }
             }
         }
     }

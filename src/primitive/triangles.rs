@@ -186,8 +186,9 @@ impl Triangles {
     /// The corners at one key.
     #[inline(always)]
     pub(crate) fn corners_at_key(&self, id: u32, key: usize) -> [Vec3; 3] {
-        let offset = key * self.stride(id);
-        self.vertices(id).map(|v| self.position(v, offset))
+        let (offset, [a, b, c]) = (key * self.stride(id), self.vertices(id));
+        // Each by itself: mapped arrays become calls.
+        [self.position(a, offset), self.position(b, offset), self.position(c, offset)]
     }
 
     /// The corners at both keys of a mesh with two; twice the same for a static mesh.
@@ -247,7 +248,8 @@ impl Triangles {
         let at = |t: f32| {
             let at = KeyTime::new(t, keys);
             let (begin, end) = (at.segment * stride, (at.segment + 1) * stride);
-            [a, b, c].map(|v| at.position(self.position(v, begin), self.position(v, end)))
+            let between = |v: u32| at.position(self.position(v, begin), self.position(v, end));
+            [between(a), between(b), between(c)]
         };
         [at(over.begin()), at(over.end())]
     }

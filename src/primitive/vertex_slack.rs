@@ -1,7 +1,8 @@
 //! Bounds of the rounding of a triangle's vertices, interpolated between keys.
 
-use super::triangles::{Triangles, box_of};
+use super::triangles::Triangles;
 use crate::geometry::{TimeInterval, ULP};
+use glam::Vec3;
 
 impl Triangles {
     /// The largest distance of a kernel's vertex from the exactly interpolated one, if no coordinate of the vertex is larger
@@ -29,8 +30,15 @@ impl Triangles {
         let segments = (keys - 1) as f32;
         let first = ((over.begin() - ROUNDED_TIME).max(0.0) * segments) as usize;
         let last = (((over.end() + ROUNDED_TIME) * segments).ceil() as usize).min(keys - 1);
-        let at = |key: usize| box_of(self.corners_at_key(id, key)).magnitude();
-        (first..=last).map(at).fold(0.0, f32::max)
+        let (stride, [a, b, c]) = (self.stride(id), self.vertices(id));
+        let mut greatest = Vec3::ZERO;
+        for offset in (first * stride..=last * stride).step_by(stride.max(1)) {
+            // Each by itself: mapped arrays become calls.
+            greatest = greatest.max(self.position(a, offset).abs());
+            greatest = greatest.max(self.position(b, offset).abs());
+            greatest = greatest.max(self.position(c, offset).abs());
+        }
+        greatest.max_element()
     }
 }
 
@@ -43,7 +51,6 @@ mod tests {
     use crate::geometry::KeyTime;
     use crate::primitive::{PrimitiveSet, TriangleMesh};
     use crate::random::Random;
-    use glam::Vec3;
 
     /// The largest error of a kernel's vertex, in ULP of the largest coordinate around its time.
     /// Products and differences of f32 are exact in f64, or nearly.
