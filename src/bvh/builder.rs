@@ -72,7 +72,7 @@ pub(crate) fn build_binary(
         threads => PARALLEL.max(n / (SUBTREES * threads)),
     };
     // A single reference far away makes the root box large, but not the sum over references.
-    let large = density.map(|density| (density, large_visits(density, &bounds, references)));
+    let large = density.map(|density| (density, large_visits(density, &bounds, references, kinds.is_some())));
     let builder = Builder { simd, leaf: *leaf.start().max(&1), overlapping_leaf: *leaf.end(), large, alone, kinds };
     let mut subtrees = builder.subtrees(references, Task { first: 0, depth: 0, overlapping: false, bounds, centres });
     match subtrees.len() {
@@ -81,10 +81,12 @@ pub(crate) fn build_binary(
     }
 }
 
-/// The number of visits, as an area, above which a leaf counts as large.
-fn large_visits(density: SurfaceDensity, bounds: &LinearBox3, references: &[Reference]) -> f32 {
+/// The number of visits, as an area, above which a leaf counts as large. The boxes of bent motion are large for its bends, which time
+/// slices may divide, so they do not tell that rays meet many primitives.
+fn large_visits(density: SurfaceDensity, bounds: &LinearBox3, references: &[Reference], bent: bool) -> f32 {
     let all = density.visits_of_all(references);
-    LARGE_LEAF * density.visits(bounds).min(all).max(all / MANY_BOXES)
+    let least = if bent { 0.0 } else { all / MANY_BOXES };
+    LARGE_LEAF * density.visits(bounds).min(all).max(least)
 }
 
 /// Capacity for the nodes over this many references: leaves are about half full, and with one reference each there are
@@ -316,7 +318,7 @@ mod tests {
         assert!(after.len() > before.len() && after.len() <= before.len() + 20, "{} {}", before.len(), after.len());
         // No leaf of several references is visited by more than its share of the rays.
         let references = room();
-        let most = large_visits(density, &summary(SimdLevel::best(), &references).0, &references);
+        let most = large_visits(density, &summary(SimdLevel::best(), &references).0, &references, false);
         let large = |leaves: &[BinaryNode]| leaves.iter().any(|l| l.count > 1 && visits(l) > most);
         assert!(large(&before) && !large(&after));
     }
