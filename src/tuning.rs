@@ -189,6 +189,12 @@ pub(crate) mod points {
     pub const MAX_REFINED_COST: f64 = 0.98;
     /// Time slices that cost less than this fraction of what was expected of them make it doubtful that fewer are too few.
     pub const CONFIRMED: f64 = 0.9;
+    /// More than a search for eight neighbours visits in one tree where points that are close together stay together, in nodes.
+    pub const MOST_VISITS: f64 = 12.0;
+    /// Up to so many points, structures are compared by trees of all points instead of samples.
+    pub const OWN_TREES: usize = 1 << 14;
+    /// If the first tree of time slices costs more than so many times what was predicted, longer ones may be as good.
+    pub const OVERESTIMATED: f64 = 1.35;
     /// A point is fast if it moves farther, relative to its neighbours, than this many times the size of a leaf: the
     /// one that they share in the middle of the slice, or the median of all leaves if that is smaller. (A point that
     /// has left the others by then shares a large leaf with few points.)
