@@ -1,10 +1,11 @@
 //! The automatic choice of a structure, and its build.
 //!
-//! Samples give a first choice ([`super::trials`]). Where few points are fast and cause most of the work, they are put apart without more
-//! trials, and these only follow if that costs more than expected. Samples hardly contain points that come from far away, so a structure
-//! may turn out to cost more. Therefore the tree of one time slice is built over the whole set, and the work of searches
-//! in it is counted. If shorter slices promise to cost less, the tree of one of those is built as well. The trees of
-//! the structure that is finally chosen are reused.
+//! Small sets are compared by trees of the whole set ([`super::own_trees`]). Where points of samples that are close together stay together, as
+//! those of the finished tree do, nothing can cost much less than one tree ([`super::excess`]). Otherwise samples give a first choice
+//! ([`super::trials`]). Where few points are fast and cause most of the work, they are put apart without more trials, and these only follow if
+//! that costs more than expected. Samples hardly contain points that come from far away, so a structure may turn out to cost more. Therefore
+//! the tree of one time slice is built over the whole set, and the work of searches in it is counted. If shorter slices promise to cost less,
+//! the tree of one of those is built as well. The trees of the structure that is finally chosen are reused.
 
 use super::cost::references_of;
 use super::excess::excess;

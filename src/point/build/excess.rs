@@ -1,7 +1,7 @@
 //! How much larger boxes are because their points move.
 //!
-//! A search visits the boxes that a ball meets; their number is proportional to the volume of the boxes, each enlarged by the ball. So boxes
-//! of points that are close together in the middle of the shutter are compared with boxes of the same points at rest. Boxes of shorter time
+//! A search visits the boxes that a ball meets, and their number is proportional to the volume of the boxes, each enlarged by the ball. So
+//! boxes of points that are close together in the middle of the shutter are compared with boxes of the same points at rest. Boxes of shorter time
 //! slices in the middle follow from the same points. The levels of a tree are compared separately.
 //!
 //! The average is exact to a tenth where motion is of one kind. Where a few points are fast, more is visited than this says, since searches
@@ -12,7 +12,7 @@ use crate::point::leaf_order::divide::least_lane;
 use crate::point::leaf_order::moving_reference::{MovingReference, References};
 use crate::point::leaf_order::spread::spread;
 use crate::simd::{Kernel, LANES, MovingPointBlock, Simd, SimdLevel, dispatch};
-use crate::tuning::points::{MAX_COST, MOST_VISITS};
+use crate::tuning::points::{MAX_COST, MOST_AT_REST};
 
 /// The volume of boxes relative to points at rest, all enlarged by a ball.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,8 +27,8 @@ pub(in crate::point) struct Excess {
 impl Excess {
     /// Whether that of one tree is so small that time slices of this many points could not gain enough.
     pub(in crate::point) fn is_small(&self, points: usize) -> bool {
-        let at_rest = MOST_VISITS / self.leaves.max(self.nodes).max(self.above);
-        at_rest + memory_cost(2 * points) >= MAX_COST * (MOST_VISITS + memory_cost(points))
+        let one_tree = MOST_AT_REST * self.leaves.max(self.nodes).max(self.above) + memory_cost(points);
+        MOST_AT_REST + memory_cost(2 * points) >= MAX_COST * one_tree
     }
 
     /// What is visited in these boxes, if so much is visited in boxes that exceed those at rest by `other`.
@@ -177,5 +177,74 @@ impl Kernel for Extents<'_> {
             }
         }
         extents
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+    use glam::Vec3;
+
+    /// Leaves along a cube, cube by cube, of sixteen points each, which move by a function of their position.
+    fn leaves(count: usize, by: impl Fn(Vec3, &mut Random) -> Vec3) -> Vec<MovingPointBlock> {
+        let mut random = Random(7);
+        let leaf = |i: usize| {
+            // The bits of the number are those of the three coordinates in turn.
+            let of_axis = |axis: usize| (0..4).map(|bit| (i >> (3 * bit + axis) & 1) << bit).sum::<usize>() as f32;
+            let corner = Vec3::new(of_axis(0), of_axis(1), of_axis(2));
+            let mut block = MovingPointBlock::EMPTY;
+            for lane in 0..LANES {
+                let at = corner + 0.5 + 0.5 * random.vec();
+                let by = by(at, &mut random);
+                for axis in 0..3 {
+                    (block.open[axis][lane], block.close[axis][lane]) = ((at - 0.5 * by)[axis], (at + 0.5 * by)[axis]);
+                }
+                block.id[lane] = (i * LANES + lane) as u32;
+            }
+            block
+        };
+        (0..count).map(leaf).collect()
+    }
+
+    #[test]
+    fn boxes_are_larger_by_as_much_as_points_move_relative_to_each_other() {
+        let all = |leaves: &[MovingPointBlock], slices: &[usize]| excess(leaves, slices, SimdLevel::best());
+        // Faces that do not move are rounded.
+        for together in [leaves(1024, |_, _| Vec3::ZERO), leaves(1024, |_, _| Vec3::splat(3.0))] {
+            let found = all(&together, &[1, 4])[0];
+            assert!([found.leaves, found.nodes, found.above].iter().all(|x| (x - 1.0).abs() < 1e-3), "{found:?}");
+            assert!(found.is_small(together.len() * LANES));
+        }
+        let apart = leaves(1024, |_, random| random.vec() * 2.0);
+        let found = all(&apart, &[1, 2, 4, 8, 64]);
+        assert!(found.windows(2).all(|two| two[1].leaves < two[0].leaves && two[1].nodes < two[0].nodes), "{found:?}");
+        // By a side on both sides at the ends, by a half of it on average: half as large again with a ball of that side.
+        assert!((2.4..3.6).contains(&found[0].leaves), "{found:?}");
+        assert!(found[0].nodes < found[0].leaves && found[0].above < found[0].nodes, "{found:?}");
+        assert!(found[4].leaves < 1.01 && !found[0].is_small(apart.len() * LANES));
+        // Each leaf moves by itself.
+        let rigid = leaves(1024, |at, _| if at.x.floor() % 2.0 == 0.0 { Vec3::ONE } else { -Vec3::ONE });
+        let found = all(&rigid, &[1])[0];
+        assert!((found.leaves - 1.0).abs() < 1e-3 && found.nodes > 1.2, "{found:?}");
+        let visits = found.visits(&found, Visits { nodes: 3.0, blocks: 4.0 });
+        assert_eq!((visits.nodes, visits.blocks), (3.0, 4.0));
+    }
+
+    #[test]
+    fn few_points_and_points_in_one_place_have_finite_sizes() {
+        for leaves in [leaves(0, |_, _| Vec3::ONE), leaves(1, |_, _| Vec3::ONE), vec![MovingPointBlock::EMPTY; 20]] {
+            assert!(excess(&leaves, &[1], SimdLevel::best())[0].is_small(16));
+        }
+        // All are in one place in the middle.
+        let mut meeting = leaves(64, |_, random| random.vec());
+        for leaf in &mut meeting {
+            for axis in 0..3 {
+                leaf.close[axis] = leaf.open[axis].map(|x| -x);
+            }
+        }
+        let found = excess(&meeting, &[1, 8], SimdLevel::best());
+        assert!(found.iter().all(|found| found.leaves.is_finite() && found.nodes.is_finite()), "{found:?}");
+        assert!(!found[0].is_small(1024) && found[1].leaves < found[0].leaves);
     }
 }

@@ -1,7 +1,7 @@
 //! The choice of a structure for small sets, by trees of the whole set.
 //!
-//! Trees of some thousand points are built as quickly as samples of them are found, and tell more: those are too small to be like a part of
-//! the whole. The linear tree is built, and how much larger its boxes are for the motion says whether time slices can gain anything
+//! Trees of some thousand points take little more time than samples of them, which are so small that searches in them miss half of what they
+//! would visit. The linear tree is built, and how much larger its boxes are for the motion says whether time slices can gain anything
 //! ([`super::excess`]). If so, the work of searches in it is counted, and that of shorter slices is predicted by their boxes. The first tree
 //! of those that promise most is built, and its searches are counted, as long as that gains.
 
@@ -16,7 +16,7 @@ use crate::point::layout::moving_tree::WithoutFast;
 use crate::point::leaf_order::fast_points::Fast;
 use crate::progress::Progress;
 use crate::simd::{MovingPointBlock, SimdLevel};
-use crate::tuning::points::{MAX_COST, MAX_REFINED_COST, OVERESTIMATED, OWN_TREES};
+use crate::tuning::points::{MAX_COST, NEARLY, OVERESTIMATED, OWN_TREES};
 use core::iter;
 
 /// Whether the structure for so many points is chosen by their own trees.
@@ -62,7 +62,7 @@ pub(in crate::point) fn layer_by_own_trees<'a>(
         };
         let finer = || slices.iter().copied().filter(|&slices| slices > now);
         let least = finer().map(predicted).fold(f64::INFINITY, f64::min);
-        let Some(slices) = finer().find(|&slices| predicted(slices) * MAX_COST <= least && least < best.cost * limit)
+        let Some(slices) = finer().find(|&slices| predicted(slices) * NEARLY <= least && least < best.cost * limit)
         else {
             break;
         };
@@ -82,7 +82,7 @@ pub(in crate::point) fn layer_by_own_trees<'a>(
         if next.cost >= best.cost * MAX_COST {
             break;
         }
-        (best, limit) = (next, MAX_REFINED_COST);
+        (best, limit) = (next, NEARLY);
         if meet {
             break;
         }
