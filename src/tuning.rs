@@ -195,6 +195,16 @@ pub(crate) mod points {
     pub const MAX_REFINED_COST: f64 = 0.98;
     /// Time slices that cost less than this fraction of what was expected of them make it doubtful that fewer are too few.
     pub const CONFIRMED: f64 = 0.9;
+    /// What a search for eight neighbours visits in a tree of points at rest at most, in nodes.
+    pub const MOST_AT_REST: f64 = 12.0;
+    /// Up to so many points, structures are compared by trees of all points instead of samples. Samples of more take less time than trees, and
+    /// only sets of more gain by a tree of their own for fast points (`neighbor_tables builds --points 16000`, and 24000, 30000 and 50000).
+    pub const OWN_TREES: usize = 24 << 10;
+    /// Of time slices that are predicted to cost nearly the same, the longest are tried: those that the best cost this fraction of; and once some
+    /// have gained, shorter ones only if they are predicted to cost less than this fraction.
+    pub const NEARLY: f64 = 0.95;
+    /// If the first tree of time slices costs more than so many times what was predicted, longer ones may be as good.
+    pub const OVERESTIMATED: f64 = 1.35;
     /// A point is fast if it moves farther, relative to its neighbours, than this many times the size of a leaf: the
     /// one that they share in the middle of the slice, or the median of all leaves if that is smaller. (A point that
     /// has left the others by then shares a large leaf with few points.)

@@ -427,10 +427,44 @@ fn automatic_reports_its_choice_and_the_reason() {
     };
     let coherent = kinds("coherent");
     assert_eq!(coherent.layers[0].kind, PointLayerKind::Linear { time_slices: 1 });
-    assert!(coherent.layers[0].why.contains("trial searches"));
+    assert!(coherent.layers[0].why.contains("as large as those of points at rest"));
     let fast = kinds("fast few");
     assert!(fast.layers[0].why.contains("fast points apart"), "not tried: {fast}");
+    assert!(fast.layers[0].why.contains("trial searches"));
     assert!(kinds("wild speeds").references_per_point() > 1.0);
+}
+
+/// Small sets are compared by trees of the whole set. No number of time slices that is built by force visits much less.
+#[test]
+fn automatic_finds_about_the_best_number_of_time_slices_of_small_sets() {
+    let forced = [1, 2, 4, 8]
+        .map(|slices| if slices == 1 { PointStructure::Linear } else { PointStructure::TimeSlices(slices) });
+    for count in [1000, 4000, 12_000] {
+        let spacing = 1.0 / (count as f32).cbrt();
+        for spacings in [0.0, 1.0, 3.0, 10.0] {
+            let mut rng = Rng(5);
+            let mut vector = || Vec3::new(rng.unit(), rng.unit(), rng.unit());
+            let mut point = |_| {
+                let p = vector();
+                MovingPoint::new(p, p + Vec3::X + (vector() - 0.5) * 2.0 * spacings * spacing)
+            };
+            let points: Vec<MovingPoint> = (0..count).map(&mut point).collect();
+            let visited = |structure: PointStructure| {
+                let tree = PointTree::build(&points, &params(structure)).unwrap();
+                let work = (0..500).map(|i| {
+                    let (point, time) = (&points[i * 199 % count], (i * 89 % 500) as f32 / 500.0);
+                    let work = tree.query(point.open + (point.close - point.open) * time, time).work(8);
+                    (work.nodes * 5 + work.blocks * 2) as f64
+                });
+                (work.sum::<f64>(), tree.statistics().layers[0].why.clone())
+            };
+            let (chosen, why) = visited(PointStructure::Automatic);
+            let least = forced.map(|structure| visited(structure).0).into_iter().fold(f64::INFINITY, f64::min);
+            assert!(chosen < 1.12 * least, "{count} points, {spacings} spacings: {chosen}, not {least}: {why}");
+            let tried = !why.contains("at rest");
+            assert_eq!(tried, spacings > 0.0, "{count} points, {spacings} spacings: {why}");
+        }
+    }
 }
 
 /// Samples are taken between the keys in the middle, where no point may be active.

@@ -1,29 +1,23 @@
 //! The automatic choice of a structure, and its build.
 //!
-//! Samples give a first choice ([`super::trials`]). Where few points are fast and cause most of the work, they are put apart without more
-//! trials, and these only follow if that costs more than expected. Samples hardly contain points that come from far away, so a structure
-//! may turn out to cost more. Therefore the tree of one time slice is built over the whole set, and the work of searches
-//! in it is counted. If shorter slices promise to cost less, the tree of one of those is built as well. The trees of
-//! the structure that is finally chosen are reused.
+//! Small sets are compared by trees of the whole set ([`super::own_trees`]). Where points of samples that are close together stay together, as
+//! those of the finished tree do, nothing can cost much less than one tree ([`super::excess`]). Otherwise samples give a first choice
+//! ([`super::trials`]). Where few points are fast and cause most of the work, they are put apart without more trials, and these only follow if
+//! that costs more than expected. Samples hardly contain points that come from far away, so a structure may turn out to cost more. Therefore
+//! the tree of one time slice is built over the whole set, and the work of searches in it is counted. If shorter slices promise to cost less,
+//! the tree of one of those is built as well. The trees of the structure that is finally chosen are reused.
 
-use super::plan::{Plan, middle_segment, time_slices, tree, tree_without_fast};
+use super::cost::references_of;
+use super::excess::excess;
+use super::own_trees::{by_own_trees, layer_by_own_trees};
+use super::partial_layer::{Chosen, PartialLayer, name};
+use super::plan::{Plan, middle_segment, time_slices, tree_without_fast};
 use super::source::Source;
-use super::trials::{Trial, Trials, references_of};
-use crate::point::layout::moving_tree::{MovingTree, Placed};
-use crate::point::leaf_order::moving_reference::TimeSlice;
-use crate::point::search::layers::Layer;
+use super::trials::{Trial, Trials};
+use crate::point::layout::moving_tree::{MovingTree, Placed, WithoutFast};
 use crate::progress::Progress;
 use crate::simd::{LANES, SimdLevel};
 use crate::tuning::points::{MAX_COST, MAX_PREDICTED_COST, MAX_REFINED_COST};
-
-/// A layer, and the reason for its plan.
-pub(in crate::point) struct Chosen {
-    pub(in crate::point) layer: Layer,
-    pub(in crate::point) plan: Plan,
-    /// Number of points.
-    pub(in crate::point) points: usize,
-    pub(in crate::point) why: String,
-}
 
 /// So many points fit below one bottom node. No structure makes searches among them much cheaper, and trials would cost many times as
 /// much as the tree.
@@ -43,8 +37,22 @@ pub(in crate::point) fn moving_layers(
         let layer = PartialLayer::new(source, points, Plan::Boxes(1), progress);
         return vec![layer.finish(WHY_FEW.to_string(), progress)];
     }
+    if by_own_trees(source, points) {
+        let (layer, why) = layer_by_own_trees(source, points, max_references, simd, progress);
+        return vec![layer.finish(why, progress)];
+    }
     let mut trials = Trials::new(source, points, max_references, simd);
     let (mut fast, mut slow, mut ready) = (Vec::new(), Vec::new(), None);
+    if trials.stay_together() {
+        let WithoutFast { tree, by_motion, .. } = linear_tree(source, points, trials.placed.take(), None, progress);
+        let size = excess(&tree.leaves.blocks, &[1], simd)[0];
+        if size.is_small(points.len()) && !by_motion {
+            let layer = PartialLayer::with(source, points, Plan::Boxes(1), tree);
+            return vec![layer.finish(size.why(), progress)];
+        }
+        ready = Some(tree);
+    }
+    trials.try_one_tree();
     let fast_first = trials.fast_first();
     if !fast_first {
         trials.try_slices(true);
@@ -93,7 +101,12 @@ pub(in crate::point) fn plan_for_all(
     if points.len() <= FEW {
         return (Plan::Boxes(1), WHY_FEW.to_string());
     }
+    if by_own_trees(source, points) {
+        let (layer, why) = layer_by_own_trees(source, points, max_references, simd, progress);
+        return (layer.plan, why);
+    }
     let mut trials = Trials::new(source, points, max_references, simd);
+    trials.try_one_tree();
     trials.try_slices(false);
     let why = explain(&trials);
     let (whole, _, measured) = one_layer(source, points, &mut trials, None, progress);
@@ -112,7 +125,7 @@ fn one_layer<'a>(
     let placed = trials.placed.take();
     let mut layer = match trials.best(false).plan {
         plan @ Plan::Boxes(1) => {
-            let tree = ready.unwrap_or_else(|| linear_tree(source, points, placed, None, progress).0);
+            let tree = ready.unwrap_or_else(|| linear_tree(source, points, placed, None, progress).tree);
             PartialLayer::with(source, points, plan, tree)
         }
         plan => {
@@ -121,11 +134,11 @@ fn one_layer<'a>(
             PartialLayer::new(source, points, plan, progress)
         }
     };
-    let mut cost = layer.cost(trials);
+    let mut cost = layer.cost(layer.visits(trials.simd));
     let mut measured = vec![format!("in the whole set {} {cost:.1}", name(layer.plan))];
     while let Some(finer) = trials.finer(layer.plan, cost).filter(|_| !progress.cancelled()) {
         let next = PartialLayer::new(source, points, finer, progress);
-        let of_next = next.cost(trials);
+        let of_next = next.cost(next.visits(trials.simd));
         measured.push(format!("{} {of_next:.1}", name(next.plan)));
         if of_next >= cost * MAX_COST {
             break;
@@ -144,7 +157,7 @@ fn linear_tree(
     placed: Option<Placed>,
     leaf_size: Option<f32>,
     progress: &Progress,
-) -> (MovingTree, Vec<u32>) {
+) -> WithoutFast {
     let slice = &time_slices(source.keys, 1)[middle_segment(source.keys)];
     // Counted as progress once it is known whether it is used.
     tree_without_fast(source, points, slice, placed, leaf_size, &progress.subtask(0.0))
@@ -157,7 +170,8 @@ fn split_fast(
     trials: &mut Trials,
     progress: &Progress,
 ) -> (Vec<u32>, Vec<u32>, Option<MovingTree>) {
-    let (tree, fast) = linear_tree(source, points, trials.placed.take(), Some(trials.leaf_size), progress);
+    let leaf_size = Some(trials.leaf_size);
+    let WithoutFast { tree, fast, .. } = linear_tree(source, points, trials.placed.take(), leaf_size, progress);
     let mut is_fast = vec![false; source.len];
     fast.iter().for_each(|&point| is_fast[point as usize] = true);
     let slow = points.iter().copied().filter(|&point| !is_fast[point as usize]).collect();
@@ -215,69 +229,6 @@ impl<'a> Separated<'a> {
         let why = format!("{why}; in the whole set fast points apart in {} {cost:.1}", name(fast.plan));
         let slow = slow.finish(why, &of_slow);
         vec![slow, fast.finish("fast points, apart from the others".to_string(), &of_fast)]
-    }
-}
-
-/// A layer of which one tree is built.
-struct PartialLayer<'a> {
-    source: &'a Source,
-    points: &'a [u32],
-    plan: Plan,
-    slices: Vec<TimeSlice>,
-    /// The index of the time slice of that tree.
-    at: usize,
-    tree: Layer,
-}
-
-impl<'a> PartialLayer<'a> {
-    /// Builds the tree of a time slice in the middle.
-    fn new(source: &'a Source, points: &'a [u32], plan: Plan, progress: &Progress) -> PartialLayer<'a> {
-        let slices = time_slices(source.keys, plan.time_slices());
-        // Counted as progress once it is known whether it is used.
-        let tree = tree(source, points, &slices[slices.len() / 2], &progress.subtask(0.0));
-        PartialLayer::with(source, points, plan, tree)
-    }
-
-    /// The same with that tree.
-    fn with(source: &'a Source, points: &'a [u32], plan: Plan, tree: MovingTree) -> PartialLayer<'a> {
-        let slices = time_slices(source.keys, plan.time_slices());
-        let at = slices.len() / 2;
-        PartialLayer { source, points, plan, slices, at, tree: Layer::Moving(vec![tree]) }
-    }
-
-    fn slice(&self) -> &TimeSlice {
-        &self.slices[self.at]
-    }
-
-    fn references(&self) -> usize {
-        references_of(self.source, self.points, self.plan.time_slices())
-    }
-
-    fn cost(&self, trials: &Trials) -> f64 {
-        trials.measured(&[&self.tree], self.references(), self.slice())
-    }
-
-    /// Builds the other trees.
-    fn finish(self, why: String, progress: &Progress) -> Chosen {
-        let share = progress.subtask(1.0 / self.slices.len() as f64);
-        let mut ready = if let Layer::Moving(trees) = self.tree { trees } else { Vec::new() };
-        let tree_of = |(i, slice): (usize, &TimeSlice)| match ready.pop_if(|_| i == self.at) {
-            Some(tree) => {
-                share.finished(1.0);
-                tree
-            }
-            None => tree(self.source, self.points, slice, &share),
-        };
-        let layer = Layer::Moving(self.slices.iter().enumerate().map(tree_of).collect());
-        Chosen { layer, plan: self.plan, points: self.points.len(), why }
-    }
-}
-
-fn name(plan: Plan) -> String {
-    match plan {
-        Plan::Boxes(1) => "one linear tree".to_string(),
-        Plan::Boxes(slices) => format!("{slices} time slices"),
-        Plan::Planes(_) => "one k-d tree".to_string(),
     }
 }
 

@@ -3,7 +3,7 @@
 use super::persistent_points::PersistentPoints;
 use super::source::Source;
 use crate::geometry::{KeyTime, TimeInterval};
-use crate::point::layout::moving_tree::{MovingTree, Placed};
+use crate::point::layout::moving_tree::{MovingTree, Placed, WithoutFast};
 use crate::point::layout::plane_tree::PlaneTree;
 use crate::point::leaf_order::moving_reference::{TimeSlice, exact_phase};
 use crate::point::search::layers::Layer;
@@ -77,11 +77,11 @@ fn slices_between(
 
 /// The tree of some of the points for a time slice. Once `progress` is cancelled, it is empty.
 pub(in crate::point) fn tree(source: &Source, points: &[u32], slice: &TimeSlice, progress: &Progress) -> MovingTree {
-    tree_without_fast(source, points, slice, None, None, progress).0
+    tree_without_fast(source, points, slice, None, None, progress).tree
 }
 
-/// The same without fast points, if the longest side of a leaf of usual size is given; and those points. Where all points persist, they may
-/// be `placed` already.
+/// The same without fast points, if the longest side of a leaf of usual size is given, and their numbers in the set. Where all points
+/// persist, they may be `placed` already.
 pub(in crate::point) fn tree_without_fast(
     source: &Source,
     points: &[u32],
@@ -89,7 +89,7 @@ pub(in crate::point) fn tree_without_fast(
     placed: Option<Placed>,
     leaf_size: Option<f32>,
     progress: &Progress,
-) -> (MovingTree, Vec<u32>) {
+) -> WithoutFast {
     let (points, placed) = if progress.cancelled() { (&[][..], None) } else { (points, placed) };
     if source.all_persist() {
         let references = PersistentPoints::new(source, points, slice);
@@ -98,10 +98,10 @@ pub(in crate::point) fn tree_without_fast(
     }
     let references = source.references(slice, points.iter().map(|&i| i as usize), |i| source.id(i));
     let placed = Placed::new(&references[..], slice);
-    let (tree, numbers) = MovingTree::build_without_fast(&references[..], placed, *slice, leaf_size, progress);
+    let built = MovingTree::build_without_fast(&references[..], placed, *slice, leaf_size, progress);
     let active = |i: &u32| source.active(*i as usize).intersect(slice.interval).is_some();
-    let points: Vec<u32> = points.iter().copied().filter(|i| !numbers.is_empty() && active(i)).collect();
-    (tree, numbers.into_iter().map(|number| points[number as usize]).collect())
+    let points: Vec<u32> = points.iter().copied().filter(|i| !built.fast.is_empty() && active(i)).collect();
+    WithoutFast { fast: built.fast.iter().map(|&number| points[number as usize]).collect(), ..built }
 }
 
 /// Builds a moving layer of some of the points.

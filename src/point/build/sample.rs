@@ -43,7 +43,7 @@ pub(in crate::point) struct Sample {
     /// The longest side of a leaf of usual size; 0 unless fast points are marked.
     pub(in crate::point) leaf_size: f32,
     /// Numbers of the references, those of one leaf behind those of the other, if fast points are marked.
-    order: Vec<u32>,
+    pub(in crate::point) order: Vec<u32>,
 }
 
 impl Sample {

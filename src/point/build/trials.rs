@@ -2,33 +2,26 @@
 //!
 //! The best structure depends on how far points move relative to their neighbours, on how many do, and on how
 //! long they exist; no formula over these was as good as trials. So samples of the set are built
-//! in each candidate structure, and the work of a few hundred searches among them is counted in
-//! nodes and blocks. Counting instead of timing makes the choice the same on every machine.
+//! in each candidate structure, and the work of a few hundred searches among them is counted ([`super::cost`]).
 //!
 //! The work if all points rested is counted as well: where little is to be gained, nothing else is tried.
 
+use super::cost::{Visits, memory_cost, references_of, searches, trees_of};
+use super::excess::{excess, leaves_of};
 use super::plan::{Plan, time_slices_of};
 use super::sample::{Sample, Sampler};
 use super::source::Source;
-use crate::geometry::{KeyTime, TimeInterval};
 use crate::point::layout::moving_tree::{MovingTree, Placed};
 use crate::point::layout::static_tree::Shape;
 use crate::point::leaf_order::motion_groups::{Displaced, MotionDivision, SAMPLE, cost_of_slices};
 use crate::point::leaf_order::moving_reference::{MovingReference, TimeSlice, positions_at};
 use crate::point::leaf_order::spread::spread;
 use crate::point::leaf_order::widest_axis::include;
-use crate::point::search::KeepLanes;
-use crate::point::search::candidates::Candidates;
-use crate::point::search::counted_search::{CountedSearch, search_counted};
 use crate::point::search::layers::Layer;
 use crate::progress::Progress;
-use crate::simd::{Item, LANES, Lanes, Mask, SimdLevel};
-use crate::tuning::points::{
-    BLOCK_COST, CONFIRMED, HALF_UNCACHED_BYTES, MAX_COST, MAX_PREDICTED_COST, MAX_REFINED_COST, REFERENCE_BYTES,
-    SEARCHED, SEARCHES, UNCACHED_COST,
-};
+use crate::simd::{Item, LANES, SimdLevel};
+use crate::tuning::points::{CONFIRMED, MAX_COST, MAX_PREDICTED_COST, MAX_REFINED_COST};
 use core::iter;
-use glam::Vec3;
 use std::borrow::Cow;
 
 /// A structure that was tried, and its cost per search, in node visits of a small tree.
@@ -48,7 +41,7 @@ pub(in crate::point) struct Trials<'a> {
     points: &'a [u32],
     /// The allowed number of references per point.
     most: f32,
-    simd: SimdLevel,
+    pub(in crate::point) simd: SimdLevel,
     sampler: Sampler<'a>,
     pub(in crate::point) all: Vec<Trial>,
     /// The longest side of a leaf of usual size.
@@ -66,7 +59,7 @@ pub(in crate::point) struct Trials<'a> {
 }
 
 /// The largest number of time slices of a segment.
-const FINEST: usize = 32;
+pub(in crate::point) const FINEST: usize = 32;
 
 const LINEAR: Plan = Plan::Boxes(1);
 
@@ -77,7 +70,7 @@ const BOUNDED: usize = 2;
 const SOME: usize = 512;
 
 impl<'a> Trials<'a> {
-    /// Tries one tree for all points (at least one).
+    /// Samples of points, at least one.
     pub(in crate::point) fn new(source: &'a Source, points: &'a [u32], most: f32, simd: SimdLevel) -> Trials<'a> {
         let sampler = Sampler::new(source, points, simd);
         let mut placed = sampler.placed();
@@ -87,13 +80,21 @@ impl<'a> Trials<'a> {
         let leaf_size = sizes[sizes.len() / 2];
         let (all, at_rest, fast_at_rest) = (Vec::new(), 0.0, f64::INFINITY);
         let flows = whole.iter().map(least_with_flows).collect();
-        let mut trials =
-            Trials { source, points, most, simd, sampler, all, leaf_size, whole, placed, at_rest, fast_at_rest, flows };
-        let linear = trials.work(&trials.whole, (LINEAR, None), trials.searches());
-        trials.all.push(Trial { plan: LINEAR, fast: None, cost: linear.cost, references: linear.references });
-        trials.at_rest = trials.work_at_rest(&trials.whole);
-        trials.fast_at_rest = trials.cost_with_fast_at_rest();
-        trials
+        Trials { source, points, most, simd, sampler, all, leaf_size, whole, placed, at_rest, fast_at_rest, flows }
+    }
+
+    /// Whether points of the samples that are close together stay together, so that nothing can cost much less than one tree.
+    pub(in crate::point) fn stay_together(&self) -> bool {
+        let excess_of = |sample: &Sample| excess(&leaves_of(&sample.references[..], &sample.order), &[1], self.simd)[0];
+        self.source.all_persist() && self.whole.iter().all(|sample| excess_of(sample).is_small(self.points.len()))
+    }
+
+    /// Tries one tree for all points, and counts the work at rest.
+    pub(in crate::point) fn try_one_tree(&mut self) {
+        let linear = self.work(&self.whole, (LINEAR, None), self.searches());
+        self.all.push(Trial { plan: LINEAR, fast: None, cost: linear.cost, references: linear.references });
+        self.at_rest = self.work_at_rest(&self.whole);
+        self.fast_at_rest = self.cost_with_fast_at_rest();
     }
 
     /// Whether a layer for the fast points is expected to cost less than any number of time slices for all, so that neither needs trials.
@@ -274,13 +275,7 @@ impl<'a> Trials<'a> {
 
     /// The cost of layers over all points with this many references in all, measured in their trees of one time slice.
     pub(in crate::point) fn measured(&self, layers: &[&Layer], references: usize, slice: &TimeSlice) -> f64 {
-        let later = (slice.segment + 1).min(slice.keys - 1);
-        let ends = |i: usize| {
-            let point = self.points[spread(i, self.points.len())] as usize;
-            [slice.segment, later].map(|key| self.source.at(point, key))
-        };
-        let points: Vec<_> = (0..self.searches()).map(ends).collect();
-        visited(layers, slice, &points, self.simd) + memory_cost(references)
+        Visits::among(self.source, self.points, layers, slice, self.simd).cost() + memory_cost(references)
     }
 
     /// Tries a structure and returns its cost.
@@ -306,8 +301,7 @@ impl<'a> Trials<'a> {
 
     /// The number of searches of a trial.
     fn searches(&self) -> usize {
-        let [least, most] = SEARCHES;
-        (self.points.len() / SEARCHED).clamp(least, most)
+        searches(self.points.len())
     }
 
     /// Whether a segment may have this many time slices of all points.
@@ -339,29 +333,6 @@ fn references_with_fast(samples: &[Sample], slices: usize) -> f64 {
         sample.scale * sample.references.iter().map(trees).sum::<usize>() as f64
     };
     samples.iter().map(own).sum::<f64>() / samples.len() as f64
-}
-
-/// The number of references to points, with this many time slices for each segment.
-pub(in crate::point) fn references_of(source: &Source, points: &[u32], slices: usize) -> usize {
-    if source.all_persist() {
-        return points.len() * slices;
-    }
-    points.iter().map(|&i| trees_of(source.active(i as usize), slices, source.keys)).sum()
-}
-
-/// The number of trees of a segment in which a point is active.
-fn trees_of(active: TimeInterval, slices: usize, keys: usize) -> usize {
-    if keys > 2 {
-        return slices;
-    }
-    let at = |t: f32| ((t * slices as f32) as usize).min(slices - 1);
-    at(active.end()) - at(active.begin()) + 1
-}
-
-/// The cost of memory to a search, from the number of references.
-fn memory_cost(references: usize) -> f64 {
-    let bytes = references as f64 * REFERENCE_BYTES;
-    UNCACHED_COST * bytes / (bytes + HALF_UNCACHED_BYTES)
 }
 
 /// What searches in a structure do, on average.
@@ -404,29 +375,8 @@ fn work(sample: &Sample, searches: usize, (plan, fast): (Plan, Option<Plan>), si
     let whole = (references.len() as f64 * scale) as usize;
     let higher = [references.len(), whole].map(|count| Shape::with_leaf(count, 1).levels);
     let higher = higher[1].saturating_sub(higher[0]) as f64;
-    let visited = visited(&layers, slice, &points, simd) + higher;
+    let visited = Visits::count(&layers, slice, &points, simd).cost() + higher;
     Work { visited, cost: visited + memory_cost((count as f64 * scale) as usize), references: count }
-}
-
-/// The weighted number of nodes and blocks that a search for eight neighbours visits in layers, averaged over searches
-/// at points between their keys, at times of a time slice.
-fn visited(layers: &[&Layer], slice: &TimeSlice, points: &[[[f32; 3]; 2]], simd: SimdLevel) -> f64 {
-    let mut candidates = Candidates::default();
-    let mut total = 0.0;
-    for (i, ends) in points.iter().enumerate() {
-        // Times in an order that is independent of the positions.
-        let fraction = ((i * 89) % points.len()) as f32 / points.len() as f32;
-        let time = slice.interval.begin() + slice.interval.duration() * fraction;
-        let layers: Vec<_> = layers.iter().map(|layer| (core::slice::from_ref(*layer), time)).collect();
-        let [open, close] = ends.map(Vec3::from_array);
-        let point = KeyTime::new(time, slice.keys).position(open, close);
-        let all = |_: &Lanes<u32>, mask: Mask| mask;
-        let search =
-            CountedSearch { layers: &layers, point, k: 8, bound: f32::MAX, shrink: 1.0, keep: KeepLanes(&all) };
-        let work = search_counted(simd, &search, &mut candidates);
-        total += work.nodes as f64 + BLOCK_COST * work.blocks as f64;
-    }
-    total / points.len() as f64
 }
 
 /// The references nearest to the middle of a sample in the middle of its time slice. Points that come among

@@ -31,6 +31,15 @@ pub(in crate::point) struct MovingTree {
     pub(in crate::point) references: usize,
 }
 
+/// A tree without fast references.
+pub(in crate::point) struct WithoutFast {
+    pub(in crate::point) tree: MovingTree,
+    /// The numbers of the references that are fast.
+    pub(in crate::point) fast: Vec<u32>,
+    /// Whether references are divided by motion as well as by position.
+    pub(in crate::point) by_motion: bool,
+}
+
 /// References where they are in the middle of a time slice, in the memory that the leaves of their tree will have.
 pub(in crate::point) struct Placed {
     blocks: Vec<Block>,
@@ -58,18 +67,18 @@ impl MovingTree {
         slice: TimeSlice,
         progress: &Progress,
     ) -> MovingTree {
-        MovingTree::build_without_fast(references, Placed::new(references, &slice), slice, None, progress).0
+        MovingTree::build_without_fast(references, Placed::new(references, &slice), slice, None, progress).tree
     }
 
     /// The same without references that are fast ([`fast_points`](crate::point::leaf_order::fast_points)), if the longest side of a leaf of usual
-    /// size is given; and the numbers of those. Their lanes are empty, the shape of the tree is that with them.
+    /// size is given. Their lanes are empty, the shape of the tree is that with them.
     pub(in crate::point) fn build_without_fast<R: References + ?Sized>(
         references: &R,
         placed: Placed,
         slice: TimeSlice,
         without_fast: Option<f32>,
         progress: &Progress,
-    ) -> (MovingTree, Vec<u32>) {
+    ) -> WithoutFast {
         // Points are put in order in the memory of the blocks that they end up in, and as much besides as they need.
         let Placed { mut blocks, count } = placed;
         let mut more = PointRows::memory(count);
@@ -89,7 +98,7 @@ impl MovingTree {
         };
         // Fast references would be divided from the others instead of left out.
         let motion = without_fast.is_none().then_some(&displacements as Displacements<'_>);
-        order_rows(from, &mut rows, LANES, motion, &progress.subtask(ORDERING));
+        let by_motion = order_rows(from, &mut rows, LANES, motion, &progress.subtask(ORDERING));
         let timed = references.timed(&slice);
         let shape = Shape::with_leaf(count, 1);
         let mut leaves = MovingLeaves::of(blocks, timed, references.have_active_intervals());
@@ -119,7 +128,8 @@ impl MovingTree {
         let first = first_children(&shape);
         progress.finished(1.0 - ORDERING);
         let references = count - fast.len();
-        (MovingTree { slice, nodes, first, leaves, node_times, levels: shape.levels, references }, fast)
+        let tree = MovingTree { slice, nodes, first, leaves, node_times, levels: shape.levels, references };
+        WithoutFast { tree, fast, by_motion }
     }
 
     /// Whether references have intervals.

@@ -261,14 +261,15 @@ mod tests {
     use super::super::moving_reference::MovingReference;
     use super::*;
     use crate::geometry::TimeInterval;
-    use crate::point::layout::moving_tree::{MovingTree, Placed};
+    use crate::point::layout::moving_tree::{MovingTree, Placed, WithoutFast};
     use crate::random::Random;
 
     /// A tree without fast references, the numbers of those, and the numbers of what is in the tree, in ascending order.
     fn split(references: &[MovingReference], slice: &TimeSlice) -> (MovingTree, Vec<u32>, Vec<u32>) {
         let leaf_size = Some(Fast::of(references, slice, slice.middle_phase()).leaf_size);
         let (placed, progress) = (Placed::new(references, slice), Progress::new(None));
-        let (mut tree, mut fast) = MovingTree::build_without_fast(references, placed, *slice, leaf_size, &progress);
+        let built = MovingTree::build_without_fast(references, placed, *slice, leaf_size, &progress);
+        let WithoutFast { mut tree, mut fast, .. } = built;
         let mut left: Vec<u32> = tree.leaves.ids_in_order().map(|id| *id).collect();
         left.sort_unstable();
         fast.sort_unstable();

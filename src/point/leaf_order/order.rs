@@ -26,7 +26,7 @@ const SHARE: usize = 1 << 14;
 pub(in crate::point) const ORDERING: f64 = 0.7;
 
 /// Writes the points of `from` to `to`, which is as long, so that bottom node i holds the i-th run of sixteen leaves. What is in
-/// `from` then is of no use. Given displacements, points are also divided by motion ([`super::motion_groups`]).
+/// `from` then is of no use. Given displacements, points are also divided by motion ([`super::motion_groups`]). Returns whether any were.
 ///
 /// O(n log n), O(log n) stack; the order is the same for any number of threads. Once `progress` is cancelled, large ranges stay as
 /// they are.
@@ -36,10 +36,10 @@ pub(in crate::point) fn order_rows(
     leaf: usize,
     motion: Option<Displacements<'_>>,
     progress: &Progress,
-) {
+) -> bool {
     let progress = progress.subtask(1.0 / from.len() as f64);
     let block = subtree(from.len(), leaf);
-    order_blocks((from, to.borrow()), block, leaf, motion, true, &progress);
+    order_blocks((from, to.borrow()), block, leaf, motion, true, &progress)
 }
 
 /// Orders the first of two rows, whose subtrees have `block` points each, by writing them to one and the other in turn. They end in
@@ -51,7 +51,7 @@ fn order_blocks(
     motion: Option<Displacements<'_>>,
     lands: bool,
     progress: &Progress,
-) {
+) -> bool {
     let (count, cancelled) = (from.len(), progress.cancelled());
     let block = subtrees_of(count, block, leaf).filter(|&block| block > leaf && !cancelled);
     let Some(block) = block else {
@@ -61,11 +61,12 @@ fn order_blocks(
         if !cancelled {
             progress.finished(count as f64);
         }
-        return;
+        return false;
     };
     // Flows are divided where all nodes below are bottom nodes, so that flows of that place count.
     let above_bottom = block == leaf * LANES;
     let by_motion = motion.filter(|_| above_bottom).and_then(|by| divided_by_motion(&from, block, by));
+    let divided = by_motion.is_some();
     let (left, motion) = match by_motion {
         Some((keys, left)) => {
             divide_by(&from, &keys, left, &mut to);
@@ -82,12 +83,8 @@ fn order_blocks(
     let (low_from, high_from) = from.borrow().split_at(left);
     let order_low = || order_blocks((low, low_from), block, leaf, motion, !lands, progress);
     let order_high = || order_blocks((high, high_from), block, leaf, motion, !lands, progress);
-    if left < SHARE {
-        order_low();
-        order_high();
-    } else {
-        parallel::both(order_low, order_high);
-    }
+    let (low, high) = if left < SHARE { (order_low(), order_high()) } else { parallel::both(order_low, order_high) };
+    divided || low || high
 }
 
 /// The keys by which to divide points by motion, and how many go to the left; `None` if division by position is better.

@@ -1,0 +1,108 @@
+//! The choice of a structure for small sets, by trees of the whole set.
+//!
+//! Trees of some thousand points take little more time than samples of them, which are so small that searches in them miss half of what they
+//! would visit. The linear tree is built, and how much larger its boxes are for the motion says whether time slices can gain anything
+//! ([`super::excess`]). If so, the work of searches in it is counted, and that of shorter slices is predicted by their boxes. The first tree
+//! of those that promise most is built, and its searches are counted, as long as that gains.
+
+use super::cost::{Visits, memory_cost, references_of};
+use super::excess::{excess, leaves_of};
+use super::partial_layer::{PartialLayer, name};
+use super::persistent_points::PersistentPoints;
+use super::plan::{Plan, middle_segment, time_slices, tree_without_fast};
+use super::source::Source;
+use super::trials::FINEST;
+use crate::point::layout::moving_tree::WithoutFast;
+use crate::point::leaf_order::fast_points::Fast;
+use crate::progress::Progress;
+use crate::simd::{MovingPointBlock, SimdLevel};
+use crate::tuning::points::{MAX_COST, NEARLY, OVERESTIMATED, OWN_TREES};
+use core::iter;
+
+/// Whether the structure for so many points is chosen by their own trees.
+pub(in crate::point) fn by_own_trees(source: &Source, points: &[u32]) -> bool {
+    points.len() <= OWN_TREES && source.all_persist()
+}
+
+/// Begins the cheapest layer for all points, which persist; and the reason for its plan.
+pub(in crate::point) fn layer_by_own_trees<'a>(
+    source: &'a Source,
+    points: &'a [u32],
+    max_references: f32,
+    simd: SimdLevel,
+    progress: &Progress,
+) -> (PartialLayer<'a>, String) {
+    let slice = time_slices(source.keys, 1)[middle_segment(source.keys)];
+    let WithoutFast { tree, by_motion, .. } =
+        tree_without_fast(source, points, &slice, None, None, &progress.subtask(0.0));
+    let by_position = by_motion.then(|| by_position(source, points));
+    let leaves = by_position.as_ref().unwrap_or(&tree.leaves.blocks);
+    let of_one = excess(leaves, &[1], simd)[0];
+    let affordable = |slices: &usize| *slices <= FINEST && *slices as f32 <= max_references;
+    let slices: Vec<usize> = iter::successors(Some(1), |slices| Some(2 * slices)).take_while(affordable).collect();
+    if of_one.is_small(points.len()) || slices.len() == 1 {
+        return (PartialLayer::with(source, points, Plan::Boxes(1), tree), of_one.why());
+    }
+    let sizes = excess(leaves, &slices, simd);
+    let mut measured = Vec::new();
+    let mut measure = |layer: PartialLayer<'a>| {
+        let visits = layer.visits(simd);
+        let cost = visits.cost() + memory_cost(references_of(source, points, layer.plan.time_slices()));
+        measured.push(format!("{} {cost:.1}", name(layer.plan)));
+        Measured { layer, visits, cost }
+    };
+    let mut best = measure(PartialLayer::with(source, points, Plan::Boxes(1), tree));
+    let mut limit = MAX_COST;
+    while !progress.cancelled() {
+        let now = best.layer.plan.time_slices();
+        let size_of = |slices: usize| sizes[slices.ilog2() as usize];
+        let predicted = |slices: usize| {
+            let memory = memory_cost(references_of(source, points, slices));
+            size_of(slices).visits(&size_of(now), best.visits).cost() + memory
+        };
+        let finer = || slices.iter().copied().filter(|&slices| slices > now);
+        let least = finer().map(predicted).fold(f64::INFINITY, f64::min);
+        let Some(slices) = finer().find(|&slices| predicted(slices) * NEARLY <= least && least < best.cost * limit)
+        else {
+            break;
+        };
+        let most = predicted(slices) * OVERESTIMATED;
+        let mut begin = |slices: usize| measure(PartialLayer::new(source, points, Plan::Boxes(slices), progress));
+        let mut next = begin(slices);
+        // Where points meet in the middle of the shutter, it is only certain that one slice is too few.
+        let meet = next.cost > most;
+        let coarser = iter::successors(Some(slices / 2), |slices| Some(slices / 2));
+        for slices in coarser.take_while(|&slices| meet && slices > now) {
+            let other = begin(slices);
+            if other.cost * MAX_COST > next.cost {
+                break;
+            }
+            next = other;
+        }
+        if next.cost >= best.cost * MAX_COST {
+            break;
+        }
+        (best, limit) = (next, NEARLY);
+        if meet {
+            break;
+        }
+    }
+    let measured = measured.join(", ");
+    let why = format!("chosen from searches in the whole set: {} (costs: {measured})", name(best.layer.plan));
+    (best.layer, why)
+}
+
+/// A layer of which one tree is built, what searches in it visit, and their cost.
+struct Measured<'a> {
+    layer: PartialLayer<'a>,
+    visits: Visits,
+    cost: f64,
+}
+
+/// The leaves of all points, ordered by position alone.
+fn by_position(source: &Source, points: &[u32]) -> Vec<MovingPointBlock> {
+    let slice = time_slices(source.keys, 1)[middle_segment(source.keys)];
+    let references = PersistentPoints::new(source, points, &slice);
+    let order = Fast::of(&references, &slice, slice.middle_phase()).order;
+    leaves_of(&references, &order)
+}
