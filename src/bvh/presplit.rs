@@ -410,18 +410,14 @@ mod tests {
         assert!(points_lost(|_| 0.0) > 100);
     }
 
-    /// Counts corners, as the kernel computes them at times of a slice, that are in no part. They move far in other segments,
-    /// into which the slice reaches.
+    /// Counts corners, as the kernel computes them at times of a slice, that are in no part. They move far between keys, of which the
+    /// slice may have one more inside, and times are rounded the more the more keys there are.
     fn corners_lost(pad_of: impl Fn(&CornerBounds) -> f32) -> usize {
         let (mut random, mut lost) = (Random(31), 0);
         for round in 0..600 {
-            let keys = [3, 9, 100][round % 3];
+            let keys = [3, 100, 1000][round % 3];
             let segment = (random.unit() * (keys - 1) as f32) as usize;
-            let near = [(); 3].map(|()| random.vec() * 0.9);
-            let mut at = |key: usize| {
-                let here = (segment..segment + 2).contains(&key);
-                near.map(|p| if here { p + random.vec() * 0.3 } else { random.vec() }).to_vec()
-            };
+            let mut at = |_| vec![random.vec(), random.vec(), random.vec()];
             let mesh = TriangleMesh::new(vec![[0, 1, 2]], (0..keys).map(&mut at).collect::<Vec<_>>());
             let (set, over) = (Triangles::new(&[mesh]).unwrap(), time_slice(segment, keys - 1));
             let (bounds, corners) = (set.bounds(0, over), set.corner_bounds(0, over).unwrap());
@@ -448,7 +444,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_hold_corners_that_leave_their_line_and_would_not_without_its_slack() {
+    fn parts_hold_corners_as_queries_compute_them_and_would_not_without_slack() {
         assert_eq!(corners_lost(pad), 0);
         assert!(corners_lost(|corners| pad(corners) - corners.slack) > 100);
     }
