@@ -13,9 +13,9 @@
 use super::builder::{BinaryNode, BinaryTree, build_binary};
 use super::reference::Reference;
 use super::visits::mean_half_area;
-use crate::geometry::LaneBounds;
+use crate::geometry::{LaneBounds, LinearBox3};
 use crate::parallel;
-use crate::simd::{Kernel, Lanes, Simd, SimdLevel, dispatch, huge_vec};
+use crate::simd::{Kernel, Simd, SimdLevel, dispatch, huge_vec};
 use crate::tuning::lazy::{CELLS, CROWDED, PLACED, SUBTREE_COST};
 use core::ops::Range;
 use glam::Vec4;
@@ -166,28 +166,6 @@ impl Kernel for Bin<'_> {
     }
 }
 
-/// Appends references to primitives with these bounds.
-struct Refer<'a> {
-    ids: &'a [u32],
-    block: &'a [LaneBounds],
-    references: &'a mut Vec<Reference>,
-}
-
-/// The lane of [`LaneBounds`] for each lane of a packed reference.
-const PACKED: Lanes<u32> = [0, 1, 2, 4, 5, 6, 3, 3, 8, 9, 10, 12, 13, 14, 3, 3];
-
-impl Kernel for Refer<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let places = s.load_u(&PACKED);
-        for (b, &id) in self.block.iter().zip(self.ids) {
-            self.references.push(Reference::of_lanes(s, s.permute(s.load(&b.0), places), id));
-        }
-    }
-}
-
 /// A part of the tree over cells.
 #[derive(Clone, Copy)]
 struct Part {
@@ -259,12 +237,11 @@ impl CoarseBuilder<'_> {
             ids.iter_mut().zip(order).for_each(|(id, at)| *id = given[at as usize]);
             return;
         }
-        let mut references = Vec::with_capacity(ids.len());
+        let mut references = vec![Reference::new(LinearBox3::EMPTY, 0); ids.len()];
         let mut block = [LaneBounds::EMPTY; BLOCK];
-        for ids in ids.chunks(BLOCK) {
-            let block = &mut block[..ids.len()];
-            (self.bounds)(ids, block);
-            dispatch(SimdLevel::best(), Refer { ids, block, references: &mut references });
+        for (ids, references) in ids.chunks(BLOCK).zip(references.chunks_mut(BLOCK)) {
+            (self.bounds)(ids, &mut block[..ids.len()]);
+            Reference::write(ids, &block, references);
         }
         let below = build_binary(&mut references, self.most..=self.most, None, None);
         self.binary.extend(below.iter().map(|node| BinaryNode { first: first + node.first, ..*node }));
@@ -277,7 +254,7 @@ impl CoarseBuilder<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Box3, LinearBox3};
+    use crate::geometry::Box3;
     use crate::random::Random;
     use glam::Vec3;
 

@@ -13,7 +13,7 @@ use glam::{Vec3, Vec4};
 pub(crate) struct Reference(pub(super) Packed);
 
 /// The lane of the id.
-const ID: usize = Reference::ID;
+const ID: usize = 15;
 
 /// The lanes of the centre as a mask.
 const CENTRES: Mask = 1 << 6 | 1 << 7 | 1 << 14;
@@ -24,9 +24,6 @@ const FIRST: Lanes<u32> = [0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 2, 0];
 const SECOND: Lanes<u32> = [3, 3, 3, 3, 3, 3, 3, 4, 3, 3, 3, 3, 3, 3, 5, 3];
 
 impl Reference {
-    /// The lane of the id.
-    pub(super) const ID: usize = 15;
-
     /// The lanes of the centre.
     pub(super) const CENTRE: [usize; 3] = [6, 7, 14];
 

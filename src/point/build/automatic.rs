@@ -11,10 +11,10 @@ use super::cost::references_of;
 use super::excess::excess;
 use super::own_trees::{by_own_trees, layer_by_own_trees};
 use super::partial_layer::{Chosen, PartialLayer, name};
-use super::plan::{Plan, middle_segment, time_slices, tree_without_fast};
+use super::plan::{Plan, linear_tree};
 use super::source::Source;
 use super::trials::{Trial, Trials};
-use crate::point::layout::moving_tree::{MovingTree, Placed, WithoutFast};
+use crate::point::layout::moving_tree::{MovingTree, WithoutFast};
 use crate::progress::Progress;
 use crate::simd::{LANES, SimdLevel};
 use crate::tuning::points::{MAX_COST, MAX_PREDICTED_COST, MAX_REFINED_COST};
@@ -148,19 +148,6 @@ fn one_layer<'a>(
     }
     let measured = format!("{}: {}", measured.join(", "), name(layer.plan));
     (layer, cost, measured)
-}
-
-/// The tree of one time slice between the keys in the middle; see [`tree_without_fast`].
-fn linear_tree(
-    source: &Source,
-    points: &[u32],
-    placed: Option<Placed>,
-    leaf_size: Option<f32>,
-    progress: &Progress,
-) -> WithoutFast {
-    let slice = &time_slices(source.keys, 1)[middle_segment(source.keys)];
-    // Counted as progress once it is known whether it is used.
-    tree_without_fast(source, points, slice, placed, leaf_size, &progress.subtask(0.0))
 }
 
 /// The fast points, the others, and the linear tree of those between the keys in the middle.

@@ -9,7 +9,7 @@ use super::cost::{Visits, memory_cost, references_of};
 use super::excess::{excess, leaves_of};
 use super::partial_layer::{PartialLayer, name};
 use super::persistent_points::PersistentPoints;
-use super::plan::{Plan, middle_segment, time_slices, tree_without_fast};
+use super::plan::{Plan, linear_tree, middle_slice};
 use super::source::Source;
 use super::trials::FINEST;
 use crate::point::layout::moving_tree::WithoutFast;
@@ -32,9 +32,7 @@ pub(in crate::point) fn layer_by_own_trees<'a>(
     simd: SimdLevel,
     progress: &Progress,
 ) -> (PartialLayer<'a>, String) {
-    let slice = time_slices(source.keys, 1)[middle_segment(source.keys)];
-    let WithoutFast { tree, by_motion, .. } =
-        tree_without_fast(source, points, &slice, None, None, &progress.subtask(0.0));
+    let WithoutFast { tree, by_motion, .. } = linear_tree(source, points, None, None, progress);
     let by_position = by_motion.then(|| by_position(source, points));
     let leaves = by_position.as_ref().unwrap_or(&tree.leaves.blocks);
     let of_one = excess(leaves, &[1], simd)[0];
@@ -101,7 +99,7 @@ struct Measured<'a> {
 
 /// The leaves of all points, ordered by position alone.
 fn by_position(source: &Source, points: &[u32]) -> Vec<MovingPointBlock> {
-    let slice = time_slices(source.keys, 1)[middle_segment(source.keys)];
+    let slice = middle_slice(source.keys);
     let references = PersistentPoints::new(source, points, &slice);
     let order = Fast::of(&references, &slice, slice.middle_phase()).order;
     leaves_of(&references, &order)

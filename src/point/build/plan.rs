@@ -33,6 +33,11 @@ pub(in crate::point) fn middle_segment(keys: usize) -> usize {
     (keys.max(2) - 1) / 2
 }
 
+/// The time slice between the keys in the middle.
+pub(in crate::point) fn middle_slice(keys: usize) -> TimeSlice {
+    time_slices(keys, 1)[middle_segment(keys)]
+}
+
 /// The time slices of the shutter: `per_segment` for each segment between keys.
 pub(in crate::point) fn time_slices(keys: usize, per_segment: usize) -> Vec<TimeSlice> {
     (0..(keys - 1).max(1)).flat_map(|segment| time_slices_of(segment, keys, per_segment)).collect()
@@ -82,7 +87,7 @@ pub(in crate::point) fn tree(source: &Source, points: &[u32], slice: &TimeSlice,
 
 /// The same without fast points, if the longest side of a leaf of usual size is given, and their numbers in the set. Where all points
 /// persist, they may be `placed` already.
-pub(in crate::point) fn tree_without_fast(
+fn tree_without_fast(
     source: &Source,
     points: &[u32],
     slice: &TimeSlice,
@@ -102,6 +107,18 @@ pub(in crate::point) fn tree_without_fast(
     let active = |i: &u32| source.active(*i as usize).intersect(slice.interval).is_some();
     let points: Vec<u32> = points.iter().copied().filter(|i| !built.fast.is_empty() && active(i)).collect();
     WithoutFast { fast: built.fast.iter().map(|&number| points[number as usize]).collect(), ..built }
+}
+
+/// The tree of one time slice between the keys in the middle; see [`tree_without_fast`]. It counts as progress once it is known
+/// whether it is used.
+pub(in crate::point) fn linear_tree(
+    source: &Source,
+    points: &[u32],
+    placed: Option<Placed>,
+    leaf_size: Option<f32>,
+    progress: &Progress,
+) -> WithoutFast {
+    tree_without_fast(source, points, &middle_slice(source.keys), placed, leaf_size, &progress.subtask(0.0))
 }
 
 /// Builds a moving layer of some of the points.

@@ -8,7 +8,7 @@
 //! subset yields a box that holds the wanted share of all points. One pass over all points then finds those inside.
 
 use super::persistent_points::PersistentPoints;
-use super::plan::{middle_segment, time_slices, time_slices_of};
+use super::plan::{middle_segment, middle_slice, time_slices_of};
 use super::source::Source;
 use crate::geometry::TimeInterval;
 use crate::point::layout::moving_tree::Placed;
@@ -97,7 +97,7 @@ impl<'a> Sampler<'a> {
     /// All points where they are in the middle of the segment, if all persist.
     pub(in crate::point) fn placed(&self) -> Option<Placed> {
         let Sampler { source, points, .. } = *self;
-        let whole = &time_slices(source.keys, 1)[middle_segment(source.keys)];
+        let whole = &middle_slice(source.keys);
         source.all_persist().then(|| Placed::new(&PersistentPoints::new(source, points, whole), whole))
     }
 
@@ -124,7 +124,7 @@ impl<'a> Sampler<'a> {
             }
             None => dispatch(self.simd, Scan { source, points, cells: &cells, inside: &mut inside, most }),
         }
-        let whole = time_slices(source.keys, 1)[segment];
+        let whole = middle_slice(source.keys);
         let sample = |(slice, inside): (&TimeSlice, &Vec<u32>)| {
             let mut references = source.references(&whole, inside.iter().map(|&i| i as usize), |i| i as u32);
             let (mut leaf_size, mut order) = (0.0, Vec::new());
