@@ -59,19 +59,19 @@ pub(crate) mod lazy {
     /// and coherent, but 1.12 and 1.05 of it in camera and crowd.
     pub const CELLS: usize = 16;
     pub const PLACED: usize = 4096;
-    /// A cell with more than this many times the primitives of a subtree gets a grid of its own. With 1 the hall needs .93 of what it needs
-    /// now, lazy build and what rays build, but the hairball (`--scale 0.3`) nearly twice as much: there a subtree of one cell is in the order of the mesh, in which the sample that
-    /// decides on its division is a few strands.
+    /// A cell with more than this many times the primitives of a subtree gets a grid of its own. With 1 the lazy build and what rays build
+    /// take .97 to 1.12 of the time, and rays 1.00 to 1.05 of theirs (docs/notes.md).
     pub const CROWDED: usize = 4;
-    /// What a subtree costs beside its primitives, in primitives; it decides where the coarse tree ends. Building one takes about as
-    /// long as 280 primitives do (debris), and a ray that enters it needs some time. Counted for 68 pictures of the catalogue at other sizes
-    /// and places (docs/notes.md), those of building need a sixth more with 256, and all together 2 % more with 1024.
-    pub const SUBTREE_COST: f32 = 512.0;
-    /// Pre-splits and temporal splits of a subtree are decided on one in this many of its primitives, and on at least this many. Half
-    /// of both takes 2 to 6 % less for what rays build, but rays take 10 to 20 % longer in tornado and mixed; twice both gains rays
-    /// nothing there.
-    pub const SAMPLED: usize = 8;
-    pub const LEAST_SAMPLE: usize = 128;
+    /// What a subtree costs beside its primitives, in primitives; it decides where the coarse tree ends. Building one takes longer than
+    /// its share of a whole build, and a ray that enters it needs some time. With 128 less is built in debris and hand, but rays
+    /// take a tenth longer in tornado and hand. With 512 debris, building and coherent need a tenth more, other scenes the same.
+    pub const SUBTREE_COST: f32 = 256.0;
+    /// Pre-splits and temporal splits are decided on once for neighbouring subtrees with together at most so many times the primitives of a
+    /// full one, by so many neighbours at each of some places. With half of the first two numbers the hand
+    /// needs a tenth more, and parts of the hairball are divided, which takes a tenth longer to build and gains rays nothing.
+    pub const GROUP: usize = 32;
+    pub const NEIGHBOURS: usize = 256;
+    pub const PLACES: usize = 4;
 }
 
 /// Early split clipping of triangles before the build.

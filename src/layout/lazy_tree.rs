@@ -4,11 +4,16 @@
 //! object splits of coarse cells put together. It becomes an ordinary wide tree over its primitives, in the same tree space, built by the
 //! first query that enters it.
 //!
+//! Whether subtrees divide the shutter and pre-split is decided for a *group* of neighbouring ones, by a sample, when the first of them is
+//! built: deciding for each would often take as long as building it. The sample consists of small neighbourhoods in the group's space, so
+//! it does not depend on the order of the primitives.
+//!
 //! The boxes of the coarse tree hold their contents over the whole shutter. So the coarse tree has no time nodes, its build decides
 //! nothing by samples, and no primitive is split.
 //!
 //! **Why no two threads wait for each other.** The thread that builds a subtree does so alone ([`crate::parallel::alone`]) and does not query
-//! the tree. All other threads that need the same subtree wait for this one build, and hold no subtree of their own meanwhile.
+//! the tree. All other threads that need the same subtree wait for this one build, and hold no subtree of their own meanwhile. The
+//! same holds for the decision on a group, which a thread makes or waits for before it builds.
 
 use super::leaf_block::{WideSource, write_list};
 use super::statistics::Statistics;
@@ -24,7 +29,9 @@ use crate::params::{LazyParams, WideParams};
 use crate::primitive::VertexTubes;
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES};
-use crate::time::COST_MODEL;
+use crate::time::{COST_MODEL, DraftParams};
+use crate::tuning::lazy::{GROUP, NEIGHBOURS, PLACES};
+use core::ops::Range;
 use std::sync::OnceLock;
 
 /// The coarse tree, and the subtrees below it.
@@ -34,8 +41,16 @@ pub(crate) struct LazyTree {
     /// The primitives of all subtrees, one subtree after the other.
     ids: Vec<u32>,
     subtrees: Vec<Subtree>,
-    /// How subtrees are built.
+    groups: Vec<Group>,
     params: WideParams,
+}
+
+/// Neighbouring subtrees, which are built alike.
+struct Group {
+    /// The position of its first id.
+    first: u32,
+    /// How its subtrees are built, once one has been needed.
+    decided: OnceLock<DraftParams>,
 }
 
 /// Some primitives, and the tree over them once a query has needed it.
@@ -57,8 +72,9 @@ impl LazyTree {
         let leaves = binary.iter().filter(|node| node.right == 0);
         let subtrees: Vec<Subtree> = leaves.map(|leaf| Subtree { first: leaf.first, tree: OnceLock::new() }).collect();
         let top = top(&binary, &subtrees, over)?;
+        let groups = groups(&binary, GROUP * most);
         step(progress, 0.5)?;
-        let mut tree = LazyTree { top, ids, subtrees, params: params.wide };
+        let mut tree = LazyTree { top, ids, subtrees, groups, params: params.wide };
         tree.top.masks = BlockMasks::of(&tree.top, set, |leaf| Some(tree.primitives(tree.below(leaf))));
         Ok(tree)
     }
@@ -76,9 +92,32 @@ impl LazyTree {
     /// A subtree, which is built now if it has not been built yet. `set` is the one of the build.
     pub fn subtree<S: WideSource>(&self, set: &S, subtree: u32) -> &WideTree {
         self.subtrees[subtree as usize].tree.get_or_init(|| {
-            WideTree::subtree(set, self.primitives(subtree), &self.params)
+            WideTree::subtree(set, self.primitives(subtree), self.decided(set, subtree))
                 .expect("the build made no subtree too large for a tree")
         })
+    }
+
+    /// How a subtree is built.
+    fn decided<S: WideSource>(&self, set: &S, subtree: u32) -> &DraftParams {
+        let first = self.subtrees[subtree as usize].first;
+        let after = self.groups.partition_point(|group| group.first <= first);
+        let end = self.groups.get(after).map_or(self.ids.len(), |group| group.first as usize);
+        let group = &self.groups[after - 1];
+        let ids = group.first as usize..end;
+        group.decided.get_or_init(|| WideTree::decided(set, &self.sample(set, ids), &self.params))
+    }
+
+    /// Neighbours around evenly spaced primitives of a group, whose ids are at these positions; sorted.
+    fn sample<S: WideSource>(&self, set: &S, group: Range<usize>) -> Vec<u32> {
+        let mut sample = Vec::new();
+        for i in 0..PLACES {
+            let at = group.start + (2 * i + 1) * group.len() / (2 * PLACES);
+            let subtree = self.subtrees.partition_point(|subtree| subtree.first as usize <= at) - 1;
+            sample.extend(neighbours(set, self.primitives(subtree as u32), self.ids[at]));
+        }
+        sample.sort_unstable();
+        sample.dedup();
+        sample
     }
 
     /// The primitives of a subtree.
@@ -127,6 +166,35 @@ impl LazyTree {
             }
         });
     }
+}
+
+/// The groups of subtrees, which are the leaves of a binary tree: its largest subtrees of at most `most` primitives.
+fn groups(binary: &[BinaryNode], most: usize) -> Vec<Group> {
+    let (mut groups, mut end) = (Vec::new(), 0);
+    for node in binary {
+        if node.first >= end && (node.count as usize <= most || node.right == 0) {
+            groups.push(Group { first: node.first, decided: OnceLock::new() });
+            end = node.first + node.count;
+        }
+    }
+    groups
+}
+
+/// Those primitives of a subtree whose centres are nearest to that of one of them.
+fn neighbours<S: WideSource>(set: &S, subtree: &[u32], around: u32) -> Vec<u32> {
+    let mut ids = subtree.to_vec();
+    ids.sort();
+    let mut bounds = vec![LaneBounds::EMPTY; ids.len()];
+    set.lane_bounds(&ids, TimeInterval::FULL, &VertexTubes::default(), &mut bounds);
+    let centre = |at: usize| bounds[at].centre().truncate();
+    let middle = centre(ids.binary_search(&around).expect("the primitive is in the subtree"));
+    let mut near: Vec<(f32, u32)> =
+        (0..).zip(&ids).map(|(at, &id)| (centre(at).distance_squared(middle), id)).collect();
+    if near.len() > NEIGHBOURS {
+        near.select_nth_unstable_by(NEIGHBOURS, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        near.truncate(NEIGHBOURS);
+    }
+    near.into_iter().map(|(_, id)| id).collect()
 }
 
 /// The tree above the subtrees, which are the leaves of a binary tree.

@@ -20,10 +20,11 @@ use crate::primitive::{PrimitiveSet, Triangles};
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES, huge_vec};
 use crate::time::{
-    COST_MODEL, Draft, DraftParams, Region, Reinsertion, SharedLeaves, TimeSlice, draft_sample, draft_tree,
+    COST_MODEL, Draft, DraftParams, Region, Reinsertion, SharedLeaves, TimeSlice, any_moves, draft_sample, draft_tree,
     prefetch_blocks, primitives, regions,
 };
-use crate::tuning::lazy::{LEAST_SAMPLE, SAMPLED};
+use crate::tuning::lazy::NEIGHBOURS;
+use crate::tuning::slices::LEAST_TREELET;
 use glam::Vec3;
 
 /// A written subtree: its bounds over the whole shutter, and its root.
@@ -55,13 +56,32 @@ impl WideTree {
     /// recorded.
     ///
     /// The tree may be larger than the parameters allow. Fails only beyond the size of [`most_in_subtree`].
-    pub(super) fn subtree<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> Result<WideTree, BuildError> {
+    pub(super) fn subtree<S: WideSource>(set: &S, ids: &[u32], params: &DraftParams) -> Result<WideTree, BuildError> {
         parallel::alone(|| {
-            let params = decided(set, ids, params);
             // Several ascending runs, of which a merge sort is made.
             let mut ids = ids.to_vec();
             ids.sort();
+            // The sample that decided may have been of others, which move.
+            let mut params = *params;
+            if params.wide.division != Division::Whole && !any_moves(set, &ids) {
+                params.wide.division = Division::Whole;
+            }
             WideTree::sorted_subtree(set, &ids, &params)
+        })
+    }
+
+    /// Decides by a sample of a few neighbourhoods whether to pre-split, and on the temporal split: trying it with all primitives of a
+    /// subtree would take several times as long as building it.
+    pub(super) fn decided<S: WideSource>(set: &S, sample: &[u32], params: &WideParams) -> DraftParams {
+        parallel::alone(|| {
+            let (draft, presplit) = draft_sample(set, sample, params);
+            let params = DraftParams { wide: *params, decided: Some(presplit) };
+            let division = match (params.wide.division, draft) {
+                (Division::Automatic, Some(draft)) => division_of_most(set, &draft, &params),
+                (Division::Automatic, None) => Division::Whole,
+                (given, _) => given,
+            };
+            DraftParams { wide: WideParams { division, ..params.wide }, ..params }
         })
     }
 
@@ -143,7 +163,7 @@ impl WideTree {
         let when = if params.wide.division == Division::Whole { Reinsertion::Now } else { Reinsertion::OfStatic };
         let mut draft = draft_tree(set, ids, TimeSlice::WHOLE, params, None, when);
         step(0.5)?;
-        let regions = regions(set, &draft, params);
+        let regions = regions(set, &draft, params, LEAST_TREELET);
         step(0.25)?;
         if let [Region { node: 0, division: Division::SeparateTrees(count), .. }] = regions[..] {
             // The draft is dropped before the trees are made: holding one at a time takes less memory.
@@ -306,20 +326,14 @@ const ATTEMPTS: usize = 2;
 /// Bytes that every tree may use in addition: the nodes of tiny trees are mostly empty.
 const LEAST_BYTES: usize = 8192;
 
-/// Decides by a sample of neighbouring primitives of a subtree whether to pre-split, and on the temporal split: trying it with all
-/// of them would take several times as long as building the subtree.
-fn decided<S: WideSource>(set: &S, ids: &[u32], params: &WideParams) -> DraftParams {
-    let ids = &ids[..(ids.len() / SAMPLED).max(LEAST_SAMPLE).min(ids.len())];
-    let (draft, presplit) = draft_sample(set, ids, params);
-    let params = DraftParams { wide: *params, decided: Some(presplit) };
-    let division = match params.wide.division {
-        Division::Automatic => match draft.map(|draft| regions(set, &draft, &params)).as_deref() {
-            Some(&[Region { node: 0, division, .. }]) => division,
-            _ => Division::Whole,
-        },
-        given => given,
-    };
-    DraftParams { wide: WideParams { division, ..params.wide }, ..params }
+/// The division of the largest region of a sample, if all regions together have at least half of it.
+fn division_of_most<S: WideSource>(set: &S, draft: &Draft, params: &DraftParams) -> Division {
+    let regions = regions(set, draft, params, NEIGHBOURS);
+    let count = |region: &Region| draft.binary[region.node as usize].count as usize;
+    if 2 * regions.iter().map(count).sum::<usize>() < draft.references.len() {
+        return Division::Whole;
+    }
+    regions.iter().max_by_key(|region| count(region)).map_or(Division::Whole, |region| region.division)
 }
 
 /// The allowed size of a tree: the bytes per primitive, and the positions at keys beyond the second.

@@ -38,7 +38,8 @@ const MOST_BYTES: f64 = 1.5 * (1u64 << 30) as f64;
 
 /// The regions of a draft for the whole shutter, in the order of their nodes; none lies below another. A region has more references
 /// than a leaf block, unless it is the whole draft: where trees are written, its node is told from those of leaf blocks by its size.
-pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &DraftParams) -> Vec<Region> {
+/// `treelet` is the least size of a treelet.
+pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &DraftParams, treelet: usize) -> Vec<Region> {
     let forced = |division| vec![Region { node: 0, division, cost: draft.collapse.total() }];
     match params.wide.division {
         Division::Automatic => {}
@@ -46,7 +47,7 @@ pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &DraftPar
         division => return forced(division),
     }
     let mut found = Vec::new();
-    let treelets = treelets(set, draft);
+    let treelets = treelets(set, draft, treelet);
     let least = MIN_GAIN * Sum::of(&treelets).cost;
     find(draft, 0, &treelets, least, &mut found);
     let most = allowed_growth(draft, &found, params);
@@ -223,6 +224,7 @@ mod tests {
     use crate::params::WideParams;
     use crate::primitive::{TriangleMesh, Triangles};
     use crate::scene;
+    use crate::tuning::slices::LEAST_TREELET;
     use glam::{Quat, Vec3};
 
     /// A scene's regions, and for each mesh the share of its triangles that lie in them.
@@ -231,7 +233,7 @@ mod tests {
         let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
         let params = DraftParams::new(WideParams::default());
         let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &params, None, Reinsertion::Later);
-        let regions = regions(&set, &draft, &params);
+        let regions = regions(&set, &draft, &params, LEAST_TREELET);
         for pair in regions.windows(2) {
             let (a, b) = (&draft.binary[pair[0].node as usize], &draft.binary[pair[1].node as usize]);
             assert!(pair[0].node < pair[1].node && a.first + a.count <= b.first);
@@ -293,7 +295,7 @@ mod tests {
             None,
             Reinsertion::Later,
         );
-        let mut treelets = treelets(&set, &draft);
+        let mut treelets = treelets(&set, &draft, LEAST_TREELET);
         let (right, low, high) = sides(&draft, 0, &treelets);
         let middles = [sides(&draft, 1, low).0, sides(&draft, right, high).0];
         assert!(low.len() >= FEW && high.len() >= FEW);

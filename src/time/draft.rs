@@ -246,11 +246,7 @@ fn add_references<S: PrimitiveSet>(set: &S, ids: &[u32], over: TimeInterval, ref
 pub(crate) fn draft_sample<S: PrimitiveSet>(set: &S, ids: &[u32], params: &WideParams) -> (Option<Draft>, Presplit) {
     let ratio = area_ratio(set, ids, TimeInterval::FULL);
     let elongated = is_elongated(DraftParams::new(*params).most_references(), ratio);
-    let moving = |&id: &u32| {
-        let bounds = set.bounds(id, TimeInterval::FULL);
-        bounds.begin != bounds.end
-    };
-    if !elongated && !ids.iter().any(moving) {
+    if !elongated && !any_moves(set, ids) {
         return (None, Presplit { ratio, pays: false });
     }
     let with = |pays: bool, cost_model: Option<CostModel>| {
@@ -265,6 +261,14 @@ pub(crate) fn draft_sample<S: PrimitiveSet>(set: &S, ids: &[u32], params: &WideP
         }
     }
     (Some(whole), Presplit { ratio, pays: false })
+}
+
+/// Whether any of some primitives moves.
+pub(crate) fn any_moves<S: PrimitiveSet>(set: &S, ids: &[u32]) -> bool {
+    ids.iter().any(|&id| {
+        let bounds = set.bounds(id, TimeInterval::FULL);
+        bounds.begin != bounds.end
+    })
 }
 
 /// Whether triangles fill so little of their boxes that pre-splitting may pay.

@@ -8,7 +8,8 @@ mod trials;
 
 pub(crate) use choose::{Region, regions};
 pub(crate) use draft::{
-    COST_MODEL, Draft, DraftParams, Reinsertion, TimeSlice, draft_sample, draft_tree, prefetch_blocks, time_slice,
+    COST_MODEL, Draft, DraftParams, Reinsertion, TimeSlice, any_moves, draft_sample, draft_tree, prefetch_blocks,
+    time_slice,
 };
 pub(crate) use slices::SharedLeaves;
 pub(crate) use trials::primitives;

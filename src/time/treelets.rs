@@ -12,7 +12,7 @@ use crate::geometry::{LinearBox3, TimeInterval};
 use crate::limits::MAX_TIME_SLICES;
 use crate::parallel;
 use crate::primitive::{Intervals, PrimitiveSet};
-use crate::tuning::slices::{LEAST_TREELET, MAX_AREA_OF_HALVES, SHORT_SLICES, TREELET_SAMPLE, TREELETS};
+use crate::tuning::slices::{MAX_AREA_OF_HALVES, SHORT_SLICES, TREELET_SAMPLE, TREELETS};
 
 /// A small subtree and its estimates.
 #[derive(Clone, Copy, Debug)]
@@ -25,10 +25,10 @@ pub(super) struct Treelet {
     pub in_slices: f32,
 }
 
-/// Divides a draft into treelets, in order.
-pub(super) fn treelets<S: PrimitiveSet>(set: &S, draft: &Draft) -> Vec<Treelet> {
+/// Divides a draft into treelets, in order: at most [`TREELETS`] of about the same size, which is `least` at least.
+pub(super) fn treelets<S: PrimitiveSet>(set: &S, draft: &Draft, least: usize) -> Vec<Treelet> {
     let Some(root) = draft.binary.first().filter(|root| root.moving) else { return Vec::new() };
-    let most = (root.count as usize / TREELETS).max(LEAST_TREELET) as u32;
+    let most = (root.count as usize / TREELETS).max(least) as u32;
     let (mut nodes, mut stack) = (Vec::new(), vec![0]);
     while let Some(x) = stack.pop() {
         let node = &draft.binary[x as usize];

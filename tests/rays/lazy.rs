@@ -82,6 +82,19 @@ fn every_query_has_the_answer_of_a_whole_tree_whoever_comes_first() {
 }
 
 #[test]
+fn time_slices_do_not_depend_on_the_order_of_meshes() {
+    let [still, moving] = [soup(4000, 1, 0.02, 0.0, 5), soup(8000, 2, 0.02, 2.0, 6)];
+    let mut random = Random(10);
+    let rays: Vec<Ray> = (0..300).map(|_| random_ray(&mut random, 1.5)).collect();
+    for meshes in [[still.clone(), moving.clone()], [moving, still]] {
+        let tree = RayTree::build(&meshes, &lazy(2048)).unwrap();
+        rays.iter().for_each(|ray| _ = tree.closest_hit(ray));
+        let built = tree.statistics();
+        assert!(built.time_nodes == built.built_subtrees && built.built_subtrees > 0, "{built:?}");
+    }
+}
+
+#[test]
 fn instances_place_lazy_trees() {
     let place = |params: &BuildParams| {
         let (meshes, shapes) = scene();
