@@ -28,12 +28,18 @@ pub(super) enum InstanceGuards<'a, T = InstanceHit> {
 }
 
 impl<T> InstanceGuards<'_, T> {
+    /// Instances take part whose visibility masks share a bit with this one; all of them if there is none.
+    #[inline]
+    pub fn mask(&self) -> Option<u32> {
+        match self {
+            InstanceGuards::Filtered { mask, .. } => Some(*mask),
+            _ => None,
+        }
+    }
+
     #[inline]
     pub fn sees(&self, mask: u32) -> bool {
-        match self {
-            InstanceGuards::Filtered { mask: wanted, .. } => wanted & mask != 0,
-            _ => true,
-        }
+        self.mask().is_none_or(|wanted| wanted & mask != 0)
     }
 
     #[inline]
@@ -262,6 +268,11 @@ struct InstanceVisitor<'a, 'b, Q> {
 }
 
 impl<Q: InstanceQuery> LeafVisitor for InstanceVisitor<'_, '_, Q> {
+    #[inline(always)]
+    fn mask(&self) -> Option<u32> {
+        self.guards.mask()
+    }
+
     #[inline(always)]
     fn node(&mut self) {
         self.guards.observe(|observer| observer.node());

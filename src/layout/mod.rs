@@ -55,4 +55,4 @@ pub use tree_box::TreeBox;
 pub(crate) use wide_node::{
     CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS, VERTEX_ROWS, block_sizes, inverse_extent, shared_count,
 };
-pub(crate) use wide_tree::WideTree;
+pub(crate) use wide_tree::{BlockMasks, WideTree};

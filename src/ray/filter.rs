@@ -7,9 +7,14 @@ pub(crate) type Offer = (usize, Hit);
 
 /// Selects the primitives that a query tests and the hits that it accepts; both predicates must be pure.
 pub(crate) trait Filter<T = Offer> {
+    /// Primitives take part whose visibility masks share a bit with this one; all of them if there is none.
+    fn mask(&self) -> Option<u32>;
     /// Whether a primitive with this visibility mask takes part; the mask is looked up only if the filter depends on
     /// it.
-    fn sees(&self, mask: impl FnOnce() -> u32) -> bool;
+    #[inline(always)]
+    fn sees(&self, mask: impl FnOnce() -> u32) -> bool {
+        self.mask().is_none_or(|wanted| wanted & mask() != 0)
+    }
     /// Whether a hit is accepted.
     fn accepts(&self, hit: impl FnOnce() -> T) -> bool;
     /// Whether all hits are accepted.
@@ -21,8 +26,8 @@ pub(crate) struct Everything;
 
 impl<T> Filter<T> for Everything {
     #[inline(always)]
-    fn sees(&self, _: impl FnOnce() -> u32) -> bool {
-        true
+    fn mask(&self) -> Option<u32> {
+        None
     }
     #[inline(always)]
     fn accepts(&self, _: impl FnOnce() -> T) -> bool {
@@ -43,8 +48,8 @@ pub(crate) struct Visible<F> {
 
 impl<T, F: Fn(&T) -> bool> Filter<T> for Visible<F> {
     #[inline(always)]
-    fn sees(&self, mask: impl FnOnce() -> u32) -> bool {
-        self.mask & mask() != 0
+    fn mask(&self) -> Option<u32> {
+        Some(self.mask)
     }
     #[inline(always)]
     fn accepts(&self, hit: impl FnOnce() -> T) -> bool {
@@ -62,8 +67,8 @@ pub(crate) type Seen<'a, T> = Visible<&'a dyn Fn(&T) -> bool>;
 /// An optional filter.
 impl<T, F: Filter<T>> Filter<T> for Option<F> {
     #[inline(always)]
-    fn sees(&self, mask: impl FnOnce() -> u32) -> bool {
-        self.as_ref().is_none_or(|filter| filter.sees(mask))
+    fn mask(&self) -> Option<u32> {
+        self.as_ref().and_then(|filter| filter.mask())
     }
     #[inline(always)]
     fn accepts(&self, hit: impl FnOnce() -> T) -> bool {

@@ -151,7 +151,8 @@ impl<G: Geometry> RayTree<G> {
     }
 
     /// [`RayTree::closest_hit`] among the hits for which `accept` returns true, on meshes whose
-    /// [`mask`](TriangleMesh::mask) shares a bit with `mask`. Spheres and custom primitives have all bits.
+    /// [`mask`](TriangleMesh::mask) shares a bit with `mask`. Spheres and custom primitives have all bits. Blocks of the tree in which
+    /// `mask` hides everything are skipped (in the k-d layout, only triangles are).
     ///
     /// `accept` must be pure. It may be called several times for the same hit, and is not called for every hit.
     ///

@@ -6,8 +6,9 @@ use core::sync::atomic::{AtomicUsize, Ordering};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DAffine3, DVec3, Vec3};
 use mbkd::{
-    BuildError, BuildParams, ClosestPointQuery, Division, FileError, Instance, InstanceTree, Intersection, LazyParams,
-    LinearBounds, MovingSphere, Primitive, Ray, RayTree, RefitError, Shape, TimeInterval, TriangleMesh, WideParams,
+    BuildError, BuildParams, ClosestPointQuery, Division, FileError, Instance, InstanceTree, Intersection, Keys,
+    LazyParams, LinearBounds, MovingSphere, Primitive, Ray, RayTree, RefitError, Shape, TimeInterval, TriangleMesh,
+    WideParams,
 };
 use std::sync::Arc;
 
@@ -169,6 +170,36 @@ impl Primitive for Counted<'_> {
     fn intersect(&self, ray: &Ray) -> Option<Intersection> {
         self.0.intersect(ray)
     }
+}
+
+#[test]
+fn rays_do_not_build_what_their_mask_hides() {
+    let near = soup(2000, 2, 0.1, 0.1, 11);
+    let behind = soup(2000, 1, 0.1, 0.0, 12);
+    let Keys::F32(keys) = &behind.keys else { unreachable!() };
+    let positions = keys[0].iter().map(|&p| p + Vec3::X * 20.0).collect();
+    let meshes = [near.with_mask(0b01), TriangleMesh::fixed(behind.indices.clone(), positions).with_mask(0b10)];
+    let oracle = BruteForce::new(&meshes).unwrap();
+    let trees: [RayTree; 3] = core::array::from_fn(|_| RayTree::build(&meshes, &lazy(100)).unwrap());
+    let mut random = Random(14);
+    let mut hits = 0;
+    for _ in 0..300 {
+        let p = random.vec();
+        let ray = Ray::new(Vec3::new(-3.0, p.y, p.z), Vec3::X).at_time(random.unit());
+        for (tree, mask) in trees.iter().zip([0b100, 0b10, 0b11]) {
+            let expected = oracle.closest_hit_filtered(&ray, mask, |_| true);
+            assert_eq!(tree.closest_hit_filtered(&ray, mask, |_| true), expected, "{mask:b}, {ray:?}");
+            assert_eq!(tree.any_hit_filtered(&ray, mask, |_| true), expected.is_some(), "{mask:b}, {ray:?}");
+            let mut batch = Vec::new();
+            tree.closest_hits_filtered(&[ray], mask, |_, _| true, &mut batch);
+            assert_eq!(batch, [expected]);
+            hits += usize::from(expected.is_some());
+        }
+    }
+    assert!(hits > 100, "{hits}");
+    let [none, behind, all] = trees.map(|tree| tree.statistics().built_subtrees);
+    assert!(none == 0 && behind > 0 && all > behind, "{none}, {behind}, {all}");
+    assert!(2 * all > 3 * behind, "{behind} of {all}");
 }
 
 #[test]

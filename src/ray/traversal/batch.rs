@@ -45,11 +45,11 @@ pub(in crate::ray) struct Batch<'a, G, F, Q: Query> {
     pub task: Task<'a, Q::Answer>,
 }
 
-impl<'a, G, F, Q: Query> Batch<'a, G, F, Q> {
+impl<'a, G, F: Filter, Q: Query> Batch<'a, G, F, Q> {
     /// The state that all rays of the batch share.
     #[inline(always)]
     pub fn traverser(&self) -> Traverser<'a, G, F> {
-        Traverser { arena: &self.tree.arena, lists: self.tree.lists, set: self.set, filter: self.filter }
+        Traverser::new(self.tree, self.set, self.filter)
     }
 }
 

@@ -55,11 +55,16 @@ struct Subtrees<'a, 'b, G, F, C, O> {
 
 /// The callbacks of [`LeafVisitor`] in a form that can be called through `dyn`.
 trait SubtreeVisitor {
+    fn mask(&self) -> Option<u32>;
     fn node(&mut self);
     fn subtree(&mut self, subtree: u32) -> ControlFlow<(), f32>;
 }
 
 impl LeafVisitor for dyn SubtreeVisitor + '_ {
+    fn mask(&self) -> Option<u32> {
+        SubtreeVisitor::mask(self)
+    }
+
     fn node(&mut self) {
         SubtreeVisitor::node(self);
     }
@@ -73,6 +78,10 @@ impl LeafVisitor for dyn SubtreeVisitor + '_ {
 }
 
 impl<G: RaySource, F: Filter, C: Collect, O: Observer> SubtreeVisitor for Subtrees<'_, '_, G, F, C, O> {
+    fn mask(&self) -> Option<u32> {
+        self.filter.mask()
+    }
+
     fn node(&mut self) {
         self.observer.node();
     }

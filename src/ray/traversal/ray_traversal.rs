@@ -13,6 +13,8 @@ use core::ops::ControlFlow;
 
 /// The callbacks of a ray's traversal.
 pub(crate) trait LeafVisitor {
+    /// Objects take part whose visibility masks share a bit with this one; all of them if there is none.
+    fn mask(&self) -> Option<u32>;
     /// A node is about to be tested.
     fn node(&mut self);
     /// A leaf is about to be visited.
@@ -40,7 +42,7 @@ impl<const ORDERED: bool, Q: LeafVisitor + ?Sized> Kernel for RayTraversal<'_, O
     fn run<S: Simd>(self, s: S) {
         let RayTraversal { tree, ray, tree_ray, visitor } = self;
         let (ray, reach) = (Ray { t_max: tree_ray.t_max(), ..*ray }, tree_ray.end);
-        let mut query = RayState::<ORDERED, Q> { tree, tree_ray, ray, reach, visitor };
+        let mut query = RayState::<ORDERED, Q> { tree, tree_ray, ray, reach, mask: visitor.mask(), visitor };
         let mut memory = StackOf::new();
         let mut cursor = Cursor::new(tree.root, memory.stack(tree.max_stack()));
         let traversal = WideTraversal::new(&tree.arena);
@@ -56,6 +58,8 @@ struct RayState<'a, const ORDERED: bool, Q: ?Sized> {
     ray: Ray,
     /// The same end as a distance in tree space.
     reach: f32,
+    /// The mask of the query.
+    mask: Option<u32>,
     visitor: &'a mut Q,
 }
 
@@ -65,6 +69,11 @@ impl<S: Simd, const ORDERED: bool, Q: LeafVisitor + ?Sized> WideQuery<S> for Ray
     #[inline(always)]
     fn time(&self) -> f32 {
         self.ray.time
+    }
+
+    #[inline(always)]
+    fn hides(&self, block: ChildRef) -> bool {
+        self.mask.is_some_and(|wanted| wanted & self.tree.masks.union(block) == 0)
     }
 
     #[inline(always)]

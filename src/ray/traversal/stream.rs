@@ -106,6 +106,7 @@ impl<G: RaySource, F: Filter, C: Collect> Traversal<'_, G, F, C> {
             let rays = visit.rays & self.open;
             let several = rays & rays.wrapping_sub(1) != 0;
             match visit.at.kind() {
+                _ if self.traverser.hides(visit.at) => {}
                 Kind::Node if several => self.enter::<S, NODE_ROWS>(s, visit.at, rays),
                 Kind::StaticNode if several => self.enter::<S, STATIC_NODE_ROWS>(s, visit.at, rays),
                 Kind::Time if several => self.enter_time_slices(visit, rays),

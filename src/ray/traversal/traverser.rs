@@ -1,5 +1,7 @@
 //! The constants of a traversal of the wide layout.
 
+use crate::layout::{BlockMasks, ChildRef, WideTree};
+use crate::ray::filter::Filter;
 use crate::simd::Arena;
 
 /// What does not change during a query.
@@ -9,4 +11,17 @@ pub(in crate::ray) struct Traverser<'a, G, F> {
     pub lists: usize,
     pub set: &'a G,
     pub filter: &'a F,
+    masks: &'a BlockMasks,
+}
+
+impl<'a, G, F: Filter> Traverser<'a, G, F> {
+    pub fn new(tree: &'a WideTree, set: &'a G, filter: &'a F) -> Traverser<'a, G, F> {
+        Traverser { arena: &tree.arena, lists: tree.lists, set, filter, masks: &tree.masks }
+    }
+
+    /// Whether the mask of the query hides everything in a block.
+    #[inline(always)]
+    pub fn hides(&self, block: ChildRef) -> bool {
+        !self.filter.sees(|| self.masks.union(block))
+    }
 }

@@ -38,7 +38,7 @@ impl<S: Simd> RayLayout for Wide<'_, S> {
         if self.tree.root == ChildRef::NOTHING {
             return;
         }
-        let traverser = Traverser { arena: &self.tree.arena, lists: self.tree.lists, set, filter };
+        let traverser = Traverser::new(self.tree, set, filter);
         let mut query = RayQuery { traverser: &traverser, ray, sheared: &mut None, collect, observer };
         let mut cursor = Cursor::new(self.tree.root, self.stack);
         let traversal = WideTraversal::at_time(self.tree, ray.time());
@@ -62,6 +62,11 @@ impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for
     #[inline(always)]
     fn time(&self) -> f32 {
         self.ray.time()
+    }
+
+    #[inline(always)]
+    fn hides(&self, block: ChildRef) -> bool {
+        self.traverser.hides(block)
     }
 
     #[inline(always)]
