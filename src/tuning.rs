@@ -200,6 +200,9 @@ pub(crate) mod points {
     /// Up to so many points, structures are compared by trees of all points instead of samples. Samples of more take less time than trees, and
     /// only sets of more gain by a tree of their own for fast points (`neighbor_tables builds --points 16000`, and 24000, 30000 and 50000).
     pub const OWN_TREES: usize = 24 << 10;
+    /// The same if they have active intervals: their linear tree holds many that do not exist at a time, so it takes longer to build and to search
+    /// ("Builds of small moving sets" in docs/notes.md: no gain from 6000 points on).
+    pub const OWN_TREES_TIMED: usize = 4 << 10;
     /// Of time slices that are predicted to cost nearly the same, the longest are tried: those that the best cost this fraction of; and once some
     /// have gained, shorter ones only if they are predicted to cost less than this fraction.
     pub const NEARLY: f64 = 0.95;

@@ -46,7 +46,7 @@ pub(in crate::point) fn moving_layers(
     if trials.stay_together() {
         let WithoutFast { tree, by_motion, .. } = linear_tree(source, points, trials.placed.take(), None, progress);
         let size = excess(&tree.leaves.blocks, &[1], simd)[0];
-        if size.is_small(points.len()) && !by_motion {
+        if size.is_small(points.len(), 1.0) && !by_motion {
             let layer = PartialLayer::with(source, points, Plan::Boxes(1), tree);
             return vec![layer.finish(size.why(), progress)];
         }

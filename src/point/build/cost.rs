@@ -13,6 +13,7 @@ use crate::point::search::layers::Layer;
 use crate::simd::{Lanes, Mask, SimdLevel};
 use crate::tuning::points::{BLOCK_COST, HALF_UNCACHED_BYTES, REFERENCE_BYTES, SEARCHED, SEARCHES, UNCACHED_COST};
 use glam::Vec3;
+use std::borrow::Cow;
 
 /// What a search for eight neighbours visits, on average.
 #[derive(Clone, Copy)]
@@ -22,19 +23,19 @@ pub(in crate::point) struct Visits {
 }
 
 impl Visits {
-    /// Counts the visits of searches in layers, at points between their keys, at times of a time slice.
+    /// Counts the visits of searches in layers, at points between their keys of a time slice, each at a time of its interval.
     pub(in crate::point) fn count(
         layers: &[&Layer],
         slice: &TimeSlice,
-        points: &[[[f32; 3]; 2]],
+        points: &[([[f32; 3]; 2], TimeInterval)],
         simd: SimdLevel,
     ) -> Visits {
         let mut candidates = Candidates::default();
         let (mut nodes, mut blocks) = (0, 0);
-        for (i, ends) in points.iter().enumerate() {
+        for (i, (ends, interval)) in points.iter().enumerate() {
             // Times in an order that is independent of the positions.
             let fraction = ((i * 89) % points.len()) as f32 / points.len() as f32;
-            let time = slice.interval.begin() + slice.interval.duration() * fraction;
+            let time = interval.begin() + interval.duration() * fraction;
             let layers: Vec<_> = layers.iter().map(|layer| (core::slice::from_ref(*layer), time)).collect();
             let [open, close] = ends.map(Vec3::from_array);
             let point = KeyTime::new(time, slice.keys).position(open, close);
@@ -49,7 +50,7 @@ impl Visits {
         Visits { nodes: nodes as f64 / count, blocks: blocks as f64 / count }
     }
 
-    /// Those of searches at some of the points of a set.
+    /// Those of searches at some of the points of a set that exist in a time slice, while they do.
     pub(in crate::point) fn among(
         source: &Source,
         points: &[u32],
@@ -58,11 +59,17 @@ impl Visits {
         simd: SimdLevel,
     ) -> Visits {
         let later = (slice.segment + 1).min(slice.keys - 1);
-        let ends = |i: usize| {
-            let point = points[spread(i, points.len())] as usize;
-            [slice.segment, later].map(|key| source.at(point, key))
+        let interval = |point: u32| source.active(point as usize).intersect(slice.interval);
+        let mut existing = Cow::Borrowed(points);
+        if !source.all_persist() && points.iter().any(|&point| interval(point).is_some()) {
+            existing.to_mut().retain(|&point| interval(point).is_some());
+        }
+        let place = |i: usize| {
+            let point = existing[spread(i, existing.len())];
+            let ends = [slice.segment, later].map(|key| source.at(point as usize, key));
+            (ends, interval(point).unwrap_or(slice.interval))
         };
-        let points: Vec<_> = (0..searches(points.len())).map(ends).collect();
+        let points: Vec<_> = (0..searches(points.len())).map(place).collect();
         Visits::count(layers, slice, &points, simd)
     }
 

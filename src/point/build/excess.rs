@@ -25,9 +25,10 @@ pub(in crate::point) struct Excess {
 }
 
 impl Excess {
-    /// Whether that of one tree is so small that time slices of this many points could not gain enough.
-    pub(in crate::point) fn is_small(&self, points: usize) -> bool {
-        let one_tree = MOST_AT_REST * self.leaves.max(self.nodes).max(self.above) + memory_cost(points);
+    /// Whether that of one tree, which holds `crowd` times as many points as exist at a time, is so small that time slices of this many
+    /// points could not gain enough.
+    pub(in crate::point) fn is_small(&self, points: usize, crowd: f64) -> bool {
+        let one_tree = MOST_AT_REST * crowd * self.leaves.max(self.nodes).max(self.above) + memory_cost(points);
         MOST_AT_REST + memory_cost(2 * points) >= MAX_COST * one_tree
     }
 
@@ -214,7 +215,7 @@ mod tests {
         for together in [leaves(1024, |_, _| Vec3::ZERO), leaves(1024, |_, _| Vec3::splat(3.0))] {
             let found = all(&together, &[1, 4])[0];
             assert!([found.leaves, found.nodes, found.above].iter().all(|x| (x - 1.0).abs() < 1e-3), "{found:?}");
-            assert!(found.is_small(together.len() * LANES));
+            assert!(found.is_small(together.len() * LANES, 1.0));
         }
         let apart = leaves(1024, |_, random| random.vec() * 2.0);
         let found = all(&apart, &[1, 2, 4, 8, 64]);
@@ -222,7 +223,7 @@ mod tests {
         // By nearly a side on both sides at the ends, and so in between, since faces are linear.
         assert!((4.0..6.5).contains(&found[0].leaves), "{found:?}");
         assert!(found[0].nodes < found[0].leaves && found[0].above < found[0].nodes, "{found:?}");
-        assert!(found[4].leaves < 1.01 && !found[0].is_small(apart.len() * LANES));
+        assert!(found[4].leaves < 1.01 && !found[0].is_small(apart.len() * LANES, 1.0));
         // Each leaf moves by itself.
         let rigid = leaves(1024, |at, _| if at.x.floor() % 2.0 == 0.0 { Vec3::ONE } else { -Vec3::ONE });
         let found = all(&rigid, &[1])[0];
@@ -234,7 +235,7 @@ mod tests {
     #[test]
     fn few_points_and_points_in_one_place_have_finite_sizes() {
         for leaves in [leaves(0, |_, _| Vec3::ONE), leaves(1, |_, _| Vec3::ONE), vec![MovingPointBlock::EMPTY; 20]] {
-            assert!(excess(&leaves, &[1], SimdLevel::best())[0].is_small(16));
+            assert!(excess(&leaves, &[1], SimdLevel::best())[0].is_small(16, 1.0));
         }
         // All are in one place in the middle.
         let mut meeting = leaves(64, |_, random| random.vec());
@@ -245,6 +246,6 @@ mod tests {
         }
         let found = excess(&meeting, &[1, 8], SimdLevel::best());
         assert!(found.iter().all(|found| found.leaves.is_finite() && found.nodes.is_finite()), "{found:?}");
-        assert!(!found[0].is_small(1024) && found[1].leaves < found[0].leaves);
+        assert!(!found[0].is_small(1024, 1.0) && found[1].leaves < found[0].leaves);
     }
 }

@@ -16,15 +16,17 @@ use crate::point::layout::moving_tree::WithoutFast;
 use crate::point::leaf_order::fast_points::Fast;
 use crate::progress::Progress;
 use crate::simd::{MovingPointBlock, SimdLevel};
-use crate::tuning::points::{MAX_COST, NEARLY, OVERESTIMATED, OWN_TREES};
+use crate::tuning::points::{MAX_COST, NEARLY, OVERESTIMATED, OWN_TREES, OWN_TREES_TIMED};
 use core::iter;
 
 /// Whether the structure for so many points is chosen by their own trees.
 pub(in crate::point) fn by_own_trees(source: &Source, points: &[u32]) -> bool {
-    points.len() <= OWN_TREES && source.all_persist()
+    let most = if source.all_persist() { OWN_TREES } else { OWN_TREES_TIMED };
+    // Between several keys, the number of references does not say how many points exist.
+    points.len() <= most && (source.all_persist() || source.keys <= 2)
 }
 
-/// Begins the cheapest layer for all points, which persist; and the reason for its plan.
+/// Begins the cheapest layer for all points; and the reason for its plan.
 pub(in crate::point) fn layer_by_own_trees<'a>(
     source: &'a Source,
     points: &'a [u32],
@@ -36,9 +38,14 @@ pub(in crate::point) fn layer_by_own_trees<'a>(
     let by_position = by_motion.then(|| by_position(source, points));
     let leaves = by_position.as_ref().unwrap_or(&tree.leaves.blocks);
     let of_one = excess(leaves, &[1], simd)[0];
-    let affordable = |slices: &usize| *slices <= FINEST && *slices as f32 <= max_references;
+    // A tree of a time slice holds those that exist in it. Searches pass by those that do not exist at their time.
+    let references = |slices: usize| references_of(source, points, slices) as f64;
+    let most = f64::from(max_references) * points.len() as f64;
+    let affordable = |slices: &usize| *slices <= FINEST && references(*slices) <= most;
+    let exist: f64 = points.iter().map(|&point| source.active(point as usize).fine_duration()).sum();
+    let crowd = points.len() as f64 / exist.max(1.0);
     let slices: Vec<usize> = iter::successors(Some(1), |slices| Some(2 * slices)).take_while(affordable).collect();
-    if of_one.is_small(points.len()) || slices.len() == 1 {
+    if of_one.is_small(points.len(), crowd) || slices.len() == 1 {
         return (PartialLayer::with(source, points, Plan::Boxes(1), tree), of_one.why());
     }
     let sizes = excess(leaves, &slices, simd);
@@ -55,8 +62,11 @@ pub(in crate::point) fn layer_by_own_trees<'a>(
         let now = best.layer.plan.time_slices();
         let size_of = |slices: usize| sizes[slices.ilog2() as usize];
         let predicted = |slices: usize| {
-            let memory = memory_cost(references_of(source, points, slices));
-            size_of(slices).visits(&size_of(now), best.visits).cost() + memory
+            let [of_slices, of_now] = [slices, now].map(|slices| references(slices) / slices as f64);
+            let Visits { nodes, blocks } = size_of(slices).visits(&size_of(now), best.visits);
+            let share = of_slices / of_now;
+            Visits { nodes: nodes * share.sqrt(), blocks: blocks * share }.cost()
+                + memory_cost(references(slices) as usize)
         };
         let finer = || slices.iter().copied().filter(|&slices| slices > now);
         let least = finer().map(predicted).fold(f64::INFINITY, f64::min);
@@ -100,7 +110,10 @@ struct Measured<'a> {
 /// The leaves of all points, ordered by position alone.
 fn by_position(source: &Source, points: &[u32]) -> Vec<MovingPointBlock> {
     let slice = middle_slice(source.keys);
-    let references = PersistentPoints::new(source, points, &slice);
-    let order = Fast::of(&references, &slice, slice.middle_phase()).order;
-    leaves_of(&references, &order)
+    if source.all_persist() {
+        let references = PersistentPoints::new(source, points, &slice);
+        return leaves_of(&references, &Fast::of(&references, &slice, slice.middle_phase()).order);
+    }
+    let references = source.references(&slice, points.iter().map(|&i| i as usize), |i| source.id(i));
+    leaves_of(&references[..], &Fast::of(&references[..], &slice, slice.middle_phase()).order)
 }

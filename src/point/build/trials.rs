@@ -86,7 +86,7 @@ impl<'a> Trials<'a> {
     /// Whether points of the samples that are close together stay together, so that nothing can cost much less than one tree.
     pub(in crate::point) fn stay_together(&self) -> bool {
         let excess_of = |sample: &Sample| excess(&leaves_of(&sample.references[..], &sample.order), &[1], self.simd)[0];
-        self.source.all_persist() && self.whole.iter().all(|sample| excess_of(sample).is_small(self.points.len()))
+        self.source.all_persist() && self.whole.iter().all(|sample| excess_of(sample).is_small(self.points.len(), 1.0))
     }
 
     /// Tries one tree for all points, and counts the work at rest.
@@ -369,7 +369,8 @@ fn work(sample: &Sample, searches: usize, (plan, fast): (Plan, Option<Plan>), si
         None => vec![group(plan, &|_| true)],
     };
     let layers: Vec<&Layer> = groups.iter().map(|(layer, _)| layer).collect();
-    let points: Vec<_> = central(references, slice, searches).into_iter().map(|m| [m.open, m.close]).collect();
+    let points: Vec<_> =
+        central(references, slice, searches).into_iter().map(|m| ([m.open, m.close], *interval)).collect();
     let count: usize = groups.iter().map(|(_, count)| count).sum();
     // The tree of the whole set is higher, and searches visit one more node on each further level.
     let whole = (references.len() as f64 * scale) as usize;

@@ -54,11 +54,11 @@ impl Candidates {
         }
     }
 
-    /// Keeps the k least pairs and returns the greatest distance among them. For sets with so many
-    /// equal distances that no threshold separates them.
+    /// Keeps the k least pairs and returns the greatest of them. For sets with so many equal distances that no threshold
+    /// separates them.
     #[cold]
     #[inline(never)]
-    pub(super) fn retain_exactly(&mut self, k: usize) -> f32 {
+    pub(super) fn retain_exactly(&mut self, k: usize) -> Neighbor {
         let pairs = self.distances.iter().zip(&self.ids).take(self.count);
         self.packed.clear();
         self.packed.extend(pairs.map(|(&distance, &id)| pack(distance, id)));
@@ -68,7 +68,7 @@ impl Candidates {
             (self.distances[i], self.ids[i]) = (pair.distance_squared, pair.id);
         }
         self.count = k;
-        unpack(last).distance_squared
+        unpack(last)
     }
 }
 

@@ -50,6 +50,8 @@ pub(in crate::point) struct KNearest<'a, K, O> {
     threshold: f32,
     /// The origin of the threshold.
     origin: Origin,
+    /// Of points exactly at the threshold, those with greater ids are no answers: k others are known.
+    last: u32,
     /// Boxes beyond this are culled: the threshold, or less if answers may be approximate and k points are
     /// within it.
     cull: f32,
@@ -88,6 +90,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             k: k.min(usize::MAX / 4),
             threshold: bound,
             origin: Origin::Caller,
+            last: u32::MAX,
             cull: bound,
             bound,
             nearest: 0.0,
@@ -110,12 +113,13 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         observe: &mut P,
         go: impl FnOnce(&mut KNearest<'_, L, P>),
     ) {
-        let KNearest { k, threshold, origin, cull, bound, nearest, shrink, guesses, scale, .. } = *self;
+        let KNearest { k, threshold, origin, last, cull, bound, nearest, shrink, guesses, scale, .. } = *self;
         let (candidates, queue, seen) = (&mut *self.candidates, LeafQueue::new(), 0);
         let mut lent = KNearest {
             k,
             threshold,
             origin,
+            last,
             cull,
             bound,
             nearest,
@@ -129,8 +133,8 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             observe,
         };
         go(&mut lent);
-        let KNearest { threshold, origin, cull, nearest, guesses, scale, .. } = lent;
-        (self.threshold, self.origin, self.cull) = (threshold, origin, cull);
+        let KNearest { threshold, origin, last, cull, nearest, guesses, scale, .. } = lent;
+        (self.threshold, self.origin, self.last, self.cull) = (threshold, origin, last, cull);
         (self.nearest, self.guesses, self.scale) = (nearest, guesses, scale);
     }
 
@@ -153,6 +157,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
     #[inline(always)]
     fn set_threshold(&mut self, threshold: f32) {
         self.threshold = threshold;
+        self.last = u32::MAX;
         self.cull = threshold * self.shrink;
     }
 
@@ -214,15 +219,15 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
     fn tighten<S: Simd>(&mut self, s: S, guess: f32) {
         let count = self.candidates.count;
         self.candidates.distances[count..count + LANES].fill(f32::INFINITY);
-        let threshold = match self.find_threshold(s, &self.candidates.distances[..count.next_multiple_of(LANES)], guess)
-        {
-            Some(threshold) => {
-                self.candidates.retain(s, threshold);
-                threshold
-            }
-            None => self.candidates.retain_exactly(self.k),
-        };
-        self.set_threshold(threshold);
+        let distances = &self.candidates.distances[..count.next_multiple_of(LANES)];
+        if let Some(threshold) = self.find_threshold(s, distances, guess) {
+            self.candidates.retain(s, threshold);
+            self.set_threshold(threshold);
+        } else {
+            let last = self.candidates.retain_exactly(self.k);
+            self.set_threshold(last.distance_squared);
+            self.last = last.id;
+        }
         self.origin = Origin::Known;
     }
 
@@ -267,7 +272,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         let leaves = self.queue.drain();
         let blocks = view.leaf_blocks();
         self.candidates.reserve(leaves.len() * blocks * LANES);
-        let limit = s.splat(self.threshold);
+        let (limit, last) = (s.splat(self.threshold), self.last);
         let Candidates { distances, ids, count, .. } = &mut *self.candidates;
         let mut end = *count;
         for &leaf in leaves {
@@ -275,8 +280,13 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
                 self.observe.block();
                 let distance = view.point_distances(s, target, block);
                 let ids_of_block = view.ids(block);
-                let under = self.keep.kept(ids_of_block, s.le(distance, limit));
-                end = append(s, distances, ids, end, (distance, s.load_u(ids_of_block)), under);
+                let id = s.load_u(ids_of_block);
+                let mut under = s.le(distance, limit);
+                if last < u32::MAX {
+                    under &= s.lt(distance, limit) | s.lt_u(id, s.splat_u(last));
+                }
+                let under = self.keep.kept(ids_of_block, under);
+                end = append(s, distances, ids, end, (distance, id), under);
             }
         }
         *count = end;
