@@ -411,9 +411,9 @@ fn counted_work_is_what_it_was() {
 }
 
 const GOLDEN: [(&str, PointStructure, (u64, u64)); 5] = [
-    ("uniform", PointStructure::Automatic, (5292, 7799)),
-    ("coherent", PointStructure::Linear, (6198, 8566)),
-    ("random", PointStructure::TimeSlices(4), (5676, 8294)),
+    ("uniform", PointStructure::Automatic, (5339, 7786)),
+    ("coherent", PointStructure::Linear, (6242, 8454)),
+    ("random", PointStructure::TimeSlices(4), (5727, 8265)),
     ("fast few", PointStructure::Mbkd, (50400, 20661)),
     ("short intervals", PointStructure::Mbkd, (135364, 88664)),
 ];

@@ -317,6 +317,28 @@ fn every_point_is_in_exactly_one_place_at_every_crossing() {
     }
 }
 
+/// Once k points at the same distance are known, others there count by their ids. Ids are in random order, and the crowds fill many
+/// leaves: the lowest ids may come last.
+#[test]
+fn of_crowds_in_few_places_the_lowest_ids_are_nearest() {
+    let mut rng = Rng(77);
+    for places in [1, 4] {
+        let crowd = |rng: &mut Rng| Vec3::splat((rng.bits() % places) as f32) * 0.25;
+        let points: Vec<Vec3> =
+            (0..3000).map(|_| if rng.bits().is_multiple_of(4) { rng.vec() } else { crowd(&mut rng) }).collect();
+        let cloud = Cloud::still(points);
+        let mut buffer = NeighborBuffer::default();
+        for structure in STRUCTURES {
+            for simd in SimdLevel::available() {
+                let tree = build(&cloud, structure, simd);
+                for q in [Vec3::ZERO, Vec3::splat(0.26), rng.vec(), Vec3::splat(9.0)] {
+                    check(&tree, &cloud, q, 0.5, &mut buffer, &format!("{places} places, {structure:?}, {simd}"));
+                }
+            }
+        }
+    }
+}
+
 #[test]
 fn a_million_points_in_one_place() {
     let points = vec![Vec3::ONE; 1_000_000];
