@@ -158,7 +158,7 @@ impl Leaves for InInstances<'_, '_> {
 
     #[inline]
     fn hides(&self, block: ChildRef) -> bool {
-        !self.guards.sees(self.of.wide.masks.union(block))
+        self.of.wide.masks.hide(block, self.guards.mask())
     }
 
     #[inline]

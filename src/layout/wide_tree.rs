@@ -54,8 +54,14 @@ impl BlockMasks {
 
     /// The union of the masks in a block.
     #[inline(always)]
-    pub fn union(&self, block: ChildRef) -> u32 {
+    pub(super) fn union(&self, block: ChildRef) -> u32 {
         self.by_line.get(block.at() / LANES).copied().unwrap_or(self.all)
+    }
+
+    /// Whether a query with this mask, or with none, sees nothing in a block.
+    #[inline(always)]
+    pub fn hide(&self, block: ChildRef, from: Option<u32>) -> bool {
+        from.is_some_and(|wanted| wanted & self.union(block) == 0)
     }
 
     pub fn bytes(&self) -> usize {

@@ -126,7 +126,7 @@ impl<G: PrimitiveSet, F: Filter<ClosestPoint>> Best<'_, G, F> {
     /// Whether the mask of the query hides everything in a block.
     #[inline(always)]
     pub fn hides(&self, tree: &WideTree, block: ChildRef) -> bool {
-        !self.filter.sees(|| tree.masks.union(block))
+        tree.masks.hide(block, self.filter.mask())
     }
 
     fn answer(&self, Candidate { distance, point, u, v }: Candidate, id: u32) -> ClosestPoint {

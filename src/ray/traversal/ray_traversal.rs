@@ -73,7 +73,7 @@ impl<S: Simd, const ORDERED: bool, Q: LeafVisitor + ?Sized> WideQuery<S> for Ray
 
     #[inline(always)]
     fn hides(&self, block: ChildRef) -> bool {
-        self.mask.is_some_and(|wanted| wanted & self.tree.masks.union(block) == 0)
+        self.tree.masks.hide(block, self.mask)
     }
 
     #[inline(always)]

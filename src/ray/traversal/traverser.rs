@@ -22,6 +22,6 @@ impl<'a, G, F: Filter> Traverser<'a, G, F> {
     /// Whether the mask of the query hides everything in a block.
     #[inline(always)]
     pub fn hides(&self, block: ChildRef) -> bool {
-        !self.filter.sees(|| self.masks.union(block))
+        self.masks.hide(block, self.filter.mask())
     }
 }
