@@ -186,6 +186,25 @@ fn gathers_are_those_of_brute_force_for_every_kind_of_photons() {
     assert!(found > 1200, "only {found} gathers found something");
 }
 
+/// Beams that a mirror focuses: most photons are at the distance of the k-th, and the lowest indices count.
+#[test]
+fn crowds_of_photons_in_few_places_are_gathered_as_by_brute_force() {
+    for places in [1, 3] {
+        for clock in 0..4 {
+            let mut rng = Rng(places + u64::from(clock));
+            let mut photons = photons("random", 2000, clock, &mut rng);
+            let at: Vec<Vec3> = (0..places).map(|_| rng.vec()).collect();
+            for (i, photon) in photons.iter_mut().enumerate().filter(|(i, _)| i % 4 != 0) {
+                photon.position = at[i % at.len()];
+            }
+            let params = GatherParams { window: 0.5, ..GatherParams::default() };
+            let found = compare(&photons, &params, 3, 60, &format!("{places} places, clock {clock}"));
+            // Where all that are found are at the query's own place, the disc has no area.
+            assert!(found > 20, "only {found} gathers found something");
+        }
+    }
+}
+
 #[test]
 fn structures_and_instruction_sets_give_the_same_bits() {
     use PointStructure::{Automatic, Linear, Mbkd, TimeSlices};

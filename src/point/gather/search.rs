@@ -2,7 +2,8 @@
 //!
 //! Searches identify photons by slot, and slots depend on the tree. Answers must not: among photons at the
 //! same distance the one with the lower index comes first. Ties are rare, so they are resolved afterwards: inside the
-//! answer by sorting runs of equal distances, and beyond its end by a search for all photons at that distance.
+//! answer by sorting runs of equal distances, and at its end by a search for all photons at that distance, of which there may be
+//! thousands: a mirror focuses a beam on one point.
 
 use super::index::Index;
 use super::span_view::SpanView;
@@ -42,18 +43,45 @@ impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
         dispatch(self.index.simd, Nearest { search: self, k: more, bound, candidates });
         nearest_in_order(self.index.simd, more, candidates, found);
         if found.len() > k {
-            let (last, next) = (found[k - 1].distance_squared, found[k].distance_squared);
-            if last == next {
-                self.within(last, buffer);
+            let next = found[k].distance_squared;
+            found.truncate(k);
+            if found.last().is_some_and(|last| last.distance_squared == next) {
+                self.replace_last(next, buffer);
             }
-            buffer.found.truncate(k);
         }
         self.resolve_ties(&mut buffer.found);
     }
 
+    /// Replaces the photons at the distance of the last one by as many with the lowest indices of all at that distance.
+    #[cold]
+    #[inline(never)]
+    fn replace_last(&self, last: f32, buffer: &mut NeighborBuffer) {
+        self.gather(last, &mut buffer.candidates);
+        let NeighborBuffer { candidates, found } = buffer;
+        let Candidates { distances, ids, count, packed, .. } = candidates;
+        let at_last = distances.iter().zip(&*ids).take(*count).filter(|&(&distance, _)| distance == last);
+        packed.clear();
+        packed.extend(at_last.map(|(_, &slot)| u64::from(self.index.ids[slot as usize]) << 32 | u64::from(slot)));
+        let nearer = found.partition_point(|n| n.distance_squared < last);
+        let wanted = found.len() - nearer;
+        if wanted < packed.len() {
+            packed.select_nth_unstable(wanted);
+        }
+        for (neighbor, &key) in found[nearer..].iter_mut().zip(&*packed) {
+            neighbor.id = key as u32;
+        }
+    }
+
     /// All within the bound, in order of (distance, index), as slots.
     pub(super) fn within(&self, bound: f32, buffer: &mut NeighborBuffer) {
-        let NeighborBuffer { candidates, found } = &mut *buffer;
+        self.gather(bound, &mut buffer.candidates);
+        let NeighborBuffer { candidates, found } = buffer;
+        all_in_order(self.index.simd, candidates, found);
+        self.resolve_ties(found);
+    }
+
+    /// All within the bound, in any order.
+    fn gather(&self, bound: f32, candidates: &mut Candidates) {
         candidates.count = 0;
         dispatch(self.index.simd, Within { search: self, bound, candidates });
         if let Some(tree) = self.others() {
@@ -61,8 +89,6 @@ impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
             let kept = |slots: &_, mask| self.keep.kept(slots, mask);
             append(&Query { tree, point, exact, time, bound, shrink: 1.0, keep: KeepLanes(&kept) }, candidates);
         }
-        all_in_order(self.index.simd, candidates, found);
-        self.resolve_ties(found);
     }
 
     /// Sorts photons at the same distance by their indices.
