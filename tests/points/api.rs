@@ -227,6 +227,33 @@ fn closest_approaches_of_static_points_do_not_depend_on_the_structure() {
     assert!(at_keys > 0, "no approach was nearest at a key");
 }
 
+/// Hundreds of points go each of a few ways, some of them the same way in one segment between keys and apart in the other.
+#[test]
+fn closest_approaches_of_crowds_are_those_of_their_lowest_ids() {
+    let mut rng = Rng(12);
+    for keys in 1..4 {
+        let mut cloud = cloud("uniform", 2000, &mut rng);
+        let ways: Vec<[Vec3; 3]> = (0..5).map(|_| [(); 3].map(|()| rng.vec())).collect();
+        let way: Vec<usize> = (0..2000).map(|_| rng.bits() as usize % 5).collect();
+        let at = |i: usize, key: usize| match way[i] {
+            // The second crowd begins like the first.
+            1 if key < 2 => ways[0][key],
+            way => ways[way][key],
+        };
+        cloud.keys = (0..keys).map(|key| (0..2000).map(|i| at(i, key)).collect()).collect();
+        let lowest = |id: u32| way[..id as usize].iter().all(|&before| before != way[id as usize]);
+        for structure in STRUCTURES {
+            let tree = tree_of(&cloud, structure);
+            for _ in 0..20 {
+                let (from, to) = (rng.vec(), rng.vec());
+                let found = tree.closest_approach(from, to, TimeInterval::FULL).unwrap();
+                let expected = tree.closest_approach_if(from, to, TimeInterval::FULL, lowest).unwrap();
+                assert_eq!(found, expected, "{keys} keys, {structure:?}, {from} to {to}");
+            }
+        }
+    }
+}
+
 #[test]
 fn closest_approach_with_predicate_and_invalid_paths() {
     let points = [MovingPoint::new(Vec3::X, -Vec3::X), MovingPoint::fixed(Vec3::Y)];

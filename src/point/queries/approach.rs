@@ -67,7 +67,14 @@ struct Search {
     most: f64,
     /// Exact distances are expensive, and few of these points need one in the end.
     pending: Vec<Pending>,
-    best: Option<Approach>,
+    best: Option<Nearest>,
+}
+
+/// The nearest point so far, its path and the segment between keys of its answer.
+struct Nearest {
+    answer: Approach,
+    point: PointPath,
+    segment: f64,
 }
 
 /// The largest number of points that wait for exact distances.
@@ -85,17 +92,29 @@ impl Search {
         }
     }
 
+    /// Whether a point goes the same way as the nearest one so far and has a higher id. Thousands of points may lie in one place, and
+    /// their estimates exclude none of them.
+    fn follows(&self, point: &PointPath, segment: f64) -> bool {
+        self.best.as_ref().is_some_and(|best| {
+            let way = |p: &PointPath| (p.open, p.close, p.active);
+            point.id >= best.point.id && segment == best.segment && way(point) == way(&best.point)
+        })
+    }
+
     /// Computes exact distances for the pending points that may still be the answer.
     fn resolve(&mut self, path: &QueryPath) {
-        for Pending { least, point, overlap } in self.pending.drain(..) {
-            if least <= self.most {
+        let mut pending = core::mem::take(&mut self.pending);
+        for Pending { least, point, overlap } in pending.drain(..) {
+            let segment = overlap.segment();
+            if least <= self.most && !self.follows(&point, segment) {
                 let (time, distance) = overlap.closest(path, &point);
-                let found = Approach { id: point.id, time, distance };
-                if self.best.is_none_or(|best| found.key() < best.key()) {
-                    self.best = Some(found);
+                let answer = Approach { id: point.id, time, distance };
+                if self.best.as_ref().is_none_or(|best| answer.key() < best.answer.key()) {
+                    self.best = Some(Nearest { answer, point, segment });
                 }
             }
         }
+        self.pending = pending;
     }
 }
 
@@ -280,6 +299,9 @@ impl QueryPath {
     /// Evaluates a point in some segments between keys.
     fn visit_point(&self, point: PointPath, segments: Range<usize>, keep: &impl Fn(u32) -> bool, search: &mut Search) {
         for segment in segments {
+            if search.follows(&point, segment as f64) {
+                continue;
+            }
             let Some(overlap) = Overlap::new(self, &point, segment) else { continue };
             let (about, slack) = overlap.estimate(self, &point);
             if about - slack <= search.most && keep(point.id) {
@@ -368,7 +390,7 @@ impl PointTree {
             path.search_boxes(self.simd, tree, &keep, &mut search);
         }
         search.resolve(&path);
-        search.best
+        search.best.map(|best| best.answer)
     }
 }
 

@@ -50,6 +50,11 @@ impl Overlap {
         (begin <= end).then_some(Overlap { begin, end, segment, segments })
     }
 
+    /// The number of the segment between keys.
+    pub(in crate::point) fn segment(&self) -> f64 {
+        self.segment
+    }
+
     /// The least distance as computed in f64, and a bound of its excess.
     pub(in crate::point) fn estimate(&self, path: &QueryPath, point: &PointPath) -> (f64, f64) {
         let [open, close] = [point.open, point.close].map(DVec3::from_array);
