@@ -1,5 +1,5 @@
 //! Counted work: nodes and tests per ray, exactly. A change here is a change of the trees or of the traversal, and
-//! belongs in the changelog with the new figures.
+//! belongs in the notes with the new figures.
 
 use crate::common::Random;
 use mbkd::{BuildParams, Counters, KdParams, RayTree, SimdLevel};
