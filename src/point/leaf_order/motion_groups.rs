@@ -70,11 +70,13 @@ impl MotionDivision {
             if HALF_SPREAD * whole.deviation()[axis] < MIN_MOTION_SPREAD * leaf.max_element() {
                 continue;
             }
-            let mut order = off.clone();
-            order.sort_unstable_by(|a, b| a[axis].total_cmp(&b[axis]));
+            // Keys and numbers in one word are sorted several times as fast as the vectors.
+            let key = |(i, off): (usize, &DVec3)| u64::from(sortable(off[axis] as f32)) << 32 | i as u64;
+            let mut order: Vec<u64> = off.iter().enumerate().map(key).collect();
+            order.sort_unstable();
             let mut low = Moments::default();
             for (some, cut) in order.chunks(STEP).zip(&cuts) {
-                some.iter().for_each(|&off| low.add(off));
+                some.iter().for_each(|&key| low.add(off[key as u32 as usize]));
                 let left = (cut.share * count as f64 / block as f64).round() as usize * block;
                 let cost = cut.cost(leaf, low.deviation(), whole.without(&low).deviation());
                 if cost < least && left > 0 && left < count {
@@ -95,6 +97,12 @@ impl MotionDivision {
     pub(in crate::point) fn key(&self, point: &Displaced) -> f64 {
         point.by[self.axis] - self.usual - self.by_position.dot(point.at - self.middle)
     }
+}
+
+/// Bits that are in the order of the numbers.
+fn sortable(x: f32) -> u32 {
+    let bits = x.to_bits();
+    if bits >> 31 == 0 { bits | 1 << 31 } else { !bits }
 }
 
 /// A division of a sample in two.
