@@ -200,9 +200,14 @@ pub(crate) mod points {
     /// Up to so many points, structures are compared by trees of all points instead of samples. Samples of more take less time than trees, and
     /// only sets of more gain by a tree of their own for fast points (`neighbor_tables builds --points 16000`, and 24000, 30000 and 50000).
     pub const OWN_TREES: usize = 24 << 10;
-    /// The same if they have active intervals: their linear tree holds many that do not exist at a time, so it takes longer to build and to search
-    /// ("Builds of small moving sets" in docs/notes.md: no gain from 6000 points on).
-    pub const OWN_TREES_TIMED: usize = 4 << 10;
+    /// Points with active intervals are compared by trees of all of them in larger sets, too, if at most this share exists at a time: then
+    /// the tree of a time slice is built sooner than samples, and fast points need no tree of their own ("Builds of sets with active intervals" in
+    /// docs/notes.md).
+    pub const MAX_EXISTING: f64 = 0.8;
+    /// What is visited in the tree of a time slice grows with this power of the number of its points and of the volume of its boxes. (Least squares
+    /// over trees of 30 kinds of sets, 1000 to 300 000 points, gave .55 to .8 and .61 to .7 for nodes and blocks; with .55 the median of
+    /// expected costs is right. "Builds of sets with active intervals" in docs/notes.md.)
+    pub const VISITED: f64 = 0.55;
     /// Of time slices that are predicted to cost nearly the same, the longest are tried: those that the best cost this fraction of; and once some
     /// have gained, shorter ones only if they are predicted to cost less than this fraction.
     pub const NEARLY: f64 = 0.95;

@@ -1,13 +1,14 @@
 //! The automatic choice of a structure, and its build.
 //!
-//! Small sets are compared by trees of the whole set ([`super::own_trees`]). Where points of samples that are close together stay together, as
+//! Small sets and those with short active intervals are compared by trees of the whole set ([`super::own_trees`], [`super::active_trees`]). Where points of samples that are close together stay together, as
 //! those of the finished tree do, nothing can cost much less than one tree ([`super::excess`]). Otherwise samples give a first choice
 //! ([`super::trials`]). Where few points are fast and cause most of the work, they are put apart without more trials, and these only follow if
 //! that costs more than expected. Samples hardly contain points that come from far away, so a structure may turn out to cost more. Therefore
 //! the tree of one time slice is built over the whole set, and the work of searches in it is counted. If shorter slices promise to cost less,
 //! the tree of one of those is built as well. The trees of the structure that is finally chosen are reused.
 
-use super::cost::references_of;
+use super::active_trees::{by_active_trees, layer_by_active_trees};
+use super::cost::ReferenceCounts;
 use super::excess::excess;
 use super::own_trees::{by_own_trees, layer_by_own_trees};
 use super::partial_layer::{Chosen, PartialLayer, name};
@@ -37,16 +38,15 @@ pub(in crate::point) fn moving_layers(
         let layer = PartialLayer::new(source, points, Plan::Boxes(1), progress);
         return vec![layer.finish(WHY_FEW.to_string(), progress)];
     }
-    if by_own_trees(source, points) {
-        let (layer, why) = layer_by_own_trees(source, points, max_references, simd, progress);
+    if let Some((layer, why)) = by_whole_trees(source, points, max_references, simd, progress) {
         return vec![layer.finish(why, progress)];
     }
     let mut trials = Trials::new(source, points, max_references, simd);
     let (mut fast, mut slow, mut ready) = (Vec::new(), Vec::new(), None);
     if trials.stay_together() {
         let WithoutFast { tree, by_motion, .. } = linear_tree(source, points, trials.placed.take(), None, progress);
-        let size = excess(&tree.leaves.blocks, &[1], simd)[0];
-        if size.is_small(points.len(), 1.0) && !by_motion {
+        let size = excess(&tree.leaves.blocks, 0.5, &[1], simd)[0];
+        if size.is_small(points.len()) && !by_motion {
             let layer = PartialLayer::with(source, points, Plan::Boxes(1), tree);
             return vec![layer.finish(size.why(), progress)];
         }
@@ -101,8 +101,7 @@ pub(in crate::point) fn plan_for_all(
     if points.len() <= FEW {
         return (Plan::Boxes(1), WHY_FEW.to_string());
     }
-    if by_own_trees(source, points) {
-        let (layer, why) = layer_by_own_trees(source, points, max_references, simd, progress);
+    if let Some((layer, why)) = by_whole_trees(source, points, max_references, simd, progress) {
         return (layer.plan, why);
     }
     let mut trials = Trials::new(source, points, max_references, simd);
@@ -111,6 +110,20 @@ pub(in crate::point) fn plan_for_all(
     let why = explain(&trials);
     let (whole, _, measured) = one_layer(source, points, &mut trials, None, progress);
     (whole.plan, format!("{why}; {measured}"))
+}
+
+/// Begins the cheapest layer for all points by trees of the whole set, if that takes less time than samples; and the reason for its plan.
+fn by_whole_trees<'a>(
+    source: &'a Source,
+    points: &'a [u32],
+    max_references: f32,
+    simd: SimdLevel,
+    progress: &Progress,
+) -> Option<(PartialLayer<'a>, String)> {
+    if by_own_trees(source, points) {
+        return Some(layer_by_own_trees(source, points, max_references, simd, progress));
+    }
+    by_active_trees(source, points).then(|| layer_by_active_trees(source, points, max_references, simd, progress))
 }
 
 /// Begins the cheapest layer for all points; returns it, its cost, and a description of the measurements. The linear tree of all points
@@ -134,11 +147,14 @@ fn one_layer<'a>(
             PartialLayer::new(source, points, plan, progress)
         }
     };
-    let mut cost = layer.cost(layer.visits(trials.simd));
+    let cost_of = |layer: &PartialLayer, trials: &Trials| {
+        layer.visits(trials.simd).cost() + trials.memory_cost(layer.plan.time_slices())
+    };
+    let mut cost = cost_of(&layer, trials);
     let mut measured = vec![format!("in the whole set {} {cost:.1}", name(layer.plan))];
     while let Some(finer) = trials.finer(layer.plan, cost).filter(|_| !progress.cancelled()) {
         let next = PartialLayer::new(source, points, finer, progress);
-        let of_next = next.cost(next.visits(trials.simd));
+        let of_next = cost_of(&next, trials);
         measured.push(format!("{} {of_next:.1}", name(next.plan)));
         if of_next >= cost * MAX_COST {
             break;
@@ -180,17 +196,15 @@ impl<'a> Separated<'a> {
         trials: &Trials,
         progress: &Progress,
     ) -> Separated<'a> {
+        let [of_slow, of_fast] = [slow, fast].map(|points| ReferenceCounts::of(source, points));
+        let references = |slices: usize| of_slow.with(1) + of_fast.with(slices);
         let slow = PartialLayer::with(source, slow, Plan::Boxes(1), tree);
         let begin = |plan: Plan| {
             let fast = PartialLayer::new(source, fast, plan, progress);
-            let references = slow.references() + fast.references();
-            let cost = trials.measured(&[&slow.tree, &fast.tree], references, fast.slice());
+            let cost = trials.measured(&[&slow.tree, &fast.tree], references(plan.time_slices()), fast.slice());
             (fast, cost)
         };
-        let affordable = |slices: usize| {
-            let references = slow.references() + references_of(source, fast, slices);
-            trials.may_have(slices, references as f64)
-        };
+        let affordable = |slices: usize| trials.may_have(slices, references(slices) as f64);
         // Fast points gain more by time slices than all together. There may be more of them than samples promised.
         let mut slices = 2 * trials.few_slices();
         while slices > 1 && !affordable(slices) {

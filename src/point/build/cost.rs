@@ -13,7 +13,9 @@ use crate::point::search::layers::Layer;
 use crate::simd::{Lanes, Mask, SimdLevel};
 use crate::tuning::points::{BLOCK_COST, HALF_UNCACHED_BYTES, REFERENCE_BYTES, SEARCHED, SEARCHES, UNCACHED_COST};
 use glam::Vec3;
-use std::borrow::Cow;
+
+/// The largest number of time slices of a segment that is tried.
+pub(in crate::point) const FINEST: usize = 32;
 
 /// What a search for eight neighbours visits, on average.
 #[derive(Clone, Copy)]
@@ -58,19 +60,17 @@ impl Visits {
         slice: &TimeSlice,
         simd: SimdLevel,
     ) -> Visits {
-        let later = (slice.segment + 1).min(slice.keys - 1);
-        let interval = |point: u32| source.active(point as usize).intersect(slice.interval);
-        let mut existing = Cow::Borrowed(points);
-        if !source.all_persist() && points.iter().any(|&point| interval(point).is_some()) {
-            existing.to_mut().retain(|&point| interval(point).is_some());
-        }
-        let place = |i: usize| {
-            let point = existing[spread(i, existing.len())];
-            let ends = [slice.segment, later].map(|key| source.at(point as usize, key));
-            (ends, interval(point).unwrap_or(slice.interval))
+        let (count, later) = (searches(points.len()), (slice.segment + 1).min(slice.keys - 1));
+        let place = |point: u32, interval: TimeInterval| {
+            ([slice.segment, later].map(|key| source.at(point as usize, key)), interval)
         };
-        let points: Vec<_> = (0..searches(points.len())).map(place).collect();
-        Visits::count(layers, slice, &points, simd)
+        let all = || (0..points.len()).map(|i| points[spread(i, points.len())]);
+        let existing = |point: u32| Some(place(point, source.active(point as usize).intersect(slice.interval)?));
+        let mut places: Vec<_> = all().filter_map(existing).take(count).collect();
+        if places.is_empty() {
+            places.extend(all().take(count).map(|point| place(point, slice.interval)));
+        }
+        Visits::count(layers, slice, &places, simd)
     }
 
     /// Their cost, in nodes.
@@ -91,12 +91,51 @@ pub(in crate::point) fn memory_cost(references: usize) -> f64 {
     UNCACHED_COST * bytes / (bytes + HALF_UNCACHED_BYTES)
 }
 
-/// The number of references to points, with this many time slices for each segment.
-pub(in crate::point) fn references_of(source: &Source, points: &[u32], slices: usize) -> usize {
-    if source.all_persist() {
-        return points.len() * slices;
+/// The numbers of references to some points, with any number of time slices for each segment.
+pub(in crate::point) struct ReferenceCounts {
+    points: usize,
+    /// Those with 1, 2, 4 time slices and so on, up to [`FINEST`]; empty if each point is in all trees.
+    counts: Vec<usize>,
+    /// A time with about as many references before it as behind it.
+    pub(in crate::point) middle: f32,
+}
+
+impl ReferenceCounts {
+    pub(in crate::point) fn of(source: &Source, points: &[u32]) -> ReferenceCounts {
+        let (mut counts, mut middle) = (Vec::new(), 0.5);
+        if !source.all_persist() && source.keys <= 2 {
+            let mut all = [0; FINEST.ilog2() as usize + 1];
+            let (mut first, mut behind) = ([0; FINEST], [0; FINEST + 1]);
+            for &point in points {
+                let [begin, end] = slices_at_ends(source.active(point as usize), FINEST);
+                first[begin] += 1;
+                behind[end + 1] += 1;
+                for (count, halvings) in all.iter_mut().zip((0..=FINEST.ilog2()).rev()) {
+                    *count += (end >> halvings) - (begin >> halvings) + 1;
+                }
+            }
+            counts.extend(all);
+            let (mut exist, mut before) = (0, 0);
+            let is_half = |slice: &usize| {
+                exist = exist + first[*slice] - behind[*slice];
+                before += exist;
+                2 * before >= all[FINEST.ilog2() as usize]
+            };
+            let slice = (0..FINEST).find(is_half).unwrap_or(FINEST / 2);
+            middle = (slice as f32 + 0.5) / FINEST as f32;
+        }
+        ReferenceCounts { points: points.len(), counts, middle }
     }
-    points.iter().map(|&i| trees_of(source.active(i as usize), slices, source.keys)).sum()
+
+    /// That with this many time slices, a power of two.
+    pub(in crate::point) fn with(&self, slices: usize) -> usize {
+        self.counts.get(slices.ilog2() as usize).copied().unwrap_or(self.points * slices)
+    }
+}
+
+/// The numbers of the time slices of the only segment that hold the first and the last time of an interval.
+fn slices_at_ends(active: TimeInterval, slices: usize) -> [usize; 2] {
+    [active.begin(), active.end_bound().next_down()].map(|t| ((t * slices as f32) as usize).min(slices - 1))
 }
 
 /// The number of trees of a segment in which a point is active.
@@ -104,6 +143,6 @@ pub(in crate::point) fn trees_of(active: TimeInterval, slices: usize, keys: usiz
     if keys > 2 {
         return slices;
     }
-    let at = |t: f32| ((t * slices as f32) as usize).min(slices - 1);
-    at(active.end()) - at(active.begin()) + 1
+    let [begin, end] = slices_at_ends(active, slices);
+    end - begin + 1
 }

@@ -25,10 +25,9 @@ pub(in crate::point) struct Excess {
 }
 
 impl Excess {
-    /// Whether that of one tree, which holds `crowd` times as many points as exist at a time, is so small that time slices of this many
-    /// points could not gain enough.
-    pub(in crate::point) fn is_small(&self, points: usize, crowd: f64) -> bool {
-        let one_tree = MOST_AT_REST * crowd * self.leaves.max(self.nodes).max(self.above) + memory_cost(points);
+    /// Whether that of one tree is so small that time slices of this many points could not gain enough.
+    pub(in crate::point) fn is_small(&self, points: usize) -> bool {
+        let one_tree = MOST_AT_REST * self.leaves.max(self.nodes).max(self.above) + memory_cost(points);
         MOST_AT_REST + memory_cost(2 * points) >= MAX_COST * one_tree
     }
 
@@ -64,11 +63,16 @@ pub(in crate::point) fn leaves_of<R: References + ?Sized>(references: &R, order:
 /// The largest number of nodes above bottom nodes that are examined, and of bottom nodes below each.
 const EXAMINED: [usize; 2] = [4, 8];
 
-/// That of each of these numbers of time slices for a segment, given leaves in an order by position in the middle, of points that exist
-/// throughout the segment.
-pub(in crate::point) fn excess(leaves: &[MovingPointBlock], slices: &[usize], simd: SimdLevel) -> Vec<Excess> {
-    let ends = slices.iter().flat_map(|&slices| [-0.5, 0.5].map(|half| 0.5 + half / slices as f32));
-    let phases: Vec<f32> = [0.5].into_iter().chain(ends).collect();
+/// That of each of these numbers of time slices for a segment, around a phase, given leaves in an order by position at that phase. Their points
+/// are taken to move on before and behind the segment.
+pub(in crate::point) fn excess(
+    leaves: &[MovingPointBlock],
+    middle: f32,
+    slices: &[usize],
+    simd: SimdLevel,
+) -> Vec<Excess> {
+    let ends = slices.iter().flat_map(|&slices| [-0.5, 0.5].map(|half| middle + half / slices as f32));
+    let phases: Vec<f32> = [middle].into_iter().chain(ends).collect();
     let mut sums = vec![[0.0; 3]; slices.len()];
     let mut counts = [0.0; 3];
     // Leaves that are full are all of the same kind.
@@ -210,12 +214,12 @@ mod tests {
 
     #[test]
     fn boxes_are_larger_by_as_much_as_points_move_relative_to_each_other() {
-        let all = |leaves: &[MovingPointBlock], slices: &[usize]| excess(leaves, slices, SimdLevel::best());
+        let all = |leaves: &[MovingPointBlock], slices: &[usize]| excess(leaves, 0.5, slices, SimdLevel::best());
         // Faces that do not move are rounded.
         for together in [leaves(1024, |_, _| Vec3::ZERO), leaves(1024, |_, _| Vec3::splat(3.0))] {
             let found = all(&together, &[1, 4])[0];
             assert!([found.leaves, found.nodes, found.above].iter().all(|x| (x - 1.0).abs() < 1e-3), "{found:?}");
-            assert!(found.is_small(together.len() * LANES, 1.0));
+            assert!(found.is_small(together.len() * LANES));
         }
         let apart = leaves(1024, |_, random| random.vec() * 2.0);
         let found = all(&apart, &[1, 2, 4, 8, 64]);
@@ -223,7 +227,7 @@ mod tests {
         // By nearly a side on both sides at the ends, and so in between, since faces are linear.
         assert!((4.0..6.5).contains(&found[0].leaves), "{found:?}");
         assert!(found[0].nodes < found[0].leaves && found[0].above < found[0].nodes, "{found:?}");
-        assert!(found[4].leaves < 1.01 && !found[0].is_small(apart.len() * LANES, 1.0));
+        assert!(found[4].leaves < 1.01 && !found[0].is_small(apart.len() * LANES));
         // Each leaf moves by itself.
         let rigid = leaves(1024, |at, _| if at.x.floor() % 2.0 == 0.0 { Vec3::ONE } else { -Vec3::ONE });
         let found = all(&rigid, &[1])[0];
@@ -235,7 +239,7 @@ mod tests {
     #[test]
     fn few_points_and_points_in_one_place_have_finite_sizes() {
         for leaves in [leaves(0, |_, _| Vec3::ONE), leaves(1, |_, _| Vec3::ONE), vec![MovingPointBlock::EMPTY; 20]] {
-            assert!(excess(&leaves, &[1], SimdLevel::best())[0].is_small(16, 1.0));
+            assert!(excess(&leaves, 0.5, &[1], SimdLevel::best())[0].is_small(16));
         }
         // All are in one place in the middle.
         let mut meeting = leaves(64, |_, random| random.vec());
@@ -244,8 +248,8 @@ mod tests {
                 leaf.close[axis] = leaf.open[axis].map(|x| -x);
             }
         }
-        let found = excess(&meeting, &[1, 8], SimdLevel::best());
+        let found = excess(&meeting, 0.5, &[1, 8], SimdLevel::best());
         assert!(found.iter().all(|found| found.leaves.is_finite() && found.nodes.is_finite()), "{found:?}");
-        assert!(!found[0].is_small(1024, 1.0) && found[1].leaves < found[0].leaves);
+        assert!(!found[0].is_small(1024) && found[1].leaves < found[0].leaves);
     }
 }

@@ -1,12 +1,13 @@
 //! From a set of points to the layers of a tree: reading and checking it, choosing a structure, and building its trees.
 
+mod active_trees;
 pub(super) mod automatic;
 mod cost;
 mod excess;
 mod own_trees;
 mod partial_layer;
-mod persistent_points;
 pub(super) mod plan;
 mod sample;
+mod slice_points;
 pub(super) mod source;
 mod trials;

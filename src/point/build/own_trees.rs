@@ -1,29 +1,26 @@
-//! The choice of a structure for small sets, by trees of the whole set.
+//! The choice of a structure for small sets of points that exist throughout, by trees of the whole set.
 //!
 //! Trees of some thousand points take little more time than samples of them, which are so small that searches in them miss half of what they
 //! would visit. The linear tree is built, and how much larger its boxes are for the motion says whether time slices can gain anything
 //! ([`super::excess`]). If so, the work of searches in it is counted, and that of shorter slices is predicted by their boxes. The first tree
 //! of those that promise most is built, and its searches are counted, as long as that gains.
 
-use super::cost::{Visits, memory_cost, references_of};
+use super::cost::{FINEST, Visits, memory_cost};
 use super::excess::{excess, leaves_of};
 use super::partial_layer::{PartialLayer, name};
-use super::persistent_points::PersistentPoints;
 use super::plan::{Plan, linear_tree, middle_slice};
+use super::slice_points::SlicePoints;
 use super::source::Source;
-use super::trials::FINEST;
 use crate::point::layout::moving_tree::WithoutFast;
 use crate::point::leaf_order::fast_points::Fast;
 use crate::progress::Progress;
 use crate::simd::{MovingPointBlock, SimdLevel};
-use crate::tuning::points::{MAX_COST, NEARLY, OVERESTIMATED, OWN_TREES, OWN_TREES_TIMED};
+use crate::tuning::points::{MAX_COST, NEARLY, OVERESTIMATED, OWN_TREES};
 use core::iter;
 
 /// Whether the structure for so many points is chosen by their own trees.
 pub(in crate::point) fn by_own_trees(source: &Source, points: &[u32]) -> bool {
-    let most = if source.all_persist() { OWN_TREES } else { OWN_TREES_TIMED };
-    // Between several keys, the number of references does not say how many points exist.
-    points.len() <= most && (source.all_persist() || source.keys <= 2)
+    source.all_persist() && points.len() <= OWN_TREES
 }
 
 /// Begins the cheapest layer for all points; and the reason for its plan.
@@ -37,22 +34,17 @@ pub(in crate::point) fn layer_by_own_trees<'a>(
     let WithoutFast { tree, by_motion, .. } = linear_tree(source, points, None, None, progress);
     let by_position = by_motion.then(|| by_position(source, points));
     let leaves = by_position.as_ref().unwrap_or(&tree.leaves.blocks);
-    let of_one = excess(leaves, &[1], simd)[0];
-    // A tree of a time slice holds those that exist in it. Searches pass by those that do not exist at their time.
-    let references = |slices: usize| references_of(source, points, slices) as f64;
-    let most = f64::from(max_references) * points.len() as f64;
-    let affordable = |slices: &usize| *slices <= FINEST && references(*slices) <= most;
-    let exist: f64 = points.iter().map(|&point| source.active(point as usize).fine_duration()).sum();
-    let crowd = points.len() as f64 / exist.max(1.0);
+    let of_one = excess(leaves, 0.5, &[1], simd)[0];
+    let affordable = |slices: &usize| *slices <= FINEST && *slices as f32 <= max_references;
     let slices: Vec<usize> = iter::successors(Some(1), |slices| Some(2 * slices)).take_while(affordable).collect();
-    if of_one.is_small(points.len(), crowd) || slices.len() == 1 {
+    if of_one.is_small(points.len()) || slices.len() == 1 {
         return (PartialLayer::with(source, points, Plan::Boxes(1), tree), of_one.why());
     }
-    let sizes = excess(leaves, &slices, simd);
+    let sizes = excess(leaves, 0.5, &slices, simd);
     let mut measured = Vec::new();
     let mut measure = |layer: PartialLayer<'a>| {
         let visits = layer.visits(simd);
-        let cost = visits.cost() + memory_cost(references_of(source, points, layer.plan.time_slices()));
+        let cost = visits.cost() + memory_cost(points.len() * layer.plan.time_slices());
         measured.push(format!("{} {cost:.1}", name(layer.plan)));
         Measured { layer, visits, cost }
     };
@@ -62,11 +54,7 @@ pub(in crate::point) fn layer_by_own_trees<'a>(
         let now = best.layer.plan.time_slices();
         let size_of = |slices: usize| sizes[slices.ilog2() as usize];
         let predicted = |slices: usize| {
-            let [of_slices, of_now] = [slices, now].map(|slices| references(slices) / slices as f64);
-            let Visits { nodes, blocks } = size_of(slices).visits(&size_of(now), best.visits);
-            let share = of_slices / of_now;
-            Visits { nodes: nodes * share.sqrt(), blocks: blocks * share }.cost()
-                + memory_cost(references(slices) as usize)
+            size_of(slices).visits(&size_of(now), best.visits).cost() + memory_cost(points.len() * slices)
         };
         let finer = || slices.iter().copied().filter(|&slices| slices > now);
         let least = finer().map(predicted).fold(f64::INFINITY, f64::min);
@@ -110,10 +98,6 @@ struct Measured<'a> {
 /// The leaves of all points, ordered by position alone.
 fn by_position(source: &Source, points: &[u32]) -> Vec<MovingPointBlock> {
     let slice = middle_slice(source.keys);
-    if source.all_persist() {
-        let references = PersistentPoints::new(source, points, &slice);
-        return leaves_of(&references, &Fast::of(&references, &slice, slice.middle_phase()).order);
-    }
-    let references = source.references(&slice, points.iter().map(|&i| i as usize), |i| source.id(i));
-    leaves_of(&references[..], &Fast::of(&references[..], &slice, slice.middle_phase()).order)
+    let references = SlicePoints::<false>::new(source, points, &slice);
+    leaves_of(&references, &Fast::of(&references, &slice, slice.middle_phase()).order)
 }

@@ -1,13 +1,15 @@
 //! Layers of which one tree is built, for its searches to be counted before the others are.
 
-use super::cost::{Visits, memory_cost, references_of};
+use super::cost::Visits;
 use super::plan::{Plan, time_slices, tree};
+use super::slice_points::{points_of_slice, points_of_slices};
 use super::source::Source;
-use crate::point::layout::moving_tree::MovingTree;
+use crate::point::layout::moving_tree::{MovingTree, WithoutFast};
 use crate::point::leaf_order::moving_reference::TimeSlice;
 use crate::point::search::layers::Layer;
 use crate::progress::Progress;
 use crate::simd::SimdLevel;
+use std::borrow::Cow;
 
 /// A layer, and the reason for its plan.
 pub(in crate::point) struct Chosen {
@@ -27,6 +29,8 @@ pub(in crate::point) struct PartialLayer<'a> {
     /// The index of the time slice of that tree.
     at: usize,
     pub(in crate::point) tree: Layer,
+    /// Whether that tree is known to divide points by motion as well as by position.
+    pub(in crate::point) by_motion: bool,
 }
 
 impl<'a> PartialLayer<'a> {
@@ -37,13 +41,26 @@ impl<'a> PartialLayer<'a> {
         plan: Plan,
         progress: &Progress,
     ) -> PartialLayer<'a> {
-        let slices = time_slices(source.keys, plan.time_slices());
-        // Counted as progress once it is known whether it is used.
-        let tree = tree(source, points, &slices[slices.len() / 2], &progress.subtask(0.0));
-        PartialLayer::with(source, points, plan, tree)
+        PartialLayer::at(source, points, plan, 0.5, progress)
     }
 
-    /// The same with that tree.
+    /// Builds the tree of the time slice that holds a time.
+    pub(in crate::point) fn at(
+        source: &'a Source,
+        points: &'a [u32],
+        plan: Plan,
+        time: f32,
+        progress: &Progress,
+    ) -> PartialLayer<'a> {
+        let slices = time_slices(source.keys, plan.time_slices());
+        let at = slices.partition_point(|slice| slice.interval.end_bound() <= time);
+        let existing = points_of_slice(source, points, &slices[at]);
+        // Counted as progress once it is known whether it is used.
+        let WithoutFast { tree, by_motion, .. } = tree(source, &existing, &slices[at], &progress.subtask(0.0));
+        PartialLayer { source, points, plan, slices, at, tree: Layer::Moving(vec![tree]), by_motion }
+    }
+
+    /// The same as [`PartialLayer::new`] with that tree.
     pub(in crate::point) fn with(
         source: &'a Source,
         points: &'a [u32],
@@ -52,15 +69,11 @@ impl<'a> PartialLayer<'a> {
     ) -> PartialLayer<'a> {
         let slices = time_slices(source.keys, plan.time_slices());
         let at = slices.len() / 2;
-        PartialLayer { source, points, plan, slices, at, tree: Layer::Moving(vec![tree]) }
+        PartialLayer { source, points, plan, slices, at, tree: Layer::Moving(vec![tree]), by_motion: false }
     }
 
     pub(in crate::point) fn slice(&self) -> &TimeSlice {
         &self.slices[self.at]
-    }
-
-    pub(in crate::point) fn references(&self) -> usize {
-        references_of(self.source, self.points, self.plan.time_slices())
     }
 
     /// What searches in that tree visit.
@@ -68,23 +81,23 @@ impl<'a> PartialLayer<'a> {
         Visits::among(self.source, self.points, &[&self.tree], self.slice(), simd)
     }
 
-    /// The cost of those searches with that of the memory of all trees.
-    pub(in crate::point) fn cost(&self, visits: Visits) -> f64 {
-        visits.cost() + memory_cost(self.references())
-    }
-
     /// Builds the other trees.
     pub(in crate::point) fn finish(self, why: String, progress: &Progress) -> Chosen {
         let share = progress.subtask(1.0 / self.slices.len() as f64);
+        if self.slices.len() == 1 {
+            share.finished(1.0);
+            return Chosen { layer: self.tree, plan: self.plan, points: self.points.len(), why };
+        }
         let mut ready = if let Layer::Moving(trees) = self.tree { trees } else { Vec::new() };
-        let tree_of = |(i, slice): (usize, &TimeSlice)| match ready.pop_if(|_| i == self.at) {
+        let existing = points_of_slices(self.source, self.points, &self.slices);
+        let tree_of = |(i, (slice, existing)): (usize, (&TimeSlice, Cow<[u32]>))| match ready.pop_if(|_| i == self.at) {
             Some(tree) => {
                 share.finished(1.0);
                 tree
             }
-            None => tree(self.source, self.points, slice, &share),
+            None => tree(self.source, &existing, slice, &share).tree,
         };
-        let layer = Layer::Moving(self.slices.iter().enumerate().map(tree_of).collect());
+        let layer = Layer::Moving(self.slices.iter().zip(existing).enumerate().map(tree_of).collect());
         Chosen { layer, plan: self.plan, points: self.points.len(), why }
     }
 }

@@ -1,6 +1,6 @@
 //! From moving points to layers: the shutter is divided into time slices, each with a tree of its own.
 
-use super::persistent_points::PersistentPoints;
+use super::slice_points::{SlicePoints, points_of_slice, points_of_slices};
 use super::source::Source;
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::point::layout::moving_tree::{MovingTree, Placed, WithoutFast};
@@ -80,33 +80,29 @@ fn slices_between(
     })
 }
 
-/// The tree of some of the points for a time slice. Once `progress` is cancelled, it is empty.
-pub(in crate::point) fn tree(source: &Source, points: &[u32], slice: &TimeSlice, progress: &Progress) -> MovingTree {
-    tree_without_fast(source, points, slice, None, None, progress).tree
+/// The tree of points that all exist during a time slice. Once `progress` is cancelled, it is empty.
+pub(in crate::point) fn tree(source: &Source, existing: &[u32], slice: &TimeSlice, progress: &Progress) -> WithoutFast {
+    tree_without_fast(source, existing, slice, None, None, progress)
 }
 
 /// The same without fast points, if the longest side of a leaf of usual size is given, and their numbers in the set. Where all points
 /// persist, they may be `placed` already.
 fn tree_without_fast(
     source: &Source,
-    points: &[u32],
+    existing: &[u32],
     slice: &TimeSlice,
     placed: Option<Placed>,
     leaf_size: Option<f32>,
     progress: &Progress,
 ) -> WithoutFast {
-    let (points, placed) = if progress.cancelled() { (&[][..], None) } else { (points, placed) };
+    let (existing, placed) = if progress.cancelled() { (&[][..], None) } else { (existing, placed) };
     if source.all_persist() {
-        let references = PersistentPoints::new(source, points, slice);
+        let references = SlicePoints::<false>::new(source, existing, slice);
         let placed = placed.unwrap_or_else(|| Placed::new(&references, slice));
         return MovingTree::build_without_fast(&references, placed, *slice, leaf_size, progress);
     }
-    let references = source.references(slice, points.iter().map(|&i| i as usize), |i| source.id(i));
-    let placed = Placed::new(&references[..], slice);
-    let built = MovingTree::build_without_fast(&references[..], placed, *slice, leaf_size, progress);
-    let active = |i: &u32| source.active(*i as usize).intersect(slice.interval).is_some();
-    let points: Vec<u32> = points.iter().copied().filter(|i| !built.fast.is_empty() && active(i)).collect();
-    WithoutFast { fast: built.fast.iter().map(|&number| points[number as usize]).collect(), ..built }
+    let references = SlicePoints::<true>::new(source, existing, slice);
+    MovingTree::build_without_fast(&references, Placed::new(&references, slice), *slice, leaf_size, progress)
 }
 
 /// The tree of one time slice between the keys in the middle; see [`tree_without_fast`]. It counts as progress once it is known
@@ -118,7 +114,9 @@ pub(in crate::point) fn linear_tree(
     leaf_size: Option<f32>,
     progress: &Progress,
 ) -> WithoutFast {
-    tree_without_fast(source, points, &middle_slice(source.keys), placed, leaf_size, &progress.subtask(0.0))
+    let slice = middle_slice(source.keys);
+    let existing = points_of_slice(source, points, &slice);
+    tree_without_fast(source, &existing, &slice, placed, leaf_size, &progress.subtask(0.0))
 }
 
 /// Builds a moving layer of some of the points.
@@ -126,7 +124,11 @@ pub(in crate::point) fn moving_layer(source: &Source, points: &[u32], plan: Plan
     let slices = time_slices(source.keys, plan.time_slices());
     let progress = progress.subtask(1.0 / slices.len() as f64);
     match plan {
-        Plan::Boxes(_) => Layer::Moving(slices.iter().map(|slice| tree(source, points, slice, &progress)).collect()),
+        Plan::Boxes(_) => {
+            let existing = points_of_slices(source, points, &slices);
+            let trees = slices.iter().zip(existing).map(|(slice, points)| tree(source, &points, slice, &progress).tree);
+            Layer::Moving(trees.collect())
+        }
         Plan::Planes(most) => {
             let planes = |slice: &TimeSlice| {
                 let points = if progress.cancelled() { &[] } else { points };

@@ -7,8 +7,8 @@
 //! A sample is located by a subset of all points, drawn evenly: repeatedly split at the median of the widest axis, the
 //! subset yields a box that holds the wanted share of all points. One pass over all points then finds those inside.
 
-use super::persistent_points::PersistentPoints;
 use super::plan::{middle_segment, middle_slice, time_slices_of};
+use super::slice_points::SlicePoints;
 use super::source::Source;
 use crate::geometry::TimeInterval;
 use crate::point::layout::moving_tree::Placed;
@@ -98,7 +98,7 @@ impl<'a> Sampler<'a> {
     pub(in crate::point) fn placed(&self) -> Option<Placed> {
         let Sampler { source, points, .. } = *self;
         let whole = &middle_slice(source.keys);
-        source.all_persist().then(|| Placed::new(&PersistentPoints::new(source, points, whole), whole))
+        source.all_persist().then(|| Placed::new(&SlicePoints::<false>::new(source, points, whole), whole))
     }
 
     /// Samples for trees over `per_segment` time slices of a segment between two keys. Fast points are marked if `marked`. If there is one

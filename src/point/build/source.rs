@@ -101,6 +101,14 @@ impl Source {
         }
     }
 
+    /// Prefetches the active interval of a point; a hint.
+    #[inline(always)]
+    pub(in crate::point) fn prefetch_active(&self, point: usize) {
+        if let Some(active) = self.active.get(point) {
+            prefetch(active);
+        }
+    }
+
     /// Whether all points exist throughout the shutter.
     pub(in crate::point) fn all_persist(&self) -> bool {
         self.active.is_empty()

@@ -6,7 +6,7 @@
 //!
 //! The work if all points rested is counted as well: where little is to be gained, nothing else is tried.
 
-use super::cost::{Visits, memory_cost, references_of, searches, trees_of};
+use super::cost::{FINEST, ReferenceCounts, Visits, memory_cost, searches, trees_of};
 use super::excess::{excess, leaves_of};
 use super::plan::{Plan, time_slices_of};
 use super::sample::{Sample, Sampler};
@@ -41,6 +41,7 @@ pub(in crate::point) struct Trials<'a> {
     points: &'a [u32],
     /// The allowed number of references per point.
     most: f32,
+    references: ReferenceCounts,
     pub(in crate::point) simd: SimdLevel,
     sampler: Sampler<'a>,
     pub(in crate::point) all: Vec<Trial>,
@@ -58,16 +59,10 @@ pub(in crate::point) struct Trials<'a> {
     flows: Vec<f64>,
 }
 
-/// The largest number of time slices of a segment.
-pub(in crate::point) const FINEST: usize = 32;
-
 const LINEAR: Plan = Plan::Boxes(1);
 
 /// Of the searches of a trial, one in so many is made among points at rest: they differ little from each other.
 const BOUNDED: usize = 2;
-
-/// Points by whose active intervals references are estimated.
-const SOME: usize = 512;
 
 impl<'a> Trials<'a> {
     /// Samples of points, at least one.
@@ -80,13 +75,29 @@ impl<'a> Trials<'a> {
         let leaf_size = sizes[sizes.len() / 2];
         let (all, at_rest, fast_at_rest) = (Vec::new(), 0.0, f64::INFINITY);
         let flows = whole.iter().map(least_with_flows).collect();
-        Trials { source, points, most, simd, sampler, all, leaf_size, whole, placed, at_rest, fast_at_rest, flows }
+        let references = ReferenceCounts::of(source, points);
+        Trials {
+            source,
+            points,
+            most,
+            references,
+            simd,
+            sampler,
+            all,
+            leaf_size,
+            whole,
+            placed,
+            at_rest,
+            fast_at_rest,
+            flows,
+        }
     }
 
     /// Whether points of the samples that are close together stay together, so that nothing can cost much less than one tree.
     pub(in crate::point) fn stay_together(&self) -> bool {
-        let excess_of = |sample: &Sample| excess(&leaves_of(&sample.references[..], &sample.order), &[1], self.simd)[0];
-        self.source.all_persist() && self.whole.iter().all(|sample| excess_of(sample).is_small(self.points.len(), 1.0))
+        let excess_of =
+            |sample: &Sample| excess(&leaves_of(&sample.references[..], &sample.order), 0.5, &[1], self.simd)[0];
+        self.source.all_persist() && self.whole.iter().all(|sample| excess_of(sample).is_small(self.points.len()))
     }
 
     /// Tries one tree for all points, and counts the work at rest.
@@ -122,7 +133,10 @@ impl<'a> Trials<'a> {
         let mut slices = guess;
         loop {
             goes_on[0] = goes_on[0] && self.may_gain(slices, self.least() * MAX_COST);
-            goes_on[1] = goes_on[1] && self.may_have(slices, references_with_fast(&self.whole, slices));
+            // Nothing makes a layer for the fast points cost less than if they rested.
+            goes_on[1] = goes_on[1]
+                && self.fast_at_rest <= self.least()
+                && self.may_have(slices, references_with_fast(&self.whole, slices));
             if goes_on == [false; 2] {
                 break;
             }
@@ -215,14 +229,9 @@ impl<'a> Trials<'a> {
         self.at_rest * least * MAX_COST + self.memory_cost(slices) >= limit
     }
 
-    /// The cost of memory of so many time slices of all points: of some of them, if not all exist throughout.
-    fn memory_cost(&self, slices: usize) -> f64 {
-        let count = self.points.len();
-        if self.source.all_persist() {
-            return memory_cost(count * slices);
-        }
-        let some: Vec<u32> = (0..count.min(SOME)).map(|i| self.points[spread(i, count)]).collect();
-        memory_cost((count as f64 * references_of(self.source, &some, slices) as f64 / some.len() as f64) as usize)
+    /// The cost of memory of so many time slices of all points.
+    pub(in crate::point) fn memory_cost(&self, slices: usize) -> f64 {
+        memory_cost(self.references.with(slices))
     }
 
     /// The least cost of what was tried.
@@ -306,10 +315,7 @@ impl<'a> Trials<'a> {
 
     /// Whether a segment may have this many time slices of all points.
     pub(in crate::point) fn affordable(&self, slices: usize) -> bool {
-        if slices as f32 <= self.most {
-            return slices <= FINEST;
-        }
-        self.may_have(slices, references_of(self.source, self.points, slices) as f64)
+        slices <= FINEST && self.may_have(slices, self.references.with(slices) as f64)
     }
 
     /// Whether a segment may have this many time slices of some points, if there are so many references to all in all.

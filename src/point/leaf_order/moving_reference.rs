@@ -34,23 +34,27 @@ pub(in crate::point) struct TimeSlice {
 impl TimeSlice {
     /// The phase of time `t` between the keys, without rounding. (Times have 24 bits, and there are at most 2^16 keys.)
     /// At the ends of the slice, it is the phase of that end: at a key, the phase of the nearest float differs from it.
+    #[inline]
     pub(in crate::point) fn exact_phase(&self, t: f32) -> f64 {
-        if t <= self.interval.begin() {
-            return self.phases[0];
-        }
-        if t >= self.interval.end_bound() {
-            return self.phases[1];
-        }
-        exact_phase(t, self.keys, self.segment).clamp(self.phases[0], self.phases[1])
+        let [begin, end] = self.phases;
+        let inside = exact_phase(t, self.keys, self.segment).clamp(begin, end);
+        let not_after = if t <= self.interval.begin() { begin } else { inside };
+        if t >= self.interval.end_bound() { end } else { not_after }
     }
 
     /// The phase of time `t` in the segment, in [0, 1], with the same rounding as in queries. It is monotone in `t`, so
     /// bounds that hold between the phases of two times hold at all times between.
+    #[inline]
     pub(in crate::point) fn phase(&self, t: f32) -> f32 {
+        if self.keys == 2 {
+            // The general case gives the same result, but takes longer.
+            return t.min(1.0);
+        }
         phase(KeyTime::new(t.min(1.0), self.keys), self.segment)
     }
 
     /// The phases that queries compute from the first to the last of two times, and the exact ones.
+    #[inline(always)]
     pub(in crate::point) fn range(&self, times: [f32; 2]) -> [f64; 2] {
         let [begin, end] = times.map(|t| f64::from(self.phase(t)));
         [begin.min(self.exact_phase(times[0])), end.max(self.exact_phase(times[1]))]
@@ -68,6 +72,7 @@ impl TimeSlice {
 }
 
 /// The phase of a time between the keys of a segment, outside of [0, 1] if it lies outside; exact.
+#[inline]
 pub(in crate::point) fn exact_phase(t: f32, keys: usize, segment: usize) -> f64 {
     f64::from(t) * (keys.max(2) - 1) as f64 - segment as f64
 }
@@ -108,6 +113,7 @@ impl MovingReference {
     }
 
     /// The phases of its active interval, as given by [`TimeSlice::range`].
+    #[inline(always)]
     pub(in crate::point) fn range(&self, slice: &TimeSlice) -> [f64; 2] {
         slice.range([self.interval.begin(), self.interval.end_bound()])
     }
@@ -174,4 +180,18 @@ pub(in crate::point) fn positions_at(references: &[MovingReference], phase: f64)
     let mut items = huge_vec(references.len());
     items.extend(references.iter().enumerate().map(item));
     items
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn phases_between_two_keys_are_times() {
+        let slice = TimeSlice { keys: 2, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
+        let near_half = [0.5f32.next_down(), 0.5, 0.5f32.next_up(), 1e-30, 1.0f32.next_down(), 1.0, 1.0f32.next_up()];
+        for t in (0..=997).map(|i| i as f32 / 997.0).chain(near_half) {
+            assert_eq!(slice.phase(t), phase(KeyTime::new(t.min(1.0), 2), 0), "{t}");
+        }
+    }
 }
