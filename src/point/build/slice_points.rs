@@ -116,7 +116,8 @@ mod tests {
     fn each_slice_has_the_points_that_exist_in_it() {
         let mut random = Random(3);
         // Some begin and end where slices do.
-        let mut time = |i: usize| if i.is_multiple_of(3) { (random.unit() * 32.0).floor() / 32.0 } else { random.unit() };
+        let mut time =
+            |i: usize| if i.is_multiple_of(3) { (random.unit() * 32.0).floor() / 32.0 } else { random.unit() };
         let point = |i: usize| {
             let (a, b) = (time(i), time(i + 1));
             let active = TimeInterval::new(a.min(b), a.max(b)).unwrap_or(TimeInterval::FULL);
