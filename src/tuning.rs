@@ -27,7 +27,7 @@ pub(crate) mod wide {
     /// better: needles and hair. A single leaf block of sixteen costs a query no more there.
     pub const MIN_OVERLAP: f32 = 1.4;
     /// Nodes of few references are split further if they are visited by more than this fraction of the rays that enter the tree,
-    /// or of the visits to all primitives if those are fewer. There are few such nodes: at most the leaves that a ray visits,
+    /// or of the visits to all primitives if those are fewer, and more often than as many primitives are by themselves. There are few such nodes: at most the leaves that a ray visits,
     /// divided by this fraction. Doing this with every leaf would take longer than a level of the build. Half the value finds
     /// little more in rooms of a tenth to four times the triangles, twice the value misses some of the floors in them:
     /// `cargo bench --bench embree -- --only ours --scenes building,visited,needles --side 64 --runs 1 --scale 0.1` counts.

@@ -72,8 +72,9 @@ pub(crate) fn build_binary(
         threads => PARALLEL.max(n / (SUBTREES * threads)),
     };
     // A single reference far away makes the root box large, but not the sum over references.
-    let large = density.map(|density| (density, large_visits(density, &bounds, references, kinds.is_some())));
-    let builder = Builder { simd, leaf: *leaf.start().max(&1), overlapping_leaf: *leaf.end(), large, alone, kinds };
+    let (small, bent) = (*leaf.start().max(&1), kinds.is_some());
+    let large = density.map(|density| (density, large_visits(density, &bounds, references, small, bent)));
+    let builder = Builder { simd, leaf: small, overlapping_leaf: *leaf.end(), large, alone, kinds };
     let mut subtrees = builder.subtrees(references, Task { first: 0, depth: 0, overlapping: false, bounds, centres });
     match subtrees.len() {
         1 => subtrees.remove(0),
@@ -81,12 +82,22 @@ pub(crate) fn build_binary(
     }
 }
 
-/// The number of visits, as an area, above which a leaf counts as large. The boxes of bent motion are large for its bends, which time
-/// slices may divide, so they do not tell that rays meet many primitives.
-fn large_visits(density: SurfaceDensity, bounds: &LinearBox3, references: &[Reference], bent: bool) -> f32 {
+/// The number of visits, as an area, above which a leaf counts as large; of few references every leaf is visited by many rays, so it
+/// must be visited more often than `leaf` references are by themselves. The boxes of bent motion are large for its bends, which time
+/// slices may divide, so they do not tell how many primitives rays meet.
+fn large_visits(
+    density: SurfaceDensity,
+    bounds: &LinearBox3,
+    references: &[Reference],
+    leaf: usize,
+    bent: bool,
+) -> f32 {
     let all = density.visits_of_all(references);
-    let least = if bent { 0.0 } else { all / MANY_BOXES };
-    LARGE_LEAF * density.visits(bounds).min(all).max(least)
+    let entering = density.visits(bounds).min(all);
+    if bent {
+        return LARGE_LEAF * entering;
+    }
+    (LARGE_LEAF * entering.max(all / MANY_BOXES)).max(all * leaf as f32 / references.len() as f32)
 }
 
 /// Capacity for the nodes over this many references: leaves are about half full, and with one reference each there are
@@ -318,8 +329,25 @@ mod tests {
         assert!(after.len() > before.len() && after.len() <= before.len() + 20, "{} {}", before.len(), after.len());
         // No leaf of several references is visited by more than its share of the rays.
         let references = room();
-        let most = large_visits(density, &summary(SimdLevel::best(), &references).0, &references, false);
+        let most = large_visits(density, &summary(SimdLevel::best(), &references).0, &references, 8, false);
         let large = |leaves: &[BinaryNode]| leaves.iter().any(|l| l.count > 1 && visits(l) > most);
         assert!(large(&before) && !large(&after));
+    }
+
+    #[test]
+    fn leaves_of_few_references_alike_are_not_split_further() {
+        // Tiles of a floor.
+        let tile = |id: u32| {
+            let at = Vec3::new((id % 16) as f32, 0.0, (id / 16) as f32);
+            let b = Box3 { min: at, max: at + Vec3::new(1.1, 0.0, 1.1) };
+            Reference::new(LinearBox3 { begin: b, end: b }, id)
+        };
+        let references: Vec<Reference> = (0..128).map(tile).collect();
+        let leaves = |density: Option<SurfaceDensity>| {
+            let nodes = build_binary(&mut references.clone(), 8..=16, None, density);
+            nodes.iter().filter(|node| node.right == 0).count()
+        };
+        // Each is visited by a sixteenth of the rays.
+        assert_eq!(leaves(Some(SurfaceDensity(8.0))), leaves(None));
     }
 }

@@ -39,8 +39,8 @@ impl SurfaceDensity {
     /// The density of primitives whose boxes have `area_ratio` times their area (half the surface of a box counts).
     pub fn of(references: &[Reference], area_ratio: f64) -> SurfaceDensity {
         let simd = SimdLevel::best();
-        let parts = parallel::chunks(references.len(), |of| dispatch(simd, AreaAndBounds(&references[of])));
-        let (area, all) = parts.into_iter().fold((0.0, LinearBox3::EMPTY), |a, b| (a.0 + b.0, a.1.union(b.1)));
+        let parts = parallel::chunks(references.len(), |of| dispatch(simd, Sums(&references[of])));
+        let (area, all) = parts.into_iter().fold((0.0, LinearBox3::EMPTY), |a, b| (a.0 + b.area, a.1.union(b.all)));
         let density = (area / area_ratio / f64::from(volume(&all))) as f32;
         // A flat box has no volume.
         SurfaceDensity(if density.is_finite() { density } else { 0.0 })
@@ -48,8 +48,10 @@ impl SurfaceDensity {
 
     /// How often the boxes of references are visited in total, as an area.
     pub fn visits_of_all(self, references: &[Reference]) -> f32 {
+        let simd = SimdLevel::best();
         let parts = parallel::chunks(references.len(), |of| {
-            references[of].iter().map(|r| f64::from(self.visits(&r.bounds()))).sum::<f64>()
+            let Sum { area, volume, .. } = dispatch(simd, Sums(&references[of]));
+            area + f64::from(self.0) * volume
         });
         parts.into_iter().sum::<f64>() as f32
     }
@@ -68,36 +70,48 @@ impl SurfaceDensity {
     }
 }
 
-/// The sum of the mean areas of references, and the bounds of all of them.
-struct AreaAndBounds<'a>(&'a [Reference]);
+/// Of some references: the sums of their mean areas and of their volumes, and the bounds of all of them.
+struct Sum {
+    area: f64,
+    volume: f64,
+    all: LinearBox3,
+}
 
-/// References whose areas are added in f32.
+/// Computes a [`Sum`].
+struct Sums<'a>(&'a [Reference]);
+
+/// References whose areas and volumes are added in f32.
 const BLOCK: usize = 64;
 
-impl Kernel for AreaAndBounds<'_> {
-    type Output = (f64, LinearBox3);
+impl Kernel for Sums<'_> {
+    type Output = Sum;
 
     /// As in [`super::binning`], an area is six products in six lanes; here only one half of the lanes has them.
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> (f64, LinearBox3) {
+    fn run<S: Simd>(self, s: S) -> Sum {
         let (zero, turned, crossed) = (s.splat(0.0), s.load_u(&TURNED), s.load_u(&CROSSED));
-        let (mut area, mut all) = (0.0, s.splat(f32::INFINITY));
+        let (mut area, mut volume, mut all) = (0.0, 0.0, s.splat(f32::INFINITY));
         for references in self.0.chunks(BLOCK) {
-            let mut areas = zero;
+            let (mut areas, mut volumes) = (zero, zero);
             for r in references {
                 let lanes = s.load(&r.packed().0);
                 all = s.min(all, lanes);
                 let d = s.select(HALF & EXTENTS, s.max(zero - (lanes + s.swap_lanes::<8>(lanes)), zero), zero);
                 let (own, other) = (s.permute(d, turned), s.permute(d, crossed));
-                areas = areas + d * (own + other + own);
+                // Twice the extents in the middle of the interval; the first three lanes have the same product.
+                let twice = own + other;
+                areas = areas + d * (twice + own);
+                let next = s.permute(twice, turned);
+                volumes = volumes + twice * next * s.permute(next, turned);
             }
             let mut by_lane = [0.0; LANES];
             s.store(areas, &mut by_lane);
             area += by_lane.iter().map(|&area| f64::from(area)).sum::<f64>();
+            volume += f64::from(s.lane(volumes, 0));
         }
         let mut packed = Packed::EMPTY;
         s.store(all, &mut packed.0);
-        (area / 6.0, packed.bounds())
+        Sum { area: area / 6.0, volume: 0.125 * volume, all: packed.bounds() }
     }
 }
 
@@ -161,5 +175,19 @@ mod tests {
         assert_eq!(SurfaceDensity::of(&references, 2.0), SurfaceDensity(3.0 * 6.0 / 2.0 / 6.0));
         assert_eq!(SurfaceDensity::of(&references[..1], 2.0), SurfaceDensity::NONE);
         assert_eq!(SurfaceDensity::of(&[], 2.0), SurfaceDensity::NONE);
+    }
+
+    #[test]
+    fn the_visits_of_all_references_are_the_sum_of_those_of_each() {
+        let mut random = Random(9);
+        let mut boxed = || {
+            let at = random.vec();
+            Box3 { min: at, max: at + Vec3::new(random.unit(), random.unit(), random.unit()) }
+        };
+        let references: Vec<Reference> =
+            (0..1000).map(|id| Reference::new(LinearBox3 { begin: boxed(), end: boxed() }, id)).collect();
+        let density = SurfaceDensity(3.0);
+        let each: f32 = references.iter().map(|r| density.visits(&r.bounds())).sum();
+        assert!((density.visits_of_all(&references) / each - 1.0).abs() < 1e-4);
     }
 }

@@ -316,7 +316,11 @@ fn draft_with<S: PrimitiveSet>(
     let kind = |id: u32| set.leaf_kind(id);
     let kinds: Option<&LeafKind<'_>> = if set.bent() { Some(&kind) } else { None };
     let [stop, overlapping] = [*BINARY_LEAF.start(), *BINARY_LEAF.end()].map(|most| most.min(S::PER_LEAF));
-    let mut binary = build_binary(&mut references, stop..=overlapping, kinds, Some(cost_model.density));
+    // A node above them would cost as much as one block of all of them.
+    let n = references.len();
+    let one_block = kinds.is_none() && n <= S::PER_LEAF && COST_MODEL.leaf_of(n) <= COST_MODEL.node;
+    let (leaf, density) = if one_block { (n..=n, None) } else { (stop..=overlapping, Some(cost_model.density)) };
+    let mut binary = build_binary(&mut references, leaf, kinds, density);
     let now = match reinsertion {
         Reinsertion::Later => false,
         Reinsertion::OfStatic => binary.first().is_some_and(|root| !root.moving),
