@@ -27,8 +27,8 @@ pub(crate) mod wide {
     /// better: needles and hair. A single leaf block of sixteen costs a query no more there.
     pub const MIN_OVERLAP: f32 = 1.4;
     /// Nodes of few references are split further if they are visited by more than this fraction of the rays that enter the tree,
-    /// or of the visits to all primitives if those are fewer, and more often than as many primitives are by themselves. There are few such nodes: at most the leaves that a ray visits,
-    /// divided by this fraction. Doing this with every leaf would take longer than a level of the build. Half the value finds
+    /// or of the visits to all primitives if those are fewer, and more often than as many primitives are by themselves. There are few such
+    /// nodes: at most the leaves that a ray visits, divided by this fraction. Doing this with every leaf would take longer than a level of the build. Half the value finds
     /// little more in rooms of a tenth to four times the triangles, twice the value misses some of the floors in them:
     /// `cargo bench --bench embree -- --only ours --scenes building,visited,needles --side 64 --runs 1 --scale 0.1` counts.
     pub const LARGE_LEAF: f32 = 1.0 / 256.0;
@@ -60,7 +60,7 @@ pub(crate) mod lazy {
     pub const CELLS: usize = 16;
     pub const PLACED: usize = 4096;
     /// A cell with more than this many times the primitives of a subtree gets a grid of its own. With 1 the lazy build and what rays build
-    /// take .97 to 1.12 of the time, and rays 1.00 to 1.05 of theirs (docs/notes.md).
+    /// take .97 to 1.12 of the time, and rays 1.00 to 1.05 of theirs (docs/notes_rays_tried.md).
     pub const CROWDED: usize = 4;
     /// What a subtree costs beside its primitives, in primitives; it decides where the coarse tree ends. Building one takes longer than
     /// its share of a whole build, and a ray that enters it needs some time. With 128 less is built in debris and hand, but rays
@@ -202,11 +202,11 @@ pub(crate) mod points {
     pub const OWN_TREES: usize = 24 << 10;
     /// Points with active intervals are compared by trees of all of them in larger sets, too, if at most this share exists at a time: then
     /// the tree of a time slice is built sooner than samples, and fast points need no tree of their own ("Builds of sets with active intervals" in
-    /// docs/notes.md).
+    /// docs/notes_neighbors.md).
     pub const MAX_EXISTING: f64 = 0.8;
     /// What is visited in the tree of a time slice grows with this power of the number of its points and of the volume of its boxes. (Least squares
     /// over trees of 30 kinds of sets, 1000 to 300 000 points, gave .55 to .8 and .61 to .7 for nodes and blocks; with .55 the median of
-    /// expected costs is right. "Builds of sets with active intervals" in docs/notes.md.)
+    /// expected costs is right. "Builds of sets with active intervals" in docs/notes_neighbors.md.)
     pub const VISITED: f64 = 0.55;
     /// Of time slices that are predicted to cost nearly the same, the longest are tried: those that the best cost this fraction of; and once some
     /// have gained, shorter ones only if they are predicted to cost less than this fraction.

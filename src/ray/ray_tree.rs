@@ -229,7 +229,7 @@ impl<G: Geometry> RayTree<G> {
     }
 
     /// Interleaving pays for the closest hit in trees that move, are larger than the caches and have a temporal split (measured; see
-    /// docs/notes.md).
+    /// docs/notes_rays.md).
     fn interleaving_pays(&self) -> bool {
         let large = self.statistics.bytes > CACHED;
         matches!(&self.layout, Layout::Wide(tree) if large && tree.moves() && tree.time_slices() > 1)

@@ -1,7 +1,7 @@
 //! Sixteen lanes in four SSE2 registers, which every x86-64 CPU has.
 //!
 //! For CPUs without anything wider. The plain lanes ([`super::portable`]) would do as well, but kernels over them are
-//! more machine code (docs/notes.md). The few operations that SSE2 has no instruction for go through memory, in
+//! more machine code (docs/notes_rays_tried.md). The few operations that SSE2 has no instruction for go through memory, in
 //! functions that are not inlined.
 
 use super::instructions::{Kernel, Simd};

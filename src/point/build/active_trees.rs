@@ -1,8 +1,9 @@
 //! The choice of a structure for points with active intervals, by trees of the whole set.
 //!
-//! The shorter time slices are, the fewer points exist in one of them, and the sooner its tree is built. So the first is that of the shortest
-//! slices, at a time with as many points before it as behind it, and the work of searches in it is counted. What longer slices cost is expected by the numbers of their points, and by how much
-//! larger the boxes of that tree would be ([`super::excess`]). Of those that promise to be chosen the first tree is built and measured, too.
+//! The shorter time slices are, the fewer points exist in one of them, and the sooner its tree is built. So the first is that of the
+//! shortest slices, at a time with as many points before it as behind it, and the work of searches in it is counted. What longer slices
+//! cost is expected by the numbers of their points, and by how much larger the boxes of that tree would be ([`super::excess`]). Of those
+//! that promise to be chosen the first tree is built and measured, too.
 
 use super::cost::{FINEST, ReferenceCounts, Visits, memory_cost};
 use super::excess::{Excess, excess, leaves_of};
