@@ -18,14 +18,19 @@ use crate::simd::{MovingPointBlock, SimdLevel};
 use crate::tuning::points::{MAX_COST, MAX_EXISTING, OWN_TREES, VISITED};
 use core::iter;
 
+/// Time slices that larger sets must be able to afford: in longer ones, fast points need trees of their own.
+const SHORT: f64 = 8.0;
+
 /// Whether the structure for so many points, at least one, is chosen by trees of slices.
-pub(in crate::point) fn by_active_trees(source: &Source, points: &[u32]) -> bool {
+pub(in crate::point) fn by_active_trees(source: &Source, points: &[u32], max_references: f32) -> bool {
     // Between several keys, the number of references does not say how many points exist.
     if source.all_persist() || source.keys > 2 {
         return false;
     }
     let exist: f64 = points.iter().map(|&point| source.active(point as usize).fine_duration()).sum();
-    points.len() <= OWN_TREES || exist <= MAX_EXISTING * points.len() as f64
+    let n = points.len() as f64;
+    let affordable = n + SHORT * exist <= f64::from(max_references) * n;
+    points.len() <= OWN_TREES || exist <= MAX_EXISTING * n && affordable
 }
 
 /// Begins the cheapest layer for all points; and the reason for its plan.
