@@ -170,7 +170,9 @@ impl Slack {
 
 impl PrimitiveSet for Placements {
     /// Testing one instance takes longer than many nodes.
-    const PER_LEAF: usize = 1;
+    fn per_leaf(&self) -> usize {
+        1
+    }
 
     fn len(&self) -> usize {
         self.placed.len()

@@ -9,6 +9,7 @@ use crate::error::BuildError;
 use crate::geometry::{Aabb, Box3, CornerBounds, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
 use crate::limits::MAX_COORDINATE;
 use crate::simd::LANES;
+use crate::tuning::wide::SHAPES_PER_LEAF;
 use core::sync::atomic::{AtomicU32, Ordering};
 use glam::DVec3;
 
@@ -105,7 +106,9 @@ pub struct SurfacePoint {
 /// A set of primitives in tree space: the interface for builders and queries.
 pub(crate) trait PrimitiveSet: Send + Sync {
     /// The greatest number of primitives in one leaf block of the wide layout.
-    const PER_LEAF: usize = LANES;
+    fn per_leaf(&self) -> usize {
+        LANES
+    }
     /// The number of primitives; ids begin at 0.
     fn len(&self) -> usize;
     /// The active interval of a primitive.
@@ -298,6 +301,11 @@ impl<P: Primitive> Shapes<P> {
 }
 
 impl<P: Primitive> PrimitiveSet for Shapes<P> {
+    /// A primitive is tested by a function of its own, which takes longer than the boxes of sixteen.
+    fn per_leaf(&self) -> usize {
+        SHAPES_PER_LEAF
+    }
+
     fn len(&self) -> usize {
         self.shapes.len()
     }

@@ -125,6 +125,11 @@ impl Scene {
 }
 
 impl PrimitiveSet for Scene {
+    /// Where most primitives are shapes, leaves are as small as theirs.
+    fn per_leaf(&self) -> usize {
+        if self.shapes.len() > self.triangles.len() { self.shapes.per_leaf() } else { self.triangles.per_leaf() }
+    }
+
     fn len(&self) -> usize {
         self.triangles.len() + self.shapes.len()
     }

@@ -315,10 +315,10 @@ fn draft_with<S: PrimitiveSet>(
 ) -> Draft {
     let kind = |id: u32| set.leaf_kind(id);
     let kinds: Option<&LeafKind<'_>> = if set.bent() { Some(&kind) } else { None };
-    let [stop, overlapping] = [*BINARY_LEAF.start(), *BINARY_LEAF.end()].map(|most| most.min(S::PER_LEAF));
+    let [stop, overlapping] = [*BINARY_LEAF.start(), *BINARY_LEAF.end()].map(|most| most.min(set.per_leaf()));
     // A node above them would cost as much as one block of all of them.
     let n = references.len();
-    let one_block = kinds.is_none() && n <= S::PER_LEAF && COST_MODEL.leaf_of(n) <= COST_MODEL.node;
+    let one_block = kinds.is_none() && n <= set.per_leaf() && COST_MODEL.leaf_of(n) <= COST_MODEL.node;
     let (leaf, density) = if one_block { (n..=n, None) } else { (stop..=overlapping, Some(cost_model.density)) };
     let mut binary = build_binary(&mut references, leaf, kinds, density);
     let now = match reinsertion {
@@ -344,8 +344,9 @@ fn collapse<S: PrimitiveSet>(
 ) -> Collapse {
     let kind = |id: u32| set.leaf_kind(id);
     let kinds: Option<&LeafKind<'_>> = if set.bent() { Some(&kind) } else { None };
+    let per_leaf = set.per_leaf();
     Collapse::new(binary, cost_model, |node| {
-        if node.count as usize > S::PER_LEAF {
+        if node.count as usize > per_leaf {
             return None;
         }
         let block = &references[node.first as usize..][..node.count as usize];

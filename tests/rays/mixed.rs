@@ -5,8 +5,8 @@ use crate::common::{Random, difference, random_ray, soup, variants};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::DVec3;
 use mbkd::{
-    BuildParams, ClosestPointQuery, Division, MovingSphere, RayTree, Shape, SimdLevel, TimeInterval, TriangleMesh,
-    Visitor, WideParams,
+    BuildParams, ClosestPointQuery, Counters, Division, MovingSphere, RayTree, Shape, SimdLevel, TimeInterval,
+    TriangleMesh, Visitor, WideParams,
 };
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
@@ -127,4 +127,28 @@ fn bad_shapes_are_refused_beside_meshes_too() {
     let bad = vec![MovingSphere::fixed(DVec3::ZERO, 1.0).into(), MovingSphere::fixed(DVec3::NAN, 1.0).into()];
     let error = RayTree::of_scene(&meshes(), bad, &BuildParams::default()).unwrap_err();
     assert_eq!(error, mbkd::BuildError::BadBounds { primitive: 1 });
+}
+
+/// A sphere is tested by itself, which takes long: boxes exclude nearly all of them.
+#[test]
+fn rays_are_tested_against_few_spheres() {
+    let mut random = Random(21);
+    let ball = |random: &mut Random| {
+        let (center, by) = (random.vec().as_dvec3(), random.vec().as_dvec3() * 0.05);
+        MovingSphere::new(vec![(center, 0.03), (center + by, 0.03)])
+    };
+    let balls: Vec<MovingSphere> = (0..5000).map(|_| ball(&mut random)).collect();
+    let shapes = || balls.iter().cloned().map(Shape::from).collect();
+    let few = soup(100, 2, 0.1, 0.1, 5);
+    for meshes in [vec![], vec![few]] {
+        let tree = RayTree::of_scene(&meshes, shapes(), &BuildParams::default()).unwrap();
+        let brute = BruteForce::of_scene(&meshes, shapes()).unwrap();
+        let mut counters = Counters::default();
+        for _ in 0..500 {
+            let ray = random_ray(&mut random, 1.0);
+            assert_eq!(tree.closest_hit_observed(&ray, &mut counters), brute.closest_hit(&ray));
+        }
+        let tests = counters.primitive_tests / 500;
+        assert!((1..16).contains(&tests), "{tests} tests per ray");
+    }
 }
