@@ -28,8 +28,8 @@ pub(crate) mod wide {
     pub const MIN_OVERLAP: f32 = 1.4;
     /// Nodes of few references are split further if they are visited by more than this fraction of the rays that enter the tree,
     /// or of the visits to all primitives if those are fewer, and more often than as many primitives are by themselves. There are few such
-    /// nodes: at most the leaves that a ray visits, divided by this fraction. Doing this with every leaf would take longer than a level of the build. Half the value finds
-    /// little more in rooms of a tenth to four times the triangles, twice the value misses some of the floors in them:
+    /// nodes: at most the leaves that a ray visits, divided by this fraction. Doing this with every leaf would take longer than a level of
+    /// the build. Half the value finds little more in rooms of a tenth to four times the triangles, twice the value misses some of the floors in them:
     /// `cargo bench --bench embree -- --only ours --scenes building,visited,needles --side 64 --runs 1 --scale 0.1` counts.
     pub const LARGE_LEAF: f32 = 1.0 / 256.0;
     /// If a ray meets more boxes of primitives than this, leaves count as large by the visits to all primitives, divided by this number:
@@ -207,6 +207,9 @@ pub(crate) mod points {
     /// the tree of a time slice is built sooner than samples, and fast points need no tree of their own ("Builds of sets with active intervals" in
     /// docs/notes_neighbors.md).
     pub const MAX_EXISTING: f64 = 0.8;
+    /// Such larger sets must be able to afford about this many time slices: in longer ones, fast points need trees of their own. (Not fitted:
+    /// the default budget affords that many, and a test of files, whose points may have two references each, has fast points apart.)
+    pub const SHORT_SLICES: f64 = 8.0;
     /// What is visited in the tree of a time slice grows with this power of the number of its points and of the volume of its boxes. (Least squares
     /// over trees of 30 kinds of sets, 1000 to 300 000 points, gave .55 to .8 and .61 to .7 for nodes and blocks; with .55 the median of
     /// expected costs is right. "Builds of sets with active intervals" in docs/notes_neighbors.md.)

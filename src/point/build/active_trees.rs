@@ -5,7 +5,7 @@
 //! cost is expected by the numbers of their points, and by how much larger the boxes of that tree would be ([`super::excess`]). Of those
 //! that promise to be chosen the first tree is built and measured, too.
 
-use super::cost::{FINEST, ReferenceCounts, Visits, memory_cost};
+use super::cost::{ReferenceCounts, Visits, memory_cost};
 use super::excess::{Excess, excess, leaves_of};
 use super::partial_layer::{PartialLayer, name};
 use super::plan::Plan;
@@ -15,11 +15,7 @@ use crate::point::leaf_order::fast_points::Fast;
 use crate::point::search::layers::Layer;
 use crate::progress::Progress;
 use crate::simd::{MovingPointBlock, SimdLevel};
-use crate::tuning::points::{MAX_COST, MAX_EXISTING, OWN_TREES, VISITED};
-use core::iter;
-
-/// Time slices that larger sets must be able to afford: in longer ones, fast points need trees of their own.
-const SHORT: f64 = 8.0;
+use crate::tuning::points::{MAX_COST, MAX_EXISTING, OWN_TREES, SHORT_SLICES, VISITED};
 
 /// Whether the structure for so many points, at least one, is chosen by trees of slices.
 pub(in crate::point) fn by_active_trees(source: &Source, points: &[u32], max_references: f32) -> bool {
@@ -29,7 +25,7 @@ pub(in crate::point) fn by_active_trees(source: &Source, points: &[u32], max_ref
     }
     let exist: f64 = points.iter().map(|&point| source.active(point as usize).fine_duration()).sum();
     let n = points.len() as f64;
-    let affordable = n + SHORT * exist <= f64::from(max_references) * n;
+    let affordable = n + SHORT_SLICES * exist <= f64::from(max_references) * n;
     points.len() <= OWN_TREES || exist <= MAX_EXISTING * n && affordable
 }
 
@@ -42,9 +38,7 @@ pub(in crate::point) fn layer_by_active_trees<'a>(
     progress: &Progress,
 ) -> (PartialLayer<'a>, String) {
     let counts = ReferenceCounts::of(source, points);
-    let most = f64::from(max_references) * points.len() as f64;
-    let affordable = |slices: &usize| *slices <= FINEST && counts.with(*slices) as f64 <= most;
-    let slices: Vec<usize> = iter::successors(Some(1), |slices| Some(2 * slices)).take_while(affordable).collect();
+    let slices = counts.affordable(max_references);
     let middle = counts.middle;
     let begin = |slices: usize| PartialLayer::at(source, points, Plan::Boxes(slices), middle, progress);
     let mut next = slices.last().copied();

@@ -12,6 +12,7 @@ use crate::point::search::counted_search::{CountedSearch, search_counted};
 use crate::point::search::layers::Layer;
 use crate::simd::{Lanes, Mask, SimdLevel};
 use crate::tuning::points::{BLOCK_COST, HALF_UNCACHED_BYTES, REFERENCE_BYTES, SEARCHED, SEARCHES, UNCACHED_COST};
+use core::iter;
 use glam::Vec3;
 
 /// The largest number of time slices of a segment that is tried.
@@ -130,6 +131,13 @@ impl ReferenceCounts {
     /// That with this many time slices, a power of two.
     pub(in crate::point) fn with(&self, slices: usize) -> usize {
         self.counts.get(slices.ilog2() as usize).copied().unwrap_or(self.points * slices)
+    }
+
+    /// The numbers of time slices that take at most so many references per point: powers of two, up to [`FINEST`].
+    pub(in crate::point) fn affordable(&self, max_references: f32) -> Vec<usize> {
+        let most = f64::from(max_references) * self.points as f64;
+        let affordable = |slices: &usize| *slices <= FINEST && self.with(*slices) as f64 <= most;
+        iter::successors(Some(1), |slices| Some(2 * slices)).take_while(affordable).collect()
     }
 }
 

@@ -5,7 +5,7 @@
 //! ([`super::excess`]). If so, the work of searches in it is counted, and that of shorter slices is predicted by their boxes. The first tree
 //! of those that promise most is built, and its searches are counted, as long as that gains.
 
-use super::cost::{FINEST, Visits, memory_cost};
+use super::cost::{ReferenceCounts, Visits, memory_cost};
 use super::excess::{excess, leaves_of};
 use super::partial_layer::{PartialLayer, name};
 use super::plan::{Plan, linear_tree, middle_slice};
@@ -35,8 +35,7 @@ pub(in crate::point) fn layer_by_own_trees<'a>(
     let by_position = by_motion.then(|| by_position(source, points));
     let leaves = by_position.as_ref().unwrap_or(&tree.leaves.blocks);
     let of_one = excess(leaves, 0.5, &[1], simd)[0];
-    let affordable = |slices: &usize| *slices <= FINEST && *slices as f32 <= max_references;
-    let slices: Vec<usize> = iter::successors(Some(1), |slices| Some(2 * slices)).take_while(affordable).collect();
+    let slices = ReferenceCounts::of(source, points).affordable(max_references);
     if of_one.is_small(points.len()) || slices.len() == 1 {
         return (PartialLayer::with(source, points, Plan::Boxes(1), tree), of_one.why());
     }
