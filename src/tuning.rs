@@ -37,8 +37,9 @@ pub(crate) mod wide {
     /// of the work. Needles and hair have 9 to 50 of them, fur 11, all else up to 4:
     /// `cargo bench --bench embree -- --only ours --scenes needles,needles30,hairball --side 64 --runs 1` counts.
     pub const MANY_BOXES: f32 = 4.0;
-    /// Spheres and the caller's own primitives in one leaf. With 2, rays among 50 000 spheres take .86 to .91 of the time, and the tree 1.4 of the
-    /// building time and 1.8 of the memory; with 16 rays take 1.6 (still) and 2.1 times as long (a program that is not in the repository).
+    /// Primitives that are tested one by one, in one leaf. With 2, rays among 50 000 spheres, when these were tested so, took .86 to .91 of the
+    /// time, and the tree 1.4 of the building time and 1.8 of the memory; with 16 rays took 1.6 (still) and 2.1 times as long (a program that is
+    /// not in the repository).
     pub const SHAPES_PER_LEAF: usize = 4;
     /// Trees up to this many bytes mostly stay in the caches, so that neither the order of rays nor interleaving gains much.
     pub const CACHED: usize = 64 << 20;

@@ -1,8 +1,9 @@
 //! Writing leaf blocks: the data of primitives in the arena.
 
+use super::sphere_leaf::{rewrite_shapes, shapes_words, write_shapes};
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, Sizes, VERTEX_ROWS};
 use crate::geometry::{LinearBox3, TimeInterval};
-use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes, Shared, Triangles};
+use crate::primitive::{MovingSphere, Primitive, PrimitiveSet, Scene, Shapes, Shared, Triangles};
 use crate::simd::{Arena, LANES, Lanes, SimdLevel};
 use crate::time::TimeSlice;
 use core::ops::Range;
@@ -22,21 +23,24 @@ pub(crate) trait WideSource: PrimitiveSet {
         let _ = id;
         true
     }
+    /// The sphere that a primitive is. Leaf blocks of spheres hold their positions.
+    fn sphere(&self, id: u32) -> Option<&MovingSphere> {
+        let _ = id;
+        None
+    }
     /// Releases the data that only the build needs: leaf blocks have copies of it.
     fn release_build_data(&mut self) {}
     /// The number of words that [`WideSource::write_leaf`] takes, of primitives in any order.
     fn leaf_words(&self, ids: &[u32], slice: TimeSlice) -> usize {
-        let _ = slice;
-        ids.len()
+        shapes_words(self, ids, slice)
     }
     /// Writes a leaf block for queries in a time slice; `None` if the arena is full.
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef> {
-        let _ = slice;
-        write_list(arena, ids)
+        write_shapes(self, arena, ids, slice)
     }
     /// Rewrites the coordinates of a leaf block that begins at `words[0]`, and returns the bounds of its primitives; `None` if no coordinate changed. All primitives of a list of ids count as changed.
     fn rewrite_leaf(&self, words: &mut [u32], of: MovedLeaf<'_>) -> Option<LinearBox3> {
-        Some(self.leaf_bounds(words, of))
+        Some(rewrite_shapes(self, words, of))
     }
     /// Prefetches what [`WideSource::rewrite_leaf`] will read and write soon. A hint.
     fn prefetch_leaf(&self, words: &[u32], leaf: ChildRef, ids: &[u32]) {
@@ -77,6 +81,10 @@ impl WideSource for Scene {
         self.shape(id).is_some() || self.triangles.is_precise(id)
     }
 
+    fn sphere(&self, id: u32) -> Option<&MovingSphere> {
+        self.shapes.sphere(self.shape(id)?)
+    }
+
     fn release_build_data(&mut self) {
         self.triangles.drop_vertices();
     }
@@ -84,7 +92,7 @@ impl WideSource for Scene {
     fn leaf_words(&self, ids: &[u32], slice: TimeSlice) -> usize {
         match ids.first().is_some_and(|&id| self.is_listed(id)) {
             false => self.triangles.leaf_words(ids, slice),
-            true => ids.len(),
+            true => shapes_words(self, ids, slice),
         }
     }
 
@@ -93,14 +101,14 @@ impl WideSource for Scene {
         // All primitives of a block are of one kind, since the build separates kinds.
         match ids.first().is_some_and(|&id| self.is_listed(id)) {
             false => self.triangles.write_leaf(arena, ids, slice),
-            true => write_list(arena, ids),
+            true => write_shapes(self, arena, ids, slice),
         }
     }
 
     fn rewrite_leaf(&self, words: &mut [u32], of: MovedLeaf<'_>) -> Option<LinearBox3> {
         match of.ids.first().is_some_and(|&id| self.is_listed(id)) {
             false => self.triangles.rewrite_leaf(words, of),
-            true => Some(bounds_of(self, of.ids, of.over)),
+            true => Some(rewrite_shapes(self, words, of)),
         }
     }
 
@@ -254,7 +262,11 @@ pub(super) fn set_sizes(word: &mut u32, sizes: u32) {
     *word = *word & 0xffff | sizes;
 }
 
-impl<P: Primitive> WideSource for Shapes<P> {}
+impl<P: Primitive> WideSource for Shapes<P> {
+    fn sphere(&self, id: u32) -> Option<&MovingSphere> {
+        Shapes::sphere(self, id)
+    }
+}
 
 /// Writes a list of ids.
 pub(super) fn write_list(arena: &mut Arena, ids: &[u32]) -> Option<ChildRef> {

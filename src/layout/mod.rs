@@ -33,6 +33,7 @@ mod refit;
 mod refit_plan;
 mod root_bounds;
 mod serialize;
+mod sphere_leaf;
 mod statistics;
 mod tree_box;
 mod wide_builder;
@@ -50,6 +51,7 @@ pub(crate) use leaf_block::WideSource;
 pub(crate) use leaf_lanes::{Between, CornerLanes};
 pub(crate) use refit::Moved;
 pub(crate) use refit_plan::Plan;
+pub(crate) use sphere_leaf::{SPHERE_ROWS, SphereLeaf, sphere_row};
 pub use statistics::Statistics;
 pub use tree_box::TreeBox;
 pub(crate) use wide_node::{

@@ -6,6 +6,7 @@
 use super::keyed_leaf::KeyedLeaf;
 use super::leaf_block::WideSource;
 use super::leaf_ids::Ids;
+use super::sphere_leaf::SphereLeaf;
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS};
 use super::wide_tree::WideTree;
 use crate::geometry::TimeInterval;
@@ -192,8 +193,11 @@ impl WideTree {
         if leaf.kind() == Kind::OtherLeaf && !self.is_list::<S>(leaf) {
             return KeyedLeaf::read(self.arena.ints(), leaf).words();
         }
+        let block = &self.arena.ints()[leaf.at()..];
+        if self.is_list::<S>(leaf) {
+            return SphereLeaf::words_of_list(block, leaf.len()).unwrap_or(0);
+        }
         // Ids come last.
-        let ids = Ids::of(leaf, &self.arena.ints()[leaf.at()..], self.is_list::<S>(leaf));
-        ids.map_or(0, |ids| ids.first + ids.count)
+        Ids::of(leaf, block, false).map_or(0, |ids| ids.first + ids.count)
     }
 }

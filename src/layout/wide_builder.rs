@@ -89,7 +89,7 @@ impl WideTree {
     fn sorted_subtree<S: WideSource>(set: &S, ids: &[u32], params: &DraftParams) -> Result<WideTree, BuildError> {
         let (listed, held): (Vec<u32>, Vec<u32>) = ids.iter().partition(|&&id| set.is_listed(id));
         let [named, others] = split_listed(set, &listed);
-        let bent = held.iter().map(|&id| further_key_bytes(set, id)).sum();
+        let bent = ids.iter().map(|&id| further_key_bytes(set, id)).sum();
         let budget = allowed_bytes(&params.wide, ids.len(), bent);
         let mut tree = WideTree::fitted(set, [&held, named, others], params, budget, &Progress::new(None))?;
         tree.counts = tree.counted(set);

@@ -11,6 +11,7 @@ use super::leaf_block::WideSource;
 use super::leaf_ids::Ids;
 use super::leaf_index::Found;
 use super::node_boxes::NOWHERE;
+use super::sphere_leaf::SphereLeaf;
 use super::wide_node::{ChildRef, Kind, node_rows, shared_count};
 use super::wide_tree::{Counts, WideTree};
 use crate::file::{FileError, broken, require};
@@ -113,6 +114,7 @@ impl<S: WideSource> Leaves<'_, S> {
                 leaf.kind() == Kind::OtherLeaf && block.len() >= leaf.len(),
                 "an id list has the wrong kind or extends beyond the tree",
             )?;
+            self.check_spheres(block, leaf.len())?;
             let fine = block[..leaf.len()].iter().all(|&id| (id as usize) < self.set.len() && self.set.is_listed(id));
             return require(fine, "an id list has an id of no primitive, or of a triangle stored in leaf blocks");
         };
@@ -138,6 +140,15 @@ impl<S: WideSource> Leaves<'_, S> {
             require(fits, "a leaf block has another number of keys than its triangles")?;
         }
         Ok(())
+    }
+
+    /// Checks what follows a list of `n` ids.
+    fn check_spheres(&self, block: &[u32], n: usize) -> Result<(), FileError> {
+        let whole = SphereLeaf::words_of_list(block, n).is_some();
+        require(whole, "a list of shapes extends beyond the tree")?;
+        let Some(SphereLeaf { keys, first, held, .. }) = SphereLeaf::of(block, n) else { return Ok(()) };
+        let fine = keys <= MOST_SEGMENTS && (keys.min(2)..=keys).contains(&held) && first <= keys - held;
+        require(fine, "the range of keys of a block of spheres is invalid")
     }
 
     /// Checks the triangles of a block with shared vertices, whose vertex numbers begin at a word of the block.

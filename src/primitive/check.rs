@@ -1,6 +1,7 @@
 //! A test helper for implementations of [`Primitive`]: it tests the trait's contract on samples.
 
 use super::custom::{Primitive, SurfacePoint};
+use super::sphere::MovingSphere;
 use crate::geometry::{Aabb, Ray, TimeInterval};
 use crate::limits::MAX_COORDINATE;
 use crate::random::Random;
@@ -57,6 +58,11 @@ pub enum PrimitiveError {
         /// How far outside the answer is.
         by: f64,
     },
+    /// The sphere of [`Primitive::as_sphere`] has another answer to a ray, or another closest point.
+    OtherSphere {
+        /// The ray, or one that begins at the point.
+        ray: Ray,
+    },
     /// A ray hits the primitive nearer to a point than the reported nearest point.
     NotNearest {
         /// The query point.
@@ -90,6 +96,12 @@ impl fmt::Display for PrimitiveError {
                 "the nearest point to {point} at time {time} lies {by:e} outside the bounds over {}: pad the bounds",
                 between(over)
             ),
+            PrimitiveError::OtherSphere { ray } => {
+                write!(
+                    f,
+                    "the sphere that the primitive claims to be has another answer to {ray:?}, or closest point to its origin"
+                )
+            }
             PrimitiveError::NotNearest { point, time, nearer } => {
                 write!(f, "{nearer}, which a ray hits at time {time}, is nearer to {point} than the nearest point")
             }
@@ -101,7 +113,7 @@ impl std::error::Error for PrimitiveError {}
 
 /// Tests the contract of [`Primitive`] with `samples` rays at the primitive, over intervals of all lengths, and with the
 /// rays' origins for [`Primitive::closest_point`], if that is implemented: its answers lie within the bounds and are no
-/// farther than hits of rays.
+/// farther than hits of rays. A primitive that is a sphere ([`Primitive::as_sphere`]) has that sphere's answers.
 ///
 /// Rays are drawn from a fixed sequence around the primitive's swept box, many of them aimed at its faces and edges,
 /// where padding matters. Passing is no proof; a failure is one, and the error contains the ray. The rounding of `t` to f32
@@ -146,6 +158,11 @@ pub fn check_primitive(primitive: &impl Primitive, samples: usize) -> Result<(),
         let hit = primitive.intersect(&ray);
         if primitive.intersect(&ray) != hit {
             return Err(PrimitiveError::Impure { ray });
+        }
+        if let Some(sphere) = primitive.as_sphere()
+            && (sphere.intersect(&ray) != hit || !is_closest_point_of(sphere, primitive, &ray))
+        {
+            return Err(PrimitiveError::OtherSphere { ray });
         }
         check_nearest(primitive, &ray, over, now, hit.map(|hit| ray.point(hit.t)), size)?;
         let Some(hit) = hit.filter(|hit| !hit.t.is_nan()) else { continue };
@@ -197,6 +214,12 @@ fn check_nearest(
     Ok(())
 }
 
+/// Whether a primitive has the closest point of a sphere to the origin of a ray, or none.
+fn is_closest_point_of(sphere: &MovingSphere, primitive: &impl Primitive, ray: &Ray) -> bool {
+    let found = primitive.closest_point(ray.origin, ray.time);
+    found.is_none_or(|found| Some(found) == sphere.closest_point(ray.origin, ray.time))
+}
+
 fn check_bounds(b: Aabb, over: TimeInterval) -> Result<(), PrimitiveError> {
     let large = b.min.abs().max(b.max.abs());
     let fine = b.min.cmple(b.max).all() && large.cmple(DVec3::splat(MAX_COORDINATE)).all();
@@ -227,7 +250,6 @@ mod tests {
     use super::*;
     use crate::geometry::LinearBounds;
     use crate::primitive::Intersection;
-    use crate::primitive::sphere::MovingSphere;
 
     /// A sphere with its bounds or answers spoiled.
     struct Spoiled(MovingSphere, fn(LinearBounds) -> LinearBounds, fn(&Ray, f32) -> f32);
@@ -270,6 +292,36 @@ mod tests {
             Err(PrimitiveError::BadBounds { .. })
         ));
         assert!(matches!(check(|b| b, |_, t| -t), Err(PrimitiveError::OutsideRange { .. })));
+    }
+
+    #[test]
+    fn primitives_that_are_other_spheres_than_they_claim_are_found() {
+        /// A sphere, the sphere that it claims to be, and whether its inside counts as near.
+        struct Claims(MovingSphere, MovingSphere, bool);
+        impl Primitive for Claims {
+            fn bounds(&self, over: TimeInterval) -> LinearBounds {
+                self.0.bounds(over)
+            }
+            fn intersect(&self, ray: &Ray) -> Option<Intersection> {
+                self.0.intersect(ray)
+            }
+            fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
+                let found = self.0.closest_point(point, time)?;
+                let (center, radius) = self.0.at(time);
+                let solid = self.2 && (point - center).length() < radius;
+                Some(if solid { SurfacePoint { point, ..found } } else { found })
+            }
+            fn as_sphere(&self) -> Option<&MovingSphere> {
+                Some(&self.1)
+            }
+        }
+        let ball = MovingSphere::new(vec![(DVec3::ZERO, 1.0), (DVec3::X * 3.0, 0.5)]);
+        let larger = MovingSphere::new(vec![(DVec3::ZERO, 1.0), (DVec3::X * 3.0, 0.6)]);
+        let check =
+            |claimed: &MovingSphere, solid| check_primitive(&Claims(ball.clone(), claimed.clone(), solid), 5000);
+        assert_eq!(check(&ball, false), Ok(()));
+        assert!(matches!(check(&larger, false), Err(PrimitiveError::OtherSphere { .. })));
+        assert!(matches!(check(&ball, true), Err(PrimitiveError::OtherSphere { .. })));
     }
 
     #[test]

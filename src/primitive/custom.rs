@@ -3,6 +3,7 @@
 //! A caller implements [`Primitive`] for a custom moving shape. Inside the crate, a tree accesses a whole set of primitives
 //! through [`PrimitiveSet`], in tree space. Triangle meshes are one such set; a list of [`Primitive`]s is another.
 
+use super::sphere::MovingSphere;
 use super::vertex_tubes::VertexTubes;
 use super::window::Intervals;
 use crate::error::BuildError;
@@ -25,6 +26,7 @@ use glam::DVec3;
 ///   instant.
 /// - [`intersect`](Primitive::intersect) and [`closest_point`](Primitive::closest_point) are pure: the same arguments give
 ///   the same answer, for any number of calls and on any thread.
+/// - The sphere of [`as_sphere`](Primitive::as_sphere), if there is one, has the same answers.
 ///
 /// A primitive that breaks the contract does not affect others. If its bounds are invalid, the build fails with
 /// [`BuildError::BadBounds`]. If its bounds do not contain all hits, or change from one call to the next, hits of this
@@ -79,6 +81,39 @@ pub trait Primitive: Send + Sync {
     fn active(&self) -> TimeInterval {
         TimeInterval::FULL
     }
+
+    /// The sphere that has the same intersections and, where the primitive has any, the same closest points; for instance of a sphere that
+    /// carries further data of the caller's.
+    ///
+    /// Rays are tested against up to sixteen spheres at a time, and only those that may be hit are asked to
+    /// [`intersect`](Primitive::intersect). The default is `None`: rays are tested against one primitive after the other.
+    ///
+    /// ```
+    /// use mbkd::glam::{DVec3, Vec3};
+    /// use mbkd::{BuildParams, Intersection, LinearBounds, MovingSphere, Primitive, Ray, RayTree, TimeInterval};
+    ///
+    /// /// A ball with a color.
+    /// struct Ball(MovingSphere, [u8; 3]);
+    /// impl Primitive for Ball {
+    ///     fn bounds(&self, over: TimeInterval) -> LinearBounds {
+    ///         self.0.bounds(over)
+    ///     }
+    ///     fn intersect(&self, ray: &Ray) -> Option<Intersection> {
+    ///         self.0.intersect(ray)
+    ///     }
+    ///     fn as_sphere(&self) -> Option<&MovingSphere> {
+    ///         Some(&self.0)
+    ///     }
+    /// }
+    /// let balls = (0..9).map(|i| Ball(MovingSphere::fixed(DVec3::X * f64::from(i) * 3.0, 1.0), [i, 0, 0]));
+    /// let tree = RayTree::of_primitives(balls.collect(), &BuildParams::default())?;
+    /// let hit = tree.closest_hit(&Ray::new(Vec3::new(6.0, 0.0, 5.0), Vec3::NEG_Z)).unwrap();
+    /// assert_eq!((hit.t, tree.primitives()[hit.primitive as usize].1), (4.0, [2, 0, 0]));
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    fn as_sphere(&self) -> Option<&MovingSphere> {
+        None
+    }
 }
 
 /// The intersection of a ray with a primitive, returned by [`Primitive::intersect`].
@@ -105,8 +140,9 @@ pub struct SurfacePoint {
 
 /// A set of primitives in tree space: the interface for builders and queries.
 pub(crate) trait PrimitiveSet: Send + Sync {
-    /// The greatest number of primitives in one leaf block of the wide layout.
-    fn per_leaf(&self) -> usize {
+    /// The greatest number of primitives in one leaf block of the wide layout, for a tree over primitives like this one.
+    fn per_leaf(&self, id: u32) -> usize {
+        let _ = id;
         LANES
     }
     /// The number of primitives; ids begin at 0.
@@ -221,6 +257,10 @@ pub struct Shapes<P> {
     shapes: Vec<P>,
     /// Active intervals; empty if all shapes exist throughout the shutter.
     active: Vec<TimeInterval>,
+    /// The number of spheres.
+    spheres: usize,
+    /// The bytes of their keys beyond the second in leaf blocks.
+    further_key_bytes: usize,
     frame: Frame,
     /// The lowest primitive that returned invalid bounds over a part of its interval, or [`NONE`].
     bad: AtomicU32,
@@ -281,7 +321,10 @@ impl<P: Primitive> Shapes<P> {
 
     /// Shapes that were checked, in a tree space that holds them.
     pub(crate) fn within(shapes: Vec<P>, extent: ShapesExtent, frame: Frame) -> Shapes<P> {
-        Shapes { shapes, active: extent.active, frame, bad: AtomicU32::new(NONE) }
+        let keys = || shapes.iter().filter_map(|shape| Some(shape.as_sphere()?.keys.len()));
+        let further_key_bytes = keys().map(|keys| keys.saturating_sub(2)).sum::<usize>() * size_of::<[f32; 4]>();
+        let spheres = keys().count();
+        Shapes { shapes, active: extent.active, spheres, further_key_bytes, frame, bad: AtomicU32::new(NONE) }
     }
 
     /// Active intervals as bounds; empty if all shapes exist throughout the shutter.
@@ -294,6 +337,11 @@ impl<P: Primitive> Shapes<P> {
         &self.shapes
     }
 
+    /// The sphere that a shape is.
+    pub(crate) fn sphere(&self, id: u32) -> Option<&MovingSphere> {
+        self.shapes[id as usize].as_sphere()
+    }
+
     /// Moves the shapes out, for a set that replaces this one.
     pub(super) fn take(&mut self) -> Vec<P> {
         core::mem::take(&mut self.shapes)
@@ -301,9 +349,9 @@ impl<P: Primitive> Shapes<P> {
 }
 
 impl<P: Primitive> PrimitiveSet for Shapes<P> {
-    /// A primitive is tested by a function of its own, which takes longer than the boxes of sixteen.
-    fn per_leaf(&self) -> usize {
-        SHAPES_PER_LEAF
+    /// Primitives other than spheres are tested one by one, each of which takes longer than the boxes of sixteen.
+    fn per_leaf(&self, _: u32) -> usize {
+        if 2 * self.spheres < self.shapes.len() { SHAPES_PER_LEAF } else { LANES }
     }
 
     fn len(&self) -> usize {
@@ -332,6 +380,15 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
             return bounds;
         }
         LinearBox3 { begin: everything(), end: everything() }
+    }
+
+    /// The number of keys of a sphere, if it is greater than two. Leaf blocks of spheres and other shapes hold only ids.
+    fn leaf_kind(&self, id: u32) -> u32 {
+        self.sphere(id).map_or(0, MovingSphere::leaf_kind)
+    }
+
+    fn further_key_bytes(&self) -> usize {
+        self.further_key_bytes
     }
 
     fn frame(&self) -> &Frame {

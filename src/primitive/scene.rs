@@ -46,6 +46,7 @@ impl Primitive for Shape {
         }
     }
 
+    #[inline]
     fn intersect(&self, ray: &Ray) -> Option<Intersection> {
         match self {
             Shape::Sphere(sphere) => sphere.intersect(ray),
@@ -64,6 +65,13 @@ impl Primitive for Shape {
         match self {
             Shape::Sphere(sphere) => sphere.active,
             Shape::Own(own) => own.active(),
+        }
+    }
+
+    fn as_sphere(&self) -> Option<&MovingSphere> {
+        match self {
+            Shape::Sphere(sphere) => Some(sphere),
+            Shape::Own(own) => own.as_sphere(),
         }
     }
 }
@@ -125,9 +133,11 @@ impl Scene {
 }
 
 impl PrimitiveSet for Scene {
-    /// Where most primitives are shapes, leaves are as small as theirs.
-    fn per_leaf(&self) -> usize {
-        if self.shapes.len() > self.triangles.len() { self.shapes.per_leaf() } else { self.triangles.per_leaf() }
+    fn per_leaf(&self, id: u32) -> usize {
+        match self.shape(id) {
+            None => self.triangles.per_leaf(id),
+            Some(shape) => self.shapes.per_leaf(shape),
+        }
     }
 
     fn len(&self) -> usize {
@@ -235,7 +245,7 @@ impl PrimitiveSet for Scene {
     fn leaf_kind(&self, id: u32) -> u32 {
         match self.shape(id) {
             None => self.triangles.leaf_kind(id),
-            Some(_) => 0,
+            Some(shape) => self.shapes.leaf_kind(shape),
         }
     }
 
@@ -244,7 +254,7 @@ impl PrimitiveSet for Scene {
     }
 
     fn further_key_bytes(&self) -> usize {
-        self.triangles.further_key_bytes()
+        self.triangles.further_key_bytes() + self.shapes.further_key_bytes()
     }
 
     fn positions(&self) -> [usize; 2] {

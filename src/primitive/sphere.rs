@@ -43,6 +43,7 @@ impl MovingSphere {
     }
 
     /// Center and radius at a time in [0, 1].
+    #[inline]
     pub fn at(&self, time: f32) -> (DVec3, f64) {
         match self.keys.as_slice() {
             [] => (DVec3::ZERO, 0.0),
@@ -72,6 +73,14 @@ impl MovingSphere {
     /// ```
     pub fn normal(&self, point: DVec3, time: f32) -> Vec3 {
         (point - self.at(time).0).normalize_or_zero().as_vec3()
+    }
+
+    /// The kind of leaf block that holds this sphere.
+    pub(crate) fn leaf_kind(&self) -> u32 {
+        match self.keys.len() {
+            ..=2 => 0,
+            keys => keys as u32,
+        }
     }
 
     fn bounds_at(&self, time: f32) -> Aabb {
@@ -112,23 +121,28 @@ impl Primitive for MovingSphere {
 
     /// The nearer of the two intersections that lies in the ray's range; `u` and `v` are the x and y
     /// of the unit normal. (Its z may have either sign: see [`MovingSphere::normal`].)
+    #[inline]
     fn intersect(&self, ray: &Ray) -> Option<Intersection> {
         let (center, radius) = self.at(ray.time);
         let d = ray.dir.as_dvec3();
-        let dd = d.length_squared();
+        let per_square = d.length_squared().recip();
         let to_center = center - ray.origin;
         // The foot of the perpendicular from the center: testing its distance avoids cancellation
         // between large squares, however far away the ray begins.
-        let middle = to_center.dot(d) / dd;
+        let middle = to_center.dot(d) * per_square;
         let aside = to_center - d * middle;
         let inside = radius * radius - aside.length_squared();
         if inside.is_nan() || inside <= 0.0 {
             return None;
         }
-        let half = (inside / dd).sqrt();
-        let t =
-            [middle - half, middle + half].map(|t| t as f32).into_iter().find(|&t| ray.t_min <= t && t <= ray.t_max)?;
-        let normal = (ray.point(t) - center) / radius;
+        let half = (inside * per_square).sqrt();
+        let in_range = |t: f32| ray.t_min <= t && t <= ray.t_max;
+        let (near, far) = ((middle - half) as f32, (middle + half) as f32);
+        let t = if in_range(near) { near } else { far };
+        if !in_range(t) {
+            return None;
+        }
+        let normal = (ray.point(t) - center) * radius.recip();
         Some(Intersection { t, u: normal.x as f32, v: normal.y as f32 })
     }
 
@@ -145,6 +159,10 @@ impl Primitive for MovingSphere {
 
     fn active(&self) -> TimeInterval {
         self.active
+    }
+
+    fn as_sphere(&self) -> Option<&MovingSphere> {
+        Some(self)
     }
 }
 

@@ -16,7 +16,7 @@ use crate::error::BuildError;
 use crate::geometry::{Frame, LinearBox3, TimeInterval};
 use crate::layout::{Statistics, WideSource};
 use crate::params::BuildParams;
-use crate::primitive::{Primitive, PrimitiveSet, Shapes};
+use crate::primitive::{MovingSphere, Primitive, PrimitiveSet, Shapes};
 use crate::progress::Progress;
 
 /// [`Shapes`] of any type.
@@ -28,6 +28,9 @@ trait AnyShapes: Send + Sync {
     fn bytes(&self) -> usize;
     fn intersect(&self, id: u32, ray: &TreeRay, sheared: &Sheared) -> Option<SetHit>;
     fn first_within(&self, ids: &[u32], query: &Query, limit: f32) -> Option<(usize, Candidate)>;
+    fn sphere(&self, id: u32) -> Option<&MovingSphere>;
+    fn per_leaf(&self, id: u32) -> usize;
+    fn further_key_bytes(&self) -> usize;
 }
 
 impl<P: Primitive> AnyShapes for Shapes<P> {
@@ -51,6 +54,15 @@ impl<P: Primitive> AnyShapes for Shapes<P> {
     }
     fn first_within(&self, ids: &[u32], query: &Query, limit: f32) -> Option<(usize, Candidate)> {
         ClosestPointSource::first_within(self, ids, query, limit)
+    }
+    fn sphere(&self, id: u32) -> Option<&MovingSphere> {
+        Shapes::sphere(self, id)
+    }
+    fn per_leaf(&self, id: u32) -> usize {
+        PrimitiveSet::per_leaf(self, id)
+    }
+    fn further_key_bytes(&self) -> usize {
+        PrimitiveSet::further_key_bytes(self)
     }
 }
 
@@ -86,6 +98,18 @@ impl PrimitiveSet for ErasedShapes<'_> {
         self.shapes.bounds(id, over)
     }
 
+    fn per_leaf(&self, id: u32) -> usize {
+        self.shapes.per_leaf(id)
+    }
+
+    fn leaf_kind(&self, id: u32) -> u32 {
+        self.shapes.sphere(id).map_or(0, MovingSphere::leaf_kind)
+    }
+
+    fn further_key_bytes(&self) -> usize {
+        self.shapes.further_key_bytes()
+    }
+
     fn frame(&self) -> &Frame {
         self.frame
     }
@@ -99,7 +123,11 @@ impl PrimitiveSet for ErasedShapes<'_> {
     }
 }
 
-impl WideSource for ErasedShapes<'_> {}
+impl WideSource for ErasedShapes<'_> {
+    fn sphere(&self, id: u32) -> Option<&MovingSphere> {
+        self.shapes.sphere(id)
+    }
+}
 
 impl RaySource for ErasedShapes<'_> {
     #[inline(always)]

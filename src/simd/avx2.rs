@@ -194,6 +194,10 @@ impl Simd for Avx2 {
         a.mul_add(b, c)
     }
     #[inline(always)]
+    fn sqrt(self, a: F) -> F {
+        F(intrinsic!(_mm256_sqrt_ps(a.0)), intrinsic!(_mm256_sqrt_ps(a.1)))
+    }
+    #[inline(always)]
     fn min(self, a: F, b: F) -> F {
         F(intrinsic!(_mm256_min_ps(a.0, b.0)), intrinsic!(_mm256_min_ps(a.1, b.1)))
     }

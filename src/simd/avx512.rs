@@ -123,6 +123,10 @@ impl Simd for Avx512 {
         a.mul_add(b, c)
     }
     #[inline(always)]
+    fn sqrt(self, a: F) -> F {
+        F(intrinsic!(_mm512_sqrt_ps(a.0)))
+    }
+    #[inline(always)]
     fn min(self, a: F, b: F) -> F {
         F(intrinsic!(_mm512_min_ps(a.0, b.0)))
     }

@@ -70,6 +70,8 @@ pub(crate) trait Simd: Copy {
     fn max_with_zero(self, a: Self::F, b: Self::F) -> Self::F {
         self.max(self.max(a, b), self.splat(0.0))
     }
+    /// The square roots, correctly rounded.
+    fn sqrt(self, a: Self::F) -> Self::F;
     /// Lanes where `a < b`; false for NaN.
     fn lt(self, a: Self::F, b: Self::F) -> Mask;
     /// Lanes where `a <= b`; false for NaN.

@@ -291,6 +291,10 @@ impl Simd for Neon {
     }
     // Not `fmin` and `fmax`, which differ for NaN and zeros of both signs.
     #[inline(always)]
+    fn sqrt(self, a: F) -> F {
+        a.map(a, |a, _| intrinsic!(vsqrtq_f32(a)))
+    }
+    #[inline(always)]
     fn min(self, a: F, b: F) -> F {
         a.map(b, |a, b| intrinsic!(vbslq_f32(vcltq_f32(a, b), a, b)))
     }

@@ -129,6 +129,10 @@ impl Simd for Portable {
         *to = x.0;
     }
     #[inline]
+    fn sqrt(self, F(a): F) -> F {
+        F(a.map(f32::sqrt))
+    }
+    #[inline]
     fn min(self, a: F, b: F) -> F {
         F(zip(&a.0, &b.0, |a, b| if a < b { a } else { b }))
     }

@@ -247,6 +247,10 @@ impl Simd for Sse2 {
         four(3);
     }
     #[inline(always)]
+    fn sqrt(self, a: F) -> F {
+        a.map(a, |a, _| intrinsic!(_mm_sqrt_ps(a)))
+    }
+    #[inline(always)]
     fn min(self, a: F, b: F) -> F {
         a.map(b, |a, b| intrinsic!(_mm_min_ps(a, b)))
     }

@@ -58,6 +58,7 @@ impl Kernel for All {
                 out_f(a / b),
                 out_f(s.min(a, b)),
                 out_f(s.max(a, b)),
+                out_f(s.sqrt(a)),
                 out_f(s.select(self.mask, a, b)),
                 out_f(s.splat(self.a[3])),
                 out_f(s.splat(s.lane(a, self.mask as usize % 16))),

@@ -16,5 +16,6 @@ mod mixed;
 mod precise;
 mod refit;
 mod scenes;
+mod spheres;
 mod visitors;
 mod watertight;

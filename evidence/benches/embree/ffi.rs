@@ -23,11 +23,13 @@ pub const PACKET: usize = 16;
 
 const INVALID_ID: c_uint = c_uint::MAX;
 const GEOMETRY_TYPE_TRIANGLE: c_int = 0;
+const GEOMETRY_TYPE_SPHERE_POINT: c_int = 50;
 const GEOMETRY_TYPE_INSTANCE: c_int = 121;
 const BUFFER_TYPE_INDEX: c_int = 0;
 const BUFFER_TYPE_VERTEX: c_int = 1;
 const FORMAT_UINT3: c_int = 0x5003;
 const FORMAT_FLOAT3: c_int = 0x9003;
+const FORMAT_FLOAT4: c_int = 0x9004;
 const FORMAT_FLOAT3X4_COLUMN_MAJOR: c_int = 0x9234;
 const SCENE_FLAG_ROBUST: c_int = 1 << 2;
 const DEVICE_PROPERTY_VERSION: c_int = 0;
@@ -458,6 +460,23 @@ impl EmbreeScene<'_> {
             (f.release_geometry)(geometry);
         }
         self.device.check("taking a mesh")
+    }
+
+    /// Copies spheres, centers and radii at each time step, and adds them with this geometry id.
+    pub fn attach_spheres(&self, id: u32, steps: &[Vec<[f32; 4]>]) -> Result<(), String> {
+        let f = &self.device.embree.functions;
+        // SAFETY: as in `attach`.
+        unsafe {
+            let geometry = (f.new_geometry)(self.device.handle, GEOMETRY_TYPE_SPHERE_POINT);
+            (f.set_time_steps)(geometry, steps.len() as c_uint);
+            for (slot, step) in steps.iter().enumerate() {
+                fill(f, geometry, (BUFFER_TYPE_VERTEX, slot as c_uint, FORMAT_FLOAT4), step)?;
+            }
+            (f.commit_geometry)(geometry);
+            (f.attach_geometry_by_id)(self.handle, geometry, id);
+            (f.release_geometry)(geometry);
+        }
+        self.device.check("taking spheres")
     }
 
     /// Adds an instance of a committed scene with this geometry id. A hit then has the id of the geometry in the placed

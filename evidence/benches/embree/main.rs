@@ -17,6 +17,7 @@ mod ours;
 mod rays;
 mod report;
 mod run;
+mod spheres;
 mod timing;
 
 use clap::Parser;
@@ -55,6 +56,9 @@ fn measure(options: &Options) -> Result<(), String> {
             embree.as_ref().ok_or("instances are measured against Embree only")?,
             count,
         );
+    }
+    if let Some(count) = options.spheres {
+        return spheres::measure(options, embree.as_ref().ok_or("spheres are measured against Embree only")?, count);
     }
     let mut measured = Measured::default();
     let mut builds = Vec::new();

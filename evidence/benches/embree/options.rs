@@ -54,6 +54,9 @@ pub struct Options {
     /// Number of moving instances of each scene, instead of the scenes themselves.
     #[arg(long)]
     pub instances: Option<u32>,
+    /// Number of spheres, instead of the scenes.
+    #[arg(long)]
+    pub spheres: Option<usize>,
     /// Embree's library file; by default the system's, 4.x before 3.x.
     #[arg(long)]
     pub embree: Option<String>,

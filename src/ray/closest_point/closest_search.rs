@@ -25,13 +25,16 @@
 
 use super::nearest_first::{Leaves, NearestFirst};
 use super::point_query::{Candidate, PlacedQuery, Query};
-use crate::layout::{ChildRef, CornerLanes, WideSource, WideTree};
+use crate::geometry::{KeyTime, ULP};
+use crate::layout::{
+    Between, ChildRef, CornerLanes, SPHERE_ROWS, SphereLeaf, WideSource, WideTree, block_sizes, sphere_row,
+};
 use crate::limits::DEPTH_LIMIT;
 use crate::mbkd::{KdTree, KdView};
 use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes};
 use crate::ray::filter::{Everything, Filter};
 use crate::ray::observer::Observer;
-use crate::simd::{LANES, Lanes, Mask, Simd, SimdLevel, StackMemory, dispatch, dispatch_or};
+use crate::simd::{LANES, Lanes, Mask, Rows, Simd, SimdLevel, StackMemory, dispatch, dispatch_or, first_lanes};
 use glam::{DVec3, Vec3};
 
 /// The closest point on any primitive of a [`RayTree`](crate::RayTree), as returned by
@@ -168,6 +171,9 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> Leaves for InP
         if !self.tree.is_list::<G>(leaf) {
             return self.triangles(s, leaf);
         }
+        if let Some(spheres) = SphereLeaf::of(&self.tree.arena.ints()[leaf.at()..], leaf.len()) {
+            return self.spheres(s, leaf, spheres);
+        }
         self.observer.primitive_tests(leaf.len());
         let mut ids = &self.tree.arena.ints()[leaf.at()..leaf.at() + leaf.len()];
         while let Some((i, candidate)) = self.best.set.first_within(ids, self.best.query, self.best.limit) {
@@ -213,6 +219,64 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
             near &= s.le(distances, s.splat(query.cull(self.best.limit)));
         }
     }
+}
+
+impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'_, '_, G, F, O> {
+    /// Tests a block of spheres: those whose surfaces are near enough, closest first.
+    ///
+    /// Distances in f32 are too large by less than the margin. Let `m` be the size of the block plus the largest coordinate of the query point,
+    /// and `u` an ULP: each coordinate of a center relative to the point is off by 6um, which moves the distance by 11um; the roundings of
+    /// squares, sum and root by 7um at most; the radius is off by 4um. To this comes the error that the block states.
+    #[inline(always)]
+    fn spheres<S: Simd>(&mut self, s: S, leaf: ChildRef, spheres: SphereLeaf) {
+        let (query, arena) = (self.best.query, &self.tree.arena);
+        let (at, n) = (leaf.at(), leaf.len());
+        let from = query.inside.as_vec3();
+        let [x, y, z, radius] = match spheres.keys {
+            1 => {
+                let rows = Rows::new(&arena.floats()[at + spheres.rows(n, 0)..], n, SPHERE_ROWS);
+                sphere_lanes::<S, false>(s, &rows, Between::NEVER, from)
+            }
+            keys => {
+                let time = KeyTime::new(query.time, keys);
+                let rows = Rows::new(&arena.floats()[at + spheres.rows(n, time.segment)..], n, 2 * SPHERE_ROWS);
+                sphere_lanes::<S, true>(s, &rows, Between::new(time), from)
+            }
+        };
+        let (size, error) = block_sizes(spheres.sizes);
+        let margin = s.splat(24.0 * ULP * (size + from.abs().max_element()) + error);
+        let away = s.sqrt(x * x + y * y + z * z) - radius;
+        let distances = s.max_with_zero(away - margin, s.splat(0.0) - away - margin);
+        let reach = |limit: f32| s.splat((query.reach(limit) as f32).next_up());
+        // A comparison with NaN is false, so such a sphere is kept.
+        let mut near = !s.lt(reach(self.best.limit), distances) & first_lanes(n);
+        while near != 0 {
+            let least = s.reduce_min_u(s.select_u(near, s.to_bits(distances), s.splat_u(u32::MAX)));
+            let nearest = s.eq_u(s.to_bits(distances), s.splat_u(least)) & near;
+            let lane = nearest.trailing_zeros() as usize % LANES;
+            near &= !(1 << lane);
+            let id = arena.ints()[at + lane];
+            if !self.best.sees(id) {
+                continue;
+            }
+            self.observer.primitive_tests(1);
+            if let Some((_, candidate)) = self.best.set.first_within(&[id], query, self.best.limit) {
+                self.best.offer(candidate, id);
+                near &= !s.lt(reach(self.best.limit), distances);
+            }
+        }
+    }
+}
+
+/// The centers of spheres at a time, relative to a point, and the radii.
+#[inline(always)]
+fn sphere_lanes<S: Simd, const MOVING: bool>(s: S, rows: &Rows, at: Between, from: Vec3) -> [S::F; 4] {
+    [
+        sphere_row::<S, MOVING>(s, rows, at, 0, from.x),
+        sphere_row::<S, MOVING>(s, rows, at, 1, from.y),
+        sphere_row::<S, MOVING>(s, rows, at, 2, from.z),
+        sphere_row::<S, MOVING>(s, rows, at, SPHERE_ROWS - 1, 0.0),
+    ]
 }
 
 #[inline(always)]

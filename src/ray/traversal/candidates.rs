@@ -70,11 +70,11 @@ fn deviation_of<S: Simd>(s: S, size: f32, slack: f32) -> f32 {
 
 /// The triangles of a block that may be hit.
 pub(in crate::ray) struct Candidates {
-    lanes: Mask,
+    pub(super) lanes: Mask,
     /// The candidates that are certainly hit. Known only for queries that accept a hit anywhere ([`Collect::ANYWHERE`]).
-    certain: Mask,
+    pub(super) certain: Mask,
     /// A lower bound of the distance of each hit in tree space. Known only if several candidates must be ordered.
-    near: Lanes<f32>,
+    pub(super) near: Lanes<f32>,
 }
 
 impl Candidates {
@@ -178,7 +178,7 @@ impl Candidates {
 
 /// Whether a mask has more than one lane.
 #[inline(always)]
-fn several(lanes: Mask) -> bool {
+pub(super) fn several(lanes: Mask) -> bool {
     lanes & lanes.wrapping_sub(1) != 0
 }
 

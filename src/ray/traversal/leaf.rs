@@ -165,7 +165,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
     /// Ends the query if it accepts a hit anywhere, and some triangle that it sees is certainly hit. The ids of the block begin at word
     /// `ids`.
     #[inline(always)]
-    fn is_certainly_hit(
+    pub(super) fn is_certainly_hit(
         &self,
         candidates: &mut Candidates,
         ids: usize,
@@ -198,33 +198,10 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         self.sees(id, ray) && collect.offer(Found { hit, id }, ray, self.set, self.filter)
     }
 
-    /// Tests the primitives of a list of ids by their own functions; true ends the query.
-    #[inline(always)]
-    pub(in crate::ray) fn list(
-        &self,
-        leaf: ChildRef,
-        (ray, sheared): (&TreeRay, &Sheared),
-        collect: &mut impl Collect,
-        observer: &mut impl Observer,
-    ) -> bool {
-        observer.leaf();
-        observer.primitive_tests(leaf.len());
-        for &id in &self.arena.ints()[leaf.at()..leaf.at() + leaf.len()] {
-            if self.sees(id, ray)
-                && let Some(hit) = self.set.intersect(id, ray, sheared)
-                && hit.t <= collect.limit()
-                && collect.offer(Found { hit, id }, ray, self.set, self.filter)
-            {
-                return true;
-            }
-        }
-        false
-    }
-
     /// Whether a primitive exists at the ray's time and the query sees it. This is tested for hits only, so boxes and leaf blocks
     /// need not store it.
     #[inline(always)]
-    fn sees(&self, id: u32, ray: &TreeRay) -> bool {
+    pub(super) fn sees(&self, id: u32, ray: &TreeRay) -> bool {
         (self.set.always_active() || self.set.active(id).contains(ray.time())) && self.filter.sees(|| self.set.mask(id))
     }
 }

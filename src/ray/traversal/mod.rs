@@ -11,6 +11,7 @@ mod leaf;
 pub(super) mod query;
 mod ray_layout;
 pub(super) mod ray_traversal;
+mod shapes;
 pub(super) mod stream;
 mod traverser;
 mod wide_traversal;

@@ -99,7 +99,7 @@ impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for
         // Each kind of test is called from one place, so that the code of a query fits the instruction cache.
         let still = (sheared, Between::NEVER);
         let (shared, rows, between) = match at.kind() {
-            _ if !G::TRIANGLES => return ended(traverser.list(at, (ray, sheared), collect, observer)),
+            _ if !G::TRIANGLES => return ended(traverser.shapes(s, at, (ray, sheared), collect, observer)),
             Kind::StaticLeaf => {
                 let rows = LeafRows::loose(at, CORNER_ROWS);
                 return ended(traverser.leaf::<S, false>(s, rows, ray, still, collect, observer));
@@ -111,7 +111,7 @@ impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for
             Kind::Leaf => (false, LeafRows::loose(at, 2 * CORNER_ROWS), Between::of_two(ray.time())),
             Kind::SharedLeaf => (true, LeafRows::shared(at, 2 * VERTEX_ROWS), Between::of_two(ray.time())),
             _ if at.at() >= traverser.lists => {
-                return ended(traverser.list(at, (ray, sheared), collect, observer));
+                return ended(traverser.shapes(s, at, (ray, sheared), collect, observer));
             }
             _ => {
                 let keyed = KeyedLeaf::read(traverser.arena.ints(), at);

@@ -1,0 +1,203 @@
+//! Leaf blocks of shapes: lists of ids, and behind them the positions of spheres.
+//!
+//! | words | |
+//! |---|---|
+//! | n | ids |
+//! | 1 | number of keys of each sphere; 0 if the block only lists ids, and then it ends here |
+//! | 3 | first key in the block; number of keys in it; sizes |
+//! | rows of n | for each key in the block: x, y and z of the centers, and the radii |
+//!
+//! The rows are in tree space and in f32. Queries use them to rule out spheres; what is left is decided by the shape's own functions. So a
+//! block also has the greatest error of its rows: as in other blocks, sizes are the exponents of two powers of two. No coordinate and no
+//! radius is larger than the first. At any time, the distance of centers from those of [`MovingSphere::at`] and the difference of radii are together
+//! at most the second, but for roundings of f32.
+
+use super::leaf_block::{MovedLeaf, WideSource, bounds_of};
+use super::leaf_lanes::Between;
+use super::wide_node::{ChildRef, Kind, Sizes};
+use crate::geometry::{Frame, LinearBox3, ULP};
+use crate::primitive::MovingSphere;
+use crate::simd::{Arena, Rows, Simd};
+use crate::time::TimeSlice;
+
+/// Rows of one key: the center and the radius.
+pub(crate) const SPHERE_ROWS: usize = 4;
+
+/// Words between the ids and the rows.
+const HEADER: usize = 4;
+
+/// Spheres farther away than this in tree space, or as large, are only listed: squares of such numbers do not overflow.
+const FARTHEST: f64 = 4294967296.0;
+
+/// What the rounding of the sphere's own functions is at most, relative to the size of the world's numbers; their bounds are padded by as
+/// much.
+const ROUNDING: f64 = 1e-9;
+
+/// The header of the rows behind a list of spheres.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct SphereLeaf {
+    /// Keys of each sphere, at least one.
+    pub keys: usize,
+    /// The first key in the block, and the number of keys in it.
+    pub first: usize,
+    pub held: usize,
+    /// The word of the sizes ([`super::block_sizes`]).
+    pub sizes: u32,
+}
+
+impl SphereLeaf {
+    /// The rows of a block of `n` ids that begins at `words[0]`; `None` if it only lists ids.
+    #[inline(always)]
+    pub fn of(words: &[u32], n: usize) -> Option<SphereLeaf> {
+        match words[n] {
+            0 => None,
+            keys => {
+                let &[first, held, sizes] = words[n + 1..].first_chunk().expect("a whole header");
+                Some(SphereLeaf { keys: keys as usize, first: first as usize, held: held as usize, sizes })
+            }
+        }
+    }
+
+    /// The offset of the rows of the key at which a segment begins, in a block of `n` ids; the rows of the next key follow. For a segment
+    /// that is not in the block, the offset of some rows of the block.
+    #[inline(always)]
+    pub fn rows(&self, n: usize, segment: usize) -> usize {
+        let key = segment.saturating_sub(self.first).min(self.held.saturating_sub(2));
+        n + HEADER + key * SPHERE_ROWS * n
+    }
+
+    /// The number of words of a block of `n` ids.
+    fn words(&self, n: usize) -> usize {
+        n + HEADER + self.held * SPHERE_ROWS * n
+    }
+
+    /// The number of words of a block of `n` ids that begins at `words[0]`; `None` if it is incomplete.
+    pub fn words_of_list(words: &[u32], n: usize) -> Option<usize> {
+        let end = match words.get(n)? {
+            0 => n + 1,
+            _ if words.len() < n + HEADER => return None,
+            _ => SphereLeaf::of(words, n)?.words(n),
+        };
+        (end <= words.len()).then_some(end)
+    }
+
+    /// The rows of some shapes in a time slice, without their sizes; `None` if they are to be listed only: not all are spheres, or of different
+    /// numbers of keys above two.
+    fn for_shapes<S: WideSource + ?Sized>(set: &S, ids: &[u32], slice: TimeSlice) -> Option<SphereLeaf> {
+        let keys = |id: &u32| set.sphere(*id).map_or(0, |sphere| sphere.keys.len());
+        let (least, most) = ids.iter().map(keys).fold((usize::MAX, 0), |(a, b), keys| (a.min(keys), b.max(keys)));
+        if least == 0 || most > 2 && least != most {
+            return None;
+        }
+        let [first, last] = if most > 2 { slice.segments(most) } else { [0, 0] };
+        Some(SphereLeaf { keys: most, first, held: if most > 2 { last + 2 - first } else { most }, sizes: 0 })
+    }
+
+    /// Writes the header and the rows; `false` if a sphere is too far away or too large.
+    fn write<S: WideSource + ?Sized>(&self, set: &S, ids: &[u32], words: &mut [u32]) -> bool {
+        let n = ids.len();
+        let (mut size, mut error) = (0.0, 0.0);
+        let (front, rows) = words[..self.words(n)].split_at_mut(n + HEADER);
+        for (lane, &id) in ids.iter().enumerate() {
+            let Some(sphere) = set.sphere(id) else { return false };
+            let Some(of) = Measured::of(sphere, set.frame()) else { return false };
+            (size, error) = (of.size.max(size), of.error.max(error));
+            for (key, rows) in rows.chunks_exact_mut(SPHERE_ROWS * n).enumerate() {
+                // A sphere at rest beside others that move has one key.
+                let (center, radius) = sphere.keys[(self.first + key).min(sphere.keys.len() - 1)];
+                let center = set.frame().point(center);
+                let radius = (radius.abs() * set.frame().scale) as f32;
+                for (row, x) in [center.x, center.y, center.z, radius].into_iter().enumerate() {
+                    rows[row * n + lane] = x.to_bits();
+                }
+            }
+        }
+        let sizes = Sizes::word_of(size as f32, error as f32);
+        front[n..].copy_from_slice(&[self.keys as u32, self.first as u32, self.held as u32, sizes]);
+        true
+    }
+}
+
+/// The size of a sphere in tree space, and the error of its rows.
+struct Measured {
+    size: f64,
+    error: f64,
+}
+
+impl Measured {
+    /// `None` for a sphere that is only listed.
+    fn of(sphere: &MovingSphere, frame: &Frame) -> Option<Measured> {
+        let (mut size, mut world, mut step) = (0.0f64, 0.0f64, 0.0f64);
+        let mut before = None;
+        for &(center, radius) in &sphere.keys {
+            let at = frame.fine_point(center);
+            let place = [at.x, at.y, at.z, radius.abs() * frame.scale];
+            for x in place {
+                if x.is_nan() || x.abs() >= FARTHEST {
+                    return None;
+                }
+                size = size.max(x.abs());
+            }
+            world = world.max(center.abs().max_element() + radius.abs());
+            let here = (at, radius.abs() * frame.scale);
+            let (from, was) = before.unwrap_or(here);
+            step = step.max((here.0 - from).length() + (here.1 - was).abs());
+            before = Some(here);
+        }
+        // A query's place between keys is rounded in f32: by an ULP of the number of segments, at most.
+        let segments = sphere.keys.len() as f64;
+        Some(Measured { size, error: ROUNDING * world * frame.scale + segments * f64::from(ULP) * step })
+    }
+}
+
+/// The number of words of a block of shapes.
+pub(super) fn shapes_words<S: WideSource + ?Sized>(set: &S, ids: &[u32], slice: TimeSlice) -> usize {
+    SphereLeaf::for_shapes(set, ids, slice).map_or(ids.len() + 1, |leaf| leaf.words(ids.len()))
+}
+
+/// Writes a block of shapes; `None` if the arena is full.
+pub(super) fn write_shapes<S: WideSource + ?Sized>(
+    set: &S,
+    arena: &mut Arena,
+    ids: &[u32],
+    slice: TimeSlice,
+) -> Option<ChildRef> {
+    arena.align();
+    let spheres = SphereLeaf::for_shapes(set, ids, slice);
+    let n = ids.len();
+    let at = arena.grow(spheres.map_or(n + 1, |leaf| leaf.words(n)));
+    let words = &mut arena.ints_mut()[at..];
+    words[..n].copy_from_slice(ids);
+    if !spheres.is_some_and(|leaf| leaf.write(set, ids, words)) {
+        words[n] = 0;
+    }
+    ChildRef::new(Kind::OtherLeaf, at, n)
+}
+
+/// Rewrites a block of shapes that begins at `words[0]`, and returns their bounds. If shapes are no longer spheres, or have another number of
+/// keys, the block only lists them from then on.
+pub(super) fn rewrite_shapes<S: WideSource + ?Sized>(set: &S, words: &mut [u32], of: MovedLeaf<'_>) -> LinearBox3 {
+    let n = of.ids.len();
+    if let Some(leaf) = SphereLeaf::of(words, n) {
+        let now = SphereLeaf::for_shapes(set, of.ids, TimeSlice::WHOLE);
+        // A sphere at rest has the same place at both keys.
+        let same = now.is_some_and(|now| now.keys == leaf.keys || now.keys == 1 && leaf.keys == 2);
+        if !(same && leaf.write(set, of.ids, words)) {
+            words[n] = 0;
+        }
+    }
+    bounds_of(set, of.ids, of.over)
+}
+
+/// A row of the spheres of a block at a time: one coordinate of the centers relative to an origin, or the radii relative to zero. For culling
+/// only.
+#[inline(always)]
+pub(crate) fn sphere_row<S: Simd, const MOVING: bool>(s: S, rows: &Rows, at: Between, row: usize, origin: f32) -> S::F {
+    let (base, other) = at.rows(SPHERE_ROWS);
+    let (near, origin) = (s.load_row(rows, base + row), s.splat(origin));
+    if MOVING {
+        s.mul_add(s.load_row(rows, other + row) - near, s.splat(at.fraction), near - origin)
+    } else {
+        near - origin
+    }
+}

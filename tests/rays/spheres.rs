@@ -1,0 +1,244 @@
+//! Spheres, of which rays are tested against many at a time, equal brute force over single ones.
+
+use crate::common::{Random, difference, variants};
+use core::sync::atomic::{AtomicUsize, Ordering};
+use mbkd::baseline::BruteForce;
+use mbkd::glam::DVec3;
+use mbkd::{
+    BuildParams, ClosestPointQuery, Counters, Division, Instance, InstanceTree, Intersection, LazyParams, LinearBounds,
+    MovingSphere, Pose, Primitive, Ray, RayTree, Shape, SimdLevel, SurfacePoint, TimeInterval, WideParams,
+};
+use std::sync::Arc;
+
+/// What the spheres of a set are like.
+#[derive(Clone, Copy, Debug)]
+struct Kind {
+    count: usize,
+    /// The numbers of keys, one after the other.
+    keys: &'static [usize],
+    size: f64,
+    motion: f64,
+    /// The size of space, and where its middle is.
+    scale: f64,
+    origin: f64,
+}
+
+const PLAIN: Kind = Kind { count: 200, keys: &[2], size: 0.1, motion: 0.2, scale: 1.0, origin: 0.0 };
+
+const KINDS: [Kind; 12] = [
+    PLAIN,
+    Kind { count: 1, ..PLAIN },
+    Kind { count: 17, keys: &[1], ..PLAIN },
+    Kind { count: 600, keys: &[1, 2], motion: 1.0, ..PLAIN },
+    Kind { count: 300, keys: &[9], ..PLAIN },
+    Kind { keys: &[0, 1, 2, 3, 65], ..PLAIN },
+    Kind { size: 1e-6, motion: 1e-5, ..PLAIN },
+    Kind { size: 3.0, ..PLAIN },
+    Kind { scale: 1e20, ..PLAIN },
+    Kind { scale: 1e-20, ..PLAIN },
+    Kind { origin: 1e7, ..PLAIN },
+    Kind { keys: &[200], motion: 3.0, ..PLAIN },
+];
+
+fn spheres(kind: Kind, seed: u64) -> Vec<MovingSphere> {
+    let mut random = Random(seed);
+    let Kind { count, keys, size, motion, scale, origin } = kind;
+    let sphere = |i: usize| {
+        let mut center = random.vec().as_dvec3();
+        let size = if i % 7 == 6 { 0.0 } else { size };
+        let mut key = || {
+            center += random.vec().as_dvec3() * motion;
+            // A negative radius counts as its absolute value.
+            (center * scale + origin, size * scale * f64::from(random.signed()))
+        };
+        let keys = (0..keys[i % keys.len()]).map(|_| key()).collect();
+        let active = if i % 5 == 1 { TimeInterval::new(0.3, 0.6).unwrap() } else { TimeInterval::FULL };
+        MovingSphere::new(keys).with_active(active)
+    };
+    (0..count).map(sphere).collect()
+}
+
+/// Rays through the scene from near, far and inside of spheres; some along tangents.
+fn rays(kind: Kind, balls: &[MovingSphere], count: usize, seed: u64) -> Vec<Ray> {
+    let mut random = Random(seed);
+    let ray = |i: usize| {
+        let time = if i.is_multiple_of(9) { (i % 3) as f32 * 0.5 } else { random.unit() };
+        let ball = &balls[random.below(balls.len())];
+        let (center, radius) = ball.at(time);
+        let far = [1.5, 1.5, 40.0, 1e4][i % 4] * kind.scale;
+        let mut origin = DVec3::splat(kind.origin) + random.vec().as_dvec3() * far;
+        if i % 5 == 4 {
+            origin = center + random.vec().as_dvec3() * radius.max(1e-3 * kind.scale);
+        }
+        let aside = (center - origin).cross(random.vec().as_dvec3()).normalize_or_zero() * radius;
+        let to = center + aside * [1.0, 0.0, 0.5, 1.0 - 1e-7][i % 4];
+        let dir = (to - origin).normalize_or(DVec3::X) * [1.0, 1e-3, 7.0][i % 3];
+        let ray = Ray::new(origin, dir.as_vec3()).at_time(time);
+        if i % 6 == 5 { ray.between(0.0, (far * 0.7) as f32) } else { ray }
+    };
+    (0..count).map(ray).collect()
+}
+
+fn params() -> Vec<BuildParams> {
+    let divided = [Division::Whole, Division::SharedLeaves(3), Division::SeparateTrees(4)]
+        .map(|division| BuildParams::wide(WideParams { division, ..WideParams::default() }));
+    variants().into_iter().chain(divided).collect()
+}
+
+#[test]
+fn all_answers_equal_brute_force() {
+    let (mut hits, mut from_files) = (0, 0);
+    for (i, kind) in KINDS.into_iter().enumerate() {
+        let balls = spheres(kind, 5 + i as u64);
+        let shapes = || balls.iter().cloned().map(Shape::from).collect::<Vec<_>>();
+        let oracle = BruteForce::of_scene(&[], shapes()).unwrap();
+        let rays = rays(kind, &balls, 150, 30 + i as u64);
+        hits += rays.iter().filter(|ray| oracle.any_hit(ray)).count();
+        for params in params() {
+            let mut tree = RayTree::of_scene(&[], shapes(), &params).unwrap();
+            assert_eq!(tree.validate(), Ok(()), "{kind:?}, {params:?}");
+            for level in SimdLevel::available() {
+                tree = tree.with_simd(level);
+                for ray in &rays {
+                    assert_eq!(difference(&tree, &oracle, ray), None, "{kind:?}, {params:?}, {level}");
+                }
+            }
+            let mut found = Vec::new();
+            tree.closest_hits(&rays, &mut found);
+            for (ray, found) in rays.iter().zip(&found) {
+                assert_eq!(*found, oracle.closest_hit(ray), "{kind:?}, {params:?}");
+            }
+            let mut bytes = Vec::new();
+            if tree.write_to(&mut bytes).is_ok() {
+                let again = RayTree::read_from(&mut bytes.as_slice()).unwrap();
+                assert!(rays.iter().all(|ray| again.closest_hit(ray) == oracle.closest_hit(ray)), "{kind:?}");
+                from_files += 1;
+            }
+        }
+    }
+    assert!(hits > 800 && from_files > 100, "{hits} hits, {from_files} files");
+}
+
+#[test]
+fn closest_points_equal_brute_force() {
+    for (i, kind) in KINDS.into_iter().enumerate() {
+        let balls = spheres(kind, 50 + i as u64);
+        let shapes = || balls.iter().cloned().map(Shape::from).collect::<Vec<_>>();
+        let oracle = BruteForce::of_scene(&[], shapes()).unwrap();
+        for params in params() {
+            let mut tree = RayTree::of_scene(&[], shapes(), &params).unwrap();
+            for level in SimdLevel::available() {
+                let mut random = Random(8);
+                tree = tree.with_simd(level);
+                for j in 0..60 {
+                    let away = [1.5, 0.2, 30.0][j % 3] * kind.scale;
+                    let point = DVec3::splat(kind.origin) + random.vec().as_dvec3() * away;
+                    let within = if j % 4 == 3 { (0.3 * kind.scale) as f32 } else { f32::INFINITY };
+                    let query = ClosestPointQuery::new(point, random.unit()).within(within);
+                    let found = tree.closest_point(query.point, query.time, query.max_distance);
+                    assert_eq!(found, oracle.closest_point(&query), "{kind:?}, {params:?}, {level}");
+                }
+            }
+        }
+    }
+}
+
+/// Frame by frame, spheres move, gain and lose keys, and become other shapes.
+#[test]
+fn refitted_trees_equal_brute_force_whatever_becomes_of_spheres() {
+    let frames = [PLAIN, PLAIN, Kind { keys: &[1], ..PLAIN }, PLAIN, Kind { keys: &[1, 2, 9], ..PLAIN }, PLAIN];
+    for params in [Division::Automatic, Division::SharedLeaves(3), Division::SeparateTrees(2)] {
+        let params = BuildParams::wide(WideParams { division: params, ..WideParams::default() });
+        for first in [PLAIN, Kind { keys: &[9], ..PLAIN }] {
+            let mut tree = RayTree::of_primitives(spheres(first, 1), &params).unwrap();
+            for (frame, kind) in frames.into_iter().chain([first]).enumerate() {
+                let balls = spheres(kind, 2 + frame as u64);
+                tree.refit_primitives(balls.clone()).unwrap();
+                let oracle = BruteForce::of_primitives(balls.clone()).unwrap();
+                for ray in rays(kind, &balls, 150, frame as u64) {
+                    assert_eq!(difference(&tree, &oracle, &ray), None, "{params:?}, frame {frame}");
+                }
+            }
+        }
+    }
+}
+
+/// A sphere with a name, which counts how often it is asked.
+struct Named(MovingSphere);
+
+static ASKED: AtomicUsize = AtomicUsize::new(0);
+
+impl Primitive for Named {
+    fn bounds(&self, over: TimeInterval) -> LinearBounds {
+        self.0.bounds(over)
+    }
+
+    fn intersect(&self, ray: &Ray) -> Option<Intersection> {
+        ASKED.fetch_add(1, Ordering::Relaxed);
+        self.0.intersect(ray)
+    }
+
+    fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
+        ASKED.fetch_add(1, Ordering::Relaxed);
+        self.0.closest_point(point, time)
+    }
+
+    fn as_sphere(&self) -> Option<&MovingSphere> {
+        Some(&self.0)
+    }
+}
+
+/// Boxes and the test of sixteen at a time leave little more than the spheres that are hit.
+#[test]
+fn few_spheres_are_asked() {
+    for (keys, divided) in [(1, false), (2, false), (9, false), (9, true)] {
+        let balls =
+            spheres(Kind { count: 5000, keys: &[1, 2, 9][keys / 4..][..1], size: 0.03, motion: 0.05, ..PLAIN }, 3);
+        let own = || balls.iter().cloned().map(Named).collect::<Vec<_>>();
+        let division = if divided { Division::SeparateTrees(4) } else { Division::Whole };
+        let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
+        for own_primitives in [true, false] {
+            let rays = rays(PLAIN, &balls, 1000, 4);
+            let mut counters = Counters::default();
+            ASKED.store(0, Ordering::Relaxed);
+            let (hits, leaves) = if own_primitives {
+                let tree = RayTree::of_primitives(own(), &params).unwrap();
+                (
+                    rays.iter().filter(|ray| tree.closest_hit_observed(ray, &mut counters).is_some()).count(),
+                    counters.leaves,
+                )
+            } else {
+                let shapes = own().into_iter().map(Shape::own).collect();
+                let tree = RayTree::of_scene(&[], shapes, &params).unwrap();
+                (
+                    rays.iter().filter(|ray| tree.closest_hit_observed(ray, &mut counters).is_some()).count(),
+                    counters.leaves,
+                )
+            };
+            let asked = ASKED.load(Ordering::Relaxed);
+            assert!(hits > 500 && 2 * asked < 3 * hits, "{keys} keys: {asked} spheres asked for {hits} hits");
+            assert!(leaves < 16 * 1000, "{leaves} leaves");
+        }
+    }
+}
+
+#[test]
+fn spheres_in_instances_and_lazy_trees_equal_brute_force() {
+    let kind = Kind { count: 400, keys: &[1, 2, 5], ..PLAIN };
+    let balls = spheres(kind, 9);
+    let shapes = || balls.iter().cloned().map(Shape::from).collect::<Vec<_>>();
+    let oracle = BruteForce::of_scene(&[], shapes()).unwrap();
+    let lazy = BuildParams::lazy(LazyParams { subtree: 40, ..LazyParams::default() });
+    let tree = RayTree::of_scene(&[], shapes(), &lazy).unwrap();
+    let rays = rays(kind, &balls, 400, 10);
+    for ray in &rays {
+        assert_eq!(difference(&tree, &oracle, ray), None);
+    }
+    // At rest and not turned, an instance has the answers of its tree.
+    let placed = Arc::new(RayTree::of_scene(&[], shapes(), &BuildParams::default()).unwrap());
+    let instances = InstanceTree::build(vec![Instance::new(placed, Pose::IDENTITY)], &WideParams::default()).unwrap();
+    for ray in &rays {
+        assert_eq!(instances.closest_hit(ray).map(|hit| hit.hit), oracle.closest_hit(ray));
+    }
+    assert!(rays.iter().filter(|ray| oracle.any_hit(ray)).count() > 100);
+}
