@@ -5,10 +5,12 @@
 //! | n | ids |
 //! | 1 | number of keys of each sphere; 0 if the block only lists ids, and then it ends here |
 //! | 3 | first key in the block; number of keys in it; sizes |
-//! | rows of n | for each key in the block: x, y and z of the centers, and the radii |
+//! | rows of n | for each key in the block: x, y and z of the centers, and the radii, in f32 |
+//! | 8 n | for each key in the block, sphere by sphere: the same in f64 |
 //!
-//! The rows are in tree space and in f32. Queries use them to rule out spheres; what is left is decided by the shape's own functions. So a
-//! block also has the greatest error of its rows: as in other blocks, sizes are the exponents of two powers of two. No coordinate and no
+//! The rows are in tree space. Queries use them to rule out spheres; what is left is decided by the numbers in f64, which are the caller's. So
+//! nothing of the caller's shapes is read, which would have to be fetched from three places. The header also has the greatest error of the
+//! rows: as in other blocks, sizes are the exponents of two powers of two. No coordinate and no
 //! radius is larger than the first. At any time, the distance of centers from those of [`MovingSphere::at`] and the difference of radii are together
 //! at most the second, but for roundings of f32.
 
@@ -19,12 +21,16 @@ use crate::geometry::{Frame, LinearBox3, ULP};
 use crate::primitive::MovingSphere;
 use crate::simd::{Arena, Rows, Simd};
 use crate::time::TimeSlice;
+use glam::DVec3;
 
 /// Rows of one key: the center and the radius.
 pub(crate) const SPHERE_ROWS: usize = 4;
 
 /// Words between the ids and the rows.
 const HEADER: usize = 4;
+
+/// Words of a sphere at a key in f64.
+const EXACT: usize = 2 * SPHERE_ROWS;
 
 /// Spheres farther away than this in tree space, or as large, are only listed: squares of such numbers do not overflow.
 const FARTHEST: f64 = 4294967296.0;
@@ -66,9 +72,35 @@ impl SphereLeaf {
         n + HEADER + key * SPHERE_ROWS * n
     }
 
+    /// The offset of the numbers in f64.
+    #[inline(always)]
+    fn exact(&self, n: usize) -> usize {
+        n + HEADER + self.held * SPHERE_ROWS * n
+    }
+
     /// The number of words of a block of `n` ids.
     fn words(&self, n: usize) -> usize {
-        n + HEADER + self.held * SPHERE_ROWS * n
+        self.exact(n) + self.held * EXACT * n
+    }
+
+    /// Center and radius of a sphere at a time, as [`MovingSphere::at`] computes them, from a block of `n` ids that begins at `words[0]`. `None` if
+    /// the block has not the keys around that time. That is possible within a rounding error of a key.
+    #[inline(always)]
+    pub fn at(&self, words: &[u32], n: usize, lane: usize, time: f32) -> Option<(DVec3, f64)> {
+        let key = |key: usize| {
+            let at = self.exact(n) + (key * n + lane) * EXACT;
+            let words: &[u32; EXACT] = words[at..at + EXACT].try_into().ok()?;
+            let [x, y, z, radius] =
+                [0, 2, 4, 6].map(|i| f64::from_bits(u64::from(words[i + 1]) << 32 | u64::from(words[i])));
+            Some((DVec3::new(x, y, z), radius))
+        };
+        if self.keys == 1 {
+            let only = key(0)?;
+            return Some(MovingSphere::between(only, only, 0.0));
+        }
+        let (segment, w) = MovingSphere::segment_at(time, self.keys);
+        let segment = segment.checked_sub(self.first).filter(|segment| segment + 1 < self.held)?;
+        Some(MovingSphere::between(key(segment)?, key(segment + 1)?, w))
     }
 
     /// The number of words of a block of `n` ids that begins at `words[0]`; `None` if it is incomplete.
@@ -98,17 +130,23 @@ impl SphereLeaf {
         let n = ids.len();
         let (mut size, mut error) = (0.0, 0.0);
         let (front, rows) = words[..self.words(n)].split_at_mut(n + HEADER);
+        let (rows, exact) = rows.split_at_mut(self.held * SPHERE_ROWS * n);
         for (lane, &id) in ids.iter().enumerate() {
             let Some(sphere) = set.sphere(id) else { return false };
             let Some(of) = Measured::of(sphere, set.frame()) else { return false };
             (size, error) = (of.size.max(size), of.error.max(error));
-            for (key, rows) in rows.chunks_exact_mut(SPHERE_ROWS * n).enumerate() {
+            let keys = rows.chunks_exact_mut(SPHERE_ROWS * n).zip(exact.chunks_exact_mut(EXACT * n));
+            for (key, (rows, exact)) in keys.enumerate() {
                 // A sphere at rest beside others that move has one key.
                 let (center, radius) = sphere.keys[(self.first + key).min(sphere.keys.len() - 1)];
-                let center = set.frame().point(center);
-                let radius = (radius.abs() * set.frame().scale) as f32;
-                for (row, x) in [center.x, center.y, center.z, radius].into_iter().enumerate() {
-                    rows[row * n + lane] = x.to_bits();
+                let at = set.frame().fine_point(center);
+                let in_tree = [at.x, at.y, at.z, radius.abs() * set.frame().scale];
+                let in_world = [center.x, center.y, center.z, radius];
+                for (row, x) in in_tree.into_iter().enumerate() {
+                    rows[row * n + lane] = (x as f32).to_bits();
+                }
+                for (words, x) in exact[lane * EXACT..].as_chunks_mut().0.iter_mut().zip(in_world) {
+                    *words = [x.to_bits() as u32, (x.to_bits() >> 32) as u32];
                 }
             }
         }

@@ -85,8 +85,7 @@ pub trait Primitive: Send + Sync {
     /// The sphere that has the same intersections and, where the primitive has any, the same closest points; for instance of a sphere that
     /// carries further data of the caller's.
     ///
-    /// Rays are tested against up to sixteen spheres at a time, and only those that may be hit are asked to
-    /// [`intersect`](Primitive::intersect). The default is `None`: rays are tested against one primitive after the other.
+    /// Rays are tested against up to sixteen spheres at a time, by the sphere's functions instead of the primitive's. The default is `None`: rays are tested against one primitive after the other.
     ///
     /// ```
     /// use mbkd::glam::{DVec3, Vec3};
@@ -322,7 +321,8 @@ impl<P: Primitive> Shapes<P> {
     /// Shapes that were checked, in a tree space that holds them.
     pub(crate) fn within(shapes: Vec<P>, extent: ShapesExtent, frame: Frame) -> Shapes<P> {
         let keys = || shapes.iter().filter_map(|shape| Some(shape.as_sphere()?.keys.len()));
-        let further_key_bytes = keys().map(|keys| keys.saturating_sub(2)).sum::<usize>() * size_of::<[f32; 4]>();
+        let further_keys = keys().map(|keys| keys.saturating_sub(2)).sum::<usize>();
+        let further_key_bytes = further_keys * size_of::<([f32; 4], [f64; 4])>();
         let spheres = keys().count();
         Shapes { shapes, active: extent.active, spheres, further_key_bytes, frame, bad: AtomicU32::new(NONE) }
     }

@@ -43,19 +43,55 @@ impl MovingSphere {
     }
 
     /// Center and radius at a time in [0, 1].
-    #[inline]
     pub fn at(&self, time: f32) -> (DVec3, f64) {
         match self.keys.as_slice() {
             [] => (DVec3::ZERO, 0.0),
-            [only] => (only.0, only.1.abs()),
+            &[only] => MovingSphere::between(only, only, 0.0),
             keys => {
-                let segments = keys.len() - 1;
-                let at = f64::from(time) * segments as f64;
-                let segment = (at as usize).min(segments - 1);
-                let ((p, r), (q, s), w) = (keys[segment], keys[segment + 1], at - segment as f64);
-                (p + (q - p) * w, r.abs() + (s.abs() - r.abs()) * w)
+                let (segment, w) = MovingSphere::segment_at(time, keys.len());
+                MovingSphere::between(keys[segment], keys[segment + 1], w)
             }
         }
+    }
+
+    /// The segment between two of so many keys that contains a time, and the fraction of it.
+    #[inline(always)]
+    pub(crate) fn segment_at(time: f32, keys: usize) -> (usize, f64) {
+        let segments = keys - 1;
+        let at = f64::from(time) * segments as f64;
+        let segment = (at as usize).min(segments - 1);
+        (segment, at - segment as f64)
+    }
+
+    /// Center and radius between two keys.
+    #[inline(always)]
+    pub(crate) fn between((p, r): (DVec3, f64), (q, s): (DVec3, f64), w: f64) -> (DVec3, f64) {
+        (p + (q - p) * w, r.abs() + (s.abs() - r.abs()) * w)
+    }
+
+    /// The nearer of the two intersections with a sphere that lies in the ray's range, as [`Primitive::intersect`] returns it.
+    #[inline(always)]
+    pub(crate) fn intersection((center, radius): (DVec3, f64), ray: &Ray) -> Option<Intersection> {
+        let d = ray.dir.as_dvec3();
+        let per_square = d.length_squared().recip();
+        let to_center = center - ray.origin;
+        // The foot of the perpendicular from the center: testing its distance avoids cancellation
+        // between large squares, however far away the ray begins.
+        let middle = to_center.dot(d) * per_square;
+        let aside = to_center - d * middle;
+        let inside = radius * radius - aside.length_squared();
+        if inside.is_nan() || inside <= 0.0 {
+            return None;
+        }
+        let half = (inside * per_square).sqrt();
+        let in_range = |t: f32| ray.t_min <= t && t <= ray.t_max;
+        let (near, far) = ((middle - half) as f32, (middle + half) as f32);
+        let t = if in_range(near) { near } else { far };
+        if !in_range(t) {
+            return None;
+        }
+        let normal = (ray.point(t) - center) * radius.recip();
+        Some(Intersection { t, u: normal.x as f32, v: normal.y as f32 })
     }
 
     /// The outward unit normal at a point of the surface, at a time in [0, 1]; zero at the center.
@@ -121,29 +157,8 @@ impl Primitive for MovingSphere {
 
     /// The nearer of the two intersections that lies in the ray's range; `u` and `v` are the x and y
     /// of the unit normal. (Its z may have either sign: see [`MovingSphere::normal`].)
-    #[inline]
     fn intersect(&self, ray: &Ray) -> Option<Intersection> {
-        let (center, radius) = self.at(ray.time);
-        let d = ray.dir.as_dvec3();
-        let per_square = d.length_squared().recip();
-        let to_center = center - ray.origin;
-        // The foot of the perpendicular from the center: testing its distance avoids cancellation
-        // between large squares, however far away the ray begins.
-        let middle = to_center.dot(d) * per_square;
-        let aside = to_center - d * middle;
-        let inside = radius * radius - aside.length_squared();
-        if inside.is_nan() || inside <= 0.0 {
-            return None;
-        }
-        let half = (inside * per_square).sqrt();
-        let in_range = |t: f32| ray.t_min <= t && t <= ray.t_max;
-        let (near, far) = ((middle - half) as f32, (middle + half) as f32);
-        let t = if in_range(near) { near } else { far };
-        if !in_range(t) {
-            return None;
-        }
-        let normal = (ray.point(t) - center) * radius.recip();
-        Some(Intersection { t, u: normal.x as f32, v: normal.y as f32 })
+        MovingSphere::intersection(self.at(ray.time), ray)
     }
 
     /// The nearest point of the surface; `u` and `v` as in [`Primitive::intersect`]. From the center it is the one along
