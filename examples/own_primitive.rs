@@ -73,7 +73,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             None => println!("time {time}: the ray hits nothing"),
         }
         let query = ClosestPointQuery::new(DVec3::new(0.0, 0.0, 40.0), time);
-        if let Some(near) = tree.closest_point(query.point, time, f32::INFINITY) {
+        if let Some(near) = tree.closest_point(&query) {
             println!("          nearest to {} is {}, {:.4} away", query.point, what(near.primitive), near.distance);
         }
     }

@@ -14,12 +14,11 @@ use crate::layout::ChildRef;
 use crate::primitive::PrimitiveSet;
 use crate::ray::{ClosestPointQuery, Guards, Leaves, NearestFirst, Observer, PlacedQuery, Query, answer_each};
 use crate::simd::{Simd, dispatch};
-use glam::DVec3;
 
 impl InstanceTree {
-    /// The closest point in any instance at a time of the shutter, if it is no farther than `max_distance` (which may
-    /// be infinite); of several at the same distance (as an f32) the one with the lowest path, and of these the lowest
-    /// (mesh, primitive). `point` is a `Vec3` or `DVec3` in the coordinates of this tree, and so is the answer.
+    /// The closest point in any instance at a time of the shutter, if it is no farther than the query's greatest
+    /// distance; of several at the same distance (as an f32) the one with the lowest path, and of these the lowest
+    /// (mesh, primitive). The query is in the coordinates of this tree, and so is the answer.
     ///
     /// Distances from triangles are those of their images at that time: corners are mapped in f64
     /// ([`InstanceTree::vertices`]), under any matrix. Spheres and custom primitives are queried in their own space,
@@ -34,7 +33,7 @@ impl InstanceTree {
     /// ```
     /// use std::sync::Arc;
     /// use mbkd::glam::{DVec3, Vec3};
-    /// use mbkd::{BuildParams, Instance, InstanceTree, Pose, RayTree, TriangleMesh, WideParams};
+    /// use mbkd::{BuildParams, ClosestPointQuery, Instance, InstanceTree, Pose, RayTree, TriangleMesh, WideParams};
     /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
     /// let of = Arc::new(RayTree::build(&[mesh], &BuildParams::default())?);
     /// // One that rises by 2, and one three times as large, at x = 10.
@@ -44,14 +43,14 @@ impl InstanceTree {
     ///     vec![Instance::new(of.clone(), up.to_vec()), Instance::new(of, large)],
     ///     &WideParams::default(),
     /// )?;
-    /// let found = tree.closest_point(Vec3::new(0.25, 0.25, 3.0), 0.5, f32::INFINITY).unwrap();
+    /// let found = tree.closest_point(&ClosestPointQuery::new(Vec3::new(0.25, 0.25, 3.0), 0.5)).unwrap();
     /// assert_eq!((&found.path[..], found.near.distance, found.near.point), (&[0][..], 2.0, DVec3::new(0.25, 0.25, 1.0)));
-    /// let found = tree.closest_point(Vec3::new(11.5, 0.75, -1.0), 0.5, 5.0).unwrap();
+    /// let found = tree.closest_point(&ClosestPointQuery::new(Vec3::new(11.5, 0.75, -1.0), 0.5).within(5.0)).unwrap();
     /// assert_eq!((&found.path[..], found.near.distance, found.near.u, found.near.v), (&[1][..], 1.0, 0.5, 0.25));
     /// # Ok::<(), mbkd::InstanceError>(())
     /// ```
-    pub fn closest_point(&self, point: impl Into<DVec3>, time: f32, max_distance: f32) -> Option<InstancePoint> {
-        self.nearest(ClosestPointQuery { point: point.into(), time, max_distance }, InstanceGuards::Plain)
+    pub fn closest_point(&self, query: &ClosestPointQuery) -> Option<InstancePoint> {
+        self.nearest(*query, InstanceGuards::Plain)
     }
 
     /// [`InstanceTree::closest_point`] among the points for which `accept` returns true, in instances whose

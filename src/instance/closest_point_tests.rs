@@ -84,7 +84,7 @@ impl All {
             let all = |mask, accept: &dyn Fn(&InstancePoint) -> bool| {
                 self.nearest(&query.into(), InstancePath::default(), mask, accept)
             };
-            let near = self.tree.closest_point(query.point, query.time, query.max_distance);
+            let near = self.tree.closest_point(&query);
             assert_eq!(near, all(u32::MAX, &|_| true), "{query:?}");
             let odd = |p: &InstancePoint| (p.near.primitive + p.path[0]) % 2 == 1;
             let mask = 1 << below(random, 3);
@@ -196,9 +196,12 @@ fn ties_go_to_the_lowest_path() {
     let of = Arc::new(RayTree::build(&mesh, &BuildParams::default()).unwrap());
     let same = (0..50).map(|_| Instance::new(of.clone(), Pose::IDENTITY)).collect();
     let tree = InstanceTree::build(same, &WideParams::default()).unwrap();
-    let found = tree.closest_point(Vec3::new(0.1, 0.1, 1.0), 0.5, 1.0).unwrap();
+    let found = tree.closest_point(&ClosestPointQuery::new(Vec3::new(0.1, 0.1, 1.0), 0.5).within(1.0)).unwrap();
     assert_eq!((&found.path[..], found.near.primitive, found.near.distance), (&[0][..], 0, 1.0));
-    assert_eq!(tree.closest_point(Vec3::new(0.1, 0.1, 1.0), 0.5, 1f32.next_down()), None);
+    assert_eq!(
+        tree.closest_point(&ClosestPointQuery::new(Vec3::new(0.1, 0.1, 1.0), 0.5).within(1f32.next_down())),
+        None
+    );
 }
 
 #[test]

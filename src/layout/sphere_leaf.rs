@@ -239,3 +239,120 @@ pub(crate) fn sphere_row<S: Simd, const MOVING: bool>(s: S, rows: &Rows, at: Bet
         near - origin
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::KeyTime;
+    use crate::layout::block_sizes;
+    use crate::primitive::{Primitive, PrimitiveSet, Shapes};
+    use crate::random::Random;
+    use crate::simd::{Portable, Rows};
+
+    fn spheres(n: usize, keys: usize, seed: u64) -> Vec<MovingSphere> {
+        let mut random = Random(seed);
+        let mut key = || (random.dvec(), random.dvec().x * 0.1);
+        (0..n).map(|_| MovingSphere::new((0..keys).map(|_| key()).collect())).collect()
+    }
+
+    fn block(set: &Shapes<MovingSphere>, slice: TimeSlice) -> Vec<u32> {
+        let ids: Vec<u32> = (0..set.shapes().len() as u32).collect();
+        let mut arena = Arena::default();
+        write_shapes(set, &mut arena, &ids, slice).expect("room");
+        arena.ints().to_vec()
+    }
+
+    #[test]
+    fn blocks_have_the_numbers_of_spheres_to_the_last_bit() {
+        let mut random = Random(2);
+        let (mut found, mut missing) = (0, 0);
+        for keys in [1, 2, 3, 9, 65] {
+            let balls = spheres(7, keys, keys as u64);
+            let set = Shapes::new(balls.clone()).expect("valid spheres");
+            for slices in [1, 4, 7] {
+                for index in 0..slices {
+                    let slice = TimeSlice { index, of: slices };
+                    let words = block(&set, slice);
+                    let leaf = SphereLeaf::of(&words, 7).expect("a block of spheres");
+                    let [first, last] = slice.times();
+                    let within = |random: &mut Random| first + (last - first) * random.unit();
+                    for time in [first, last].into_iter().chain((0..40).map(|_| within(&mut random))) {
+                        for (lane, ball) in balls.iter().enumerate() {
+                            match leaf.at(&words, 7, lane, time) {
+                                Some(at) => {
+                                    found += 1;
+                                    assert_eq!(at, ball.at(time), "{keys} keys at {time}");
+                                }
+                                None => missing += 1,
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        assert!(missing * 100 < found, "{missing} of {found}");
+    }
+
+    /// How far the rows of spheres with many keys, between keys as queries find them, are off at most, relative to the stated error.
+    fn off(error_of: fn(&MovingSphere, &Frame) -> f64) -> f64 {
+        let mut random = Random(5);
+        let mut most = 0.0f64;
+        for seed in 0..20 {
+            let balls = spheres(16, 300, seed);
+            let set = Shapes::new(balls.clone()).expect("valid spheres");
+            let words = block(&set, TimeSlice::WHOLE);
+            let leaf = SphereLeaf::of(&words, 16).expect("a block of spheres");
+            let error = balls.iter().map(|ball| error_of(ball, set.frame())).fold(0.0, f64::max);
+            assert!(f64::from(block_sizes(leaf.sizes).1) >= error);
+            for _ in 0..200 {
+                let time = random.unit();
+                let at = KeyTime::new(time, 300);
+                let rows = Rows::new(&crate::simd::as_floats(&words)[leaf.rows(16, at.segment)..], 16, 2 * SPHERE_ROWS);
+                for (lane, ball) in balls.iter().enumerate() {
+                    let row = |row: usize| {
+                        let row = sphere_row::<_, true>(Portable, &rows, Between::new(at), row, 0.0);
+                        f64::from(Portable.lane(row, lane))
+                    };
+                    let (center, radius) = ball.at(time);
+                    let center = set.frame().fine_point(center);
+                    let by = (DVec3::new(row(0), row(1), row(2)) - center).length();
+                    let by = by + (row(3) - radius * set.frame().scale).abs();
+                    // The roundings of f32 that queries allow for besides.
+                    most = most.max((by - 16.0 * f64::from(ULP)) / error);
+                }
+            }
+        }
+        most
+    }
+
+    #[test]
+    fn rows_of_many_keys_are_off_by_no_more_than_the_stated_error_and_would_be_without_the_steps() {
+        assert!(off(|ball, frame| Measured::of(ball, frame).expect("near").error) <= 1.0);
+        assert!(off(|_, _| ROUNDING) > 10.0, "an error that nothing needs");
+    }
+
+    #[test]
+    fn shapes_that_are_no_spheres_any_more_are_only_listed() {
+        let set = |keys: usize| Shapes::new(spheres(5, keys, 1)).expect("valid spheres");
+        let ids = [0, 1, 2, 3, 4];
+        let leaf = ChildRef::new(Kind::OtherLeaf, 0, 5).expect("a small number");
+        let level = crate::simd::SimdLevel::best();
+        let of = MovedLeaf { leaf, ids: &ids, over: crate::geometry::TimeInterval::FULL, level };
+        for (before, after, held) in [(2, 2, true), (2, 1, true), (1, 2, false), (9, 9, true), (9, 2, false)] {
+            let mut words = block(&set(before), TimeSlice::WHOLE);
+            rewrite_shapes(&set(after), &mut words, of);
+            let rows = SphereLeaf::of(&words, 5);
+            assert_eq!(rows.is_some(), held, "{before} and {after} keys");
+            assert_eq!(words[..5], ids);
+            if let Some(rows) = rows {
+                let ball = &set(after);
+                assert_eq!(rows.at(&words, 5, 3, 0.3), Some(ball.shapes()[3].at(0.3)));
+            }
+        }
+        let far = MovingSphere::new(vec![(DVec3::ZERO, 1.0), (DVec3::splat(1e25), 1.0)]);
+        let far = far.with_active(crate::geometry::TimeInterval::new(0.0, 1e-30).expect("an interval"));
+        assert!(far.bounds(far.active).swept().max.x < 2.0);
+        let words = block(&Shapes::new(vec![far]).expect("a valid sphere"), TimeSlice::WHOLE);
+        assert_eq!(SphereLeaf::of(&words, 1), None);
+    }
+}

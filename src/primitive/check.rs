@@ -317,11 +317,14 @@ mod tests {
         }
         let ball = MovingSphere::new(vec![(DVec3::ZERO, 1.0), (DVec3::X * 3.0, 0.5)]);
         let larger = MovingSphere::new(vec![(DVec3::ZERO, 1.0), (DVec3::X * 3.0, 0.6)]);
-        let check =
-            |claimed: &MovingSphere, solid| check_primitive(&Claims(ball.clone(), claimed.clone(), solid), 5000);
-        assert_eq!(check(&ball, false), Ok(()));
-        assert!(matches!(check(&larger, false), Err(PrimitiveError::OtherSphere { .. })));
-        assert!(matches!(check(&ball, true), Err(PrimitiveError::OtherSphere { .. })));
+        let check = |ball: &MovingSphere, claimed: &MovingSphere, solid| {
+            check_primitive(&Claims(ball.clone(), claimed.clone(), solid), 5000)
+        };
+        assert_eq!(check(&ball, &ball, false), Ok(()));
+        assert!(matches!(check(&ball, &larger, false), Err(PrimitiveError::OtherSphere { .. })));
+        // More points are inside of one that does not move.
+        let still = MovingSphere::fixed(DVec3::ZERO, 1.0);
+        assert!(matches!(check(&still, &still, true), Err(PrimitiveError::OtherSphere { .. })));
     }
 
     #[test]

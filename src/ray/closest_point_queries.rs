@@ -6,12 +6,11 @@ use super::closest_point::point_query::{ClosestPointQuery, PlacedQuery};
 use super::compiled::Guards;
 use super::observer::Observer;
 use super::ray_tree::{Geometry, RayTree};
-use glam::DVec3;
 
 impl<G: Geometry> RayTree<G> {
-    /// The closest point on any primitive of the tree at a time of the shutter, if it is no farther than `max_distance`
-    /// (which may be infinite). The answer has its distance, its position and its primitive. Ties at the same distance (as
-    /// an f32) go to the lowest (mesh, primitive). `point` is a `Vec3` or `DVec3` in world coordinates.
+    /// The closest point on any primitive of the tree to a point at a time of the shutter, if it is no farther than the query's
+    /// greatest distance. The answer has its distance, its position and its primitive. Ties at the same distance (as
+    /// an f32) go to the lowest (mesh, primitive).
     ///
     /// Triangles are surfaces; degenerate ones are points and segments. [`MovingSphere`](crate::MovingSphere)s are
     /// surfaces too: from inside, the closest point is on the sphere's surface. Custom primitives are searched if they
@@ -22,26 +21,25 @@ impl<G: Geometry> RayTree<G> {
     /// never too small, and too large by less than 2e-8 of the triangle's longest edge; then it is rounded to the nearest f32.
     ///
     /// Returns `None` for a point that is NaN, infinite or beyond
-    /// [`MAX_COORDINATE`](crate::MAX_COORDINATE), a time outside `[0, 1]`, and a `max_distance` that is negative or NaN.
+    /// [`MAX_COORDINATE`](crate::MAX_COORDINATE), a time outside `[0, 1]`, and a greatest distance that is negative or NaN.
     ///
     /// The time is O(log n) for points near the surface. From a great distance (1e7 scene sizes) all distances are equal as f32
     /// numbers, and every primitive is tested. The method is that of Ericson, *Real-Time Collision Detection*,
     /// section 5.1.5.
     ///
     /// ```
-    /// use mbkd::{BuildParams, RayTree, TriangleMesh, glam::{DVec3, Vec3}};
+    /// use mbkd::{BuildParams, ClosestPointQuery, RayTree, TriangleMesh, glam::{DVec3, Vec3}};
     /// let open = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
     /// let close = open.iter().map(|p| p + Vec3::Z).collect();
     /// let tree = RayTree::build(&[TriangleMesh::new(vec![[0, 1, 2]], vec![open, close])], &BuildParams::default())?;
-    /// let near = tree.closest_point(Vec3::new(0.25, 0.5, 3.0), 0.5, f32::INFINITY).unwrap();
+    /// let near = tree.closest_point(&ClosestPointQuery::new(Vec3::new(0.25, 0.5, 3.0), 0.5)).unwrap();
     /// assert_eq!((near.distance, near.point), (2.5, DVec3::new(0.25, 0.5, 0.5)));
     /// assert_eq!((near.mesh, near.primitive, near.u, near.v), (0, 0, 0.25, 0.5));
-    /// assert_eq!(tree.closest_point(Vec3::new(0.25, 0.5, 3.0), 0.5, 2.0), None);
+    /// assert_eq!(tree.closest_point(&ClosestPointQuery::new(Vec3::new(0.25, 0.5, 3.0), 0.5).within(2.0)), None);
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
-    pub fn closest_point(&self, point: impl Into<DVec3>, time: f32, max_distance: f32) -> Option<ClosestPoint> {
-        let query = ClosestPointQuery { point: point.into(), time, max_distance };
-        self.closest_point_of(query.into())
+    pub fn closest_point(&self, query: &ClosestPointQuery) -> Option<ClosestPoint> {
+        self.closest_point_of((*query).into())
     }
 
     /// [`RayTree::closest_point`] among the points for which `accept` returns true, on meshes whose

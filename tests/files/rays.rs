@@ -4,8 +4,8 @@ use super::support::{HEADER, Random, mutate, rounds, seal};
 use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    BuildParams, Division, FileError, Geometry, Instance, InstanceTree, KdParams, MovingSphere, Pose, Ray, RayTree,
-    Shape, TimeInterval, TreePrimitive, TriangleMesh, Visitor, WideParams,
+    BuildParams, ClosestPointQuery, Division, FileError, Geometry, Instance, InstanceTree, KdParams, MovingSphere,
+    Pose, Ray, RayTree, Shape, TimeInterval, TreePrimitive, TriangleMesh, Visitor, WideParams,
 };
 use std::sync::Arc;
 
@@ -123,7 +123,7 @@ fn answers<G: Geometry>(tree: &RayTree<G>, rays: usize, seed: u64) -> String {
         });
         all.sort();
         let filtered = tree.closest_hit_filtered(&ray, 2, |hit| hit.t > 0.1);
-        let near = tree.closest_point(origin, time, 3.0);
+        let near = tree.closest_point(&ClosestPointQuery::new(origin, time).within(3.0));
         writeln!(out, "{all:?} {filtered:?} {near:?}").unwrap();
         batch.push(ray);
     }

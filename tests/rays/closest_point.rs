@@ -29,7 +29,7 @@ fn bits(found: Option<ClosestPoint>) -> Option<([u64; 3], [u32; 5])> {
 fn agree<G: Geometry>(trees: &[RayTree<G>], oracle: &BruteForce<G>, query: ClosestPointQuery) {
     let expected = oracle.closest_point(&query);
     for tree in trees {
-        let found = tree.closest_point(query.point, query.time, query.max_distance);
+        let found = tree.closest_point(&query);
         assert_eq!(bits(found), bits(expected), "{tree:?} {query:?}: {found:?} instead of {expected:?}");
     }
 }
@@ -133,9 +133,9 @@ fn points_on_the_surface_are_at_distance_zero() {
         let time = random.unit();
         let hit = mbkd::Hit { t: 0.0, u: 0.0, v: 0.0, mesh: 0, primitive: random.below(400) as u32 };
         let [a, b, c] = tree.vertices(&hit, time);
-        let corner = tree.closest_point(a, time, 0.0).unwrap();
+        let corner = tree.closest_point(&ClosestPointQuery::new(a, time).within(0.0)).unwrap();
         assert_eq!((corner.distance, corner.point), (0.0, a));
-        let middle = tree.closest_point((a + b + c) / 3.0, time, 1e-6).unwrap();
+        let middle = tree.closest_point(&ClosestPointQuery::new((a + b + c) / 3.0, time).within(1e-6)).unwrap();
         assert!(middle.distance < 1e-7, "{middle:?}");
     }
 }
@@ -170,7 +170,7 @@ fn spheres_and_the_callers_own_primitives() {
     compare(&balls, &mut random);
     compare(&bricks, &mut random);
     let ball = RayTree::of_primitives(vec![MovingSphere::fixed(DVec3::X, 2.0)], &BuildParams::default()).unwrap();
-    let distance = |at: DVec3| ball.closest_point(at, 0.0, f32::INFINITY).unwrap().distance;
+    let distance = |at: DVec3| ball.closest_point(&ClosestPointQuery::new(at, 0.0)).unwrap().distance;
     assert_eq!((distance(DVec3::X * 4.0), distance(DVec3::ZERO), distance(DVec3::X)), (1.0, 1.0, 2.0));
 }
 
@@ -179,7 +179,9 @@ fn queries_out_of_range_find_nothing() {
     for params in [BuildParams::default(), BuildParams::kd(KdParams::default())] {
         let mesh = soup(50, 2, 0.5, 0.5, 1);
         let tree = RayTree::build(&[mesh], &params).unwrap();
-        let query = |x: f64, time: f32, most: f32| tree.closest_point(DVec3::new(x, 0.0, 0.0), time, most);
+        let query = |x: f64, time: f32, most: f32| {
+            tree.closest_point(&ClosestPointQuery::new(DVec3::new(x, 0.0, 0.0), time).within(most))
+        };
         for (x, time, most) in [
             (f64::NAN, 0.5, 1.0),
             (f64::INFINITY, 0.5, f32::INFINITY),
@@ -197,7 +199,7 @@ fn queries_out_of_range_find_nothing() {
         assert!((far.distance - 1e30).abs() < 1e24);
         assert!(query(0.0, 0.5, f32::INFINITY).is_some() && query(0.0, 1.0, f32::MAX).is_some());
         let nothing = RayTree::build(&[], &params).unwrap();
-        assert_eq!(nothing.closest_point(Vec3::ZERO, 0.5, f32::INFINITY), None);
+        assert_eq!(nothing.closest_point(&ClosestPointQuery::new(Vec3::ZERO, 0.5)), None);
     }
 }
 
@@ -213,7 +215,7 @@ fn masks_filters_and_batches() {
         tree.closest_points(&queries, &mut answers);
         assert_eq!(answers.len(), queries.len());
         for (i, (query, answer)) in (0..).zip(queries.iter().zip(answers)) {
-            assert_eq!(bits(answer), bits(tree.closest_point(query.point, query.time, query.max_distance)));
+            assert_eq!(bits(answer), bits(tree.closest_point(&query)));
             let odd = |p: &ClosestPoint| p.primitive % 2 == 1;
             let found = tree.closest_point_filtered(query, i % 16, odd);
             assert_eq!(bits(found), bits(oracle.closest_point_filtered(query, i % 16, odd)));

@@ -212,7 +212,10 @@ fn corners_and_closest_points_are_those_of_brute_force() {
             let time = times(65, &mut random);
             let point = random.vec().as_dvec3() * 1.5;
             let query = ClosestPointQuery { point, time, max_distance: f32::MAX };
-            assert_eq!(tree.closest_point(point, time, f32::MAX), oracle.closest_point(&query));
+            assert_eq!(
+                tree.closest_point(&ClosestPointQuery::new(point, time).within(f32::MAX)),
+                oracle.closest_point(&query)
+            );
             let mesh = [0, 1, 2, 3, 5][random.below(5)];
             let primitive = random.below(meshes[mesh as usize].len()) as u32;
             assert_eq!(tree.triangle(mesh, primitive, time), kd.triangle(mesh, primitive, time));

@@ -154,7 +154,7 @@ fn rays_into_a_corner_build_what_is_there() {
     assert!(count(&tree) > count(&RayTree::build(&[soup(20_000, 2, 0.02, 0.02, 5)], &lazy(100)).unwrap()));
     assert_eq!(tree.validate(), Ok(()));
     // Once more, nothing more is built.
-    tree.closest_point(Vec3::splat(0.9), 0.5, 0.01);
+    tree.closest_point(&ClosestPointQuery::new(Vec3::splat(0.9), 0.5).within(0.01));
     let all = Ray::new(Vec3::splat(3.0), Vec3::ONE);
     assert!(!tree.any_hit(&all) && tree.statistics() == after);
 }

@@ -82,7 +82,7 @@ fn nearest_points_equal_brute_force() {
         let mut of_shapes = 0;
         for _ in 0..300 {
             let query = ClosestPointQuery::new(random.vec() * 1.5, random.unit());
-            let found = tree.closest_point(query.point, query.time, f32::INFINITY);
+            let found = tree.closest_point(&ClosestPointQuery::new(query.point, query.time));
             assert_eq!(found, oracle.closest_point(&query), "{params:?}");
             of_shapes += usize::from(found.is_some_and(|f| f.mesh == 4));
         }

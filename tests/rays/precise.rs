@@ -148,7 +148,7 @@ fn nearest_points_equal_brute_force_and_are_where_they_should_be() {
                     let time = random.unit();
                     let on_it = target(&tree, &meshes, &mut random, time);
                     let query = ClosestPointQuery::new(on_it + vec(&mut random) * size * random.unit() as f64, time);
-                    let found = tree.closest_point(query.point, query.time, f32::INFINITY);
+                    let found = tree.closest_point(&ClosestPointQuery::new(query.point, query.time));
                     assert_eq!(found, oracle.closest_point(&query), "{name}, {params:?}, {level}");
                     let found = found.unwrap();
                     let off = ((found.point - query.point).length() - f64::from(found.distance)).abs();
@@ -230,7 +230,7 @@ fn files_keep_every_bit() {
             for _ in 0..300 {
                 let ray = ray(&tree, &meshes, &mut random, size);
                 assert_eq!(again.closest_hit(&ray), tree.closest_hit(&ray), "{name}, {params:?}");
-                let near = |tree: &RayTree| tree.closest_point(ray.origin, ray.time, f32::INFINITY);
+                let near = |tree: &RayTree| tree.closest_point(&ClosestPointQuery::new(ray.origin, ray.time));
                 assert_eq!(near(&again), near(&tree), "{name}, {params:?}");
             }
         }

@@ -134,7 +134,7 @@ fn closest_points_equal_brute_force() {
                     let point = DVec3::splat(kind.origin) + random.vec().as_dvec3() * away;
                     let within = if j % 4 == 3 { (0.3 * kind.scale) as f32 } else { f32::INFINITY };
                     let query = ClosestPointQuery::new(point, random.unit()).within(within);
-                    let found = tree.closest_point(query.point, query.time, query.max_distance);
+                    let found = tree.closest_point(&query);
                     assert_eq!(found, oracle.closest_point(&query), "{kind:?}, {params:?}, {level}");
                 }
             }

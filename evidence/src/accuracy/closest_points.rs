@@ -7,7 +7,7 @@ use super::rays::SceneUnderTest;
 use super::tally::OrderTally;
 use crate::oracle::{ExactNearest, Given, ulp32};
 use mbkd::glam::DVec3;
-use mbkd::{ClosestPoint, RayTree};
+use mbkd::{ClosestPoint, ClosestPointQuery, RayTree};
 
 /// Compares trees of a scene with the exact answers to `count` queries, a third of them with a greatest distance.
 /// `tamper` may change the answers of a tree before they are checked.
@@ -41,7 +41,7 @@ pub fn compare_closest_points(
             _ => f32::INFINITY,
         };
         for (tree, tally) in trees.iter().zip(&mut tallies) {
-            let mut found = tree.closest_point(point, time, most);
+            let mut found = tree.closest_point(&ClosestPointQuery::new(point, time).within(most));
             tamper(&mut found);
             tally.queries += 1;
             let Some(found) = found else {
