@@ -147,7 +147,7 @@ impl Rays {
         progress: Option<Py<PyAny>>,
     ) -> PyResult<(Bound<'py, PyArray2<f64>>, Hits<'py>)> {
         let one = |query: &ClosestPointQuery| match mask {
-            u32::MAX => self.tree.closest_point(&query),
+            u32::MAX => self.tree.closest_point(query),
             _ => self.tree.closest_point_filtered(query, mask, |_| true),
         };
         let found = nearest(py, &points, self.nbytes(), (workers, progress.as_ref()), &one)?;

@@ -215,7 +215,7 @@ fn masks_filters_and_batches() {
         tree.closest_points(&queries, &mut answers);
         assert_eq!(answers.len(), queries.len());
         for (i, (query, answer)) in (0..).zip(queries.iter().zip(answers)) {
-            assert_eq!(bits(answer), bits(tree.closest_point(&query)));
+            assert_eq!(bits(answer), bits(tree.closest_point(query)));
             let odd = |p: &ClosestPoint| p.primitive % 2 == 1;
             let found = tree.closest_point_filtered(query, i % 16, odd);
             assert_eq!(bits(found), bits(oracle.closest_point_filtered(query, i % 16, odd)));
