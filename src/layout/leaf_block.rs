@@ -3,7 +3,7 @@
 use super::sphere_leaf::{rewrite_shapes, shapes_words, write_shapes};
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, Sizes, VERTEX_ROWS};
 use crate::geometry::{LinearBox3, TimeInterval};
-use crate::primitive::{MovingSphere, Primitive, PrimitiveSet, Scene, Shapes, Shared, Triangles};
+use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes, Shared, Triangles};
 use crate::simd::{Arena, LANES, Lanes, SimdLevel};
 use crate::time::TimeSlice;
 use core::ops::Range;
@@ -23,11 +23,6 @@ pub(crate) trait WideSource: PrimitiveSet {
         let _ = id;
         true
     }
-    /// The sphere that a primitive is. Leaf blocks of spheres hold their positions.
-    fn sphere(&self, id: u32) -> Option<&MovingSphere> {
-        let _ = id;
-        None
-    }
     /// Releases the data that only the build needs: leaf blocks have copies of it.
     fn release_build_data(&mut self) {}
     /// The number of words that [`WideSource::write_leaf`] takes, of primitives in any order.
@@ -40,7 +35,8 @@ pub(crate) trait WideSource: PrimitiveSet {
     }
     /// Rewrites the coordinates of a leaf block that begins at `words[0]`, and returns the bounds of its primitives; `None` if no coordinate changed. All primitives of a list of ids count as changed.
     fn rewrite_leaf(&self, words: &mut [u32], of: MovedLeaf<'_>) -> Option<LinearBox3> {
-        Some(rewrite_shapes(self, words, of))
+        rewrite_shapes(self, words, of.ids);
+        Some(bounds_of(self, of.ids, of.over))
     }
     /// Prefetches what [`WideSource::rewrite_leaf`] will read and write soon. A hint.
     fn prefetch_leaf(&self, words: &[u32], leaf: ChildRef, ids: &[u32]) {
@@ -81,10 +77,6 @@ impl WideSource for Scene {
         self.shape(id).is_some() || self.triangles.is_precise(id)
     }
 
-    fn sphere(&self, id: u32) -> Option<&MovingSphere> {
-        self.shapes.sphere(self.shape(id)?)
-    }
-
     fn release_build_data(&mut self) {
         self.triangles.drop_vertices();
     }
@@ -108,7 +100,10 @@ impl WideSource for Scene {
     fn rewrite_leaf(&self, words: &mut [u32], of: MovedLeaf<'_>) -> Option<LinearBox3> {
         match of.ids.first().is_some_and(|&id| self.is_listed(id)) {
             false => self.triangles.rewrite_leaf(words, of),
-            true => Some(rewrite_shapes(self, words, of)),
+            true => {
+                rewrite_shapes(self, words, of.ids);
+                Some(bounds_of(self, of.ids, of.over))
+            }
         }
     }
 
@@ -262,11 +257,7 @@ pub(super) fn set_sizes(word: &mut u32, sizes: u32) {
     *word = *word & 0xffff | sizes;
 }
 
-impl<P: Primitive> WideSource for Shapes<P> {
-    fn sphere(&self, id: u32) -> Option<&MovingSphere> {
-        Shapes::sphere(self, id)
-    }
-}
+impl<P: Primitive> WideSource for Shapes<P> {}
 
 /// Writes a list of ids.
 pub(super) fn write_list(arena: &mut Arena, ids: &[u32]) -> Option<ChildRef> {

@@ -1,6 +1,7 @@
-//! The triangles of a leaf block at a time, sixteen at once.
+//! The triangles or spheres of a leaf block at a time, sixteen at once.
 
 use super::keyed_leaf::KeyedLeaf;
+use super::sphere_leaf::SPHERE_ROWS;
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS, shared_count};
 use crate::geometry::KeyTime;
 use crate::simd::{Arena, Rows, Simd, lanes_at};
@@ -124,6 +125,19 @@ impl Between {
     pub(crate) fn rows(self, per_key: usize) -> (usize, usize) {
         let base = per_key * usize::from(self.from_end);
         (base, per_key - base)
+    }
+}
+
+/// A row of the spheres of a block at a time: one coordinate of the centers relative to an origin, or the radii relative to zero. For culling
+/// only.
+#[inline(always)]
+pub(crate) fn sphere_row<S: Simd, const MOVING: bool>(s: S, rows: &Rows, at: Between, row: usize, origin: f32) -> S::F {
+    let (base, other) = at.rows(SPHERE_ROWS);
+    let (near, origin) = (s.load_row(rows, base + row), s.splat(origin));
+    if MOVING {
+        s.mul_add(s.load_row(rows, other + row) - near, s.splat(at.fraction), near - origin)
+    } else {
+        near - origin
     }
 }
 

@@ -48,10 +48,10 @@ pub use kd_validate::ValidationError;
 pub(crate) use keyed_leaf::{KeyedLeaf, KeyedRows};
 pub(crate) use lazy_tree::LazyTree;
 pub(crate) use leaf_block::WideSource;
-pub(crate) use leaf_lanes::{Between, CornerLanes};
+pub(crate) use leaf_lanes::{Between, CornerLanes, sphere_row};
 pub(crate) use refit::Moved;
 pub(crate) use refit_plan::Plan;
-pub(crate) use sphere_leaf::{SPHERE_ROWS, SphereLeaf, sphere_row};
+pub(crate) use sphere_leaf::{SPHERE_ROWS, SphereLeaf};
 pub use statistics::Statistics;
 pub use tree_box::TreeBox;
 pub(crate) use wide_node::{

@@ -14,12 +14,10 @@
 //! radius is larger than the first. At any time, the distance of centers from those of [`MovingSphere::at`] and the difference of radii are together
 //! at most the second, but for roundings of f32.
 
-use super::leaf_block::{MovedLeaf, WideSource, bounds_of};
-use super::leaf_lanes::Between;
 use super::wide_node::{ChildRef, Kind, Sizes};
-use crate::geometry::{Frame, LinearBox3, ULP};
-use crate::primitive::MovingSphere;
-use crate::simd::{Arena, Rows, Simd};
+use crate::geometry::{Frame, ULP};
+use crate::primitive::{MovingSphere, PrimitiveSet};
+use crate::simd::Arena;
 use crate::time::TimeSlice;
 use glam::DVec3;
 
@@ -115,7 +113,7 @@ impl SphereLeaf {
 
     /// The rows of some shapes in a time slice, without their sizes; `None` if they are to be listed only: not all are spheres, or of different
     /// numbers of keys above two.
-    fn for_shapes<S: WideSource + ?Sized>(set: &S, ids: &[u32], slice: TimeSlice) -> Option<SphereLeaf> {
+    fn for_shapes<S: PrimitiveSet + ?Sized>(set: &S, ids: &[u32], slice: TimeSlice) -> Option<SphereLeaf> {
         let keys = |id: &u32| set.sphere(*id).map_or(0, |sphere| sphere.keys.len());
         let (least, most) = ids.iter().map(keys).fold((usize::MAX, 0), |(a, b), keys| (a.min(keys), b.max(keys)));
         if least == 0 || most > 2 && least != most {
@@ -126,7 +124,7 @@ impl SphereLeaf {
     }
 
     /// Writes the header and the rows; `false` if a sphere is too far away or too large.
-    fn write<S: WideSource + ?Sized>(&self, set: &S, ids: &[u32], words: &mut [u32]) -> bool {
+    fn write<S: PrimitiveSet + ?Sized>(&self, set: &S, ids: &[u32], words: &mut [u32]) -> bool {
         let n = ids.len();
         let (mut size, mut error) = (0.0, 0.0);
         let (front, rows) = words[..self.words(n)].split_at_mut(n + HEADER);
@@ -189,12 +187,12 @@ impl Measured {
 }
 
 /// The number of words of a block of shapes.
-pub(super) fn shapes_words<S: WideSource + ?Sized>(set: &S, ids: &[u32], slice: TimeSlice) -> usize {
+pub(super) fn shapes_words<S: PrimitiveSet + ?Sized>(set: &S, ids: &[u32], slice: TimeSlice) -> usize {
     SphereLeaf::for_shapes(set, ids, slice).map_or(ids.len() + 1, |leaf| leaf.words(ids.len()))
 }
 
 /// Writes a block of shapes; `None` if the arena is full.
-pub(super) fn write_shapes<S: WideSource + ?Sized>(
+pub(super) fn write_shapes<S: PrimitiveSet + ?Sized>(
     set: &S,
     arena: &mut Arena,
     ids: &[u32],
@@ -212,31 +210,15 @@ pub(super) fn write_shapes<S: WideSource + ?Sized>(
     ChildRef::new(Kind::OtherLeaf, at, n)
 }
 
-/// Rewrites a block of shapes that begins at `words[0]`, and returns their bounds. If shapes are no longer spheres, or have another number of
-/// keys, the block only lists them from then on.
-pub(super) fn rewrite_shapes<S: WideSource + ?Sized>(set: &S, words: &mut [u32], of: MovedLeaf<'_>) -> LinearBox3 {
-    let n = of.ids.len();
-    if let Some(leaf) = SphereLeaf::of(words, n) {
-        let now = SphereLeaf::for_shapes(set, of.ids, TimeSlice::WHOLE);
-        // A sphere at rest has the same place at both keys.
-        let same = now.is_some_and(|now| now.keys == leaf.keys || now.keys == 1 && leaf.keys == 2);
-        if !(same && leaf.write(set, of.ids, words)) {
-            words[n] = 0;
-        }
-    }
-    bounds_of(set, of.ids, of.over)
-}
-
-/// A row of the spheres of a block at a time: one coordinate of the centers relative to an origin, or the radii relative to zero. For culling
-/// only.
-#[inline(always)]
-pub(crate) fn sphere_row<S: Simd, const MOVING: bool>(s: S, rows: &Rows, at: Between, row: usize, origin: f32) -> S::F {
-    let (base, other) = at.rows(SPHERE_ROWS);
-    let (near, origin) = (s.load_row(rows, base + row), s.splat(origin));
-    if MOVING {
-        s.mul_add(s.load_row(rows, other + row) - near, s.splat(at.fraction), near - origin)
-    } else {
-        near - origin
+/// Rewrites a block of shapes with these ids that begins at `words[0]`. If shapes are no longer spheres, or have another number of keys, the
+/// block only lists them from then on.
+pub(super) fn rewrite_shapes<S: PrimitiveSet + ?Sized>(set: &S, words: &mut [u32], ids: &[u32]) {
+    let Some(leaf) = SphereLeaf::of(words, ids.len()) else { return };
+    let now = SphereLeaf::for_shapes(set, ids, TimeSlice::WHOLE);
+    // A sphere at rest has the same place at both keys.
+    let same = now.is_some_and(|now| now.keys == leaf.keys || now.keys == 1 && leaf.keys == 2);
+    if !(same && leaf.write(set, ids, words)) {
+        words[ids.len()] = 0;
     }
 }
 
@@ -244,10 +226,10 @@ pub(crate) fn sphere_row<S: Simd, const MOVING: bool>(s: S, rows: &Rows, at: Bet
 mod tests {
     use super::*;
     use crate::geometry::KeyTime;
-    use crate::layout::block_sizes;
-    use crate::primitive::{Primitive, PrimitiveSet, Shapes};
+    use crate::layout::{Between, block_sizes, sphere_row};
+    use crate::primitive::{Primitive, Shapes};
     use crate::random::Random;
-    use crate::simd::{Portable, Rows};
+    use crate::simd::{Portable, Rows, Simd};
 
     fn spheres(n: usize, keys: usize, seed: u64) -> Vec<MovingSphere> {
         let mut random = Random(seed);
@@ -335,12 +317,9 @@ mod tests {
     fn shapes_that_are_no_spheres_any_more_are_only_listed() {
         let set = |keys: usize| Shapes::new(spheres(5, keys, 1)).expect("valid spheres");
         let ids = [0, 1, 2, 3, 4];
-        let leaf = ChildRef::new(Kind::OtherLeaf, 0, 5).expect("a small number");
-        let level = crate::simd::SimdLevel::best();
-        let of = MovedLeaf { leaf, ids: &ids, over: crate::geometry::TimeInterval::FULL, level };
         for (before, after, held) in [(2, 2, true), (2, 1, true), (1, 2, false), (9, 9, true), (9, 2, false)] {
             let mut words = block(&set(before), TimeSlice::WHOLE);
-            rewrite_shapes(&set(after), &mut words, of);
+            rewrite_shapes(&set(after), &mut words, &ids);
             let rows = SphereLeaf::of(&words, 5);
             assert_eq!(rows.is_some(), held, "{before} and {after} keys");
             assert_eq!(words[..5], ids);

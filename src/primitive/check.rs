@@ -1,6 +1,7 @@
 //! A test helper for implementations of [`Primitive`]: it tests the trait's contract on samples.
 
-use super::custom::{Primitive, SurfacePoint};
+use super::custom::Primitive;
+use super::intersection::SurfacePoint;
 use super::sphere::MovingSphere;
 use crate::geometry::{Aabb, Ray, TimeInterval};
 use crate::limits::MAX_COORDINATE;

@@ -3,13 +3,14 @@
 //! A caller implements [`Primitive`] for a custom moving shape. Inside the crate, a tree accesses a whole set of primitives
 //! through [`PrimitiveSet`], in tree space. Triangle meshes are one such set; a list of [`Primitive`]s is another.
 
+use super::intersection::{Intersection, SurfacePoint};
 use super::sphere::MovingSphere;
 use super::vertex_tubes::VertexTubes;
 use super::window::Intervals;
 use crate::error::BuildError;
 use crate::geometry::{Aabb, Box3, CornerBounds, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
 use crate::limits::MAX_COORDINATE;
-use crate::simd::LANES;
+use crate::simd::{LANES, prefetch};
 use crate::tuning::wide::SHAPES_PER_LEAF;
 use core::sync::atomic::{AtomicU32, Ordering};
 use glam::DVec3;
@@ -115,28 +116,6 @@ pub trait Primitive: Send + Sync {
     }
 }
 
-/// The intersection of a ray with a primitive, returned by [`Primitive::intersect`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Intersection {
-    /// Distance in units of the ray's direction: the point is `origin + t * dir`.
-    pub t: f32,
-    /// First surface parameter, passed on to [`Hit::u`](crate::Hit::u).
-    pub u: f32,
-    /// Second surface parameter, passed on to [`Hit::v`](crate::Hit::v).
-    pub v: f32,
-}
-
-/// A point on a primitive, returned by [`Primitive::closest_point`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SurfacePoint {
-    /// The position, in world coordinates.
-    pub point: DVec3,
-    /// First surface parameter, passed on to [`ClosestPoint::u`](crate::ClosestPoint::u).
-    pub u: f32,
-    /// Second surface parameter, passed on to [`ClosestPoint::v`](crate::ClosestPoint::v).
-    pub v: f32,
-}
-
 /// A set of primitives in tree space: the interface for builders and queries.
 pub(crate) trait PrimitiveSet: Send + Sync {
     /// The greatest number of primitives in one leaf block of the wide layout, for a tree over primitives like this one.
@@ -216,6 +195,11 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     fn prefetch(&self, _: u32) {}
     /// Prefetches the vertices of a primitive, as bounds over an interval need them, whose corners were prefetched some time ago.
     fn prefetch_vertices(&self, _: u32, _over: TimeInterval) {}
+    /// The sphere that a primitive is. Leaf blocks of spheres hold their positions.
+    fn sphere(&self, id: u32) -> Option<&MovingSphere> {
+        let _ = id;
+        None
+    }
     /// The visibility mask.
     fn mask(&self, id: u32) -> u32 {
         let _ = id;
@@ -337,11 +321,6 @@ impl<P: Primitive> Shapes<P> {
         &self.shapes
     }
 
-    /// The sphere that a shape is.
-    pub(crate) fn sphere(&self, id: u32) -> Option<&MovingSphere> {
-        self.shapes[id as usize].as_sphere()
-    }
-
     /// Moves the shapes out, for a set that replaces this one.
     pub(super) fn take(&mut self) -> Vec<P> {
         core::mem::take(&mut self.shapes)
@@ -380,6 +359,20 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
             return bounds;
         }
         LinearBox3 { begin: everything(), end: everything() }
+    }
+
+    fn sphere(&self, id: u32) -> Option<&MovingSphere> {
+        self.shapes[id as usize].as_sphere()
+    }
+
+    fn prefetch(&self, id: u32) {
+        prefetch(&self.shapes[id as usize]);
+    }
+
+    fn prefetch_vertices(&self, id: u32, _: TimeInterval) {
+        if let Some(key) = self.sphere(id).and_then(|sphere| sphere.keys.first()) {
+            prefetch(key);
+        }
     }
 
     /// The number of keys of a sphere, if it is greater than two. Leaf blocks of spheres and other shapes hold only ids.

@@ -1,6 +1,7 @@
 //! Scenes of meshes, spheres and caller-defined primitives.
 
-use super::custom::{Intersection, Primitive, PrimitiveSet, Shapes, ShapesExtent, SurfacePoint, include_each};
+use super::custom::{Primitive, PrimitiveSet, Shapes, ShapesExtent, include_each};
+use super::intersection::{Intersection, SurfacePoint};
 use super::mesh::TriangleMesh;
 use super::sphere::MovingSphere;
 use super::triangles::Triangles;
@@ -206,15 +207,21 @@ impl PrimitiveSet for Scene {
     }
 
     fn prefetch(&self, id: u32) {
-        if self.shape(id).is_none() {
-            self.triangles.prefetch(id);
+        match self.shape(id) {
+            None => self.triangles.prefetch(id),
+            Some(shape) => self.shapes.prefetch(shape),
         }
     }
 
     fn prefetch_vertices(&self, id: u32, over: TimeInterval) {
-        if self.shape(id).is_none() {
-            self.triangles.prefetch_vertices(id, over);
+        match self.shape(id) {
+            None => self.triangles.prefetch_vertices(id, over),
+            Some(shape) => self.shapes.prefetch_vertices(shape, over),
         }
+    }
+
+    fn sphere(&self, id: u32) -> Option<&MovingSphere> {
+        self.shapes.sphere(self.shape(id)?)
     }
 
     fn mask(&self, id: u32) -> u32 {

@@ -1,6 +1,6 @@
-//! Moving spheres: the second kind of primitive, and an example for caller-defined ones.
+//! Moving spheres: their motion, their bounds and their intersection with rays.
 
-use super::custom::{Intersection, Primitive, SurfacePoint};
+use super::intersection::Intersection;
 use crate::geometry::{Aabb, LinearBounds, Ray, TimeInterval};
 use glam::{DVec3, Vec3};
 
@@ -69,7 +69,7 @@ impl MovingSphere {
         (p + (q - p) * w, r.abs() + (s.abs() - r.abs()) * w)
     }
 
-    /// The nearer of the two intersections with a sphere that lies in the ray's range, as [`Primitive::intersect`] returns it.
+    /// The nearer of the two intersections with a sphere that lies in the ray's range, as [`Primitive::intersect`](super::Primitive::intersect) returns it.
     #[inline(always)]
     pub(crate) fn intersection((center, radius): (DVec3, f64), ray: &Ray) -> Option<Intersection> {
         let d = ray.dir.as_dvec3();
@@ -119,13 +119,13 @@ impl MovingSphere {
         }
     }
 
-    fn bounds_at(&self, time: f32) -> Aabb {
+    pub(super) fn bounds_at(&self, time: f32) -> Aabb {
         let (center, radius) = self.at(time);
         Aabb { min: center - radius, max: center + radius }
     }
 
     /// Chords of center ± radius, shifted to hold the keys between, with a padding relative to the size of the numbers.
-    fn padded_bounds(&self, over: TimeInterval, padding: f64) -> LinearBounds {
+    pub(super) fn padded_bounds(&self, over: TimeInterval, padding: f64) -> LinearBounds {
         let mut bounds = LinearBounds { begin: self.bounds_at(over.begin()), end: self.bounds_at(over.end()) };
         let segments = self.keys.len().max(1) - 1;
         for key in 1..segments {
@@ -139,116 +139,5 @@ impl MovingSphere {
         let swept = bounds.swept();
         let by = padding * swept.min.abs().max(swept.max.abs()).max_element();
         LinearBounds { begin: bounds.begin.pad(by), end: bounds.end.pad(by) }
-    }
-}
-
-/// What bounds are padded by, relative to the size of the numbers: see the bounds.
-const PADDING: f64 = 1e-9;
-
-impl Primitive for MovingSphere {
-    /// Chords of center ± radius, shifted to hold the keys between.
-    ///
-    /// The pad of 1e-9 of the size of the numbers is millions of times the rounding of the interpolation and
-    /// of the intersection, which are in f64 (2^-53 each, a dozen operations); the error that grows with the
-    /// ray's distance is covered by the tree.
-    fn bounds(&self, over: TimeInterval) -> LinearBounds {
-        self.padded_bounds(over, PADDING)
-    }
-
-    /// The nearer of the two intersections that lies in the ray's range; `u` and `v` are the x and y
-    /// of the unit normal. (Its z may have either sign: see [`MovingSphere::normal`].)
-    fn intersect(&self, ray: &Ray) -> Option<Intersection> {
-        MovingSphere::intersection(self.at(ray.time), ray)
-    }
-
-    /// The nearest point of the surface; `u` and `v` as in [`Primitive::intersect`]. From the center it is the one along
-    /// the x axis. A sphere without keys has none.
-    fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
-        if self.keys.is_empty() {
-            return None;
-        }
-        let (center, radius) = self.at(time);
-        let normal = (point - center).try_normalize().unwrap_or(DVec3::X);
-        Some(SurfacePoint { point: center + normal * radius, u: normal.x as f32, v: normal.y as f32 })
-    }
-
-    fn active(&self) -> TimeInterval {
-        self.active
-    }
-
-    fn as_sphere(&self) -> Option<&MovingSphere> {
-        Some(self)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::random::Random;
-    use glam::Vec3;
-
-    /// Spheres between two keys, at times of the shutter, that reach out of the line between their boxes at its ends.
-    fn outside_of_bounds(padding: f64) -> usize {
-        let mut random = Random(7);
-        let mut outside = 0;
-        for _ in 0..5000 {
-            let mut key = || {
-                (DVec3::new(random.signed_f64(), random.signed_f64(), random.signed_f64()), random.signed_f64().abs())
-            };
-            let ball = MovingSphere::new(vec![key(), key()]);
-            let bounds = ball.padded_bounds(TimeInterval::FULL, padding);
-            let time = (random.signed_f64().abs() * 16.0).round() as f32 / 16.0;
-            let at = |a: DVec3, b: DVec3| a + (b - a) * f64::from(time);
-            let (min, max) = (at(bounds.begin.min, bounds.end.min), at(bounds.begin.max, bounds.end.max));
-            let exact = ball.bounds_at(time);
-            outside += usize::from(exact.min.cmplt(min).any() || exact.max.cmpgt(max).any());
-        }
-        outside
-    }
-
-    #[test]
-    fn bounds_hold_spheres_between_keys_and_would_not_without_padding() {
-        assert_eq!(outside_of_bounds(PADDING), 0);
-        assert!(outside_of_bounds(0.0) > 500, "a padding that nothing needs");
-    }
-
-    /// Keys of spheres that reach out of their bounds over a part of the shutter that begins before them and ends after them.
-    fn keys_outside(bounds: impl Fn(&MovingSphere, TimeInterval) -> LinearBounds) -> usize {
-        let (mut random, mut outside) = (Random(8), 0);
-        for _ in 0..5000 {
-            let mut key = || {
-                (DVec3::new(random.signed_f64(), random.signed_f64(), random.signed_f64()), random.signed_f64().abs())
-            };
-            let ball = MovingSphere::new(vec![key(), key(), key()]);
-            let over = TimeInterval::half_open(0.49 * random.unit(), 0.51 + 0.49 * random.unit()).unwrap();
-            let bounds = bounds(&ball, over);
-            let (begin, end) = (f64::from(over.begin()), f64::from(over.end()));
-            let held = bounds.at((0.5 - begin) / (end - begin));
-            let exact = ball.bounds_at(0.5);
-            outside += usize::from(exact.min.cmplt(held.min).any() || exact.max.cmpgt(held.max).any());
-        }
-        outside
-    }
-
-    #[test]
-    fn bounds_over_a_part_of_the_shutter_hold_the_keys_inside() {
-        assert_eq!(keys_outside(|ball, over| ball.bounds(over)), 0);
-    }
-
-    #[test]
-    fn near_far_grazing_inside_and_degenerate() {
-        let ball = MovingSphere::fixed(DVec3::new(0.0, 0.0, 5.0), 1.0);
-        let t = |ray: Ray| ball.intersect(&ray).map(|hit| hit.t);
-        let ray = Ray::new(Vec3::ZERO, Vec3::Z);
-        assert_eq!(t(ray), Some(4.0));
-        assert_eq!(t(ray.between(4.5, 10.0)), Some(6.0));
-        assert_eq!(t(ray.between(6.5, 10.0)), None);
-        assert_eq!(t(Ray::new(Vec3::new(0.0, 0.0, 5.0), Vec3::X * 0.5)), Some(2.0));
-        assert_eq!(t(Ray::new(Vec3::new(2.0, 0.0, 0.0), Vec3::Z)), None);
-        assert_eq!(t(Ray { dir: Vec3::ZERO, ..ray }), None);
-        assert_eq!(MovingSphere::new(vec![]).intersect(&ray), None);
-        assert_eq!(MovingSphere::fixed(DVec3::ZERO, 0.0).intersect(&ray), None);
-        let inverted = MovingSphere::fixed(DVec3::new(0.0, 0.0, 5.0), -1.0);
-        assert_eq!(inverted.intersect(&ray), ball.intersect(&ray));
     }
 }

@@ -56,7 +56,7 @@ impl<P: Primitive> AnyShapes for Shapes<P> {
         ClosestPointSource::first_within(self, ids, query, limit)
     }
     fn sphere(&self, id: u32) -> Option<&MovingSphere> {
-        Shapes::sphere(self, id)
+        PrimitiveSet::sphere(self, id)
     }
     fn per_leaf(&self, id: u32) -> usize {
         PrimitiveSet::per_leaf(self, id)
@@ -102,6 +102,10 @@ impl PrimitiveSet for ErasedShapes<'_> {
         self.shapes.per_leaf(id)
     }
 
+    fn sphere(&self, id: u32) -> Option<&MovingSphere> {
+        self.shapes.sphere(id)
+    }
+
     fn leaf_kind(&self, id: u32) -> u32 {
         self.shapes.sphere(id).map_or(0, MovingSphere::leaf_kind)
     }
@@ -123,11 +127,7 @@ impl PrimitiveSet for ErasedShapes<'_> {
     }
 }
 
-impl WideSource for ErasedShapes<'_> {
-    fn sphere(&self, id: u32) -> Option<&MovingSphere> {
-        self.shapes.sphere(id)
-    }
-}
+impl WideSource for ErasedShapes<'_> {}
 
 impl RaySource for ErasedShapes<'_> {
     #[inline(always)]
