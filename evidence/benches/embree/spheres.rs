@@ -2,9 +2,9 @@
 
 use crate::ffi::{Embree, EmbreeRay, EmbreeScene, Quality};
 use crate::options::{Isa, Options};
-use crate::timing::{Checksum, in_turns};
+use crate::timing::{Checksum, in_turns, median};
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{BuildParams, MovingSphere, Ray, RayTree, Shape, SimdLevel};
+use mbkd::{BuildError, BuildParams, MovingSphere, Ray, RayTree, Shape, SimdLevel};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use std::time::Instant;
@@ -73,22 +73,28 @@ fn one(options: &Options, embree: &Embree, count: usize, kind: &Kind, isa: Isa) 
         };
         Shape::from(MovingSphere::new(keys.iter().map(key).collect()))
     };
-    let shapes: Vec<Shape> = (0..count).map(shape).collect();
     let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(|e| e.to_string())?;
-    let start = Instant::now();
-    let tree = alone.install(|| RayTree::of_scene(&[], shapes, &BuildParams::default())).map_err(|e| e.to_string())?;
-    let our_build = start.elapsed().as_secs_f64();
     let level = |name: &str| SimdLevel::available().into_iter().find(|level| level.name() == name);
-    let (tree, config) = match isa {
-        Isa::Native => (tree, "threads=1"),
-        Isa::Avx2 => (tree.with_simd(level("avx2").ok_or("this CPU has no AVX2")?), "threads=1,isa=avx2"),
+    let (level, config) = match isa {
+        Isa::Native => (SimdLevel::best(), "threads=1"),
+        Isa::Avx2 => (level("avx2").ok_or("this CPU has no AVX2")?, "threads=1,isa=avx2"),
     };
     let device = embree.device(config)?;
-    let start = Instant::now();
-    let theirs = device.scene(true, Quality::Medium)?;
-    theirs.attach_spheres(0, &keys)?;
-    theirs.commit()?;
-    let their_build = start.elapsed().as_secs_f64();
+    let build_ours = || {
+        let shapes: Vec<Shape> = (0..count).map(shape).collect();
+        let start = Instant::now();
+        let tree = alone.install(|| RayTree::of_scene(&[], shapes, &BuildParams::default()));
+        Ok((start.elapsed().as_secs_f64(), tree.map_err(|e: BuildError| e.to_string())?.with_simd(level)))
+    };
+    let build_theirs = || {
+        let start = Instant::now();
+        let scene = device.scene(true, Quality::Medium)?;
+        scene.attach_spheres(0, &keys)?;
+        scene.commit()?;
+        Ok((start.elapsed().as_secs_f64(), scene))
+    };
+    let (our_build, tree) = last_of(options.build_runs, build_ours)?;
+    let (their_build, theirs) = last_of(options.build_runs, build_theirs)?;
 
     let rays = options.side * options.side;
     let from_outside: Vec<Ray> = (0..rays).map(|_| ray(&mut random, -1.0..2.0)).collect();
@@ -112,6 +118,18 @@ fn one(options: &Options, embree: &Embree, count: usize, kind: &Kind, isa: Isa) 
         our_build / their_build,
         (tree.statistics().bytes + tree.statistics().primitive_bytes) as f64 / device.bytes() as f64
     ))
+}
+
+/// Builds several times; returns the median time and the last result.
+fn last_of<T>(runs: u32, build: impl Fn() -> Result<(f64, T), String>) -> Result<(f64, T), String> {
+    let (first, mut last) = build()?;
+    let mut times = vec![first];
+    for _ in 1..runs {
+        let (time, next) = build()?;
+        times.push(time);
+        last = next;
+    }
+    Ok((median(times.into_iter()), last))
 }
 
 /// A ray from somewhere in a range along each axis to somewhere in the cube.
