@@ -41,6 +41,9 @@ pub(crate) mod wide {
     /// time, and the tree 1.4 of the building time and 1.8 of the memory; with 16 rays took 1.6 (still) and 2.1 times as long (a program that is
     /// not in the repository).
     pub const SHAPES_PER_LEAF: usize = 4;
+    /// If at most one of so many shapes is none of the spheres that can share leaf blocks, all lie up to sixteen in a leaf. (Not fitted: half of
+    /// the leaves of sixteen are then without such a shape, however they are scattered.)
+    pub const OTHERS_AMONG_SPHERES: usize = 32;
     /// Trees up to this many bytes mostly stay in the caches, so that neither the order of rays nor interleaving gains much.
     pub const CACHED: usize = 64 << 20;
     /// Words of a tree from which on the blocks that a query will visit are prefetched: then they are often not in the

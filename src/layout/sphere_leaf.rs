@@ -112,11 +112,12 @@ impl SphereLeaf {
     }
 
     /// The rows of some shapes in a time slice, without their sizes; `None` if they are to be listed only: not all are spheres, or of different
-    /// numbers of keys above two.
+    /// numbers of keys above one.
     fn for_shapes<S: PrimitiveSet + ?Sized>(set: &S, ids: &[u32], slice: TimeSlice) -> Option<SphereLeaf> {
         let keys = |id: &u32| set.sphere(*id).map_or(0, |sphere| sphere.keys.len());
-        let (least, most) = ids.iter().map(keys).fold((usize::MAX, 0), |(a, b), keys| (a.min(keys), b.max(keys)));
-        if least == 0 || most > 2 && least != most {
+        let most = ids.iter().map(keys).max().unwrap_or(0);
+        // A sphere at rest has the same place at all keys.
+        if most == 0 || ids.iter().map(keys).any(|keys| keys != most && keys != 1) {
             return None;
         }
         let [first, last] = if most > 2 { slice.segments(most) } else { [0, 0] };
@@ -135,7 +136,6 @@ impl SphereLeaf {
             (size, error) = (of.size.max(size), of.error.max(error));
             let keys = rows.chunks_exact_mut(SPHERE_ROWS * n).zip(exact.chunks_exact_mut(EXACT * n));
             for (key, (rows, exact)) in keys.enumerate() {
-                // A sphere at rest beside others that move has one key.
                 let (center, radius) = sphere.keys[(self.first + key).min(sphere.keys.len() - 1)];
                 let at = set.frame().fine_point(center);
                 let in_tree = [at.x, at.y, at.z, radius.abs() * set.frame().scale];
@@ -215,8 +215,7 @@ pub(super) fn write_shapes<S: PrimitiveSet + ?Sized>(
 pub(super) fn rewrite_shapes<S: PrimitiveSet + ?Sized>(set: &S, words: &mut [u32], ids: &[u32]) {
     let Some(leaf) = SphereLeaf::of(words, ids.len()) else { return };
     let now = SphereLeaf::for_shapes(set, ids, TimeSlice::WHOLE);
-    // A sphere at rest has the same place at both keys.
-    let same = now.is_some_and(|now| now.keys == leaf.keys || now.keys == 1 && leaf.keys == 2);
+    let same = now.is_some_and(|now| now.keys == leaf.keys || now.keys == 1);
     if !(same && leaf.write(set, ids, words)) {
         words[ids.len()] = 0;
     }
@@ -317,7 +316,9 @@ mod tests {
     fn shapes_that_are_no_spheres_any_more_are_only_listed() {
         let set = |keys: usize| Shapes::new(spheres(5, keys, 1)).expect("valid spheres");
         let ids = [0, 1, 2, 3, 4];
-        for (before, after, held) in [(2, 2, true), (2, 1, true), (1, 2, false), (9, 9, true), (9, 2, false)] {
+        for (before, after, held) in
+            [(2, 2, true), (2, 1, true), (1, 2, false), (9, 9, true), (9, 1, true), (9, 2, false)]
+        {
             let mut words = block(&set(before), TimeSlice::WHOLE);
             rewrite_shapes(&set(after), &mut words, &ids);
             let rows = SphereLeaf::of(&words, 5);

@@ -16,7 +16,7 @@ use crate::geometry::{LinearBox3, TimeInterval};
 use crate::limits::MAX_TIME_SLICES;
 use crate::parallel;
 use crate::params::{Division, WideParams};
-use crate::primitive::{PrimitiveSet, Triangles};
+use crate::primitive::{PrimitiveSet, SPHERE_KEY_BYTES, Triangles};
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES, huge_vec};
 use crate::time::{
@@ -89,8 +89,8 @@ impl WideTree {
     fn sorted_subtree<S: WideSource>(set: &S, ids: &[u32], params: &DraftParams) -> Result<WideTree, BuildError> {
         let (listed, held): (Vec<u32>, Vec<u32>) = ids.iter().partition(|&&id| set.is_listed(id));
         let [named, others] = split_listed(set, &listed);
-        let bent = ids.iter().map(|&id| further_key_bytes(set, id)).sum();
-        let budget = allowed_bytes(&params.wide, ids.len(), bent);
+        let further = ids.iter().map(|&id| further_key_bytes(set, id)).sum();
+        let budget = allowed_bytes(&params.wide, ids.len(), further);
         let mut tree = WideTree::fitted(set, [&held, named, others], params, budget, &Progress::new(None))?;
         tree.counts = tree.counted(set);
         tree.find_masks(set);
@@ -336,23 +336,27 @@ fn division_of_most<S: WideSource>(set: &S, draft: &Draft, params: &DraftParams)
     regions.iter().max_by_key(|region| count(region)).map_or(Division::Whole, |region| region.division)
 }
 
-/// The allowed size of a tree: the bytes per primitive, and the positions at keys beyond the second.
+/// The allowed size of a tree: the bytes per primitive, and the positions at further keys.
 fn allowed_bytes(params: &WideParams, primitives: usize, further_key_bytes: usize) -> usize {
     let bytes = f64::from(params.bytes_per_primitive) * primitives as f64;
     bytes as usize + further_key_bytes + LEAST_BYTES
 }
 
-/// The most bytes that a triangle takes in leaf blocks for keys beyond the second.
+/// The most bytes that a triangle takes in leaf blocks for keys beyond the second, and a sphere for all.
 fn further_key_bytes<S: WideSource>(set: &S, id: u32) -> usize {
-    (set.leaf_kind(id) as usize).saturating_sub(2) * size_of::<[Vec3; 3]>()
+    match set.sphere(id) {
+        Some(sphere) => sphere.keys.len() * SPHERE_KEY_BYTES,
+        None => (set.leaf_kind(id) as usize).saturating_sub(2) * size_of::<[Vec3; 3]>(),
+    }
 }
 
 /// A number of primitives that certainly fits one tree ([`WideTree::subtree`]), whatever the parameters are: each split
 /// into as many references as are allowed, with as many separate trees as there can be, of 256 bytes and the keys each.
 pub(super) fn most_in_subtree<S: WideSource>(set: &S) -> usize {
     const REFERENCES: usize = 8 * MAX_TIME_SLICES;
-    let bent = if set.bent() { (0..set.len() as u32).map(|id| further_key_bytes(set, id)).max() } else { None };
-    ((1 << 31) / REFERENCES / (256 + bent.unwrap_or(0))).max(1)
+    let any = set.further_key_bytes() > 0;
+    let most = if any { (0..set.len() as u32).map(|id| further_key_bytes(set, id)).max() } else { None };
+    ((1 << 31) / REFERENCES / (256 + most.unwrap_or(0))).max(1)
 }
 
 /// Reports the finished fraction of a group; an error if the build was cancelled.

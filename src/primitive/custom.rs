@@ -11,7 +11,7 @@ use crate::error::BuildError;
 use crate::geometry::{Aabb, Box3, CornerBounds, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
 use crate::limits::MAX_COORDINATE;
 use crate::simd::{LANES, prefetch};
-use crate::tuning::wide::SHAPES_PER_LEAF;
+use crate::tuning::wide::{OTHERS_AMONG_SPHERES, SHAPES_PER_LEAF};
 use core::sync::atomic::{AtomicU32, Ordering};
 use glam::DVec3;
 
@@ -166,13 +166,13 @@ pub(crate) trait PrimitiveSet: Send + Sync {
         let _ = ids;
         true
     }
-    /// A bound of the bytes of keys beyond the second in leaf blocks, if each key is stored once.
+    /// A bound of the bytes of triangles' keys beyond the second and of all keys of spheres in leaf blocks, if each key is stored once.
     fn further_key_bytes(&self) -> usize {
         0
     }
-    /// Whether there are primitives whose leaf blocks hold more than two keys.
+    /// Whether there are triangles whose leaf blocks hold more than two keys.
     fn bent(&self) -> bool {
-        self.further_key_bytes() > 0
+        false
     }
     /// Vertex positions over all keys: as given, and those that are kept.
     fn positions(&self) -> [usize; 2] {
@@ -240,14 +240,17 @@ pub struct Shapes<P> {
     shapes: Vec<P>,
     /// Active intervals; empty if all shapes exist throughout the shutter.
     active: Vec<TimeInterval>,
-    /// The number of spheres.
-    spheres: usize,
-    /// The bytes of their keys beyond the second in leaf blocks.
-    further_key_bytes: usize,
+    /// Whether nearly all are spheres that can share leaf blocks.
+    together: bool,
+    /// The bytes of spheres' keys in leaf blocks.
+    key_bytes: usize,
     frame: Frame,
     /// The lowest primitive that returned invalid bounds over a part of its interval, or [`NONE`].
     bad: AtomicU32,
 }
+
+/// Bytes of a sphere at one key in a leaf block: in f32 and in f64.
+pub(crate) const SPHERE_KEY_BYTES: usize = size_of::<([f32; 4], [f64; 4])>();
 
 /// No primitive has this id.
 const NONE: u32 = u32::MAX;
@@ -305,10 +308,14 @@ impl<P: Primitive> Shapes<P> {
     /// Shapes that were checked, in a tree space that holds them.
     pub(crate) fn within(shapes: Vec<P>, extent: ShapesExtent, frame: Frame) -> Shapes<P> {
         let keys = || shapes.iter().filter_map(|shape| Some(shape.as_sphere()?.keys.len()));
-        let further_keys = keys().map(|keys| keys.saturating_sub(2)).sum::<usize>();
-        let further_key_bytes = further_keys * size_of::<([f32; 4], [f64; 4])>();
-        let spheres = keys().count();
-        Shapes { shapes, active: extent.active, spheres, further_key_bytes, frame, bad: AtomicU32::new(NONE) }
+        let key_bytes = keys().sum::<usize>() * SPHERE_KEY_BYTES;
+        // Spheres at rest lie beside others with any number of keys.
+        let mut moving: Vec<usize> = keys().filter(|&keys| keys > 1).collect();
+        moving.sort_unstable();
+        let most = moving.chunk_by(|a, b| a == b).map(<[usize]>::len).max().unwrap_or(0);
+        let together = most + keys().filter(|&keys| keys == 1).count();
+        let together = (shapes.len() - together) * OTHERS_AMONG_SPHERES <= shapes.len();
+        Shapes { shapes, active: extent.active, together, key_bytes, frame, bad: AtomicU32::new(NONE) }
     }
 
     /// Active intervals as bounds; empty if all shapes exist throughout the shutter.
@@ -328,9 +335,9 @@ impl<P: Primitive> Shapes<P> {
 }
 
 impl<P: Primitive> PrimitiveSet for Shapes<P> {
-    /// Primitives other than spheres are tested one by one, each of which takes longer than the boxes of sixteen.
+    /// Where leaves only list primitives, they are tested one by one, each of which takes longer than the boxes of sixteen.
     fn per_leaf(&self, _: u32) -> usize {
-        if 2 * self.spheres < self.shapes.len() { SHAPES_PER_LEAF } else { LANES }
+        if self.together { LANES } else { SHAPES_PER_LEAF }
     }
 
     fn len(&self) -> usize {
@@ -375,13 +382,8 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
         }
     }
 
-    /// The number of keys of a sphere, if it is greater than two. Leaf blocks of spheres and other shapes hold only ids.
-    fn leaf_kind(&self, id: u32) -> u32 {
-        self.sphere(id).map_or(0, MovingSphere::leaf_kind)
-    }
-
     fn further_key_bytes(&self) -> usize {
-        self.further_key_bytes
+        self.key_bytes
     }
 
     fn frame(&self) -> &Frame {

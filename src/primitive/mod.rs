@@ -27,8 +27,8 @@ mod vertex_tubes;
 mod window;
 
 pub use check::{PrimitiveError, check_primitive};
-pub(crate) use custom::PrimitiveSet;
 pub use custom::{Primitive, Shapes};
+pub(crate) use custom::{PrimitiveSet, SPHERE_KEY_BYTES};
 pub use intersection::{Intersection, SurfacePoint};
 pub(crate) use merge_keys::kept_keys;
 pub use mesh::{Keys, TriangleMesh};

@@ -252,12 +252,16 @@ impl PrimitiveSet for Scene {
     fn leaf_kind(&self, id: u32) -> u32 {
         match self.shape(id) {
             None => self.triangles.leaf_kind(id),
-            Some(shape) => self.shapes.leaf_kind(shape),
+            Some(_) => 0,
         }
     }
 
     fn fits_block(&self, ids: &[u32]) -> bool {
         ids.iter().any(|&id| self.shape(id).is_some()) || self.triangles.fits_block(ids)
+    }
+
+    fn bent(&self) -> bool {
+        self.triangles.bent()
     }
 
     fn further_key_bytes(&self) -> usize {

@@ -111,14 +111,6 @@ impl MovingSphere {
         (point - self.at(time).0).normalize_or_zero().as_vec3()
     }
 
-    /// The kind of leaf block that holds this sphere.
-    pub(crate) fn leaf_kind(&self) -> u32 {
-        match self.keys.len() {
-            ..=2 => 0,
-            keys => keys as u32,
-        }
-    }
-
     pub(super) fn bounds_at(&self, time: f32) -> Aabb {
         let (center, radius) = self.at(time);
         Aabb { min: center - radius, max: center + radius }

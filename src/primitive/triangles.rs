@@ -364,6 +364,10 @@ impl PrimitiveSet for Triangles {
         n <= LANES || 4 * n > 9 * ids.len()
     }
 
+    fn bent(&self) -> bool {
+        self.further_key_bytes() > 0
+    }
+
     fn further_key_bytes(&self) -> usize {
         let of = |mesh: &MeshInfo, end: u32| (end - mesh.first) as usize * mesh.keys.saturating_sub(2);
         let ends = self.meshes.iter().skip(1).map(|mesh| mesh.first).chain([self.len as u32]);

@@ -106,10 +106,6 @@ impl PrimitiveSet for ErasedShapes<'_> {
         self.shapes.sphere(id)
     }
 
-    fn leaf_kind(&self, id: u32) -> u32 {
-        self.shapes.sphere(id).map_or(0, MovingSphere::leaf_kind)
-    }
-
     fn further_key_bytes(&self) -> usize {
         self.shapes.further_key_bytes()
     }

@@ -218,6 +218,25 @@ fn spheres_of_the_callers_equal_brute_force_and_are_tested_together() {
     }
 }
 
+/// The least budget suffices for spheres of any kind: their keys come on top of it.
+#[test]
+fn trees_of_spheres_keep_the_least_budget() {
+    let mut most = 0.0f64;
+    for (i, kind) in KINDS.into_iter().enumerate() {
+        for (count, size, motion) in [(200, 0.05, 0.3), (5000, 1e-4, 0.01), (5000, 0.05, 2.0)] {
+            let balls = spheres(Kind { count, size, motion, ..kind }, i as u64);
+            let keys: usize = balls.iter().map(|ball| ball.keys.len()).sum();
+            let shapes = balls.into_iter().map(Shape::from).collect();
+            let params = BuildParams::wide(WideParams { bytes_per_primitive: 128.0, ..WideParams::default() });
+            let tree = RayTree::of_scene(&[], shapes, &params).unwrap();
+            let allowed = 128 * count + 48 * keys + 8192;
+            assert!(tree.statistics().bytes <= allowed, "{kind:?}");
+            most = most.max(tree.statistics().bytes as f64 / allowed as f64);
+        }
+    }
+    assert!(most > 0.5, "{most}");
+}
+
 #[test]
 fn spheres_in_instances_and_lazy_trees_equal_brute_force() {
     let kind = Kind { count: 400, keys: &[1, 2, 5], ..PLAIN };
