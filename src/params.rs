@@ -79,7 +79,7 @@ pub struct WideParams {
     /// split only if the expected cost of a ray falls enough; memory grows with the references. Default 1.58.
     pub max_references: f32,
     /// Bytes per primitive that the tree may take, at least 128; 36 more for each triangle and each key beyond the second at which
-    /// its motion changes, 48 for each key of a sphere (and 8 KiB for every tree, however small). It is an error if a tree cannot be made as small
+    /// its motion changes, 50 for each key of a sphere (and 8 KiB for every tree, however small). It is an error if a tree cannot be made as small
     /// ([`BuildError::OverBudget`]). A larger budget allows more separate trees for parts of the shutter in regions
     /// with incoherent motion, including the share that the rest of the scene does not need. Without such regions, trees
     /// take 35 to 140 bytes whatever the budget. Default 1024.

@@ -249,8 +249,8 @@ pub struct Shapes<P> {
     bad: AtomicU32,
 }
 
-/// Bytes of a sphere at one key in a leaf block: in f32 and in f64.
-pub(crate) const SPHERE_KEY_BYTES: usize = size_of::<([f32; 4], [f64; 4])>();
+/// What a sphere at one key takes in a leaf block, in f32 and in f64, at most: an arena may be a thirty-second larger than its blocks.
+pub(crate) const SPHERE_KEY_BYTES: usize = size_of::<([f32; 4], [f64; 4])>() * 33 / 32 + 1;
 
 /// No primitive has this id.
 const NONE: u32 = u32::MAX;
