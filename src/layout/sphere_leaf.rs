@@ -4,15 +4,14 @@
 //! |---|---|
 //! | n | ids |
 //! | 1 | number of keys of each sphere; 0 if the block only lists ids, and then it ends here |
-//! | 3 | first key in the block; number of keys in it; sizes |
-//! | rows of n | for each key in the block: x, y and z of the centers, and the radii, in f32 |
-//! | 8 n | for each key in the block, sphere by sphere: the same in f64 |
+//! | 3 | first key in the block; number of keys in it, and in the topmost bit whether the caller's numbers are in f64; sizes |
+//! | rows of n | for each key in the block: x, y and z of the centers, and the radii, in tree space |
+//! | 4 n or 8 n | for each key in the block, sphere by sphere: the same as the caller gave them, in f32 if no bit is lost, otherwise in f64 |
 //!
-//! The rows are in tree space. Queries use them to rule out spheres; what is left is decided by the numbers in f64, which are the caller's. So
-//! nothing of the caller's shapes is read, which would have to be fetched from three places. The header also has the greatest error of the
-//! rows: as in other blocks, sizes are the exponents of two powers of two. No coordinate and no
-//! radius is larger than the first. At any time, the distance of centers from those of [`MovingSphere::at`] and the difference of radii are together
-//! at most the second, but for roundings of f32.
+//! Queries use the rows to rule out spheres; what is left is decided by the caller's numbers. So nothing of the caller's shapes is read, which
+//! would have to be fetched from three places. The header also has the greatest error of the rows: as in other blocks, sizes are the exponents of
+//! two powers of two. No coordinate and no radius is larger than the first. At any time, the distance of centers from those of [`MovingSphere::at`]
+//! and the difference of radii are together at most the second, but for roundings of f32.
 
 use super::wide_node::{ChildRef, Kind, Sizes};
 use crate::geometry::{Frame, ULP};
@@ -27,8 +26,8 @@ pub(crate) const SPHERE_ROWS: usize = 4;
 /// Words between the ids and the rows.
 const HEADER: usize = 4;
 
-/// Words of a sphere at a key in f64.
-const EXACT: usize = 2 * SPHERE_ROWS;
+/// In the word of the number of keys: whether the caller's numbers are in f64.
+const FINE: u32 = 1 << 31;
 
 /// Spheres farther away than this in tree space, or as large, are only listed: squares of such numbers do not overflow.
 const FARTHEST: f64 = 4294967296.0;
@@ -45,6 +44,8 @@ pub(crate) struct SphereLeaf {
     /// The first key in the block, and the number of keys in it.
     pub first: usize,
     pub held: usize,
+    /// Whether the caller's numbers are in f64.
+    fine: bool,
     /// The word of the sizes ([`super::block_sizes`]).
     pub sizes: u32,
 }
@@ -57,7 +58,8 @@ impl SphereLeaf {
             0 => None,
             keys => {
                 let &[first, held, sizes] = words[n + 1..].first_chunk().expect("a whole header");
-                Some(SphereLeaf { keys: keys as usize, first: first as usize, held: held as usize, sizes })
+                let (held, fine) = ((held & !FINE) as usize, held & FINE != 0);
+                Some(SphereLeaf { keys: keys as usize, first: first as usize, held, fine, sizes })
             }
         }
     }
@@ -70,26 +72,35 @@ impl SphereLeaf {
         n + HEADER + key * SPHERE_ROWS * n
     }
 
-    /// The offset of the numbers in f64.
+    /// The offset of the caller's numbers.
     #[inline(always)]
-    fn exact(&self, n: usize) -> usize {
+    fn given(&self, n: usize) -> usize {
         n + HEADER + self.held * SPHERE_ROWS * n
+    }
+
+    /// The number of words of a sphere at a key, as the caller gave it.
+    #[inline(always)]
+    fn given_words(&self) -> usize {
+        if self.fine { 2 * SPHERE_ROWS } else { SPHERE_ROWS }
     }
 
     /// The number of words of a block of `n` ids.
     fn words(&self, n: usize) -> usize {
-        self.exact(n) + self.held * EXACT * n
+        self.given(n) + self.held * self.given_words() * n
     }
 
     /// Center and radius of a sphere at a time, as [`MovingSphere::at`] computes them, from a block of `n` ids that begins at `words[0]`. `None` if
-    /// the block has not the keys around that time. That is possible within a rounding error of a key.
+    /// the block does not have the keys around that time. That is possible within a rounding error of a key.
     #[inline(always)]
     pub fn at(&self, words: &[u32], n: usize, lane: usize, time: f32) -> Option<(DVec3, f64)> {
         let key = |key: usize| {
-            let at = self.exact(n) + (key * n + lane) * EXACT;
-            let words: &[u32; EXACT] = words[at..at + EXACT].try_into().ok()?;
-            let [x, y, z, radius] =
-                [0, 2, 4, 6].map(|i| f64::from_bits(u64::from(words[i + 1]) << 32 | u64::from(words[i])));
+            let words = &words[self.given(n) + (key * n + lane) * self.given_words()..];
+            let [x, y, z, radius] = if self.fine {
+                let words: &[u32; 2 * SPHERE_ROWS] = words.first_chunk()?;
+                [0, 2, 4, 6].map(|i| f64::from_bits(u64::from(words[i + 1]) << 32 | u64::from(words[i])))
+            } else {
+                words.first_chunk::<SPHERE_ROWS>()?.map(|bits| f64::from(f32::from_bits(bits)))
+            };
             Some((DVec3::new(x, y, z), radius))
         };
         if self.keys == 1 {
@@ -121,7 +132,9 @@ impl SphereLeaf {
             return None;
         }
         let [first, last] = if most > 2 { slice.segments(most) } else { [0, 0] };
-        Some(SphereLeaf { keys: most, first, held: if most > 2 { last + 2 - first } else { most }, sizes: 0 })
+        let held = if most > 2 { last + 2 - first } else { most };
+        let fine = ids.iter().filter_map(|&id| set.sphere(id)).any(|sphere| !is_in_f32(sphere));
+        Some(SphereLeaf { keys: most, first, held, fine, sizes: 0 })
     }
 
     /// Writes the header and the rows; `false` if a sphere is too far away or too large.
@@ -129,29 +142,42 @@ impl SphereLeaf {
         let n = ids.len();
         let (mut size, mut error) = (0.0, 0.0);
         let (front, rows) = words[..self.words(n)].split_at_mut(n + HEADER);
-        let (rows, exact) = rows.split_at_mut(self.held * SPHERE_ROWS * n);
+        let (rows, given) = rows.split_at_mut(self.held * SPHERE_ROWS * n);
         for (lane, &id) in ids.iter().enumerate() {
             let Some(sphere) = set.sphere(id) else { return false };
             let Some(of) = Measured::of(sphere, set.frame()) else { return false };
             (size, error) = (of.size.max(size), of.error.max(error));
-            let keys = rows.chunks_exact_mut(SPHERE_ROWS * n).zip(exact.chunks_exact_mut(EXACT * n));
-            for (key, (rows, exact)) in keys.enumerate() {
+            let keys = rows.chunks_exact_mut(SPHERE_ROWS * n).zip(given.chunks_exact_mut(self.given_words() * n));
+            for (key, (rows, given)) in keys.enumerate() {
                 let (center, radius) = sphere.keys[(self.first + key).min(sphere.keys.len() - 1)];
                 let at = set.frame().fine_point(center);
                 let in_tree = [at.x, at.y, at.z, radius.abs() * set.frame().scale];
-                let in_world = [center.x, center.y, center.z, radius];
+                let as_given = [center.x, center.y, center.z, radius];
                 for (row, x) in in_tree.into_iter().enumerate() {
                     rows[row * n + lane] = (x as f32).to_bits();
                 }
-                for (words, x) in exact[lane * EXACT..].as_chunks_mut().0.iter_mut().zip(in_world) {
-                    *words = [x.to_bits() as u32, (x.to_bits() >> 32) as u32];
+                let given = &mut given[lane * self.given_words()..];
+                if self.fine {
+                    for (words, x) in given.as_chunks_mut().0.iter_mut().zip(as_given) {
+                        *words = [x.to_bits() as u32, (x.to_bits() >> 32) as u32];
+                    }
+                } else {
+                    given.iter_mut().zip(as_given).for_each(|(word, x)| *word = (x as f32).to_bits());
                 }
             }
         }
         let sizes = Sizes::word_of(size as f32, error as f32);
-        front[n..].copy_from_slice(&[self.keys as u32, self.first as u32, self.held as u32, sizes]);
+        let held = self.held as u32 | if self.fine { FINE } else { 0 };
+        front[n..].copy_from_slice(&[self.keys as u32, self.first as u32, held, sizes]);
         true
     }
+}
+
+/// Whether f32 has all numbers of a sphere.
+fn is_in_f32(sphere: &MovingSphere) -> bool {
+    let all =
+        |&(center, radius): &(DVec3, f64)| center.as_vec3().as_dvec3() == center && f64::from(radius as f32) == radius;
+    sphere.keys.iter().all(all)
 }
 
 /// The size of a sphere in tree space, and the error of its rows.
@@ -210,12 +236,12 @@ pub(super) fn write_shapes<S: PrimitiveSet + ?Sized>(
     ChildRef::new(Kind::OtherLeaf, at, n)
 }
 
-/// Rewrites a block of shapes with these ids that begins at `words[0]`. If shapes are no longer spheres, or have another number of keys, the
-/// block only lists them from then on.
+/// Rewrites a block of shapes with these ids that begins at `words[0]`. If shapes are no longer spheres, have another number of keys, or no room
+/// for their bits, the block only lists them from then on.
 pub(super) fn rewrite_shapes<S: PrimitiveSet + ?Sized>(set: &S, words: &mut [u32], ids: &[u32]) {
     let Some(leaf) = SphereLeaf::of(words, ids.len()) else { return };
     let now = SphereLeaf::for_shapes(set, ids, TimeSlice::WHOLE);
-    let same = now.is_some_and(|now| now.keys == leaf.keys || now.keys == 1);
+    let same = now.is_some_and(|now| (now.keys == leaf.keys || now.keys == 1) && (leaf.fine || !now.fine));
     if !(same && leaf.write(set, ids, words)) {
         words[ids.len()] = 0;
     }
@@ -230,10 +256,18 @@ mod tests {
     use crate::random::Random;
     use crate::simd::{Portable, Rows, Simd};
 
-    fn spheres(n: usize, keys: usize, seed: u64) -> Vec<MovingSphere> {
+    /// Spheres that need f64, or not.
+    fn spheres_of(n: usize, keys: usize, fine: bool, seed: u64) -> Vec<MovingSphere> {
         let mut random = Random(seed);
-        let mut key = || (random.dvec(), random.dvec().x * 0.1);
+        let mut key = || {
+            let (center, radius) = (random.dvec(), random.dvec().x * 0.1);
+            if fine { (center, radius) } else { (center.as_vec3().as_dvec3(), f64::from(radius as f32)) }
+        };
         (0..n).map(|_| MovingSphere::new((0..keys).map(|_| key()).collect())).collect()
+    }
+
+    fn spheres(n: usize, keys: usize, seed: u64) -> Vec<MovingSphere> {
+        spheres_of(n, keys, true, seed)
     }
 
     fn block(set: &Shapes<MovingSphere>, slice: TimeSlice) -> Vec<u32> {
@@ -247,8 +281,8 @@ mod tests {
     fn blocks_have_the_numbers_of_spheres_to_the_last_bit() {
         let mut random = Random(2);
         let (mut found, mut missing) = (0, 0);
-        for keys in [1, 2, 3, 9, 65] {
-            let balls = spheres(7, keys, keys as u64);
+        for (i, keys) in [1, 1, 2, 2, 3, 9, 9, 65].into_iter().enumerate() {
+            let balls = spheres_of(7, keys, i % 2 == 0, keys as u64);
             let set = Shapes::new(balls.clone()).expect("valid spheres");
             for slices in [1, 4, 7] {
                 for index in 0..slices {
@@ -329,6 +363,23 @@ mod tests {
                 assert_eq!(rows.at(&words, 5, 3, 0.3), Some(ball.shapes()[3].at(0.3)));
             }
         }
+        for (before, after, held) in
+            [(false, false, true), (true, false, true), (true, true, true), (false, true, false)]
+        {
+            let set = |fine: bool| Shapes::new(spheres_of(5, 2, fine, 2)).expect("valid spheres");
+            let mut words = block(&set(before), TimeSlice::WHOLE);
+            rewrite_shapes(&set(after), &mut words, &ids);
+            let rows = SphereLeaf::of(&words, 5);
+            assert_eq!(rows.is_some(), held, "in f64 {before} and {after}");
+            if let Some(rows) = rows {
+                assert_eq!(rows.at(&words, 5, 3, 0.3), Some(set(after).shapes()[3].at(0.3)));
+            }
+        }
+        let [coarse, fine] = [false, true].map(|fine| {
+            let set = Shapes::new(spheres_of(5, 2, fine, 2)).expect("valid spheres");
+            shapes_words(&set, &ids, TimeSlice::WHOLE)
+        });
+        assert_eq!(fine - coarse, 5 * 2 * SPHERE_ROWS);
         let far = MovingSphere::new(vec![(DVec3::ZERO, 1.0), (DVec3::splat(1e25), 1.0)]);
         let far = far.with_active(crate::geometry::TimeInterval::new(0.0, 1e-30).expect("an interval"));
         assert!(far.bounds(far.active).swept().max.x < 2.0);
