@@ -15,7 +15,7 @@
 
 use super::wide_node::{ChildRef, Kind, Sizes};
 use crate::geometry::{Frame, ULP};
-use crate::primitive::{MovingSphere, PrimitiveSet};
+use crate::primitive::{MovingSphere, PrimitiveSet, SPHERE_ROUNDING};
 use crate::simd::Arena;
 use crate::time::TimeSlice;
 use glam::DVec3;
@@ -31,10 +31,6 @@ const FINE: u32 = 1 << 31;
 
 /// Spheres farther away than this in tree space, or as large, are only listed: squares of such numbers do not overflow.
 const FARTHEST: f64 = 4294967296.0;
-
-/// What the rounding of the sphere's own functions is at most, relative to the size of the world's numbers; their bounds are padded by as
-/// much.
-const ROUNDING: f64 = 1e-9;
 
 /// The header of the rows behind a list of spheres.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -208,7 +204,7 @@ impl Measured {
         }
         // A query's place between keys is rounded in f32: by an ULP of the number of segments, at most.
         let segments = sphere.keys.len() as f64;
-        Some(Measured { size, error: ROUNDING * world * frame.scale + segments * f64::from(ULP) * step })
+        Some(Measured { size, error: SPHERE_ROUNDING * world * frame.scale + segments * f64::from(ULP) * step })
     }
 }
 
@@ -343,7 +339,7 @@ mod tests {
     #[test]
     fn rows_of_many_keys_are_off_by_no_more_than_the_stated_error_and_would_be_without_the_steps() {
         assert!(off(|ball, frame| Measured::of(ball, frame).expect("near").error) <= 1.0);
-        assert!(off(|_, _| ROUNDING) > 10.0, "an error that nothing needs");
+        assert!(off(|_, _| SPHERE_ROUNDING) > 10.0, "an error that nothing needs");
     }
 
     #[test]

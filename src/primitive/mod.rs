@@ -37,6 +37,7 @@ pub use scene::{Scene, Shape};
 pub(crate) use scene_file::{SceneRecord, ShapesRecord};
 pub(crate) use shared_vertices::Shared;
 pub use sphere::MovingSphere;
+pub(crate) use sphere::SPHERE_ROUNDING;
 pub(crate) use triangles::Triangles;
 pub(crate) use tubes::{Faces, RowsOfKeys, at_corners, bounds_of_faces};
 pub(crate) use vertex_tubes::VertexTubes;

@@ -4,6 +4,10 @@ use super::intersection::Intersection;
 use crate::geometry::{Aabb, LinearBounds, Ray, TimeInterval};
 use glam::{DVec3, Vec3};
 
+/// A bound of the rounding of a sphere's own functions, relative to the size of the world's numbers: it is millions of times the rounding of
+/// the interpolation and of the intersection, which are in f64 (2^-53 each, a dozen operations).
+pub(crate) const SPHERE_ROUNDING: f64 = 1e-9;
+
 /// A sphere whose center and radius move linearly between keys spaced evenly over the shutter.
 ///
 /// A negative radius counts as its absolute value; a sphere without keys is a point at zero that

@@ -2,21 +2,17 @@
 
 use super::custom::Primitive;
 use super::intersection::{Intersection, SurfacePoint};
-use super::sphere::MovingSphere;
+use super::sphere::{MovingSphere, SPHERE_ROUNDING};
 use crate::geometry::{LinearBounds, Ray, TimeInterval};
 use glam::DVec3;
-
-/// What bounds are padded by, relative to the size of the numbers: see the bounds.
-const PADDING: f64 = 1e-9;
 
 impl Primitive for MovingSphere {
     /// Chords of center ± radius, shifted to hold the keys between.
     ///
-    /// The pad of 1e-9 of the size of the numbers is millions of times the rounding of the interpolation and
-    /// of the intersection, which are in f64 (2^-53 each, a dozen operations); the error that grows with the
-    /// ray's distance is covered by the tree.
+    /// They are padded by 1e-9 of the size of the numbers (`SPHERE_ROUNDING`); the error that grows with the ray's distance is covered by the
+    /// tree.
     fn bounds(&self, over: TimeInterval) -> LinearBounds {
-        self.padded_bounds(over, PADDING)
+        self.padded_bounds(over, SPHERE_ROUNDING)
     }
 
     /// The nearer of the two intersections that lies in the ray's range; `u` and `v` are the x and y
@@ -72,7 +68,7 @@ mod tests {
 
     #[test]
     fn bounds_hold_spheres_between_keys_and_would_not_without_padding() {
-        assert_eq!(outside_of_bounds(PADDING), 0);
+        assert_eq!(outside_of_bounds(SPHERE_ROUNDING), 0);
         assert!(outside_of_bounds(0.0) > 500, "a padding that nothing needs");
     }
 
