@@ -11,8 +11,7 @@ use glam::Vec3;
 
 /// The requirements of the wide layout on a set of primitives, beyond [`PrimitiveSet`].
 pub(crate) trait WideSource: PrimitiveSet {
-    /// Whether the set may have triangles. Their corners are in leaf blocks (except for triangles in f64); leaf blocks
-    /// of other primitives are lists of ids.
+    /// Whether the set may have triangles. Their corners are in leaf blocks, in f32; leaf blocks of other primitives are lists of ids.
     const TRIANGLES: bool = false;
     /// The triangles, whose ids come first.
     fn triangles(&self) -> Option<&Triangles> {
@@ -74,7 +73,7 @@ impl WideSource for Scene {
 
     #[inline(always)]
     fn is_listed(&self, id: u32) -> bool {
-        self.shape(id).is_some() || self.triangles.is_precise(id)
+        self.shape(id).is_some()
     }
 
     fn release_build_data(&mut self) {

@@ -24,6 +24,15 @@ pub(super) struct Measured {
 impl Triangles {
     /// Measures a block that begins at `words[0]` and has the coordinates of this set.
     pub(super) fn measured(&self, words: &[u32], of: MovedLeaf<'_>) -> Measured {
+        let in_rows = self.measured_rows(words, of);
+        if of.ids.iter().any(|&id| self.is_precise(id)) {
+            // Their bounds are larger by their rounding.
+            return Measured { bounds: bounds_of(self, of.ids, of.over), ..in_rows };
+        }
+        in_rows
+    }
+
+    fn measured_rows(&self, words: &[u32], of: MovedLeaf<'_>) -> Measured {
         let MovedLeaf { leaf, ids, over, level } = of;
         let n = leaf.len();
         let (shared, keys) = match leaf.kind() {

@@ -17,7 +17,7 @@ use crate::geometry::{LinearBox3, TimeInterval};
 use crate::limits::MAX_TIME_SLICES;
 use crate::parallel;
 use crate::params::{Division, WideParams};
-use crate::primitive::{PrimitiveSet, SPHERE_KEY_BYTES, Triangles};
+use crate::primitive::SPHERE_KEY_BYTES;
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES, huge_vec};
 use crate::time::{
@@ -41,9 +41,8 @@ impl WideTree {
         let mut held = huge_vec(set.len());
         parallel::fill(&mut held, set.len(), |id| id as u32);
         let listed: Vec<u32> = held.extract_if(.., |id| set.is_listed(*id)).collect();
-        let [named, others] = split_listed(set, &listed);
         let budget = allowed_bytes(params, set.len(), set.further_key_bytes());
-        let mut tree = WideTree::fitted(set, [&held, named, others], &DraftParams::new(*params), budget, progress)?;
+        let mut tree = WideTree::fitted(set, [&held, &listed], &DraftParams::new(*params), budget, progress)?;
         let bytes = tree.arena.bytes();
         if bytes > budget && !params.division.is_forced() {
             return Err(BuildError::OverBudget { bytes, budget });
@@ -89,19 +88,18 @@ impl WideTree {
     /// [`WideTree::subtree`] over sorted ids.
     fn sorted_subtree<S: WideSource>(set: &S, ids: &[u32], params: &DraftParams) -> Result<WideTree, BuildError> {
         let (listed, held): (Vec<u32>, Vec<u32>) = ids.iter().partition(|&&id| set.is_listed(id));
-        let [named, others] = split_listed(set, &listed);
         let further = ids.iter().map(|&id| further_key_bytes(set, id)).sum();
         let budget = allowed_bytes(&params.wide, ids.len(), further);
-        let mut tree = WideTree::fitted(set, [&held, named, others], params, budget, &Progress::new(None))?;
+        let mut tree = WideTree::fitted(set, [&held, &listed], params, budget, &Progress::new(None))?;
         tree.counts = tree.counted(set);
         tree.find_masks(set);
         Ok(tree)
     }
 
-    /// Builds over three groups of primitives within the allowed bytes, or else with as few as possible.
+    /// Builds over triangles and listed primitives within the allowed bytes, or else with as few as possible.
     fn fitted<S: WideSource>(
         set: &S,
-        ids: [&[u32]; 3],
+        ids: [&[u32]; 2],
         params: &DraftParams,
         budget: usize,
         progress: &Progress,
@@ -125,10 +123,10 @@ impl WideTree {
         Ok(tree)
     }
 
-    /// Builds over three groups of primitives without a limit.
+    /// Builds over triangles and listed primitives without a limit.
     fn unlimited<S: WideSource>(
         set: &S,
-        ids: [&[u32]; 3],
+        ids: [&[u32]; 2],
         params: &DraftParams,
         progress: &Progress,
     ) -> Result<WideTree, BuildError> {
@@ -312,13 +310,6 @@ impl WideTree {
         }
         Ok(subtrees.first().map_or(ChildRef::NOTHING, |subtree| subtree.root))
     }
-}
-
-/// Splits sorted ids of listed primitives: triangles, and others.
-fn split_listed<'a, S: WideSource>(set: &S, listed: &'a [u32]) -> [&'a [u32]; 2] {
-    let triangles = set.triangles().map_or(0, Triangles::len);
-    let (named, others) = listed.split_at(listed.partition_point(|&id| (id as usize) < triangles));
-    [named, others]
 }
 
 /// Further builds that are tried if a tree is larger than allowed.

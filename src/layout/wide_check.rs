@@ -131,10 +131,7 @@ impl<S: WideSource> Leaves<'_, S> {
             return broken("a leaf block extends beyond the tree");
         };
         for &id in &block[ids.first..][..ids.count] {
-            require(
-                (id as usize) < triangles.len() && !triangles.is_precise(id),
-                "a leaf block of triangles has an id of no triangle, or of a triangle in f64",
-            )?;
+            require((id as usize) < triangles.len(), "a leaf block of triangles has an id of no triangle")?;
             let own = if self.bent { triangles.keys(id) } else { 2 };
             let fits = keys.map_or(own <= 2, |keys| own > 2 && own == keys);
             require(fits, "a leaf block has another number of keys than its triangles")?;

@@ -4,7 +4,7 @@ use super::kd_validate::ValidationError;
 use super::leaf_block::WideSource;
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS};
 use super::wide_tree::WideTree;
-use crate::geometry::{Box3, Frame, KeyTime};
+use crate::geometry::{Box3, KeyTime};
 use crate::primitive::{PrimitiveSet, Triangles};
 use crate::simd::LANES;
 use glam::Vec3;
@@ -37,25 +37,7 @@ impl WideTree {
                 }
             }
         }
-        match triangles.filter(|_| !self.presplit) {
-            Some(triangles) => TIMES.into_iter().try_for_each(|time| self.validate_lists::<S>(triangles, time)),
-            None => Ok(()),
-        }
-    }
-
-    /// Checks that the boxes of lists hold the f64 triangles in them.
-    fn validate_lists<S: WideSource>(&self, triangles: &Triangles, time: f32) -> Result<(), ValidationError> {
-        let mut result = Ok(());
-        self.boxes(time, Frame::WORLD, 1, &mut |b, child| {
-            let ids = if b.leaf && self.is_list::<S>(child) { self.ids::<S>(child) } else { None };
-            for &id in ids.into_iter().flatten().filter(|&&id| (id as usize) < triangles.len()) {
-                let corners = triangles.precise_corners(id, time);
-                if !corners.is_some_and(|corners| corners.into_iter().all(|corner| b.bounds.contains(corner))) {
-                    result = Err(ValidationError::Bounds { primitive: id, time, node: child.at() / LANES });
-                }
-            }
-        });
-        result
+        Ok(())
     }
 
     /// Checks everything except the recorded blocks, for a tree over these primitives, sorted.
@@ -109,7 +91,10 @@ impl WideTree {
     /// Whether a box holds the corners of a triangle at a time.
     fn holds(&self, set: &Triangles, id: u32, time: f32, bounds: Box3) -> bool {
         // A tree without recorded blocks belongs to a set that has its vertices.
-        let corners = if self.blocks.is_empty() { set.corners(id, time) } else { self.corners(set, id, time) };
-        corners.into_iter().all(|corner| bounds.holds(corner))
+        let in_f32 = || if self.blocks.is_empty() { set.corners(id, time) } else { self.corners(set, id, time) };
+        let corners = set.precise_corners(id, time).unwrap_or_else(|| in_f32().map(Vec3::as_dvec3));
+        corners
+            .into_iter()
+            .all(|corner| (corner.cmpge(bounds.min.as_dvec3()) & corner.cmple(bounds.max.as_dvec3())).all())
     }
 }

@@ -1,14 +1,19 @@
 //! Triangles whose vertices are kept in f64, of meshes with [`Keys::Precise`](super::Keys::Precise).
 //!
-//! Trees are built of the same vertices rounded to f32, as of any other mesh, with boxes larger by that rounding. Hits and
-//! nearest points are computed from the vertices in f64. Leaf blocks have no room for these, so leaves list such triangles by
-//! their ids, like primitives that are not triangles.
+//! Trees are built of the same vertices rounded to f32, as of any other mesh, with boxes larger by that rounding. So are
+//! the margins with which queries test leaf blocks (`ray/kernel/shear.rs`). Hits and nearest points are computed from the vertices in f64.
 
 use super::triangles::Triangles;
 use crate::geometry::{KeyTime, TimeInterval, ULP};
 use glam::DVec3;
 
 impl Triangles {
+    /// Whether the vertices of any triangle are kept in f64.
+    #[inline(always)]
+    pub(crate) fn any_precise(&self) -> bool {
+        !self.precise.is_empty()
+    }
+
     /// Whether the vertices of a triangle are kept in f64.
     #[inline(always)]
     pub(crate) fn is_precise(&self, id: u32) -> bool {
@@ -16,7 +21,7 @@ impl Triangles {
     }
 
     /// The corners of a triangle at a time, if its vertices are kept in f64.
-    #[inline(always)]
+    #[inline]
     pub(crate) fn precise_corners(&self, id: u32, t: f32) -> Option<[DVec3; 3]> {
         if self.precise.is_empty() {
             return None;

@@ -348,10 +348,6 @@ impl PrimitiveSet for Triangles {
 
     /// Blocks of many keys are large if their triangles share vertices but have too many for a block of shared vertices.
     fn fits_block(&self, ids: &[u32]) -> bool {
-        if ids.iter().any(|&id| self.is_precise(id)) {
-            // A list of ids.
-            return true;
-        }
         let (mut different, mut n) = ([0; 3 * LANES], 0);
         for &id in ids {
             for vertex in self.vertices(id) {

@@ -196,6 +196,14 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
             lower[axis] = s.min(a[axis], s.min(b[axis], c[axis]));
             upper[axis] = s.max(a[axis], s.max(b[axis], c[axis]));
         }
+        let kept = self.best.set.triangles().filter(|triangles| triangles.any_precise());
+        if kept.is_some() {
+            // Vertices are rounded in blocks, by less than this.
+            let rounding = s.splat(1.01 * ULP * self.best.set.frame().reach);
+            for axis in 0..3 {
+                (lower[axis], upper[axis]) = (lower[axis] - rounding, upper[axis] + rounding);
+            }
+        }
         let distances = query.distances(s, lower, upper);
         let mut near = s.le(distances, s.splat(query.cull(self.best.limit))) & ((1u32 << count) - 1) as Mask;
         if near == 0 {
@@ -215,7 +223,8 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
                 continue;
             }
             self.observer.primitive_tests(1);
-            self.best.offer(query.on_triangle(corners_in(&lanes, lane)), id);
+            let corners = kept.and_then(|triangles| triangles.precise_corners(id, query.time));
+            self.best.offer(query.on_triangle(corners.unwrap_or_else(|| corners_in(&lanes, lane))), id);
             near &= s.le(distances, s.splat(query.cull(self.best.limit)));
         }
     }

@@ -204,6 +204,8 @@ mod tests {
     struct Block {
         near: Lanes<[Vec3; 3]>,
         far: Lanes<[Vec3; 3]>,
+        /// The same as they decide hits, which may be more precise.
+        fine: [Lanes<[DVec3; 3]>; 2],
         /// From the nearest key to the next, at most 1/2; 0 without motion.
         fraction: f32,
         sizes: u32,
@@ -216,7 +218,17 @@ mod tests {
             let size = largest(|[a, b, c]| a.abs().max(b.abs()).max(c.abs()));
             let extent = largest(|[a, b, c]| a.max(*b).max(*c) - a.min(*b).min(*c));
             let exponent = |x: f32| (x.to_bits() >> 23) + 1;
-            Block { near, far, fraction, sizes: exponent(size) << 24 | exponent(extent) << 16 }
+            let fine = [near, far].map(|key| key.map(|corners| corners.map(Vec3::as_dvec3)));
+            Block { near, far, fine, fraction, sizes: exponent(size) << 24 | exponent(extent) << 16 }
+        }
+
+        /// The same triangles with corners in f64, of which those in the block are the nearest f32 numbers.
+        fn kept_in_f64(mut self, random: &mut Random) -> Block {
+            for x in self.fine.as_flattened_mut().as_flattened_mut().iter_mut().flat_map(|corner| corner.as_mut()) {
+                let rounded = *x as f32;
+                *x += f64::from(random.signed().signum()) * 0.49 * f64::from(rounded.next_up() - rounded);
+            }
+            self
         }
 
         /// Triangles of a size around a place; if they move, that far, together but for their size.
@@ -237,7 +249,7 @@ mod tests {
         /// The corners of a triangle in f64.
         fn corners(&self, i: usize) -> [DVec3; 3] {
             core::array::from_fn(|c| {
-                let (a, b) = (self.near[i][c].as_dvec3(), self.far[i][c].as_dvec3());
+                let [a, b] = [0, 1].map(|key: usize| self.fine[key][i][c]);
                 a + (b - a) * f64::from(self.fraction)
             })
         }
@@ -283,11 +295,13 @@ mod tests {
     #[test]
     fn no_hit_is_ruled_out_and_no_miss_is_certain_and_both_would_be_without_margins() {
         let mut random = Random(15);
-        let (mut hits, mut certain, mut lost, mut lost_by_range, mut wrong) = (0, 0, 0, 0, 0);
+        let (mut hits, mut certain, mut lost, mut lost_by_range, mut wrong, mut lost_in_f64) = (0, 0, 0, 0, 0, 0);
         for i in 0..60_000 {
             let size = 10f32.powi(-(i % 7));
             let place = random.vec();
             let block = Block::random(&mut random, place, size, if i % 4 < 2 { 0.0 } else { 1.0 });
+            let in_f64 = i % 5 == 0;
+            let block = if in_f64 { block.kept_in_f64(&mut random) } else { block };
             let origin = if i % 2 == 0 { random.vec() * 3.0 } else { place + random.vec() * 3.0 * size };
             let [a, b, _] = block.corners(i as usize % LANES).map(|p| p.as_vec3());
             let target = if i % 3 == 0 { a } else { a.lerp(b, random.unit()) };
@@ -319,12 +333,14 @@ mod tests {
                 let none = Deviation { near: 0.0, far: 0.0 };
                 let [first, closest, _, sure] = block.tests(&ray, &sheared, block.sizes & 0xff_ffff, none);
                 lost += (hit & !first).count_ones();
+                lost_in_f64 += if in_f64 { (hit & !first).count_ones() } else { 0 };
                 lost_by_range += (hit & first & !closest).count_ones();
                 wrong += (sure & !hit).count_ones();
             }
         }
         assert!(hits > 200_000 && certain > hits / 4, "{certain} of {hits}");
         assert!(lost > 2000 && lost_by_range > 2000 && wrong > 2000, "{lost} {lost_by_range} {wrong}");
+        assert!(lost_in_f64 > lost / 5, "rounded vertices lose less: {lost_in_f64} of {lost}");
     }
 
     #[test]

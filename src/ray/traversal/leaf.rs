@@ -75,6 +75,14 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
             return true;
         }
         while let Some(i) = candidates.next(collect) {
+            if self.keeps_f64()
+                && let Some(done) = self.offer_kept(ids + i, (ray, of), collect)
+            {
+                if done {
+                    return true;
+                }
+                continue;
+            }
             // Written out: a closure would be compiled to a call, which spills the registers of the query.
             let corners = [
                 fine_corners::<S, MOVING>(s, &rows, between, kx, i),
@@ -149,6 +157,14 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
             return true;
         }
         while let Some(i) = candidates.next(collect) {
+            if self.keeps_f64()
+                && let Some(done) = self.offer_kept(at + n + i, (ray, of), collect)
+            {
+                if done {
+                    return true;
+                }
+                continue;
+            }
             let numbers = words[i];
             let corners = [
                 fine_vertices::<S, MOVING>(s, &rows, between, kx, numbers),
@@ -196,6 +212,23 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         };
         let id = self.arena.ints()[id];
         self.sees(id, ray) && collect.offer(Found { hit, id }, ray, self.set, self.filter)
+    }
+
+    /// Whether any vertices are kept in f64: those in leaf blocks are rounded.
+    #[inline(always)]
+    fn keeps_f64(&self) -> bool {
+        self.set.triangles().is_some_and(|triangles| triangles.any_precise())
+    }
+
+    /// Decides by its vertices in f64 whether the triangle whose id is at word `id` is hit; `None` if it has only those in the block. True ends
+    /// the query.
+    #[cold]
+    #[inline(never)]
+    fn offer_kept(&self, id: usize, (ray, sheared): (&TreeRay, &Sheared), collect: &mut impl Collect) -> Option<bool> {
+        let id = self.arena.ints()[id];
+        let corners = self.set.triangles()?.precise_corners(id, ray.time())?;
+        let Some(hit) = ray.decide_one(sheared, corners, collect.limit()) else { return Some(false) };
+        Some(self.sees(id, ray) && collect.offer(Found { hit, id }, ray, self.set, self.filter))
     }
 
     /// Whether a primitive exists at the ray's time and the query sees it. This is tested for hits only, so boxes and leaf blocks
