@@ -25,6 +25,24 @@ pub(crate) fn alone<T>(f: impl FnOnce() -> T) -> T {
     f()
 }
 
+/// The least number of items whose work is shared among threads: triangles to build a tree of, or as much work.
+const SHARED: usize = 1024;
+
+/// Calls `f`, which has several loops over this many items: on the calling thread alone if there are few or there is one thread, otherwise on a
+/// thread of the pool.
+///
+/// A thread outside the pool that begins a loop hands it to the pool and sleeps until it is done. That takes as long as building a tree of fifty
+/// triangles, for each loop. So whoever has several loops enters the pool once, and for little work not at all.
+pub(crate) fn entered<T: Send>(items: usize, f: impl FnOnce() -> T + Send) -> T {
+    if items < SHARED || threads() == 1 {
+        return alone(f);
+    }
+    #[cfg(feature = "rayon")]
+    return rayon::scope(|_| f());
+    #[cfg(not(feature = "rayon"))]
+    f()
+}
+
 /// `f(0)`, `f(1)`, … `f(n - 1)` in order; the result does not depend on the threads.
 pub(crate) fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
     if n < 2 || threads() == 1 {
@@ -111,4 +129,25 @@ pub(crate) fn fill<T: Send>(items: &mut Vec<T>, n: usize, f: impl Fn(usize) -> T
 /// Locks a mutex, also after a panic of another thread, which is propagated there.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(all(test, feature = "rayon"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn little_work_stays_on_its_thread_and_much_enters_the_pool_once() {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("threads");
+        let within = || (threads(), rayon::current_thread_index().is_some());
+        assert_eq!(entered(SHARED - 1, within), (1, false));
+        assert_eq!(entered(SHARED - 1, || map(9, |_| within())), [(1, false); 9]);
+        // From a thread of a pool, the work stays in it.
+        assert_eq!(pool.install(|| entered(SHARED, within)), (2, true));
+        assert_eq!(pool.install(|| entered(SHARED - 1, within)), (1, true));
+        if threads() > 1 {
+            assert_eq!(entered(SHARED, within), (threads(), true));
+            assert_eq!(alone(|| entered(SHARED, within)), (1, false));
+        }
+        assert!(!ALONE.get());
+    }
 }

@@ -9,6 +9,7 @@ use super::transform::Transform;
 use crate::error::BuildError;
 use crate::geometry::{Aabb, LinearBounds, Ray, TimeInterval};
 use crate::layout::{Statistics, ValidationError, WideSource, WideTree};
+use crate::parallel;
 use crate::params::WideParams;
 use crate::primitive::PrimitiveSet;
 use crate::progress::Progress;
@@ -186,7 +187,7 @@ impl InstanceTree {
     /// # Errors
     /// An [`InstanceError`] that names the transform or parameter at fault. An empty tree is valid.
     pub fn build(instances: Vec<Instance>, params: &WideParams) -> Result<InstanceTree, InstanceError> {
-        InstanceTree::padded(instances, params, 1.0)
+        parallel::entered(instances.len(), || InstanceTree::padded(instances, params, 1.0))
     }
 
     /// [`InstanceTree::build`] with this share of the padding of boxes: 1, or less in tests.

@@ -5,6 +5,7 @@ use super::error::PointError;
 use super::search::layers::Layer;
 use super::statistics::PointLayerKind;
 use super::tree::{PointParams, PointTree};
+use crate::parallel;
 use crate::primitive::PointSet;
 use crate::progress::Progress;
 use std::collections::HashMap;
@@ -38,6 +39,10 @@ impl PointTree {
     /// # Ok::<(), mbkd::PointError>(())
     /// ```
     pub fn rebuild<P: PointSet + ?Sized>(&mut self, points: &P, params: &PointParams) -> Result<bool, PointError> {
+        parallel::entered(points.len() / 8, || self.read_and_rebuild(points, params))
+    }
+
+    fn read_and_rebuild<P: PointSet + ?Sized>(&mut self, points: &P, params: &PointParams) -> Result<bool, PointError> {
         let fits = points.len() == self.len() && points.keys() == 1 && matches!(self.layers[..], [Layer::Static(_)]);
         if !fits {
             *self = PointTree::build(points, params)?;

@@ -115,12 +115,11 @@ pub(crate) fn answer_each<Q: Sync, T: Copy + Default + Send>(
 /// Calls `fill` for each task with the index of its first query, its queries and their answers.
 fn in_tasks<Q: Sync, T: Send>(queries: &[Q], answers: &mut [T], fill: impl Fn(usize, &[Q], &mut [T]) + Sync) {
     #[cfg(feature = "rayon")]
-    {
+    if queries.len() > CHUNK && parallel::threads() > 1 {
         use rayon::prelude::*;
         let tasks = queries.par_chunks(CHUNK).zip(answers.par_chunks_mut(CHUNK)).enumerate();
-        tasks.for_each(|(task, (queries, answers))| fill(task * CHUNK, queries, answers));
+        return tasks.for_each(|(task, (queries, answers))| fill(task * CHUNK, queries, answers));
     }
-    #[cfg(not(feature = "rayon"))]
     for (task, (queries, answers)) in queries.chunks(CHUNK).zip(answers.chunks_mut(CHUNK)).enumerate() {
         fill(task * CHUNK, queries, answers);
     }

@@ -8,6 +8,7 @@ use super::{Hit, Indices, Observer, Ray, Space, answer_in_order};
 use crate::error::BuildError;
 use crate::geometry::{Frame, LinearBounds};
 use crate::layout::{Plan, Statistics, TreeBox, ValidationError};
+use crate::parallel;
 use crate::params::BuildParams;
 use crate::primitive::{Primitive, PrimitiveSet, Scene, Shape, Shapes, TriangleMesh};
 use crate::progress::{Callback, Progress};
@@ -400,7 +401,8 @@ impl RayTree {
     /// # Errors
     /// As [`RayTree::build`] and [`RayTree::of_primitives`].
     pub fn of_scene(meshes: &[TriangleMesh], shapes: Vec<Shape>, params: &BuildParams) -> Result<RayTree, BuildError> {
-        RayTree::of(Scene::new(meshes, shapes)?, params, &Progress::new(None))
+        let primitives = shapes.len() + meshes.iter().map(TriangleMesh::len).sum::<usize>();
+        parallel::entered(primitives, || RayTree::of(Scene::new(meshes, shapes)?, params, &Progress::new(None)))
     }
 
     /// [`RayTree::build`] that calls `progress` from time to time with the finished fraction (0 to 1), from any of its
@@ -410,7 +412,10 @@ impl RayTree {
         params: &BuildParams,
         progress: Callback<'_>,
     ) -> Result<RayTree, BuildError> {
-        RayTree::of(Scene::new(meshes, Vec::new())?, params, &Progress::new(Some(progress)))
+        let triangles = meshes.iter().map(TriangleMesh::len).sum();
+        parallel::entered(triangles, || {
+            RayTree::of(Scene::new(meshes, Vec::new())?, params, &Progress::new(Some(progress)))
+        })
     }
 
     /// The corners of a triangle of a mesh at any time, exactly as queries use them. NaN if there is no such triangle. A
@@ -457,7 +462,7 @@ impl<P: Primitive> RayTree<Shapes<P>> {
     /// # Errors
     /// [`BuildError::BadBounds`] for a primitive whose bounds are not finite; an error for parameters out of range.
     pub fn of_primitives(primitives: Vec<P>, params: &BuildParams) -> Result<RayTree<Shapes<P>>, BuildError> {
-        RayTree::of(Shapes::new(primitives)?, params, &Progress::new(None))
+        parallel::entered(primitives.len(), || RayTree::of(Shapes::new(primitives)?, params, &Progress::new(None)))
     }
 
     /// The primitives that were given to the build.

@@ -4,7 +4,8 @@ use super::compiled::Layout;
 use super::{Geometry, RayTree};
 use crate::error::RefitError;
 use crate::layout::Moved;
-use crate::primitive::{Primitive, Shape, Shapes, TriangleMesh};
+use crate::parallel;
+use crate::primitive::{Primitive, PrimitiveSet, Shape, Shapes, TriangleMesh};
 
 /// The result of a refit ([`RayTree::refit`]): the work done, and the quality of the tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -147,8 +148,10 @@ impl RayTree {
         moved: Vec<bool>,
     ) -> Result<Refit, RefitError> {
         self.can_be_refitted()?;
-        let geometry = self.geometry.again(meshes, shapes)?;
-        self.refit_to(geometry, moved)
+        parallel::entered(self.geometry.len(), || {
+            let geometry = self.geometry.again(meshes, shapes)?;
+            self.refit_to(geometry, moved)
+        })
     }
 }
 
@@ -174,8 +177,10 @@ impl<P: Primitive> RayTree<Shapes<P>> {
         if expected != found {
             return Err(RefitError::Shapes { expected, found });
         }
-        let geometry = Shapes::new(primitives).map_err(RefitError::Input)?;
-        self.refit_to(geometry, vec![true])
+        parallel::entered(expected, || {
+            let geometry = Shapes::new(primitives).map_err(RefitError::Input)?;
+            self.refit_to(geometry, vec![true])
+        })
     }
 }
 

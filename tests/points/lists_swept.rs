@@ -148,7 +148,7 @@ fn lists_longer_than_one_gather() {
 #[test]
 fn larger_sets_swept_on_all_numbers_of_threads() {
     for kind in ["random", "coherent", "fast few", "wild speeds", "short intervals"] {
-        let cloud = cloud(kind, 800, &mut Rng(5));
+        let cloud = cloud(kind, 1100, &mut Rng(5));
         let interval = TimeInterval::new(0.2, 0.7).unwrap();
         let expected = meet_all(&cloud, interval, 0.2);
         for structure in STRUCTURES {

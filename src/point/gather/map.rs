@@ -9,6 +9,7 @@ use super::scratch::GatherScratch;
 use super::search::{PhotonSearch, nearest_in_metric};
 use crate::geometry::KeyTime;
 use crate::limits::MAX_POINT_COORDINATE;
+use crate::parallel;
 use crate::point::neighbor::Neighbor;
 use crate::point::queries::batch::{in_runs, morton_order};
 use crate::point::queries::query::NeighborBuffer;
@@ -108,7 +109,7 @@ impl<F: Flux> PhotonMap<F> {
         if let Some(photon) = photons.iter().position(|photon| !photon.flux.is_finite()) {
             return Err(GatherError::Flux { photon });
         }
-        let index = Index::build(photons, params)?;
+        let index = parallel::entered(photons.len(), || Index::build(photons, params))?;
         let flux = index.ids.iter().map(|&id| photons[id as usize].flux).collect();
         Ok(PhotonMap { index, flux })
     }

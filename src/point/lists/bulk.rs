@@ -4,6 +4,7 @@ use super::csr::NeighborCsr;
 use super::error::ListError;
 use super::radii::Radii;
 use crate::limits::MAX_POINT_COORDINATE;
+use crate::parallel;
 use crate::point::error::PointError;
 use crate::point::tree::{PointParams, PointTree};
 use crate::primitive::Position;
@@ -67,6 +68,10 @@ impl<Q: Position> BulkQuery<'_, Q> {
 
     /// Makes the lists, in place of what `lists` held. After an error it holds no lists.
     pub fn run(self, lists: &mut NeighborCsr) -> Result<(), ListError> {
+        parallel::entered(self.queries.len(), || self.checked_run(lists))
+    }
+
+    fn checked_run(self, lists: &mut NeighborCsr) -> Result<(), ListError> {
         let BulkQuery { among, queries, .. } = self;
         lists.offsets.clear();
         lists.points.clear();

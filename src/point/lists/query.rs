@@ -6,6 +6,7 @@ use super::list_request::{ListRequest, Listing};
 use super::periodic_box::PeriodicBox;
 use super::radii::Radii;
 use super::run;
+use crate::parallel;
 use crate::point::tree::PointTree;
 
 /// A request for neighbour lists in preparation; made by [`PointTree::neighbor_lists`].
@@ -109,7 +110,11 @@ impl<'a> ListQuery<'a> {
     }
 
     /// Makes the lists, in place of what `lists` held. After an error it holds no lists.
-    pub fn run(mut self, lists: &mut NeighborCsr) -> Result<(), ListError> {
+    pub fn run(self, lists: &mut NeighborCsr) -> Result<(), ListError> {
+        parallel::entered(self.request.tree.len(), || self.checked_run(lists))
+    }
+
+    fn checked_run(mut self, lists: &mut NeighborCsr) -> Result<(), ListError> {
         lists.offsets.clear();
         lists.points.clear();
         self.request.check()?;

@@ -127,6 +127,10 @@ impl PointTree {
         radius: f32,
         lists: &mut EncounterLists,
     ) -> Result<(), ListError> {
+        parallel::entered(self.len(), || self.sweep_into(interval, radius, lists))
+    }
+
+    fn sweep_into(&self, interval: TimeInterval, radius: f32, lists: &mut EncounterLists) -> Result<(), ListError> {
         lists.clear();
         if !self.precise.is_empty() {
             return Err(ListError::Double);
