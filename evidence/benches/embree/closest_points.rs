@@ -141,7 +141,10 @@ fn native(query: &ClosestPointQuery) -> PointQuery {
 }
 
 /// The triangles and keys of the meshes, from which the callback interpolates.
-struct Meshes<'a>(Vec<(&'a [[u32; 3]], Vec<Cow<'a, [Vec3]>>)>);
+struct Meshes<'a>(Vec<Mesh<'a>>);
+
+/// Indices and keys.
+type Mesh<'a> = (&'a [[u32; 3]], Vec<Cow<'a, [Vec3]>>);
 
 /// Embree's answer.
 struct Near {
