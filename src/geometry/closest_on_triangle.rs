@@ -61,15 +61,16 @@ pub(crate) fn closest_on_triangle(q: DVec3, [a, b, c]: [DVec3; 3]) -> OnTriangle
 fn closest_on_segment(q: DVec3, a: DVec3, b: DVec3) -> (DVec3, f64) {
     let ab = b - a;
     let (along, length) = ((q - a).dot(ab), ab.length_squared());
-    // Also if both are 0.
-    if along <= 0.0 || length == 0.0 {
-        (a, 0.0)
-    } else if along >= length {
-        (b, 1.0)
-    } else {
-        let t = along / length;
-        (a + ab * t, t)
-    }
+    let t = along / length;
+    let between = a + ab * t;
+    // Selections without branches, which would often be mispredicted. Also right if both numbers are 0.
+    let (at_a, at_b) = ((along <= 0.0) | (length == 0.0), along >= length);
+    let of = |a: f64, b: f64, between: f64| {
+        let other = if at_b { b } else { between };
+        if at_a { a } else { other }
+    };
+    let point = DVec3::new(of(a.x, b.x, between.x), of(a.y, b.y, between.y), of(a.z, b.z, between.z));
+    (point, of(0.0, 1.0, t))
 }
 
 #[cfg(test)]

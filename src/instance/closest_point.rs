@@ -109,7 +109,7 @@ impl InstanceTree {
         path: InstancePath,
         guards: &mut InstanceGuards<'_, InstancePoint>,
     ) -> Option<InstancePoint> {
-        let in_tree = Query::new(query, *self.placements.frame())?;
+        let in_tree = Query::new(query, self.placements.frame())?;
         let mut leaves = InInstances { of: self, query: *query, path, guards, best: None };
         dispatch(self.simd, NearestFirst { tree: &self.wide, query: &in_tree, leaves: &mut leaves });
         leaves.best
@@ -128,7 +128,7 @@ impl InstanceOf {
             InstanceOf::Instances(tree) => return tree.nearest_from(query, path, guards),
         };
         let near = match guards {
-            InstanceGuards::Plain => tree.closest_point_of(*query),
+            InstanceGuards::Plain => tree.closest_point_of(query),
             InstanceGuards::Filtered { mask, accept } => {
                 let accept = |&near: &_| accept(&InstancePoint { path, near });
                 tree.closest_point_guarded(query, Guards::filtered(*mask, &accept))

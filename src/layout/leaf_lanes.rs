@@ -13,6 +13,8 @@ pub(crate) struct CornerLanes<S: Simd> {
     pub count: usize,
     /// The first word of their ids.
     pub ids: usize,
+    /// The word of the sizes of the block ([`super::block_sizes`]).
+    pub sizes: u32,
 }
 
 impl<S: Simd> CornerLanes<S> {
@@ -61,7 +63,7 @@ impl<S: Simd> CornerLanes<S> {
                 third[axis] = c + (c2 - c) * fraction;
             }
         }
-        CornerLanes { corners: [first, second, third], count: n, ids }
+        CornerLanes { corners: [first, second, third], count: n, ids, sizes: arena.ints()[ids - 1] }
     }
 
     /// For triangles with shared vertices: the beginning and length of the rows, and the beginning of the vertex
@@ -89,7 +91,7 @@ impl<S: Simd> CornerLanes<S> {
             second[axis] = s.permute(vertices, s.shift_right::<4>(places));
             third[axis] = s.permute(vertices, s.shift_right::<8>(places));
         }
-        CornerLanes { corners: [first, second, third], count: triangles, ids: numbers + triangles }
+        CornerLanes { corners: [first, second, third], count: triangles, ids: numbers + triangles, sizes: words[0] }
     }
 }
 

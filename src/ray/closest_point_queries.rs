@@ -39,7 +39,7 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn closest_point(&self, query: &ClosestPointQuery) -> Option<ClosestPoint> {
-        self.closest_point_of((*query).into())
+        self.closest_point_of(&(*query).into())
     }
 
     /// [`RayTree::closest_point`] among the points for which `accept` returns true, on meshes whose
@@ -81,12 +81,13 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn closest_points(&self, queries: &[ClosestPointQuery], answers: &mut Vec<Option<ClosestPoint>>) {
-        answer_each(queries, answers, |_, query| self.closest_point_of((*query).into()));
+        answer_each(queries, answers, |_, query| self.closest_point_of(&(*query).into()));
     }
 
     /// The closest point of a tree that may be placed in another space; see [`PlacedQuery`].
-    pub(crate) fn closest_point_of(&self, query: PlacedQuery) -> Option<ClosestPoint> {
-        (self.queries.closest_point)(self.target(), &query)
+    #[inline(always)]
+    pub(crate) fn closest_point_of(&self, query: &PlacedQuery) -> Option<ClosestPoint> {
+        (self.queries.closest_point)(self.target(), query)
     }
 
     /// [`RayTree::closest_point_of`] with a filter or an observer.

@@ -124,6 +124,59 @@ fn long_triangles_that_are_cut_and_large_trees() {
     assert!(work.primitive_tests < 100 * 100 && work.nodes > 100, "{work:?}");
 }
 
+/// Leaf blocks rule out most triangles in f32: about one is decided in f64 for each leaf that has a nearer one.
+#[test]
+fn few_triangles_are_decided_in_f64() {
+    let mut random = Random(7);
+    for (meshes, near, anywhere) in [
+        (vec![closed_sphere(60, 2, 0.01, 5)], 2.0, 6.0),
+        (vec![soup(4000, 2, 0.05, 0.1, 6)], 2.0, 2.5),
+        (vec![soup(4000, 1, 0.05, 0.0, 6)], 2.0, 2.5),
+    ] {
+        let tree = RayTree::build(&meshes, &BuildParams::default()).unwrap();
+        let triangles = meshes[0].len();
+        let mut tests = |point: &mut dyn FnMut(&mut Random, f32) -> Vec3| {
+            let mut work = Counters::default();
+            for _ in 0..1000 {
+                let time = random.unit();
+                let query = ClosestPointQuery::new(point(&mut random, time), time);
+                tree.closest_point_observed(&query, &mut work);
+            }
+            work.primitive_tests as f64 / 1000.0
+        };
+        let at_surface = tests(&mut |random, time| {
+            let primitive = random.below(triangles) as u32;
+            let [a, b, c] = tree.vertices(&mbkd::Hit { t: 0.0, u: 0.0, v: 0.0, mesh: 0, primitive }, time);
+            ((a + b + c) / 3.0).as_vec3() + random.vec() * 0.02
+        });
+        let at_any = tests(&mut |random, _| random.vec());
+        assert!(at_surface < near && at_any < anywhere, "{at_surface} {at_any} tests per query");
+    }
+}
+
+/// Squares of such distances overflow in f32, and all distances are the same, so the lowest id wins.
+#[test]
+fn from_very_far_away_ties_go_to_the_lowest_id() {
+    let mut random = Random(5);
+    let meshes = [soup(200, 2, 0.1, 0.1, 3), closed_sphere(12, 1, 0.0, 4)];
+    let (triangles, trees) = (BruteForce::new(&meshes).unwrap(), trees(&meshes));
+    let balls: Vec<MovingSphere> =
+        (0..200).map(|_| MovingSphere::fixed(random.vec().as_dvec3() * 4.0, f64::from(random.unit()))).collect();
+    let spheres = BruteForce::of_primitives(balls.clone()).unwrap();
+    let of_spheres: Vec<_> = SimdLevel::available()
+        .into_iter()
+        .map(|level| RayTree::of_primitives(balls.clone(), &BuildParams::default()).unwrap().with_simd(level))
+        .collect();
+    for exponent in 4..30 {
+        for _ in 0..3 {
+            let point = random.vec().as_dvec3() * 10f64.powi(exponent);
+            let query = ClosestPointQuery::new(point, random.unit());
+            agree(&trees, &triangles, query);
+            agree(&of_spheres, &spheres, query);
+        }
+    }
+}
+
 #[test]
 fn points_on_the_surface_are_at_distance_zero() {
     let mesh = soup(400, 2, 0.3, 0.5, 12);

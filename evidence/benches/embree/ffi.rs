@@ -6,8 +6,11 @@
 //! offsets are asserted at compile time. The two versions differ only in how a query takes its context: version 3
 //! requires one, version 4 has optional arguments.
 //!
-//! All calls into Embree are in this file, and with them all `unsafe` code of the program.
+//! All calls into Embree are in this module, and with them all `unsafe` code of the program.
 #![allow(unsafe_code)]
+
+mod packet;
+mod points;
 
 use glam::Vec3;
 use libloading::Library;
@@ -18,8 +21,8 @@ use std::mem::{offset_of, size_of};
 use std::ptr::{null, null_mut};
 use std::sync::atomic::{AtomicIsize, Ordering};
 
-/// Rays of one packet query.
-pub const PACKET: usize = 16;
+pub use packet::{PACKET, Packet};
+pub use points::PointQuery;
 
 const INVALID_ID: c_uint = c_uint::MAX;
 const GEOMETRY_TYPE_TRIANGLE: c_int = 0;
@@ -95,67 +98,9 @@ const _: () = {
     assert!(size_of::<EmbreeRay>() == 48 && offset_of!(EmbreeRay, tfar) == 32);
     assert!(offset_of!(RtcHit, primitive) == 20 && offset_of!(RtcHit, instance_primitive) == 32);
     assert!(offset_of!(RtcRayHit, hit) == 48 && align_of::<RtcRayHit>() == 16);
-    assert!(size_of::<Packet>() == 21 * 64 && align_of::<Packet>() == 64);
-    assert!(offset_of!(Packet, tfar) == 512 && offset_of!(Packet, geometry) == 1152);
     assert!(size_of::<Vec3>() == 12);
     assert!(size_of::<Context3>() == 24 && offset_of!(Context3, instance) == 16);
 };
-
-/// `RTCRayHit16`: sixteen rays, each field an array.
-#[derive(Clone)]
-#[repr(C, align(64))]
-pub struct Packet {
-    origin: [[f32; PACKET]; 3],
-    tnear: [f32; PACKET],
-    dir: [[f32; PACKET]; 3],
-    time: [f32; PACKET],
-    tfar: [f32; PACKET],
-    mask: [c_uint; PACKET],
-    id: [c_uint; PACKET],
-    flags: [c_uint; PACKET],
-    normal: [[f32; PACKET]; 3],
-    u: [f32; PACKET],
-    v: [f32; PACKET],
-    primitive: [c_uint; PACKET],
-    geometry: [c_uint; PACKET],
-    instance: [c_uint; PACKET],
-    instance_primitive: [c_uint; PACKET],
-}
-
-impl Packet {
-    /// Up to sixteen rays; unused lanes have an empty range.
-    pub fn new(rays: &[Ray]) -> Packet {
-        let ray = |i: usize| rays.get(i).map(EmbreeRay::from);
-        let field = |get: &dyn Fn(EmbreeRay) -> f32, none: f32| std::array::from_fn(|i| ray(i).map_or(none, get));
-        Packet {
-            origin: std::array::from_fn(|axis| field(&|r| r.origin[axis], 0.0)),
-            tnear: field(&|r| r.tnear, 1.0),
-            dir: std::array::from_fn(|axis| field(&|r| r.dir[axis], 1.0)),
-            time: field(&|r| r.time, 0.0),
-            tfar: field(&|r| r.tfar, -1.0),
-            mask: [c_uint::MAX; PACKET],
-            id: [0; PACKET],
-            flags: [0; PACKET],
-            normal: [[0.0; PACKET]; 3],
-            u: [0.0; PACKET],
-            v: [0.0; PACKET],
-            primitive: [INVALID_ID; PACKET],
-            geometry: [INVALID_ID; PACKET],
-            instance: [INVALID_ID; PACKET],
-            instance_primitive: [INVALID_ID; PACKET],
-        }
-    }
-
-    fn hit(&self, i: usize) -> Option<Hit> {
-        (self.geometry[i] != INVALID_ID).then(|| Hit {
-            t: self.tfar[i],
-            u: self.u[i],
-            v: self.v[i],
-            mesh: self.geometry[i],
-            primitive: self.primitive[i],
-        })
-    }
-}
 
 /// `RTCIntersectContext` of Embree 3 with one instance level.
 #[repr(C)]
@@ -237,6 +182,7 @@ struct Functions {
     set_transform: unsafe extern "C" fn(Handle, c_uint, c_int, *const c_void),
     set_transform_quaternion: unsafe extern "C" fn(Handle, c_uint, *const Decomposition),
     commit_scene: unsafe extern "C" fn(Handle),
+    point_query: points::PointQueryFunction,
     release_scene: unsafe extern "C" fn(Handle),
 }
 
@@ -302,6 +248,7 @@ impl Embree {
                 set_transform: symbol(l, "rtcSetGeometryTransform")?,
                 set_transform_quaternion: symbol(l, "rtcSetGeometryTransformQuaternion")?,
                 commit_scene: symbol(l, "rtcCommitScene")?,
+                point_query: symbol(l, "rtcPointQuery")?,
                 release_scene: symbol(l, "rtcReleaseScene")?,
             }
         };

@@ -71,11 +71,17 @@ pub fn positions(mesh: &TriangleMesh) -> Vec<Cow<'_, [Vec3]>> {
     }
 }
 
-/// Length of the diagonal of the swept box.
-pub fn scene_size(meshes: &[TriangleMesh]) -> f32 {
+/// The swept box.
+pub fn bounds(meshes: &[TriangleMesh]) -> (Vec3, Vec3) {
     let (mut min, mut max) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     for key in meshes.iter().flat_map(positions) {
         (min, max) = key.iter().fold((min, max), |(min, max), &p| (min.min(p), max.max(p)));
     }
+    (min, max)
+}
+
+/// Length of the diagonal of the swept box.
+pub fn scene_size(meshes: &[TriangleMesh]) -> f32 {
+    let (min, max) = bounds(meshes);
     (max - min).length()
 }

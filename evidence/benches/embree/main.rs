@@ -8,6 +8,7 @@
 mod agree;
 mod builds;
 mod clock;
+mod closest_points;
 mod configs;
 mod ffi;
 mod geometry;
@@ -59,6 +60,12 @@ fn measure(options: &Options) -> Result<(), String> {
     }
     if let Some(count) = options.spheres {
         return spheres::measure(options, embree.as_ref().ok_or("spheres are measured against Embree only")?, count);
+    }
+    if options.closest_points {
+        return closest_points::measure(
+            options,
+            embree.as_ref().ok_or("closest points are measured against Embree only")?,
+        );
     }
     let mut measured = Measured::default();
     let mut builds = Vec::new();

@@ -57,6 +57,9 @@ pub struct Options {
     /// Number of spheres, instead of the scenes.
     #[arg(long)]
     pub spheres: Option<usize>,
+    /// Closest points in the scenes, instead of rays.
+    #[arg(long)]
+    pub closest_points: bool,
     /// Embree's library file; by default the system's, 4.x before 3.x.
     #[arg(long)]
     pub embree: Option<String>,

@@ -1,7 +1,7 @@
 //! Our side: one tree with default parameters, without settings per scene.
 
 use crate::rays::Kind;
-use mbkd::{BuildParams, Counters, Hit, Ray, RayTree, SimdLevel, TriangleMesh};
+use mbkd::{BuildParams, ClosestPoint, ClosestPointQuery, Counters, Hit, Ray, RayTree, SimdLevel, TriangleMesh};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::sync::Arc;
 
@@ -44,6 +44,11 @@ impl Ours {
     #[inline]
     pub fn any_hit(&self, ray: &Ray) -> bool {
         self.tree.any_hit(ray)
+    }
+
+    #[inline]
+    pub fn closest_point(&self, query: &ClosestPointQuery) -> Option<ClosestPoint> {
+        self.tree.closest_point(query)
     }
 
     /// The total work of the single queries of a kind.

@@ -23,6 +23,14 @@ impl Checksum {
         }
     }
 
+    /// Reads a closest point: distance, mesh, triangle and position.
+    #[inline(always)]
+    pub fn near(&mut self, distance: f32, [mesh, primitive]: [u32; 2], point: f64) {
+        self.hits += 1;
+        self.ids = self.ids.wrapping_add(u64::from(mesh) << 32 | u64::from(primitive));
+        self.real += f64::from(distance) + point;
+    }
+
     /// Reads a truth value.
     #[inline(always)]
     pub fn any(&mut self, hit: bool) {

@@ -13,6 +13,8 @@
 //!   side of it (`low`, `high`), so along each axis `max(lower - high, low - upper, 0)`, before rounding, is at most
 //!   `|p - q|`. Rounding it, its square and the sum of squares makes it too large by less than 4 ULP, and the square of
 //!   a number near zero by less than the least normal number: [`Query::cull`] allows for both.
+//! - Triangles of a leaf block are ruled out by lower bounds of their distances, with a margin for rounding
+//!   (`ray/closest_point/triangle_bound.rs`).
 //! - Placed trees (instances). Distances are those of images, measured from the query point in the outer space. The
 //!   tree is searched from that point mapped into its own space, out to the greatest inner distance that
 //!   [`Placement`](crate::geometry::Placement) derives for the outer one.
@@ -25,6 +27,7 @@
 
 use super::nearest_first::{Leaves, NearestFirst};
 use super::point_query::{Candidate, PlacedQuery, Query};
+use super::triangle_bound::TriangleBound;
 use crate::geometry::{KeyTime, ULP};
 use crate::layout::{
     Between, ChildRef, CornerLanes, SPHERE_ROWS, SphereLeaf, WideSource, WideTree, block_sizes, sphere_row,
@@ -34,7 +37,7 @@ use crate::mbkd::{KdTree, KdView};
 use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes};
 use crate::ray::filter::{Everything, Filter};
 use crate::ray::observer::Observer;
-use crate::simd::{LANES, Lanes, Mask, Rows, Simd, SimdLevel, StackMemory, dispatch, dispatch_or, first_lanes};
+use crate::simd::{LANES, Lanes, Rows, Simd, SimdLevel, StackMemory, dispatch, dispatch_or, first_lanes};
 use glam::{DVec3, Vec3};
 
 /// The closest point on any primitive of a [`RayTree`](crate::RayTree), as returned by
@@ -96,7 +99,7 @@ impl<P: Primitive> ClosestPointSource for Shapes<P> {
 pub(in crate::ray) struct Best<'a, G, F> {
     pub set: &'a G,
     filter: &'a F,
-    pub query: &'a Query,
+    pub query: &'a Query<'a>,
     found: Option<(Candidate, u32)>,
     /// The greatest distance of a point that can still improve the answer.
     pub limit: f32,
@@ -186,36 +189,41 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> Leaves for InP
 }
 
 impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'_, '_, G, F, O> {
-    /// Tests a block of triangles: those whose boxes are near enough, closest first.
+    /// Tests a block of triangles: those whose boxes and lower bounds are near enough, closest first.
     #[inline(always)]
     fn triangles<S: Simd>(&mut self, s: S, leaf: ChildRef) {
         let query = self.best.query;
-        let CornerLanes { corners: [a, b, c], count, ids } = CornerLanes::of(s, &self.tree.arena, leaf, query.time);
+        let CornerLanes { corners, count, ids, sizes } = CornerLanes::of(s, &self.tree.arena, leaf, query.time);
+        let [a, b, c] = corners;
+        // How far corners may be from those in the block, in tree space: along each axis less than an ULP of the largest coordinate, if vertices
+        // are kept in f64 and rounded in blocks.
+        let kept = self.best.set.triangles().filter(|triangles| triangles.any_precise());
+        let error = if kept.is_some() { 1.75 * ULP * block_sizes(sizes).0 + f32::MIN_POSITIVE } else { 0.0 };
+        let reach = |limit: f32| query.reach(limit) + f64::from(error);
         let (mut lower, mut upper) = (a, a);
         for axis in 0..3 {
             lower[axis] = s.min(a[axis], s.min(b[axis], c[axis]));
             upper[axis] = s.max(a[axis], s.max(b[axis], c[axis]));
         }
-        let kept = self.best.set.triangles().filter(|triangles| triangles.any_precise());
-        if kept.is_some() {
-            // Vertices are rounded in blocks, by less than this.
-            let rounding = s.splat(1.01 * ULP * self.best.set.frame().reach);
-            for axis in 0..3 {
-                (lower[axis], upper[axis]) = (lower[axis] - rounding, upper[axis] + rounding);
-            }
-        }
-        let distances = query.distances(s, lower, upper);
-        let mut near = s.le(distances, s.splat(query.cull(self.best.limit))) & ((1u32 << count) - 1) as Mask;
+        let to_boxes = query.distances(s, lower, upper);
+        let mut near = s.le(to_boxes, s.splat(Query::squared(reach(self.best.limit)))) & first_lanes(count);
         if near == 0 {
             return;
         }
+        let mut bounds = s.splat(0.0);
+        if query.is_close() {
+            bounds = TriangleBound::new(query.inside.as_vec3(), block_sizes(sizes), error).of(s, corners);
+            near &= s.le(bounds, s.splat(TriangleBound::beyond(query.reach(self.best.limit))));
+        }
         let mut lanes = [[[0.0; LANES]; 3]; 3];
-        for (to, from) in lanes.iter_mut().flatten().zip([a, b, c].into_iter().flatten()) {
-            s.store(from, to);
+        for corner in 0..3 {
+            for axis in 0..3 {
+                s.store(corners[corner][axis], &mut lanes[corner][axis]);
+            }
         }
         while near != 0 {
-            let least = s.reduce_min_u(s.select_u(near, s.to_bits(distances), s.splat_u(u32::MAX)));
-            let nearest = s.eq(distances, s.splat(f32::from_bits(least))) & near;
+            let least = s.reduce_min_u(s.select_u(near, s.to_bits(bounds), s.splat_u(u32::MAX)));
+            let nearest = s.eq_u(s.to_bits(bounds), s.splat_u(least)) & near;
             let lane = nearest.trailing_zeros() as usize % LANES;
             near &= !(1 << lane);
             let id = self.tree.arena.ints()[ids + lane];
@@ -225,7 +233,7 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
             self.observer.primitive_tests(1);
             let corners = kept.and_then(|triangles| triangles.precise_corners(id, query.time));
             self.best.offer(query.on_triangle(corners.unwrap_or_else(|| corners_in(&lanes, lane))), id);
-            near &= s.le(distances, s.splat(query.cull(self.best.limit)));
+            near &= s.le(bounds, s.splat(TriangleBound::beyond(query.reach(self.best.limit))));
         }
     }
 }
@@ -255,7 +263,9 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
         let (size, error) = block_sizes(spheres.sizes);
         let margin = s.splat(24.0 * ULP * (size + from.abs().max_element()) + error);
         let away = s.sqrt(x * x + y * y + z * z) - radius;
-        let distances = s.max_with_zero(away - margin, s.splat(0.0) - away - margin);
+        // From very far away, squares overflow, and nothing is ruled out.
+        let none = s.splat(0.0);
+        let distances = if query.is_close() { s.max_with_zero(away - margin, none - away - margin) } else { none };
         let reach = |limit: f32| s.splat((query.reach(limit) as f32).next_up());
         // A comparison with NaN is false, so such a sphere is kept.
         let mut near = !s.lt(reach(self.best.limit), distances) & first_lanes(n);
@@ -367,7 +377,7 @@ fn search_kd<G: ClosestPointSource, F: Filter<ClosestPoint>>(
 }
 
 /// The initial state of a search.
-pub(in crate::ray) fn begin<'a, G, F>(set: &'a G, query: &'a Query, filter: &'a F) -> Best<'a, G, F> {
+pub(in crate::ray) fn begin<'a, G, F>(set: &'a G, query: &'a Query<'a>, filter: &'a F) -> Best<'a, G, F> {
     Best { set, filter, query, found: None, limit: query.max_distance }
 }
 
@@ -380,7 +390,7 @@ pub(in crate::ray) fn closest_point_in_wide<G: ClosestPointSource>(
     filter: &impl Filter<ClosestPoint>,
     observer: &mut impl Observer,
 ) -> Option<ClosestPoint> {
-    let query = &Query::new(query, *set.frame())?;
+    let query = &Query::new(query, set.frame())?;
     let mut best = begin(set, query, filter);
     let mut leaves = InPrimitives { tree, best: &mut best, observer };
     dispatch(simd, NearestFirst { tree, query, leaves: &mut leaves });
@@ -397,7 +407,7 @@ pub(in crate::ray) fn plain_closest_point_in_wide<G: ClosestPointSource>(
     query: &PlacedQuery,
     guarded: impl FnOnce() -> Option<ClosestPoint>,
 ) -> Option<ClosestPoint> {
-    let query = &Query::new(query, *set.frame())?;
+    let query = &Query::new(query, set.frame())?;
     let mut best = begin(set, query, &Everything);
     let mut leaves = InPrimitives { tree, best: &mut best, observer: &mut () };
     let mut found = None;
@@ -413,7 +423,7 @@ pub(in crate::ray) fn closest_point_in_kd<G: ClosestPointSource>(
     filter: &impl Filter<ClosestPoint>,
     observer: &mut impl Observer,
 ) -> Option<ClosestPoint> {
-    let query = Query::new(query, *set.frame())?;
+    let query = Query::new(query, set.frame())?;
     let mut best = begin(set, &query, filter);
     search_kd(tree, &mut best, observer);
     best.finish()
@@ -425,7 +435,7 @@ pub(crate) fn closest_point_of_all<G: ClosestPointSource>(
     query: &PlacedQuery,
     filter: &impl Filter<ClosestPoint>,
 ) -> Option<ClosestPoint> {
-    let query = Query::new(query, *set.frame())?;
+    let query = Query::new(query, set.frame())?;
     let mut best = begin(set, &query, filter);
     for id in 0..set.len() as u32 {
         if best.sees(id)

@@ -19,7 +19,7 @@ pub(in crate::ray) fn closest_point_in_lazy<G: ClosestPointSource>(
     filter: &impl Filter<ClosestPoint>,
     observer: &mut impl Observer,
 ) -> Option<ClosestPoint> {
-    let query = &Query::new(query, *set.frame())?;
+    let query = &Query::new(query, set.frame())?;
     let mut best = begin(set, query, filter);
     let mut leaves = InSubtrees { simd, tree, best: &mut best, observer };
     dispatch(simd, NearestFirst { tree: &tree.top, query, leaves: &mut leaves });

@@ -23,7 +23,7 @@ pub(crate) trait Leaves {
 /// The traversal of a tree, to be dispatched to an instruction set.
 pub(crate) struct NearestFirst<'a, L> {
     pub tree: &'a WideTree,
-    pub query: &'a Query,
+    pub query: &'a Query<'a>,
     pub leaves: &'a mut L,
 }
 
@@ -47,7 +47,7 @@ impl<L: Leaves> Kernel for NearestFirst<'_, L> {
 
 /// The state of a search.
 struct Search<'a, L> {
-    query: &'a Query,
+    query: &'a Query<'a>,
     /// [`Query::cull`] of the current limit.
     cull: f32,
     leaves: &'a mut L,

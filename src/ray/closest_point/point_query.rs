@@ -3,6 +3,7 @@
 //!
 //! The `closest_point` module proves that no closest point is lost.
 
+use super::triangle_bound::FARTHEST;
 use crate::geometry::{Frame, Placement, ULP, closest_on_triangle};
 use crate::layout::{ChildRef, NODE_ROWS};
 use crate::limits::MAX_COORDINATE;
@@ -67,12 +68,12 @@ pub(crate) struct Candidate {
 }
 
 /// A query in the outer space, and in tree space.
-pub(crate) struct Query {
+pub(crate) struct Query<'a> {
     pub(in crate::ray) point: DVec3,
     pub(in crate::ray) time: f32,
     pub(in crate::ray) max_distance: f32,
-    frame: Frame,
-    pub(in crate::ray) placed: Option<Placement>,
+    frame: &'a Frame,
+    pub(in crate::ray) placed: Option<&'a Placement>,
     /// The query point in the tree's own space.
     pub(in crate::ray) own: DVec3,
     /// The greatest distance in tree space per unit of distance in the outer space.
@@ -86,9 +87,10 @@ pub(crate) struct Query {
     high: Vec3,
 }
 
-impl Query {
+impl<'a> Query<'a> {
     /// Returns `None` for a query that is out of range.
-    pub fn new(PlacedQuery { query, placed }: &PlacedQuery, frame: Frame) -> Option<Query> {
+    #[inline(always)]
+    pub fn new(PlacedQuery { query, placed }: &'a PlacedQuery, frame: &'a Frame) -> Option<Query<'a>> {
         if !query.is_valid() {
             return None;
         }
@@ -110,7 +112,7 @@ impl Query {
             time,
             max_distance,
             frame,
-            placed: *placed,
+            placed: placed.as_ref(),
             own,
             scale_bound,
             deviation,
@@ -123,7 +125,7 @@ impl Query {
     /// The closest point of a triangle with these corners in tree space.
     #[inline(always)]
     pub(in crate::ray) fn on_triangle(&self, corners: [DVec3; 3]) -> Candidate {
-        if let Some(placed) = &self.placed {
+        if let Some(placed) = self.placed {
             return self.on_placed_triangle(placed, corners);
         }
         let found = closest_on_triangle(self.inside, corners);
@@ -154,6 +156,12 @@ impl Query {
         (f64::from(limit.next_up()) + self.deviation) * self.scale_bound
     }
 
+    /// Whether the query point is close enough for bounds of distances from triangles and spheres.
+    #[inline(always)]
+    pub(in crate::ray) fn is_close(&self) -> bool {
+        self.high.max(-self.low).max_element() < FARTHEST
+    }
+
     /// The boxes of a node that are within reach, and their squared distances; see [`Query::distances`].
     #[inline(always)]
     pub(in crate::ray) fn enter<S: Simd, const ROWS: usize>(&self, s: S, block: &NodeBlock, cull: f32) -> (Mask, S::F) {
@@ -172,7 +180,12 @@ impl Query {
     /// A squared distance: a box whose distance computed in f32 is above it has no point within `limit`.
     #[inline(always)]
     pub(in crate::ray) fn cull(&self, limit: f32) -> f32 {
-        let reach = self.reach(limit);
+        Query::squared(self.reach(limit))
+    }
+
+    /// A squared distance: a box whose distance computed in f32 is above it is farther away than `reach`.
+    #[inline(always)]
+    pub(in crate::ray) fn squared(reach: f64) -> f32 {
         (reach * reach * (1.0 + f64::from(8.0 * ULP))) as f32 + f32::MIN_POSITIVE
     }
 
