@@ -28,8 +28,10 @@ pub(super) fn order(numbers: &mut [u32], leaf: usize, points: Points<'_>, progre
 fn order_range(numbers: &mut [u32], leaf: usize, points: Points<'_>, progress: &Progress) {
     let count = numbers.len();
     let part = leaf * LANES * LANES;
-    let block = subtrees_of(count, subtree(count, leaf), leaf).filter(|_| !progress.cancelled());
-    let Some(block) = block else {
+    if progress.cancelled() {
+        return;
+    }
+    let Some(block) = subtrees_of(count, subtree(count, leaf), leaf) else {
         return progress.finished(count as f64);
     };
     if count > part && order_parts_in_f32(numbers, part, points, progress) {
