@@ -137,7 +137,7 @@ mod tests {
                 let mut point = |i: usize| {
                     let size = 10f64.powi((i * i % 11) as i32 * 4 - 20);
                     let at = DVec3::new(random.signed_f64(), random.signed_f64(), random.signed_f64());
-                    (at * if i % 3 == 0 { 1.0 } else { 1e3 }).floor() * size
+                    (at * if i.is_multiple_of(3) { 1.0 } else { 1e3 }).floor() * size
                 };
                 leaf_size(&(0..count).map(&mut point).collect::<Vec<_>>(), leaf);
             }
