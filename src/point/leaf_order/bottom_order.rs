@@ -6,7 +6,7 @@
 //! more is written to the front than was read. A range has whole vectors, and so have its halves.
 
 use super::complete_tree::left_part;
-use super::divide::{counted, extremes, guess, least_lane, lowest_lanes};
+use super::divide::{counted, extremes, guess, lowest_lanes, next_key};
 use super::point_rows::{NO_POINT, PointRows, PointVector};
 use super::widest_axis::longest;
 use crate::simd::{Item, LANES, Lanes, Mask, Simd, lanes_at, lanes_at_mut};
@@ -151,17 +151,12 @@ impl Rows<MOST> {
 #[inline(always)]
 fn threshold<S: Simd>(s: S, keys: &[Lanes<f32>], count: usize, (least, most): (f32, f32)) -> (f32, usize) {
     let mut lo = match guess(s, keys, count, (least, most)) {
-        Ok(bound) => return (bound, 0),
+        Ok(found) => return found,
         Err(lo) => lo,
     };
     // One key after the other: it ends with the greatest one at the latest.
     loop {
-        let mut next = s.splat(f32::INFINITY);
-        for key in keys {
-            let key = s.load(key);
-            next = s.select(s.le(s.splat(lo), key), s.min(key, next), next);
-        }
-        let key = least_lane(s, next);
+        let key = next_key(s, keys, lo);
         let (found, with_equal) = counted(s, keys, key);
         if with_equal >= count || key >= most {
             return (key, count - found);

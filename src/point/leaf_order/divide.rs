@@ -80,8 +80,8 @@ impl Kernel for Threshold<'_> {
         let Threshold { keys, count, scratch } = self;
         if keys.len() <= FEW {
             let vectors = keys.as_chunks().0;
-            if let Ok(bound) = guess(s, vectors, count, extremes(s, vectors)) {
-                return (bound, 0);
+            if let Ok(found) = guess(s, vectors, count, extremes(s, vectors)) {
+                return found;
             }
         }
         let (lo, hi) = bracket(keys, count);
@@ -93,8 +93,8 @@ impl Kernel for Threshold<'_> {
         let whole = inside.next_multiple_of(LANES);
         scratch[inside..whole].fill(f32::INFINITY);
         let vectors = scratch[..whole].as_chunks().0;
-        if let Ok(bound) = guess(s, vectors, count - below, extremes(s, vectors)) {
-            return (bound, 0);
+        if let Ok(found) = guess(s, vectors, count - below, extremes(s, vectors)) {
+            return found;
         }
         // The last key on the left, how many of those set apart are less, and how many are equal.
         let rank = count - 1 - below;
@@ -103,8 +103,13 @@ impl Kernel for Threshold<'_> {
         let less = lower.iter().filter(|&&other| other < key).count();
         let equal = inside - less - higher.iter().filter(|&&other| other > key).count();
         let wanted = count - below - less;
-        if wanted == equal && key.next_up() < f32::INFINITY { (key.next_up(), 0) } else { (key, wanted) }
+        with_ties(key, wanted, equal)
     }
+}
+
+/// A bound that is a key: `wanted` of the `equal` keys that are equal to it are on the left.
+fn with_ties(key: f32, wanted: usize, equal: usize) -> (f32, usize) {
+    if wanted == equal && key.next_up() < f32::INFINITY { (key.next_up(), 0) } else { (key, wanted) }
 }
 
 /// Two keys of a sample between which the one of this rank very likely is: three standard deviations from where it is in the sample.
@@ -131,15 +136,19 @@ fn bracket(keys: &[f32], count: usize) -> (f32, f32) {
 /// Evenly spread keys take four to six.
 const GUESSES: usize = 10;
 
-/// A bound that exactly the `count` lowest keys are below. `least` and `most` are the least and the greatest finite key. If
-/// none is found within [`GUESSES`], as where keys are equal, the error is the greatest key tried that too few are below.
+/// What divides the `count` lowest keys from the others: those below a bound, and so many of those equal to it. `least` and `most`
+/// are the least and the greatest finite key. If [`GUESSES`] do not suffice, the error is the greatest number tried that too few are
+/// below.
+///
+/// A guess may separate no others than the guess before, as on a lattice or where there are outliers. Then the next key in that
+/// direction is looked at: it is the bound, or what lies behind it is left.
 #[inline(always)]
 pub(in crate::point) fn guess<S: Simd>(
     s: S,
     keys: &[Lanes<f32>],
     count: usize,
     (least, most): (f32, f32),
-) -> Result<f32, f32> {
+) -> Result<(f32, usize), f32> {
     // So many keys are below `lo`, and so many, or fewer, below `hi`.
     let (mut lo, mut below) = (least, 0);
     let (mut hi, mut not_above) = (most, keys.len() * LANES);
@@ -152,11 +161,46 @@ pub(in crate::point) fn guess<S: Simd>(
         }
         let found = counted(s, keys, at).0;
         if found == count {
-            return Ok(at);
+            return Ok((at, 0));
         }
-        if found < count { (lo, below) = (at, found) } else { (hi, not_above) = (at, found) }
+        let nothing_new = found == if found < count { below } else { not_above };
+        if found < count {
+            (lo, below) = (at, found)
+        } else {
+            (hi, not_above) = (at, found)
+        }
+        if nothing_new {
+            let key = if found < count { next_key(s, keys, at) } else { previous_key(s, keys, at) };
+            let (less, with_equal) = counted(s, keys, key);
+            if less <= count && count <= with_equal {
+                return Ok(with_ties(key, count - less, with_equal - less));
+            }
+            if found < count { (lo, below) = (key.next_up(), with_equal) } else { (hi, not_above) = (key, less) }
+        }
     }
     Err(lo)
+}
+
+/// The least key that is not below a number.
+#[inline(always)]
+pub(in crate::point) fn next_key<S: Simd>(s: S, keys: &[Lanes<f32>], from: f32) -> f32 {
+    let mut next = s.splat(f32::INFINITY);
+    for key in keys {
+        let key = s.load(key);
+        next = s.select(s.le(s.splat(from), key), s.min(key, next), next);
+    }
+    least_lane(s, next)
+}
+
+/// The greatest key below a number.
+#[inline(always)]
+fn previous_key<S: Simd>(s: S, keys: &[Lanes<f32>], to: f32) -> f32 {
+    let mut previous = s.splat(f32::NEG_INFINITY);
+    for key in keys {
+        let key = s.load(key);
+        previous = s.select(s.lt(key, s.splat(to)), s.max(key, previous), previous);
+    }
+    -least_lane(s, s.splat(0.0) - previous)
 }
 
 /// The least and the greatest finite key.
@@ -279,8 +323,11 @@ impl Kernel for DivideRange<'_, '_> {
 /// The lowest `count` lanes of a mask, or all of them.
 #[inline(always)]
 pub(in crate::point) fn lowest_lanes(mask: Mask, count: usize) -> Mask {
+    if mask.count_ones() as usize <= count {
+        return mask;
+    }
     let mut rest = mask;
-    for _ in 0..count.min(LANES) {
+    for _ in 0..count {
         rest &= rest.wrapping_sub(1);
     }
     mask & !rest

@@ -1,7 +1,8 @@
 //! Building a tree over f64 points.
 
 use super::linear_box::{FULL, LinearBox, Node, NodeRows};
-use super::order::{Displacement, Item, order};
+use super::order::order;
+use super::rounded_order::{OfPoint, Points};
 use super::tree::{Block, PreciseTree, Rows, between};
 use crate::geometry::TimeInterval;
 use crate::point::build::source::Source;
@@ -10,6 +11,7 @@ use crate::point::leaf_order::moving_reference::TimeSlice;
 use crate::point::leaf_order::order::ORDERING;
 use crate::progress::Progress;
 use crate::simd::{LANES, huge_vec_of};
+use glam::DVec3;
 
 impl PreciseTree {
     /// The tree of a time slice over some points of a set. Unless it `moves`, all points must be static
@@ -24,23 +26,25 @@ impl PreciseTree {
         let later = (slice.segment + 1).min(slice.keys - 1);
         let keys = |point: usize| [source.exact(point, slice.segment), source.exact(point, later)];
         let middle = 0.5 * (slice.phases[0] + slice.phases[1]);
-        let item = |point: usize| {
-            source.active(point).intersect(slice.interval)?;
-            Some(Item { at: between(keys(point), middle), point: point as u32 })
-        };
-        let mut items: Vec<Item> = points.filter_map(item).collect();
-        let shape = PreciseTree::shape(items.len(), moves);
+        let persist = source.all_persist();
+        let exists = |&point: &usize| persist || source.active(point).intersect(slice.interval).is_some();
+        let mut numbers: Vec<u32> = points.filter(exists).map(|point| point as u32).collect();
+        let shape = PreciseTree::shape(numbers.len(), moves);
+        let at_rest = |point: u32| source.exact(point as usize, slice.segment);
+        let in_the_middle = |point: u32| between(keys(point as usize), middle);
+        let at: OfPoint<'_> = if moves { &in_the_middle } else { &at_rest };
         let displacement = |point: u32| {
             let [begin, end] = slice.phases.map(|phase| between(keys(point as usize), phase));
             end - begin
         };
-        let motion = moves.then_some(&displacement as Displacement<'_>);
-        order(&mut items, shape.leaf(), motion, &progress.subtask(ORDERING));
-        let leaves = items.len().div_ceil(shape.leaf());
+        let points = Points { at, displacement: moves.then_some(&displacement as OfPoint<'_>) };
+        order(&mut numbers, shape.leaf(), points, &progress.subtask(ORDERING));
+        let leaves = numbers.len().div_ceil(shape.leaf());
         let blocks = leaves * shape.leaf_blocks;
-        let active = |item: &Item| source.active(item.point as usize);
-        let has_active_intervals = items.iter().any(|item| active(item) != TimeInterval::FULL);
-        let timed = items.iter().any(|item| active(item).intersect(slice.interval) != Some(slice.interval));
+        let active = |number: &u32| source.active(*number as usize);
+        let has_active_intervals = !persist && numbers.iter().any(|number| active(number) != TimeInterval::FULL);
+        let timed =
+            !persist && numbers.iter().any(|number| active(number).intersect(slice.interval) != Some(slice.interval));
         let mut tree = PreciseTree {
             slice,
             shape,
@@ -51,22 +55,25 @@ impl PreciseTree {
             node_times: Vec::new(),
             block_times: vec![LaneIntervals::NEVER; if timed { blocks } else { 0 }],
             active: vec![LaneIntervals::NEVER; if has_active_intervals { blocks } else { 0 }],
-            references: items.len(),
+            references: numbers.len(),
         };
         let mut boxes_below = Vec::with_capacity(leaves);
-        for (leaf, items) in items.chunks(shape.leaf()).enumerate() {
+        for (leaf, numbers) in numbers.chunks(shape.leaf()).enumerate() {
+            if !moves {
+                let blocks = &mut tree.blocks[leaf * shape.leaf_blocks..][..shape.leaf_blocks];
+                boxes_below.push(fill_static_leaf(source, slice.segment, numbers, blocks));
+                continue;
+            }
             let mut bounds = LinearBox::NONE;
-            for (i, item) in items.iter().enumerate() {
+            for (i, number) in numbers.iter().enumerate() {
                 let (block, lane) = (leaf * shape.leaf_blocks + i / LANES, i % LANES);
-                let point = item.point as usize;
-                let (keys, active) = (keys(point), active(item));
+                let point = *number as usize;
+                let (keys, active) = (keys(point), active(number));
                 let [begin, end] = keys.map(|p| p.to_array());
                 let interval = active.intersect(slice.interval).unwrap_or(slice.interval);
                 for axis in 0..3 {
                     tree.blocks[block].begin.0[axis][lane] = begin[axis];
-                    if moves {
-                        tree.ends[block].0[axis][lane] = end[axis];
-                    }
+                    tree.ends[block].0[axis][lane] = end[axis];
                 }
                 tree.blocks[block].id[lane] = source.id(point);
                 let set = |to: &mut [LaneIntervals], interval: TimeInterval| {
@@ -81,7 +88,7 @@ impl PreciseTree {
             }
             boxes_below.push(bounds);
         }
-        drop(items);
+        drop(numbers);
         for level in 0..shape.levels {
             let mut above = Vec::with_capacity(boxes_below.len().div_ceil(LANES));
             // Even a tree without points has a root.
@@ -104,4 +111,19 @@ impl PreciseTree {
         progress.finished(1.0 - ORDERING);
         tree
     }
+}
+
+/// Writes points that are static and exist throughout the shutter to the blocks of a leaf; returns the box around them.
+fn fill_static_leaf(source: &Source, key: usize, numbers: &[u32], blocks: &mut [Block]) -> LinearBox {
+    let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for (block, numbers) in blocks.iter_mut().zip(numbers.chunks(LANES)) {
+        let [x, y, z] = &mut block.begin.0;
+        for (lane, &number) in numbers.iter().enumerate() {
+            let at = source.exact(number as usize, key);
+            (x[lane], y[lane], z[lane]) = (at.x, at.y, at.z);
+            block.id[lane] = source.id(number as usize);
+            (lo, hi) = (lo.min(at), hi.max(at));
+        }
+    }
+    LinearBox::at_rest(lo, hi)
 }

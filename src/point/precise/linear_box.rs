@@ -9,6 +9,7 @@
 //! (3 |at| + 6 |slope|)u; the difference covers the f64 rounding of the build. The centre moves along a line; computed in
 //! f64 it is off by less than 2^-49 of its largest coordinates, by which faces are moved outward too.
 
+use crate::geometry::TimeInterval;
 use crate::point::layout::linear_face::{UNIT, rounded_down};
 use crate::point::layout::moving_leaf::LaneIntervals;
 use crate::point::layout::snapshot::Boxes;
@@ -58,6 +59,11 @@ impl LinearBox {
         let moves = if a == b { 0.0 } else { 1.0 };
         let error = a.abs().max(b.abs()) * (moves * 2f64.powi(-49));
         LinearBox { lo: ends.map(|p| p - error), hi: ends.map(|p| p + error), times }
+    }
+
+    /// A box that does not move and always exists.
+    pub(super) fn at_rest(lo: DVec3, hi: DVec3) -> LinearBox {
+        LinearBox { lo: [lo; 2], hi: [hi; 2], times: [TimeInterval::FULL.begin(), TimeInterval::FULL.end_bound()] }
     }
 
     /// The box around both.

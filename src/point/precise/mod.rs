@@ -11,6 +11,7 @@ mod build;
 mod in_file;
 mod linear_box;
 mod order;
+mod rounded_order;
 mod tree;
 
 pub(super) use in_file::PreciseRecord;
@@ -23,7 +24,7 @@ use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;
 use super::search::nearest::Best;
 use super::search::radius::{Sink, within};
-use super::search::sinks::{Gather, Visit, VisitSome};
+use super::search::sinks::{Count, Gather, Visit, VisitSome};
 use super::search::sort::few_in_order;
 use super::search::walk::walk;
 use super::search::{Keep, KeepAll, KeptLanes, NeighborWork};
@@ -142,6 +143,11 @@ impl PreciseQuery<'_> {
         dispatch(self.simd, Collecting { query: self, candidates });
     }
 
+    /// The number of points within the bound.
+    pub(super) fn count(&self) -> usize {
+        dispatch(self.simd, Counting(self))
+    }
+
     /// Shows the points within the bound to a visitor, whatever is kept.
     pub(super) fn for_some(&self, visit: VisitSome<'_>) -> ControlFlow<()> {
         dispatch(self.simd, Visiting { query: self, visit })
@@ -206,6 +212,22 @@ impl Kernel for Collecting<'_, '_> {
             // A sink that never breaks.
             let _ = layer.within(s, (query.point, query.time), query.bound, &mut sink);
         }
+    }
+}
+
+struct Counting<'a>(&'a PreciseQuery<'a>);
+
+impl Kernel for Counting<'_> {
+    type Output = usize;
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> usize {
+        let query = self.0;
+        let mut sink = Count { count: 0, keep: &query.keep };
+        for layer in query.layers {
+            // A sink that never breaks.
+            let _ = layer.within(s, (query.point, query.time), query.bound, &mut sink);
+        }
+        sink.count
     }
 }
 

@@ -1,5 +1,11 @@
-//! Ordering f64 points for a complete tree: [`crate::point::leaf_order::order`] in f64.
+//! Ordering f64 points for a complete tree.
+//!
+//! An order may be found by rounded coordinates, because boxes are made around what is in them. So a range is ordered in f32,
+//! relative to its middle ([`super::rounded_order`]): first into parts of a few thousand points, then each part, relative to its
+//! own middle, into leaves. Where points are so close together, relative to the range, that rounding decides on their order, the
+//! range is divided once in f64, and its halves are tried again.
 
+use super::rounded_order::{OfPoint, Points, order_in_f32, order_parts_in_f32};
 use crate::parallel;
 use crate::point::leaf_order::complete_tree::{left_part, subtree, subtrees_of};
 use crate::point::leaf_order::motion_groups::{self, Displaced, MotionDivision};
@@ -9,66 +15,132 @@ use crate::progress::Progress;
 use crate::simd::LANES;
 use glam::DVec3;
 
-/// A point to be ordered.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Item {
-    pub(super) at: DVec3,
-    /// Its index in the set.
-    pub(super) point: u32,
-}
-
 /// Ranges shorter than this are not divided among threads.
 const SHARE: usize = 1 << 14;
 
-/// The displacement of a point during a time slice, by its index in the set.
-pub(super) type Displacement<'a> = &'a (dyn Fn(u32) -> DVec3 + Sync);
-
-/// Orders points so that leaf i holds the i-th run of `leaf` of them. Once `progress` is cancelled, large ranges are left
+/// Orders the numbers of points so that leaf i holds the i-th run of `leaf` of them. Once `progress` is cancelled, ranges are left
 /// unordered.
-pub(super) fn order(items: &mut [Item], leaf: usize, motion: Option<Displacement<'_>>, progress: &Progress) {
-    let progress = progress.subtask(1.0 / items.len() as f64);
-    blocks(items, subtree(items.len(), leaf), leaf, motion, &progress);
+pub(super) fn order(numbers: &mut [u32], leaf: usize, points: Points<'_>, progress: &Progress) {
+    order_range(numbers, leaf, points, &progress.subtask(1.0 / numbers.len() as f64));
 }
 
-/// Orders a range whose subtrees have `block` points each. A point counts 1 for `progress`.
-fn blocks(items: &mut [Item], block: usize, leaf: usize, motion: Option<Displacement<'_>>, progress: &Progress) {
-    let Some(block) = subtrees_of(items.len(), block, leaf) else {
-        return progress.finished(items.len() as f64);
+/// Orders a range that begins where a subtree does. A point counts 1 for `progress`.
+fn order_range(numbers: &mut [u32], leaf: usize, points: Points<'_>, progress: &Progress) {
+    let count = numbers.len();
+    let part = leaf * LANES * LANES;
+    if progress.cancelled() {
+        return;
+    }
+    let Some(block) = subtrees_of(count, subtree(count, leaf), leaf) else {
+        return progress.finished(count as f64);
     };
+    if count > part && order_parts_in_f32(numbers, part, points, progress) {
+        let mut parts: Vec<&mut [u32]> = numbers.chunks_mut(part).collect();
+        parallel::each(&mut parts, |part| order_range(part, leaf, points, progress));
+        return;
+    }
+    if count <= part && order_in_f32(numbers, leaf, points) {
+        return progress.finished(count as f64);
+    }
     let above_bottom = block == leaf * LANES;
-    let by_motion = motion.filter(|_| above_bottom).and_then(|by| divide_by_motion(items, block, by));
-    let (left, motion) = match by_motion {
-        Some(left) => (left, motion),
-        None => {
-            let (left, axis) = (left_part(items.len(), block), widest_axis(items));
-            items.select_nth_unstable_by(left, |a, b| a.at[axis].total_cmp(&b.at[axis]).then(a.point.cmp(&b.point)));
-            (left, motion.filter(|_| !above_bottom))
-        }
-    };
-    let (low, high) = items.split_at_mut(left);
-    if low.len() < SHARE {
-        blocks(low, block, leaf, motion, progress);
-        blocks(high, block, leaf, motion, progress);
-    } else if !progress.cancelled() {
-        parallel::both(|| blocks(low, block, leaf, motion, progress), || blocks(high, block, leaf, motion, progress));
+    let by_motion = points.displacement.filter(|_| above_bottom);
+    let divided = by_motion.and_then(|displacement| divide_by_motion(numbers, block, points.at, displacement));
+    let left = divided.unwrap_or_else(|| {
+        let (left, axis) = (left_part(count, block), widest_axis(numbers, points.at));
+        select(numbers, left, |number| (points.at)(number)[axis]);
+        left
+    });
+    // Parts of a place without flows have none.
+    let displacement = points.displacement.filter(|_| !above_bottom || divided.is_some());
+    let points = Points { displacement, ..points };
+    let (low, high) = numbers.split_at_mut(left);
+    let mut low = || order_range(low, leaf, points, progress);
+    let mut high = || order_range(high, leaf, points, progress);
+    if left < SHARE {
+        low();
+        high();
+    } else {
+        parallel::both(low, high);
     }
 }
 
+/// Brings the `count` points with the lowest keys to the front.
+fn select(numbers: &mut [u32], count: usize, key: impl Fn(u32) -> f64) {
+    let mut keys: Vec<(f64, u32)> = numbers.iter().map(|&number| (key(number), number)).collect();
+    keys.select_nth_unstable_by(count, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    numbers.iter_mut().zip(keys).for_each(|(to, (_, number))| *to = number);
+}
+
 /// Divides points by motion and returns how many are on the left; `None` if division by position is better.
-fn divide_by_motion(items: &mut [Item], block: usize, displacement: Displacement<'_>) -> Option<usize> {
-    let displaced = |item: &Item| Displaced { at: item.at, by: displacement(item.point) };
-    let sample = (0..motion_groups::SAMPLE).map(|i| displaced(&items[spread(i, items.len())]));
-    let division = MotionDivision::of(&sample.collect::<Vec<_>>(), items.len(), block)?;
-    let mut keys: Vec<(f64, Item)> = items.iter().map(|item| (division.key(&displaced(item)), *item)).collect();
-    keys.select_nth_unstable_by(division.left, |a, b| a.0.total_cmp(&b.0).then(a.1.point.cmp(&b.1.point)));
-    items.iter_mut().zip(keys).for_each(|(to, (_, item))| *to = item);
+fn divide_by_motion(numbers: &mut [u32], block: usize, at: OfPoint<'_>, displacement: OfPoint<'_>) -> Option<usize> {
+    let displaced = |number: u32| Displaced { at: at(number), by: displacement(number) };
+    let sample = (0..motion_groups::SAMPLE).map(|i| displaced(numbers[spread(i, numbers.len())]));
+    let division = MotionDivision::of(&sample.collect::<Vec<_>>(), numbers.len(), block)?;
+    select(numbers, division.left, |number| division.key(&displaced(number)));
     Some(division.left)
 }
 
 /// The axis of the largest extent, estimated from a sample if there are many points.
-fn widest_axis(items: &[Item]) -> usize {
+fn widest_axis(numbers: &[u32], at: OfPoint<'_>) -> usize {
     let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    let sample = items.iter().step_by((items.len() / SAMPLE).max(1));
-    let (lo, hi) = sample.fold(none, |(lo, hi), item| (lo.min(item.at), hi.max(item.at)));
+    let sample = numbers.iter().step_by((numbers.len() / SAMPLE).max(1)).map(|&number| at(number));
+    let (lo, hi) = sample.fold(none, |(lo, hi), at| (lo.min(at), hi.max(at)));
     (hi - lo).max_position()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+
+    /// Orders points, and returns the mean size of the leaves along their widest axis.
+    fn leaf_size(points: &[DVec3], leaf: usize) -> f64 {
+        let mut numbers: Vec<u32> = (0..points.len() as u32).collect();
+        let at = |number: u32| points[number as usize];
+        order(&mut numbers, leaf, Points { at: &at, displacement: None }, &Progress::new(None));
+        let mut seen = numbers.clone();
+        seen.sort_unstable();
+        assert!(seen.into_iter().eq(0..points.len() as u32));
+        let size = |leaf: &[u32]| {
+            let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+            let (lo, hi) = leaf.iter().fold(none, |(lo, hi), &i| (lo.min(at(i)), hi.max(at(i))));
+            (hi - lo).max_element()
+        };
+        let sizes = numbers.chunks(leaf).map(size);
+        sizes.sum::<f64>() / points.len().div_ceil(leaf).max(1) as f64
+    }
+
+    /// Clusters so far apart that each is one place in f32 relative to the whole set have leaves as small as others.
+    #[test]
+    fn leaves_are_small_where_clusters_are_far_apart() {
+        let mut random = Random(3);
+        for leaf in [LANES, 2 * LANES] {
+            let mut size = |apart: f64| {
+                let mut point = |i: usize| {
+                    let at = DVec3::new(random.signed_f64(), random.signed_f64(), random.signed_f64());
+                    at + DVec3::new(1.0, -2.0, 3.0) * ((i % 4) as f64 * apart)
+                };
+                // As many in each as a part has, or two.
+                leaf_size(&(0..4 * 8192).map(&mut point).collect::<Vec<_>>(), leaf)
+            };
+            let (near, far) = (size(10.0), size(1e12));
+            assert!(far < 1.05 * near, "{far} instead of {near}");
+        }
+    }
+
+    /// Ranges that can be ordered in f32 and others in one set: clusters of all sizes, and places with many points.
+    #[test]
+    fn every_point_stays_whatever_the_set() {
+        let mut random = Random(4);
+        for count in [0, 1, 16, 17, 300, 4097, 20_000] {
+            for leaf in [LANES, 2 * LANES] {
+                let mut point = |i: usize| {
+                    let size = 10f64.powi((i * i % 11) as i32 * 4 - 20);
+                    let at = DVec3::new(random.signed_f64(), random.signed_f64(), random.signed_f64());
+                    (at * if i.is_multiple_of(3) { 1.0 } else { 1e3 }).floor() * size
+                };
+                leaf_size(&(0..count).map(&mut point).collect::<Vec<_>>(), leaf);
+            }
+        }
+    }
 }

@@ -227,11 +227,7 @@ pub(in crate::point) fn collect_sorted(
 /// The number of points within the radius.
 pub(in crate::point) fn count(query: MaybeFiltered<'_, '_>) -> usize {
     let simd = query.simd();
-    let precise = query.precise(|query| {
-        let mut candidates = Candidates::default();
-        query.collect(&mut candidates);
-        candidates.count
-    });
+    let precise = query.precise(|query| query.count());
     match (precise, query) {
         (Some(count), _) => count,
         (None, MaybeFiltered::Unfiltered(query)) => {
