@@ -62,7 +62,7 @@ fn one(options: &Options, embree: &Embree, scene: &Scene, isa: Isa) -> Result<St
                 let mut sum = Checksum::default();
                 for query in queries {
                     if let Some(near) = ours.closest_point(query) {
-                        sum.near(near.distance, [near.mesh, near.primitive], near.point.x);
+                        sum.found([near.mesh, near.primitive], f64::from(near.distance) + near.point.x);
                     }
                 }
                 sum
@@ -71,7 +71,7 @@ fn one(options: &Options, embree: &Embree, scene: &Scene, isa: Isa) -> Result<St
                 let mut sum = Checksum::default();
                 for query in &native {
                     if let Some(near) = meshes.closest_point(&theirs, query) {
-                        sum.near(near.distance, near.id, f64::from(near.point.x));
+                        sum.found(near.id, f64::from(near.distance + near.point.x));
                     }
                 }
                 sum

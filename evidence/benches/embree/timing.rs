@@ -17,18 +17,16 @@ impl Checksum {
     #[inline(always)]
     pub fn closest(&mut self, hit: Option<Hit>) {
         if let Some(hit) = hit {
-            self.hits += 1;
-            self.ids = self.ids.wrapping_add(u64::from(hit.mesh) << 32 | u64::from(hit.primitive));
-            self.real += f64::from(hit.t + hit.u + hit.v);
+            self.found([hit.mesh, hit.primitive], f64::from(hit.t + hit.u + hit.v));
         }
     }
 
-    /// Reads a closest point: distance, mesh, triangle and position.
+    /// Reads both ids of a primitive that was found, and the sum of its numbers.
     #[inline(always)]
-    pub fn near(&mut self, distance: f32, [mesh, primitive]: [u32; 2], point: f64) {
+    pub fn found(&mut self, [mesh, primitive]: [u32; 2], real: f64) {
         self.hits += 1;
         self.ids = self.ids.wrapping_add(u64::from(mesh) << 32 | u64::from(primitive));
-        self.real += f64::from(distance) + point;
+        self.real += real;
     }
 
     /// Reads a truth value.
