@@ -143,6 +143,10 @@ pub(in crate::point) fn nearest_n(
     candidates: &mut Candidates,
     found: &mut Vec<Neighbor>,
 ) {
+    if k == 1 {
+        // Found without a list of candidates.
+        return found.extend(nearest(query));
+    }
     let (simd, work) = (query.simd(), &mut NeighborWork::default());
     let precise = query.precise(|query| query.nearest_n(k, candidates, found, work));
     let in_order = match (precise, query) {
