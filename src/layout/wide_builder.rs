@@ -1,8 +1,8 @@
 //! The build of a wide tree from primitives.
 //!
-//! There are three groups of primitives: triangles stored in leaf blocks, triangles that leaves only list, and other
-//! primitives (spheres, whose positions follow such a list, and the caller's own). Every group is first drafted: the
-//! binary tree and its collapse are made (`time/draft.rs`), and the subtrees that get a temporal split are chosen
+//! There are two groups of primitives: triangles, whose corners are in leaf blocks, and others, which leaves list
+//! (spheres, whose positions follow such a list, and the caller's own). Each group is first drafted: the binary tree
+//! and its collapse are made (`time/draft.rs`), and the subtrees that get a temporal split are chosen
 //! (`time/choose.rs`). Those are written first, each below a time node of its own; then the rest of the tree, in which
 //! they are children like leaf blocks.
 

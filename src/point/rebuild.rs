@@ -39,6 +39,7 @@ impl PointTree {
     /// # Ok::<(), mbkd::PointError>(())
     /// ```
     pub fn rebuild<P: PointSet + ?Sized>(&mut self, points: &P, params: &PointParams) -> Result<bool, PointError> {
+        // As in a build: a static point takes less than an eighth of the time of a triangle.
         parallel::entered(points.len() / 8, || self.read_and_rebuild(points, params))
     }
 

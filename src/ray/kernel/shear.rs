@@ -19,14 +19,13 @@
 //!   motion from there is half of the difference of two keys at most, so us for the rounding of this difference and us for that of the
 //!   product; their sum is rounded by ur. Together this is u(o + 2r + 3s), and u(o + r) without motion.
 //! - The slope and its product add 3ur to the error of the depth, and the sheared coordinate is rounded by 2ur: u(2o + 9r + 6s) in all.
+//! - Without motion a corner is off by u(o + r) only, and the sheared coordinate by u(2o + 7r). Vertices that are kept in f64 add 2u of the vertex,
+//!   which is 2us in motion and at most 2u(o + r) without: u(2o + 9r + 8s) and u(4o + 9r).
 //! - Moving the origin to the scene puts it off by at most a tenth of the slack that it adds, and the sheared coordinate by twice that. A
 //!   fifth of a ray's slack is more than that and 2uo together.
 //! - A ray that hits the triangle meets its plane between the corners: sheared coordinates are at most twice the triangle's extent, and
 //!   depths differ by at most the extent. So r is at most three times the extent plus the depth of the first corner, which is at most
 //!   twice its distance. (This also holds for a triangle that f32 shows to be hit, up to the error itself.)
-//!
-//! - Without motion, the first of these is u(o + r), so the sheared coordinate is off by u(2o + 7r). If its vertices are kept in f64, add 2u of
-//!   the vertex, which is 2us in motion and at most 2u(o + r) without: u(2o + 9r + 8s) and u(4o + 9r).
 //!
 //! A corner's distance is off by half of this bound: u(o + 2r + 3s) for its depth, u of the vertex if it is kept in f64, and 2ur for the
 //! reciprocal and the product. Roundings of roundings are covered since the code counts 4uo, 10ur and 8us.
@@ -36,7 +35,7 @@
 //!
 //! **Edge functions.** An edge function is `c x b`. Let `B` and `C` be the sums of both coordinates of the two corners. The errors of the
 //! corners put it off by `deviation (B + C + 2 deviation)`. The roundings of its two products and of their difference put it off by 2u of
-//! the products. A coordinate is at most 2m, so that is less than `2/7 deviation B`; and near the origin, where it is at most 2r, less than
+//! the products. A coordinate is at most 2m, so that is at most `1/4 deviation B`; and near the origin, where it is at most 2r, less than
 //! `2/9 deviation (B + C)`, since the products are less than `2r B` as well as `2r C`. Together this is less than [`edge_margin`].
 
 use super::tree_ray::{Direction, TreeRay, is_in_range};

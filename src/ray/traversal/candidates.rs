@@ -69,6 +69,7 @@ fn deviation_of<S: Simd>(s: S, size: f32, slack: f32) -> f32 {
 }
 
 /// The triangles of a block that may be hit.
+#[derive(Clone, Copy)]
 pub(in crate::ray) struct Candidates {
     pub(super) lanes: Mask,
     /// The candidates that are certainly hit. Known only for queries that accept a hit anywhere ([`Collect::ANYWHERE`]).

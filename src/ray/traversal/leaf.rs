@@ -74,15 +74,13 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         if self.is_certainly_hit(&mut candidates, ids, ray, collect) {
             return true;
         }
-        while let Some(i) = candidates.next(collect) {
-            if self.keeps_f64()
-                && let Some(done) = self.offer_kept(ids + i, (ray, of), collect)
-            {
-                if done {
-                    return true;
-                }
-                continue;
+        if self.keeps_f64() {
+            match self.decide_kept(candidates, ids, (ray, of), collect) {
+                Some(others) => candidates.lanes = others,
+                None => return true,
             }
+        }
+        while let Some(i) = candidates.next(collect) {
             // Written out: a closure would be compiled to a call, which spills the registers of the query.
             let corners = [
                 fine_corners::<S, MOVING>(s, &rows, between, kx, i),
@@ -156,15 +154,13 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         if self.is_certainly_hit(&mut candidates, at + n, ray, collect) {
             return true;
         }
-        while let Some(i) = candidates.next(collect) {
-            if self.keeps_f64()
-                && let Some(done) = self.offer_kept(at + n + i, (ray, of), collect)
-            {
-                if done {
-                    return true;
-                }
-                continue;
+        if self.keeps_f64() {
+            match self.decide_kept(candidates, at + n, (ray, of), collect) {
+                Some(others) => candidates.lanes = others,
+                None => return true,
             }
+        }
+        while let Some(i) = candidates.next(collect) {
             let numbers = words[i];
             let corners = [
                 fine_vertices::<S, MOVING>(s, &rows, between, kx, numbers),
@@ -220,15 +216,27 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         self.set.triangles().is_some_and(|triangles| triangles.any_precise())
     }
 
-    /// Decides by its vertices in f64 whether the triangle whose id is at word `id` is hit; `None` if it has only those in the block. True ends
-    /// the query.
+    /// Decides for the candidates whose vertices are kept in f64 whether they are hit, and returns the lanes of the others; `None` ends the
+    /// query. The ids of the block begin at word `ids`.
     #[cold]
     #[inline(never)]
-    fn offer_kept(&self, id: usize, (ray, sheared): (&TreeRay, &Sheared), collect: &mut impl Collect) -> Option<bool> {
-        let id = self.arena.ints()[id];
-        let corners = self.set.triangles()?.precise_corners(id, ray.time())?;
-        let Some(hit) = ray.decide_one(sheared, corners, collect.limit()) else { return Some(false) };
-        Some(self.sees(id, ray) && collect.offer(Found { hit, id }, ray, self.set, self.filter))
+    fn decide_kept(
+        &self,
+        candidates: Candidates,
+        ids: usize,
+        of: (&TreeRay, &Sheared),
+        collect: &mut impl Collect,
+    ) -> Option<Mask> {
+        let in_f64 = |id: u32| self.set.triangles().is_some_and(|triangles| triangles.is_precise(id));
+        let is_kept = |&lane: &usize| candidates.lanes >> lane & 1 != 0 && in_f64(self.arena.ints()[ids + lane]);
+        let kept = (0..LANES).filter(is_kept).fold(0, |lanes: Mask, lane| lanes | 1 << lane);
+        let mut those = Candidates { lanes: kept, ..candidates };
+        while let Some(i) = those.next(collect) {
+            if self.decide(ids + i, of, collect) {
+                return None;
+            }
+        }
+        Some(candidates.lanes & !kept)
     }
 
     /// Whether a primitive exists at the ray's time and the query sees it. This is tested for hits only, so boxes and leaf blocks

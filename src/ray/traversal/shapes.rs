@@ -110,7 +110,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
 
     /// Decides by the primitive's own function whether it is hit; its id is at word `id`. True ends the query.
     #[inline(always)]
-    fn decide(&self, id: usize, (ray, sheared): (&TreeRay, &Sheared), collect: &mut impl Collect) -> bool {
+    pub(super) fn decide(&self, id: usize, (ray, sheared): (&TreeRay, &Sheared), collect: &mut impl Collect) -> bool {
         let id = self.arena.ints()[id];
         if !self.sees(id, ray) {
             return false;
