@@ -20,7 +20,7 @@ use super::trials::decide;
 use crate::bvh::BinaryNode;
 use crate::params::Division;
 use crate::primitive::PrimitiveSet;
-use crate::tuning::slices::{FEW, LEVELS, MAX_AREA_OF_HALVES, MAX_DIFFERENCE, MIN_GAIN, NEARLY_ALL};
+use crate::tuning::slices::{FEW, LEVELS, MAX_AREA_OF_HALVES, MIN_GAIN, MIN_SIMILARITY, NEARLY_ALL};
 use crate::tuning::wide::BYTES_PER_REFERENCE;
 
 /// A subtree of a draft that gets a temporal split.
@@ -79,7 +79,7 @@ fn divided(
 ) {
     if let Some(region) = decide(node) {
         regions.push(region);
-    } else if treelets.len() > 1 && difference(means(draft, node, treelets, LEVELS)) > MAX_DIFFERENCE {
+    } else if treelets.len() > 1 && dissimilar(means(draft, node, treelets, LEVELS)) {
         let (right, low, high) = sides(draft, node, treelets);
         let mut found = Vec::new();
         find(draft, node + 1, low, least, &mut found);
@@ -156,7 +156,7 @@ fn find<'a>(draft: &Draft, x: u32, treelets: &'a [Treelet], least: f32, found: &
 
 /// Appends a subtree that is to be split; if its halves are dissimilar, each half separately.
 fn add_candidates<'a>(draft: &Draft, x: u32, treelets: &'a [Treelet], found: &mut Vec<Candidate<'a>>) {
-    if treelets.len() > 1 && difference(means(draft, x, treelets, 1)) > MAX_DIFFERENCE {
+    if treelets.len() > 1 && dissimilar(means(draft, x, treelets, 1)) {
         let (right, low, high) = sides(draft, x, treelets);
         add_candidates(draft, x + 1, low, found);
         add_candidates(draft, right, high, found);
@@ -178,8 +178,9 @@ fn means(draft: &Draft, x: u32, treelets: &[Treelet], levels: usize) -> [f32; 2]
     [low[0].min(high[0]), low[1].max(high[1])]
 }
 
-fn difference([least, greatest]: [f32; 2]) -> f32 {
-    greatest - least
+/// Whether halves gain so differently from a split that they are separate regions.
+fn dissimilar([least, greatest]: [f32; 2]) -> bool {
+    1.0 - greatest < MIN_SIMILARITY * (1.0 - least)
 }
 
 /// The factor by which the budget allows regions to grow if the rest has its usual size, the same for all of them.
@@ -304,7 +305,7 @@ mod tests {
             let fast = treelet.node < middles[0] || (right..middles[1]).contains(&treelet.node);
             treelet.in_slices = if fast { 0.4 } else { 0.95 };
         }
-        assert!(difference(means(&draft, 0, &treelets, 1)) < MAX_DIFFERENCE);
+        assert!(!dissimilar(means(&draft, 0, &treelets, 1)));
         let refuses_whole = |node: u32| {
             let region = Region { node, division: Division::SharedLeaves(2), cost: 0.0 };
             (node != 0).then_some(region)
@@ -350,5 +351,11 @@ mod tests {
         let many = |r: &Region| matches!(r.division, Division::SharedLeaves(8..) | Division::SeparateTrees(8..));
         assert!(!regions.is_empty() && regions.iter().all(many), "{regions:?}");
         assert!(inside[1] > 0.99, "{inside:?}");
+    }
+
+    #[test]
+    fn halves_are_separate_regions_if_one_gains_much_less_than_the_other() {
+        assert!(!dissimilar([0.07, 0.3]) && !dissimilar([0.6, 0.7]) && !dissimilar([1.0, 1.0]));
+        assert!(dissimilar([0.4, 0.95]) && dissimilar([0.7, 0.85]));
     }
 }

@@ -74,6 +74,12 @@ impl Draft {
         cost
     }
 
+    /// The share of the first child in the cost of both children of a node.
+    pub fn low_share(&self, x: u32) -> f32 {
+        let [low, high] = [x + 1, x + self.binary[x as usize].right].map(|child| self.collapse.cost(child));
+        if low + high > 0.0 { low / (low + high) } else { 0.5 }
+    }
+
     /// Makes subtrees single children, which others have replaced, and moves subtrees to better places unless that has been done.
     /// Afterwards only the references of nodes that may be leaf blocks are side by side.
     pub fn replace_subtrees<S: PrimitiveSet>(&mut self, set: &S, replaced: &mut [ReplacedSubtree]) {

@@ -275,10 +275,8 @@ fn descend_by_cost(draft: &Draft, mut x: u32, mut at: f32, most: u32) -> u32 {
         if node.count <= most || node.right == 0 {
             return x;
         }
-        let right = x + node.right;
-        let [low, high] = [x + 1, right].map(|child| draft.collapse.cost(child));
-        let share = if low + high > 0.0 { low / (low + high) } else { 0.5 };
-        (x, at) = if at < share { (x + 1, at / share) } else { (right, (at - share) / (1.0 - share)) };
+        let share = draft.low_share(x);
+        (x, at) = if at < share { (x + 1, at / share) } else { (x + node.right, (at - share) / (1.0 - share)) };
     }
 }
 
