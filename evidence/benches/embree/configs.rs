@@ -11,7 +11,7 @@ use crate::ffi::{Device, EmbreeScene, Mesh, Quality};
 use crate::geometry::positions;
 use crate::options::Mode;
 use glam::Vec3;
-use mbkd::{TriangleMesh, glam};
+use mbkd::{Hit, TriangleMesh, glam};
 use std::borrow::Cow;
 
 /// A configuration of Embree.
@@ -102,10 +102,31 @@ impl Config {
         meshes: &[TriangleMesh],
         mode: Mode,
     ) -> Result<EmbreeScene<'d>, String> {
+        self.scene_of(device, meshes, mode, |scene, id, mesh| scene.attach(id, mesh))
+    }
+
+    /// The same with a filter of hits.
+    pub fn filtered_scene<'d>(
+        &self,
+        device: &'d Device<'_>,
+        meshes: &[TriangleMesh],
+        mode: Mode,
+        accept: &'d impl Fn(&Hit) -> bool,
+    ) -> Result<EmbreeScene<'d>, String> {
+        self.scene_of(device, meshes, mode, |scene, id, mesh| scene.attach_filtered(id, mesh, accept))
+    }
+
+    fn scene_of<'d>(
+        &self,
+        device: &'d Device<'_>,
+        meshes: &[TriangleMesh],
+        mode: Mode,
+        attach: impl Fn(&EmbreeScene<'d>, u32, &Mesh<'_>) -> Result<(), String>,
+    ) -> Result<EmbreeScene<'d>, String> {
         let quality = if let Still::OneStepHighQuality = self.still { Quality::High } else { Quality::Medium };
         let scene = device.scene(mode == Mode::Robust, quality)?;
         for (id, mesh) in meshes.iter().enumerate() {
-            scene.attach(id as u32, &Mesh { indices: &mesh.indices, steps: self.steps(mesh) })?;
+            attach(&scene, id as u32, &Mesh { indices: &mesh.indices, steps: self.steps(mesh) })?;
         }
         Ok(scene)
     }

@@ -9,6 +9,7 @@
 //! All calls into Embree are in this module, and with them all `unsafe` code of the program.
 #![allow(unsafe_code)]
 
+mod filters;
 mod packet;
 mod points;
 
@@ -170,6 +171,9 @@ struct Functions {
     device_error: unsafe extern "C" fn(Handle) -> c_int,
     set_memory_monitor: unsafe extern "C" fn(Handle, MemoryMonitor, *mut c_void),
     new_geometry: unsafe extern "C" fn(Handle, c_int) -> Handle,
+    set_user_data: unsafe extern "C" fn(Handle, *const c_void),
+    set_intersect_filter: filters::FilterFunction,
+    set_occluded_filter: filters::FilterFunction,
     set_time_steps: unsafe extern "C" fn(Handle, c_uint),
     set_new_buffer: unsafe extern "C" fn(Handle, c_int, c_uint, c_int, usize, usize) -> *mut c_void,
     commit_geometry: unsafe extern "C" fn(Handle),
@@ -236,6 +240,9 @@ impl Embree {
                 device_error: symbol(l, "rtcGetDeviceError")?,
                 set_memory_monitor: symbol(l, "rtcSetDeviceMemoryMonitorFunction")?,
                 new_geometry: symbol(l, "rtcNewGeometry")?,
+                set_user_data: symbol(l, "rtcSetGeometryUserData")?,
+                set_intersect_filter: symbol(l, "rtcSetGeometryIntersectFilterFunction")?,
+                set_occluded_filter: symbol(l, "rtcSetGeometryOccludedFilterFunction")?,
                 set_time_steps: symbol(l, "rtcSetGeometryTimeStepCount")?,
                 set_new_buffer: symbol(l, "rtcSetNewGeometryBuffer")?,
                 commit_geometry: symbol(l, "rtcCommitGeometry")?,
@@ -392,6 +399,11 @@ impl Drop for EmbreeScene<'_> {
 impl EmbreeScene<'_> {
     /// Copies a mesh into buffers of Embree's own and adds it with this geometry id.
     pub fn attach(&self, id: u32, mesh: &Mesh<'_>) -> Result<(), String> {
+        self.attach_with(id, mesh, |_| ())
+    }
+
+    /// The same, with something done to the geometry before it is committed.
+    fn attach_with(&self, id: u32, mesh: &Mesh<'_>, prepare: impl FnOnce(Handle)) -> Result<(), String> {
         let f = &self.device.embree.functions;
         // SAFETY: live handles; all buffers are filled before the geometry is committed; the scene keeps its own
         // reference to the geometry.
@@ -402,6 +414,7 @@ impl EmbreeScene<'_> {
             for (slot, step) in mesh.steps.iter().enumerate() {
                 fill(f, geometry, (BUFFER_TYPE_VERTEX, slot as c_uint, FORMAT_FLOAT3), step)?;
             }
+            prepare(geometry);
             (f.commit_geometry)(geometry);
             (f.attach_geometry_by_id)(self.handle, geometry, id);
             (f.release_geometry)(geometry);

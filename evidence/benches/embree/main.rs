@@ -11,6 +11,7 @@ mod clock;
 mod closest_points;
 mod configs;
 mod ffi;
+mod forms;
 mod geometry;
 mod instances;
 mod options;
@@ -66,6 +67,9 @@ fn measure(options: &Options) -> Result<(), String> {
             options,
             embree.as_ref().ok_or("closest points are measured against Embree only")?,
         );
+    }
+    if options.forms {
+        return forms::measure(options, embree.as_ref().ok_or("forms of queries are measured against Embree only")?);
     }
     let mut measured = Measured::default();
     let mut builds = Vec::new();

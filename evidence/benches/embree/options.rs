@@ -60,6 +60,9 @@ pub struct Options {
     /// Closest points in the scenes, instead of rays.
     #[arg(long)]
     pub closest_points: bool,
+    /// Hits with a filter and all hits, instead of plain queries.
+    #[arg(long)]
+    pub forms: bool,
     /// Embree's library file; by default the system's, 4.x before 3.x.
     #[arg(long)]
     pub embree: Option<String>,

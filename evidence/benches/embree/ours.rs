@@ -30,6 +30,11 @@ impl Ours {
         Ok(Ours { tree: self.tree.with_simd(level), pool: self.pool })
     }
 
+    /// The tree.
+    pub fn tree(&self) -> &RayTree {
+        &self.tree
+    }
+
     /// Bytes of the tree and its triangles.
     pub fn bytes(&self) -> usize {
         let statistics = self.tree.statistics();
