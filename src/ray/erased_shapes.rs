@@ -166,6 +166,9 @@ impl<P: Primitive> Compiled for Shapes<P> {
             (queries().closest_guarded)(on.with_geometry(&ErasedShapes::of(on.geometry)), ray, guards)
         },
         any: |on, ray| (queries().any)(on.with_geometry(&ErasedShapes::of(on.geometry)), ray),
+        any_guarded: |on, ray, guards| {
+            (queries().any_guarded)(on.with_geometry(&ErasedShapes::of(on.geometry)), ray, guards)
+        },
         closest_point: |on, query| (queries().closest_point)(on.with_geometry(&ErasedShapes::of(on.geometry)), query),
         closest_point_guarded: |on, query, guards| {
             (queries().closest_point_guarded)(on.with_geometry(&ErasedShapes::of(on.geometry)), query, guards)

@@ -127,10 +127,6 @@ impl<G: Geometry> RayTree<G> {
         (self.queries.all)(self.target(), ray, Guards::NONE, &mut visitor)
     }
 
-    fn any_hit_guarded(&self, ray: &Ray, guards: Guards<'_, Offer>) -> bool {
-        (self.queries.all)(self.target(), ray, guards, &mut |_| ControlFlow::Break(())).is_break()
-    }
-
     /// [`RayTree::closest_hit`], reporting each step to `observer`.
     pub fn closest_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> Option<Hit> {
         (self.queries.closest_guarded)(self.target(), ray, Guards::observed(observer))
@@ -138,7 +134,7 @@ impl<G: Geometry> RayTree<G> {
 
     /// [`RayTree::any_hit`], reporting each step to `observer`.
     pub fn any_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> bool {
-        self.any_hit_guarded(ray, Guards::observed(observer))
+        (self.queries.any_guarded)(self.target(), ray, Guards::observed(observer))
     }
 
     /// [`RayTree::all_hits`], reporting each step to `observer`.
@@ -175,7 +171,7 @@ impl<G: Geometry> RayTree<G> {
 
     /// [`RayTree::any_hit`] among the hits that pass the mask and the filter (see [`RayTree::closest_hit_filtered`]).
     pub fn any_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&Hit) -> bool) -> bool {
-        self.any_hit_guarded(ray, Guards::filtered(mask, &|(_, hit)| accept(hit)))
+        (self.queries.any_guarded)(self.target(), ray, Guards::filtered(mask, &|(_, hit)| accept(hit)))
     }
 
     /// [`RayTree::all_hits`] among the hits that pass the mask and the filter (see [`RayTree::closest_hit_filtered`]).
