@@ -44,6 +44,8 @@ pub(crate) mod wide {
     /// If at most one of so many shapes is none of the spheres that can share leaf blocks, all lie up to sixteen in a leaf. (Not fitted: half of
     /// the leaves of sixteen are then without such a shape, however they are scattered.)
     pub const OTHERS_AMONG_SPHERES: usize = 32;
+    /// Bytes of primitives up to which their vertices are in a near cache when leaf blocks are written.
+    pub const NEAR: usize = 512 << 10;
     /// Trees up to this many bytes mostly stay in the caches, so that neither the order of rays nor interleaving gains much.
     pub const CACHED: usize = 64 << 20;
     /// Words of a tree from which on the blocks that a query will visit are prefetched: then they are often not in the

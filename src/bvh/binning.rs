@@ -7,6 +7,7 @@ use super::reference::{Packed, Reference};
 use crate::geometry::{Box3, LinearBox3};
 use crate::parallel;
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
+use core::cell::Cell;
 use glam::Vec4;
 
 /// The greatest number of bins per axis.
@@ -104,13 +105,33 @@ impl Bins {
 /// The bins of one node on all axes; reused from node to node.
 pub(super) struct Table {
     axes: [Bins; 3],
-    /// The output of [`gather_above`].
+    /// The unions of all bins on either side of each plane.
+    unions: [Unions; 3],
+}
+
+/// For each plane of an axis, the unions of all bins below and above it.
+struct Unions {
+    below: [Packed; BINS],
     above: [Packed; BINS],
 }
 
+thread_local! {
+    /// The table that the last build on this thread has left: small trees are built in less time than some tables are made.
+    static SPARE: Cell<Option<Box<Table>>> = const { Cell::new(None) };
+}
+
 impl Table {
-    pub fn new() -> Box<Table> {
-        Box::new(Table { axes: [Bins::EMPTY; 3], above: [Packed::EMPTY; BINS] })
+    fn new() -> Box<Table> {
+        let unions = [const { Unions { below: [Packed::EMPTY; BINS], above: [Packed::EMPTY; BINS] } }; 3];
+        Box::new(Table { axes: [Bins::EMPTY; 3], unions })
+    }
+
+    /// Calls `f` with a table of any content.
+    pub fn lend<T>(f: impl FnOnce(&mut Table) -> T) -> T {
+        let mut table = SPARE.take().unwrap_or_else(Table::new);
+        let result = f(&mut table);
+        SPARE.set(Some(table));
+        result
     }
 }
 
@@ -282,7 +303,7 @@ pub(super) fn find_split(
             chunks.iter().for_each(|axes| sum.add(&axes[axis]));
         }
     }
-    let split = dispatch(simd, Choose { binning, bins, table })?;
+    let split = dispatch(simd, Choose { binning, bins, count: references.len() as u32, table })?;
     let below = |axes: &[Bins; 3]| axes[split.axis].counts[..split.plane].iter().sum::<u32>() as usize;
     let lows = chunks.iter().map(|axes| below(axes)).collect();
     Some(Split { middle: below(&table.axes), chunk, lows, ..split })
@@ -292,6 +313,8 @@ pub(super) fn find_split(
 struct Choose<'a> {
     binning: Binning,
     bins: usize,
+    /// The number of references.
+    count: u32,
     table: &'a mut Table,
 }
 
@@ -300,16 +323,16 @@ impl Kernel for Choose<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Option<Split> {
-        let Choose { binning, bins, table } = self;
-        let Table { axes, above } = table;
+        let Choose { binning, bins, count, table } = self;
+        let Table { axes, unions } = table;
         let (mut costs, mut planes) = (s.splat(f32::INFINITY), s.splat_u(0));
-        for (axis, Bins { bounds, counts }) in axes.iter().enumerate() {
+        for (axis, (Bins { bounds, counts }, unions)) in axes.iter().zip(&mut *unions).enumerate() {
             if binning.scale[axis] > 0.0 {
                 let bounds = &bounds[..bins];
-                let all = gather_above(s, bounds, counts, above);
+                gather_above(s, bounds, &mut unions.above);
                 let mut below = (s.splat(f32::INFINITY), 0);
                 for first in (0..bins).step_by(AT_ONCE) {
-                    let cost = sweep(s, (bounds, counts), above, first, &mut below, all);
+                    let cost = sweep(s, (bounds, counts), unions, first, &mut below, count);
                     let better = s.lt(cost, costs);
                     costs = s.select(better, cost, costs);
                     planes = s.select_u(better, s.splat_u((axis * BINS + first) as u32), planes);
@@ -324,22 +347,10 @@ impl Kernel for Choose<'_> {
         let place = s.select_u(s.eq(costs, s.splat(least)), s.add_u(planes, s.load_u(&PLANES)), s.splat_u(u32::MAX));
         let place = s.reduce_min_u(place) as usize;
         let (axis, plane) = (place / BINS, place % BINS);
-        let (low, high) = axes[axis].bounds[..bins].split_at(plane);
-        let (low, high) = (union(s, low), union(s, high));
+        let Unions { below, above } = &unions[axis];
+        let (low, high) = (below[plane].bounds(), above[plane].bounds());
         Some(Split { axis, binning, plane, low, high, middle: 0, chunk: 0, lows: Vec::new() })
     }
-}
-
-/// The union of some bins. (Not a closure: closures are compiled without the instruction set.)
-#[inline(always)]
-fn union<S: Simd>(s: S, bins: &[Packed]) -> LinearBox3 {
-    let mut sum = s.splat(f32::INFINITY);
-    for bin in bins {
-        sum = s.min(sum, s.load(&bin.0));
-    }
-    let mut packed = Packed::EMPTY;
-    s.store(sum, &mut packed.0);
-    packed.bounds()
 }
 
 /// Lanes 0 to 7, two of which are unused.
@@ -355,21 +366,19 @@ pub(super) const CROSSED: Lanes<u32> = [4, 5, 3, 1, 2, 0, 6, 7, 12, 13, 11, 9, 1
 const AT_ONCE: usize = LANES / 2;
 const PLANES: Lanes<u32> = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7];
 
-/// For each bin the union of it and all bins above; returns the number of references.
+/// For each bin the union of it and all bins above.
 #[inline(always)]
-fn gather_above<S: Simd>(s: S, bins: &[Packed], counts: &[u32; BINS], above: &mut [Packed; BINS]) -> u32 {
-    let (mut sum, mut all) = (s.splat(f32::INFINITY), 0);
-    for ((bin, above), count) in bins.iter().zip(above).zip(counts).rev() {
+fn gather_above<S: Simd>(s: S, bins: &[Packed], above: &mut [Packed; BINS]) {
+    let mut sum = s.splat(f32::INFINITY);
+    for (bin, above) in bins.iter().zip(above).rev() {
         sum = s.min(sum, s.load(&bin.0));
         s.store(sum, &mut above.0);
-        all += count;
     }
-    all
 }
 
 /// The costs (six times area times count) of the planes below the bins from `first` on, in the lanes of each half;
 /// infinite if one side is empty. `below` holds all bins below the first plane, and on return those below the next
-/// planes.
+/// planes; those below each plane are stored.
 ///
 /// The side below a plane is in the low half of the lanes, the side above in the high half. Six times the mean half
 /// area is, with h(d) = xy + yz + zx, h(d0) + h(d1) + h(d0 + d1) (see [`super::visits::mean_half_area`]), which is d0 .
@@ -379,7 +388,7 @@ fn gather_above<S: Simd>(s: S, bins: &[Packed], counts: &[u32; BINS], above: &mu
 fn sweep<S: Simd>(
     s: S,
     (bins, counts): (&[Packed], &[u32; BINS]),
-    above: &[Packed; BINS],
+    unions: &mut Unions,
     first: usize,
     below: &mut (S::F, u32),
     all: u32,
@@ -388,7 +397,8 @@ fn sweep<S: Simd>(
     let mut areas = [zero; AT_ONCE];
     let mut counts_below = [0.0; LANES];
     for (j, area) in areas.iter_mut().enumerate() {
-        let (low, high) = (below.0, s.load(&above[(first + j) % BINS].0));
+        let (low, high) = (below.0, s.load(&unions.above[(first + j) % BINS].0));
+        s.store(low, &mut unions.below[(first + j) % BINS].0);
         let negated = s.select(HALF, low, high) + s.swap_lanes::<8>(s.select(HALF, high, low));
         let d = s.select(EXTENTS, s.max(zero - negated, zero), zero);
         let (own, other) = (s.permute(d, turned), s.permute(d, crossed));

@@ -150,10 +150,9 @@ pub(crate) fn neighbourhoods(references: &[Reference], count: usize, most: usize
 /// group.
 fn isolate(mut references: &mut [Reference], mut at: usize, most: usize) -> &mut [Reference] {
     let simd = SimdLevel::best();
-    let mut table = Table::new();
     let (_, mut centres) = summary(simd, references);
     while references.len() > most.max(1) {
-        let Some(split) = find_split(simd, references, centres, false, &mut table) else { break };
+        let Some(split) = Table::lend(|table| find_split(simd, references, centres, false, table)) else { break };
         let Partitioned { middle, low, high } = partition(simd, references, &split);
         let sides = references.split_at_mut(middle);
         (references, centres, at) = if at < middle { (sides.0, low, at) } else { (sides.1, high, at - middle) };
@@ -193,10 +192,10 @@ impl Builder<'_> {
         let n = references.len();
         if n <= self.alone.max(self.leaf) {
             let mut nodes = huge_vec(most_nodes(n, self.leaf));
-            self.subtree(references, task, &mut nodes, &mut Table::new());
+            Table::lend(|table| self.subtree(references, task, &mut nodes, table));
             return vec![nodes];
         }
-        let (low, high, middle) = self.divide(references, &task, &mut Table::new());
+        let (low, high, middle) = Table::lend(|table| self.divide(references, &task, table));
         let (low_references, high_references) = references.split_at_mut(middle);
         let (left, right) =
             parallel::both(|| self.subtrees(low_references, low), || self.subtrees(high_references, high));

@@ -58,6 +58,9 @@ struct Costs {
     enough: usize,
 }
 
+/// More subtrees than this hardly ever wait for their siblings.
+const MOST_WAITING: usize = 64;
+
 /// Trees of at least this many nodes are processed by several threads.
 const PARALLEL: usize = 8192;
 
@@ -226,7 +229,7 @@ impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Kernel for Sweep<'_, L> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Costs {
         let nothing = Costs { by_places: [0.0; LANES], enough: 1 };
-        let mut waiting: Vec<Costs> = Vec::with_capacity(64);
+        let mut waiting: Vec<Costs> = Vec::with_capacity(self.nodes.len().min(MOST_WAITING));
         for ((node, left), one) in self.nodes.iter().zip(self.left).zip(self.one).rev() {
             let costs = if node.right == 0 {
                 let factor = if node.moving { 1.0 } else { self.solver.cost_model.static_factor };

@@ -244,7 +244,7 @@ mod tests {
                 let partitioned = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
                     let simd = SimdLevel::best();
                     let (_, centres) = summary(simd, &references);
-                    let split = find_split(simd, &references, centres, false, &mut Table::new()).unwrap();
+                    let split = Table::lend(|table| find_split(simd, &references, centres, false, table)).unwrap();
                     let partitioned = partition(simd, &mut references, &split);
                     let sides = split.sides();
                     let side = |r: &Reference| sides.is_low(r);

@@ -66,15 +66,11 @@ impl InOrder<'_> {
         }
         self.arena.align();
         let before = self.arena.len();
-        let mut all = Fragment { arena: core::mem::take(self.arena), ..Fragment::default() };
-        let written = write(task, &mut all);
-        *self.arena = all.arena;
-        self.arena.align();
-        self.tops.append(&mut all.tops);
+        self.tops.append(&mut write_at_end(self.arena, task, write)?);
         self.words += self.arena.len() - before + LANES;
         self.placed += size;
         self.next += 1;
-        written.map(|()| true)
+        Ok(true)
     }
 
     /// Appends all fragments whose turn has come. Children that are not `inside` a fragment are in the final arena
@@ -139,6 +135,9 @@ pub(crate) fn write_in_order(
     write: Write<'_>,
 ) -> Result<Vec<ChildRef>, BuildError> {
     let n = sizes.len();
+    if n == 1 {
+        return write_at_end(arena, 0, write);
+    }
     let step = n.div_ceil(first).max(4);
     let first = parallel::map(n.div_ceil(step), |i| {
         let mut fragment = Fragment::default();
@@ -181,6 +180,16 @@ pub(crate) fn write_in_order(
     let mut in_order = in_order.into_inner().unwrap_or_else(PoisonError::into_inner);
     in_order.put(&waiting, inside)?;
     Ok(in_order.tops)
+}
+
+/// Writes a task straight to the end of the final arena, and returns its top blocks.
+fn write_at_end(arena: &mut Arena, task: usize, write: Write<'_>) -> Result<Vec<ChildRef>, BuildError> {
+    arena.align();
+    let mut all = Fragment { arena: core::mem::take(arena), ..Fragment::default() };
+    let written = write(task, &mut all);
+    *arena = all.arena;
+    arena.align();
+    written.map(|()| all.tops)
 }
 
 #[cfg(test)]

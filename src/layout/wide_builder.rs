@@ -26,6 +26,7 @@ use crate::time::{
 };
 use crate::tuning::lazy::NEIGHBOURS;
 use crate::tuning::slices::LEAST_TREELET;
+use crate::tuning::wide::NEAR;
 use glam::Vec3;
 
 /// A written subtree: its bounds over the whole shutter, and its root.
@@ -367,8 +368,11 @@ fn leaf_blocks<S: WideSource>(
     of: &[BinaryNode],
     blocks: &mut [ChildRef],
 ) -> Result<(), BuildError> {
+    let far = set.bytes() > NEAR;
     for (i, (node, block)) in of.iter().zip(blocks).enumerate() {
-        prefetch_blocks(set, draft, of, i, draft.over);
+        if far {
+            prefetch_blocks(set, draft, of, i, draft.over);
+        }
         let of = draft.references(node);
         let mut ids = [0; LANES];
         for (id, r) in ids.iter_mut().zip(of) {

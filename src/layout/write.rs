@@ -10,6 +10,7 @@ use crate::bvh::{BinaryNode, Collapse, WideChild, mean_half_area};
 use crate::error::BuildError;
 use crate::geometry::{Box3, LinearBox3, TimeInterval};
 use crate::simd::{Arena, LANES, Mask, SimdLevel};
+use crate::tuning::wide::BYTES_PER_REFERENCE;
 use glam::Vec3;
 
 /// Writes the node's boxes and returns its reference; the children follow with [`set_children`].
@@ -138,6 +139,10 @@ impl Nodes<'_> {
         // Time nodes are not written here: they are in the final arena already.
         let inside = |child: ChildRef| child.kind() != Kind::Time && (self.writes || !child.kind().is_leaf());
         let write = |i: usize, fragment: &mut Fragment| {
+            if let [root] = roots[..] {
+                let bytes = BYTES_PER_REFERENCE * self.binary[root as usize].count as f32;
+                fragment.arena.reserve(bytes as usize / size_of::<u32>());
+            }
             let root = self.node(&mut fragment.arena, roots[i], &mut fragment.nodes, &mut None)?;
             fragment.tops.push(root);
             Ok(())
@@ -164,11 +169,15 @@ impl Nodes<'_> {
     fn children(&self, of: u32) -> Vec<WideChild> {
         let mut children = Vec::with_capacity(LANES);
         self.collapse.children(self.binary, of, &mut children);
-        children.sort_by_cached_key(|c| {
+        let mut keyed = [((false, 0), children[0]); LANES];
+        for (keyed, c) in keyed.iter_mut().zip(&children) {
             let node = &self.binary[c.node as usize];
             // A node that is too large for a block is a replaced subtree, written before.
-            (c.leaf && node.count as usize <= LANES, mean_half_area(&node.bounds).to_bits())
-        });
+            let block = c.leaf && node.count as usize <= LANES;
+            *keyed = ((block, mean_half_area(&node.bounds).to_bits()), *c);
+        }
+        keyed[..children.len()].sort_by_key(|keyed| keyed.0);
+        children.iter_mut().zip(keyed).for_each(|(child, keyed)| *child = keyed.1);
         children
     }
 
@@ -187,22 +196,31 @@ impl Nodes<'_> {
             return Ok(done);
         }
         let children = self.children(of);
-        let boxes: Vec<LinearBox3> = children.iter().map(|c| self.binary[c.node as usize].bounds).collect();
-        let node = write_node(arena, &boxes, self.over)?;
+        let mut boxes = [LinearBox3::EMPTY; LANES];
+        boxes.iter_mut().zip(&children).for_each(|(own, c)| *own = self.binary[c.node as usize].bounds);
+        let node = write_node(arena, &boxes[..children.len()], self.over)?;
         nodes.push(node);
-        let leaves: Vec<BinaryNode> =
-            children.iter().filter(|c| c.leaf).map(|c| self.binary[c.node as usize]).collect();
-        let mut blocks = vec![ChildRef::NOTHING; leaves.len()];
-        (self.leaves)(arena, &leaves, &mut blocks)?;
-        let (mut refs, mut blocks) = (Vec::with_capacity(children.len()), blocks.into_iter());
-        for child in &children {
-            let below = match child.leaf {
+        let mut blocks = self.blocks(arena, &children)?.into_iter();
+        let mut refs = [ChildRef::NOTHING; LANES];
+        for (below, child) in refs.iter_mut().zip(&children) {
+            *below = match child.leaf {
                 true => blocks.next().unwrap_or(ChildRef::NOTHING),
                 false => self.node(arena, child.node, nodes, written)?,
             };
-            refs.push(below);
         }
         set_children(arena, node, &refs);
         Ok(node)
+    }
+
+    /// The leaf blocks among the children of a node, in order.
+    fn blocks(&self, arena: &mut Arena, children: &[WideChild]) -> Result<[ChildRef; LANES], BuildError> {
+        let (mut leaves, mut blocks) = ([self.binary[0]; LANES], [ChildRef::NOTHING; LANES]);
+        let mut n = 0;
+        for child in children.iter().filter(|child| child.leaf) {
+            leaves[n] = self.binary[child.node as usize];
+            n += 1;
+        }
+        (self.leaves)(arena, &leaves[..n], &mut blocks[..n])?;
+        Ok(blocks)
     }
 }

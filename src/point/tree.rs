@@ -123,6 +123,7 @@ const READING: f64 = 0.1;
 
 /// Why a tree has only a static layer.
 const ALL_STATIC: &str = "all points are static";
+const ALL_STATIC_IN_F64: &str = "all points are static; positions in f64";
 
 /// The plan if no trials were made.
 const SIMPLE: Plan = Plan::Boxes(1);
@@ -276,17 +277,24 @@ impl PointTree {
         if separate {
             let whole = TimeSlice { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
             let progress = progress.subtask(count as f64 / len as f64);
-            let tree = PreciseTree::build(source, whole, (0..len).filter(|&i| is_static[i]), false, &progress);
-            let why = format!("{count} of {len} points are static; positions in f64");
+            let all = 0..len as u32;
+            let (numbers, why) = match count == len {
+                true => (all.collect(), ALL_STATIC_IN_F64.to_string()),
+                false => (
+                    all.filter(|&i| is_static[i as usize]).collect(),
+                    format!("{count} of {len} points are static; positions in f64"),
+                ),
+            };
+            let tree = PreciseTree::build(source, whole, numbers, false, &progress);
             self.add_precise_layer(vec![tree], PointLayerKind::Static, count, why);
         }
         if count < len {
-            let moving = (0..len).filter(|&i| !(separate && is_static[i]));
-            let (count, slices) = (moving.clone().count(), precise_time_slices(keys, plan.time_slices()));
+            let moving: Vec<u32> = (0..len as u32).filter(|&i| !(separate && is_static[i as usize])).collect();
+            let (count, slices) = (moving.len(), precise_time_slices(keys, plan.time_slices()));
             let progress = progress.subtask(count as f64 / (len * slices.len()) as f64);
             let tree = |slice: TimeSlice| {
-                let count = if progress.cancelled() { 0 } else { len };
-                PreciseTree::build(source, slice, moving.clone().take(count), true, &progress)
+                let points = if progress.cancelled() { Vec::new() } else { moving.clone() };
+                PreciseTree::build(source, slice, points, true, &progress)
             };
             self.add_precise_layer(slices.into_iter().map(tree).collect(), kind(plan), count, why);
         }

@@ -206,6 +206,14 @@ impl PrimitiveSet for Scene {
         }
     }
 
+    #[inline(always)]
+    fn areas(&self, id: u32, over: TimeInterval) -> Option<[f32; 2]> {
+        match self.shape(id) {
+            None => self.triangles.areas(id, over),
+            Some(_) => None,
+        }
+    }
+
     fn prefetch(&self, id: u32) {
         match self.shape(id) {
             None => self.triangles.prefetch(id),

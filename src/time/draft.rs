@@ -387,9 +387,9 @@ fn area_ratio<S: PrimitiveSet>(set: &S, ids: &[u32], over: TimeInterval) -> Opti
     let (mut boxes, mut triangles) = (0.0, 0.0);
     // A sample of one or two thousand is enough.
     for &id in ids.iter().step_by(ids.len() / 2048 + 1) {
-        let Some(corners) = set.corner_bounds(id, over) else { continue };
-        boxes += f64::from(corners.union().begin.half_area());
-        triangles += f64::from(corners.area());
+        let Some([around, own]) = set.areas(id, over) else { continue };
+        boxes += f64::from(around);
+        triangles += f64::from(own);
     }
     (triangles > 0.0).then_some(boxes / triangles)
 }

@@ -23,7 +23,7 @@ pub(in crate::point) struct Source {
     /// What positions are relative to.
     pub(in crate::point) origin: DVec3,
     /// Positions relative to the origin: those of a point at all its keys side by side, because a tree reads two of them in
-    /// an order that is random in memory.
+    /// an order that is random in memory. Empty if all points are static and need f64: then no structure is to be chosen.
     positions: Vec<[f32; 3]>,
     /// The same in f64, as they were given; empty where f32 is enough.
     exact: Vec<DVec3>,
@@ -48,15 +48,17 @@ impl Source {
         not_plain: bool,
         round_to_f32: bool,
     ) -> Result<Source, PointError> {
+        let plain = !not_plain && is_plain(points, len);
+        let only_exact = plain && keys == 1 && !round_to_f32;
         let (origin, mut positions, mut exact) =
-            if P::WIDE { relative(points, len, keys)? } else { narrow(points, len, keys)? };
+            if P::WIDE { relative(points, len, keys, only_exact)? } else { narrow(points, len, keys)? };
         if round_to_f32 {
             exact = Vec::new();
         }
         let keys = if exact.is_empty() { merge_keys(&mut positions, len, keys) } else { keys };
         let mut active = Vec::new();
         let mut ids = Vec::new();
-        for point in 0..if !not_plain && is_plain(points, len) { 0 } else { len } {
+        for point in 0..if plain { 0 } else { len } {
             let (own, id) = (points.active(point), points.id(point));
             if id == u32::MAX {
                 return Err(PointError::ReservedId { point });
@@ -315,8 +317,8 @@ fn narrow<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<R
 }
 
 /// Positions of a set of f64 ones relative to their middle, and as they were given. Where all are f32 numbers around zero,
-/// they are taken as such.
-fn relative<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<Read, PointError> {
+/// they are taken as such. If those in f64 are kept and `only_exact`, there are no others.
+fn relative<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize, only_exact: bool) -> Result<Read, PointError> {
     let mut wide = Vec::with_capacity(len * keys);
     let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     for point in 0..len {
@@ -336,8 +338,12 @@ fn relative<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result
         return narrow_of(&wide, keys);
     }
     let origin = lo * 0.5 + hi * 0.5;
-    let position = |(i, at): (usize, &DVec3)| Ok(checked(*at - origin, i / keys, i % keys)?.as_vec3().to_array());
-    let positions = wide.iter().enumerate().map(position).collect::<Result<_, PointError>>()?;
+    // Subtraction and rounding are monotone, so all others fit between these.
+    if !(fits(lo - origin) && fits(hi - origin)) {
+        wide.iter().enumerate().try_for_each(|(i, at)| checked(*at - origin, i / keys, i % keys).map(|_| ()))?;
+    }
+    let needed = if only_exact { &[] } else { &wide[..] };
+    let positions = needed.iter().map(|at| (*at - origin).as_vec3().to_array()).collect();
     Ok((origin, positions, wide))
 }
 

@@ -19,7 +19,7 @@ impl PreciseTree {
     pub(in crate::point) fn build(
         source: &Source,
         slice: TimeSlice,
-        points: impl Iterator<Item = usize>,
+        mut numbers: Vec<u32>,
         moves: bool,
         progress: &Progress,
     ) -> PreciseTree {
@@ -27,8 +27,9 @@ impl PreciseTree {
         let keys = |point: usize| [source.exact(point, slice.segment), source.exact(point, later)];
         let middle = 0.5 * (slice.phases[0] + slice.phases[1]);
         let persist = source.all_persist();
-        let exists = |&point: &usize| persist || source.active(point).intersect(slice.interval).is_some();
-        let mut numbers: Vec<u32> = points.filter(exists).map(|point| point as u32).collect();
+        if !persist {
+            numbers.retain(|&point| source.active(point as usize).intersect(slice.interval).is_some());
+        }
         let shape = PreciseTree::shape(numbers.len(), moves);
         let at_rest = |point: u32| source.exact(point as usize, slice.segment);
         let in_the_middle = |point: u32| between(keys(point as usize), middle);
