@@ -70,6 +70,9 @@ fn map_into<T: Send>(first: usize, results: &mut [Option<T>], f: &(dyn Fn(usize)
 
 /// `f` of each item, in order.
 pub(crate) fn each<I: Send, T: Send>(items: &mut [I], f: impl Fn(&mut I) -> T + Sync) -> Vec<T> {
+    if items.len() < 2 || threads() == 1 {
+        return items.iter_mut().map(f).collect();
+    }
     let items: Vec<Mutex<&mut I>> = items.iter_mut().map(Mutex::new).collect();
     // No other thread locks the same item.
     map(items.len(), |i| f(&mut lock(&items[i])))
