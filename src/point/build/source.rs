@@ -48,10 +48,12 @@ impl Source {
         not_plain: bool,
         round_to_f32: bool,
     ) -> Result<Source, PointError> {
-        let plain = !not_plain && is_plain(points, len);
-        let only_exact = plain && keys == 1 && !round_to_f32;
         let (origin, mut positions, mut exact) =
-            if P::WIDE { relative(points, len, keys, only_exact)? } else { narrow(points, len, keys)? };
+            if P::WIDE { relative(points, len, keys)? } else { narrow(points, len, keys)? };
+        let plain = !not_plain && is_plain(points, len);
+        if !exact.is_empty() && (round_to_f32 || keys > 1 || !plain) {
+            positions = exact.iter().map(|at| (*at - origin).as_vec3().to_array()).collect();
+        }
         if round_to_f32 {
             exact = Vec::new();
         }
@@ -317,8 +319,8 @@ fn narrow<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<R
 }
 
 /// Positions of a set of f64 ones relative to their middle, and as they were given. Where all are f32 numbers around zero,
-/// they are taken as such. If those in f64 are kept and `only_exact`, there are no others.
-fn relative<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize, only_exact: bool) -> Result<Read, PointError> {
+/// they are taken as such; otherwise relative positions are left to the caller, who may need none.
+fn relative<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<Read, PointError> {
     let mut wide = Vec::with_capacity(len * keys);
     let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     for point in 0..len {
@@ -342,9 +344,7 @@ fn relative<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize, only_exac
     if !(fits(lo - origin) && fits(hi - origin)) {
         wide.iter().enumerate().try_for_each(|(i, at)| checked(*at - origin, i / keys, i % keys).map(|_| ()))?;
     }
-    let needed = if only_exact { &[] } else { &wide[..] };
-    let positions = needed.iter().map(|at| (*at - origin).as_vec3().to_array()).collect();
-    Ok((origin, positions, wide))
+    Ok((origin, Vec::new(), wide))
 }
 
 /// Drops keys on the straight lines between others; returns how many are kept. (Static points are found later, one by one.)
