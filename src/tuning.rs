@@ -44,7 +44,8 @@ pub(crate) mod wide {
     /// If at most one of so many shapes is none of the spheres that can share leaf blocks, all lie up to sixteen in a leaf. (Not fitted: half of
     /// the leaves of sixteen are then without such a shape, however they are scattered.)
     pub const OTHERS_AMONG_SPHERES: usize = 32;
-    /// Bytes of primitives up to which their vertices are in a near cache when leaf blocks are written.
+    /// Bytes of primitives up to which their vertices are in a near cache when leaf blocks are written. (Not fitted: half of a second-level
+    /// cache.)
     pub const NEAR: usize = 512 << 10;
     /// Trees up to this many bytes mostly stay in the caches, so that neither the order of rays nor interleaving gains much.
     pub const CACHED: usize = 64 << 20;
@@ -140,8 +141,8 @@ pub(crate) mod slices {
     /// A region must gain this fraction of the cost of the whole tree.
     pub const MIN_GAIN: f32 = 0.002;
     /// The whole tree is divided if it has at most this many times the references of a region: the rest is then in each of its trees, so
-    /// it has at most this many times the bytes, and rays have one node less to pass. With 1.01 flags on poles and robots at a conveyor take
-    /// 1.08 to 1.22 times the work and .97 of the bytes, 32 other scenes the same ("Deciding on time slices" in docs/notes_rays.md).
+    /// it has at most this many times the bytes, and rays have one node less to pass. With 1.01 flags on poles, robots at a conveyor and gears
+    /// take 1.07 to 1.27 times the work and .97 to .99 of the bytes, 31 other scenes the same ("Deciding on time slices" in docs/notes_rays.md).
     pub const NEARLY_ALL: f32 = 1.1;
     /// Halves of a region of which one gains less than this fraction of what the other one gains are separate regions. A greatest difference
     /// of the areas instead, .15, made the same of halves that gain a quarter to a half, but divided moons in orbit where all gain most: 1.4

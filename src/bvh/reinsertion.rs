@@ -149,22 +149,15 @@ impl Reinsertion<'_> {
         for round in 0..ROUNDS {
             let largest = self.largest(count << round);
             let cost: f32 = largest.iter().map(|&x| self.cost(x)).sum();
-            let mut places = Vec::new();
             if round == 0 {
-                places = largest.iter().map(|&x| self.find(x)).collect();
-                let promised: f32 = places.iter().flatten().map(|(_, gain)| gain).sum();
+                let promised: f32 = largest.iter().filter_map(|&x| self.find(x)).map(|(_, gain)| gain).sum();
                 if promised < LEAST_GAIN * cost {
                     return false;
                 }
             }
             let mut gained = 0.0;
-            for (i, x) in largest.into_iter().enumerate() {
-                // As long as nothing was moved, places are as good as before.
-                let place = match places.get(i) {
-                    Some(&place) if self.changed.is_empty() => place,
-                    _ => self.find(x),
-                };
-                if let Some((to, gain)) = place {
+            for x in largest {
+                if let Some((to, gain)) = self.find(x) {
                     self.insert(x, to);
                     gained += gain;
                 }

@@ -174,13 +174,6 @@ impl Triangles {
     /// The sizes of a block of some triangles at some keys (see [`Sizes`]).
     pub(super) fn sizes(&self, ids: &[u32], keys: Range<usize>) -> u32 {
         let mut sizes = Sizes::default();
-        if keys == (0..1) {
-            for &id in ids {
-                let [a, b, c] = self.corners_at_key(id, 0);
-                sizes.include(a, b, c);
-            }
-            return sizes.word();
-        }
         for &id in ids {
             // Looked up once for all keys.
             let (stride, [a, b, c]) = (self.stride(id), self.vertices(id));

@@ -193,8 +193,7 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     /// At the begin of an interval: half the area of the box around the corners of a triangle, and the area of the triangle itself; `None` for
     /// a primitive that is not split.
     fn areas(&self, id: u32, over: TimeInterval) -> Option<[f32; 2]> {
-        let corners = self.corner_bounds(id, over)?;
-        Some([corners.union().begin.half_area(), corners.area()])
+        self.corner_bounds(id, over).map(|corners| corners.areas())
     }
     /// Prefetches the vertex indices of a primitive; the vertices themselves follow with
     /// [`PrimitiveSet::prefetch_vertices`]. A hint.

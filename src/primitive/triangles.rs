@@ -388,8 +388,7 @@ impl PrimitiveSet for Triangles {
     fn areas(&self, id: u32, over: TimeInterval) -> Option<[f32; 2]> {
         let keys = self.keys(id);
         if keys > 2 {
-            let corners = self.tubes_of_corners(id, keys, over);
-            return Some([corners.union().begin.half_area(), corners.area()]);
+            return Some(self.tubes_of_corners(id, keys, over).areas());
         }
         let [[a, b, c], _] = self.ends(id, over);
         Some([box_of([a, b, c]).half_area(), 0.5 * (b - a).cross(c - a).length()])

@@ -165,7 +165,6 @@ mod tests {
             let moving = references.iter().filter(|r| r.moving()).count();
             if (1..references.len()).contains(&moving) {
                 static_middle += usize::from(!references[references.len() / 2].moving());
-                assert!(share < 1.0 || moving * 2 > references.len(), "{moving} of {}, {share}", references.len());
             }
         }
         assert!(static_middle > 0);

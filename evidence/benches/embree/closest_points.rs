@@ -28,8 +28,7 @@ pub fn measure(options: &Options, embree: &Embree) -> Result<(), String> {
     println!("| closest points | near a surface | near, within 0.02 | in the box | far away | differ |");
     println!("|---|---:|---:|---:|---:|---:|");
     for name in &options.scenes {
-        let recipe = mbkd_scenes::find(name).ok_or_else(|| crate::unknown_scene(name))?;
-        let scene = (recipe.make)((recipe.full as f32 * options.scale) as usize);
+        let scene = crate::scene(options, name)?;
         for &isa in &options.isa {
             println!("| {name}, {isa:?} | {} |", one(options, embree, &scene, isa)?);
         }

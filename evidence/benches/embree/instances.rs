@@ -8,7 +8,8 @@
 use crate::ffi::{Embree, EmbreeRay, EmbreeScene, Mesh, Quality};
 use crate::geometry::{positions, scene_size};
 use crate::options::{Mode, Options};
-use crate::timing::{Checksum, in_turns};
+use crate::sum;
+use crate::timing::in_turns;
 use mbkd::glam::{DQuat, DVec3, Vec3};
 use mbkd::{BuildParams, Instance, InstanceTree, Pose, Ray, RayTree, Transform, TriangleMesh, WideParams};
 use rand::rngs::StdRng;
@@ -21,8 +22,7 @@ pub fn measure(options: &Options, embree: &Embree, count: u32) -> Result<(), Str
     println!("| placed | motion | Embree's mode | closest | any | differ | build | memory |");
     println!("|---|---|---|---|---|---|---|---|");
     for name in &options.scenes {
-        let recipe = mbkd_scenes::find(name).ok_or_else(|| format!("no scene is called {name:?}"))?;
-        let scene = (recipe.make)((recipe.full as f32 * options.scale) as usize);
+        let scene = crate::scene(options, name)?;
         let still: Vec<TriangleMesh> = scene.meshes.iter().map(first_key).collect();
         for (what, meshes) in [("still", &still), ("moving", &scene.meshes)] {
             for motion in ["none", "matrices", "rotations"] {
@@ -120,12 +120,6 @@ fn ray(random: &mut StdRng) -> Ray {
     let (origin, target) = (vec(random) * 3.0, vec(random));
     let (origin, target): (Vec3, Vec3) = (origin.as_vec3(), target.as_vec3());
     Ray::new(origin, target - origin).at_time(random.random())
-}
-
-fn sum<R>(rays: &[R], answer: impl Fn(&mut Checksum, &R)) -> Checksum {
-    let mut sum = Checksum::default();
-    rays.iter().for_each(|ray| answer(&mut sum, ray));
-    sum
 }
 
 /// The share of rays that hit another primitive, or at a distance that differs by more than a thousandth.

@@ -24,9 +24,11 @@ mod timing;
 
 use clap::Parser;
 use ffi::Embree;
+use mbkd_scenes::Scene;
 use options::{Only, Options};
 use run::Measured;
 use std::process::ExitCode;
+use timing::Checksum;
 
 fn main() -> ExitCode {
     match measure(&Options::parse()) {
@@ -74,8 +76,7 @@ fn measure(options: &Options) -> Result<(), String> {
     let mut measured = Measured::default();
     let mut builds = Vec::new();
     for name in &options.scenes {
-        let recipe = mbkd_scenes::find(name).ok_or_else(|| unknown_scene(name))?;
-        let scene = (recipe.make)((recipe.full as f32 * options.scale) as usize);
+        let scene = scene(options, name)?;
         println!("{name}: {} triangles", scene.triangles());
         run::measure(options, embree.as_ref(), &scene, &mut measured)?;
         builds.push(builds::measure(options, embree.as_ref(), &scene, 1)?);
@@ -90,7 +91,17 @@ fn measure(options: &Options) -> Result<(), String> {
     Ok(())
 }
 
-fn unknown_scene(name: &str) -> String {
-    let known: Vec<&str> = mbkd_scenes::CATALOGUE.iter().map(|recipe| recipe.name).collect();
-    format!("no scene is called {name:?}; there are {}", known.join(", "))
+/// The scene of that name, at the scale that was asked for.
+fn scene(options: &Options, name: &str) -> Result<Scene, String> {
+    let known = || mbkd_scenes::CATALOGUE.iter().map(|recipe| recipe.name).collect::<Vec<_>>().join(", ");
+    let recipe =
+        mbkd_scenes::find(name).ok_or_else(|| format!("no scene is called {name:?}; there are {}", known()))?;
+    Ok((recipe.make)((recipe.full as f32 * options.scale) as usize))
+}
+
+/// The checksum of the answers of some rays.
+fn sum<R>(rays: &[R], answer: impl Fn(&mut Checksum, &R)) -> Checksum {
+    let mut sum = Checksum::default();
+    rays.iter().for_each(|ray| answer(&mut sum, ray));
+    sum
 }

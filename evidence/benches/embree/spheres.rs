@@ -2,7 +2,8 @@
 
 use crate::ffi::{Embree, EmbreeRay, EmbreeScene, Quality};
 use crate::options::{Isa, Options};
-use crate::timing::{Checksum, in_turns, median};
+use crate::sum;
+use crate::timing::{in_turns, median};
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{BuildError, BuildParams, MovingSphere, Ray, RayTree, Shape, SimdLevel};
 use rand::rngs::StdRng;
@@ -136,12 +137,6 @@ fn last_of<T>(runs: u32, build: impl Fn() -> Result<(f64, T), String>) -> Result
 fn ray(random: &mut StdRng, from: std::ops::Range<f32>) -> Ray {
     let (origin, target) = (vec(random, from), vec(random, 0.0..1.0));
     Ray::new(origin, target - origin).at_time(random.random())
-}
-
-fn sum<R>(rays: &[R], answer: impl Fn(&mut Checksum, &R)) -> Checksum {
-    let mut sum = Checksum::default();
-    rays.iter().for_each(|ray| answer(&mut sum, ray));
-    sum
 }
 
 /// The share of rays that hit another sphere.
