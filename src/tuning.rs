@@ -37,13 +37,6 @@ pub(crate) mod wide {
     /// of the work. Needles and hair have 9 to 50 of them, fur 11, all else up to 4:
     /// `cargo bench --bench embree -- --only ours --scenes needles,needles30,hairball --side 64 --runs 1` counts.
     pub const MANY_BOXES: f32 = 4.0;
-    /// Primitives that are tested one by one, in one leaf. With 2, rays among 50 000 spheres, when these were tested so, took .86 to .91 of the
-    /// time, and the tree 1.4 of the building time and 1.8 of the memory; with 16 rays took 1.6 (still) and 2.1 times as long (a program that is
-    /// not in the repository).
-    pub const SHAPES_PER_LEAF: usize = 4;
-    /// If at most one of so many shapes is none of the spheres that can share leaf blocks, all lie up to sixteen in a leaf. (Not fitted: half of
-    /// the leaves of sixteen are then without such a shape, however they are scattered.)
-    pub const OTHERS_AMONG_SPHERES: usize = 32;
     /// Bytes of primitives up to which their vertices are in a near cache when leaf blocks are written. (Not fitted: half of a second-level
     /// cache.)
     pub const NEAR: usize = 512 << 10;

@@ -89,7 +89,7 @@ impl Rays {
         let mut hits = Vec::with_capacity(rays.len());
         let one = |ray: &Ray| match mask {
             u32::MAX => self.tree.closest_hit(ray),
-            _ => self.tree.closest_hit_filtered(ray, mask, |_| true),
+            _ => self.tree.closest_hit_masked(ray, mask),
         };
         let many = |rays: &[Ray], found: &mut Vec<Option<Hit>>| self.tree.closest_hits(rays, found);
         let all = (mask == u32::MAX).then_some(&many as Many<'_, Option<Hit>>);
@@ -112,7 +112,7 @@ impl Rays {
         let mut hits = Vec::with_capacity(rays.len());
         let one = |ray: &Ray| match mask {
             u32::MAX => self.tree.any_hit(ray),
-            _ => self.tree.any_hit_filtered(ray, mask, |_| true),
+            _ => self.tree.any_hit_masked(ray, mask),
         };
         let many = |rays: &[Ray], found: &mut Vec<bool>| self.tree.any_hits(rays, found);
         let all = (mask == u32::MAX).then_some(&many as Many<'_, bool>);

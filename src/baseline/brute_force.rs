@@ -128,11 +128,11 @@ impl<G: Geometry> BruteForce<G> {
         mask: u32,
         accept: impl Fn(&ClosestPoint) -> bool,
     ) -> Option<ClosestPoint> {
-        self.closest_point_placed(&(*query).into(), &Visible { mask, accept })
+        self.closest_point_placed(&(*query).into(), &Visible { mask, accept: Some(accept) })
     }
 
     /// As [`RayTree::closest_hit_filtered`](crate::RayTree::closest_hit_filtered).
     pub fn closest_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&Hit) -> bool) -> Option<Hit> {
-        self.closest(ray, &Visible { mask, accept: |(_, hit): &(usize, Hit)| accept(hit) })
+        self.closest(ray, &Visible { mask, accept: Some(|(_, hit): &(usize, Hit)| accept(hit)) })
     }
 }

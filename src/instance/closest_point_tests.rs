@@ -59,7 +59,7 @@ impl All {
             let found = match brute {
                 Brute::Tree(of) => {
                     let accept = |&near: &ClosestPoint| accept(&InstancePoint { path, near });
-                    let near = of.closest_point_placed(&inner, &Visible { mask, accept });
+                    let near = of.closest_point_placed(&inner, &Visible { mask, accept: Some(accept) });
                     near.map(|near| InstancePoint { path, near })
                 }
                 Brute::Instances(all) => all.nearest(&inner, path, mask, accept),

@@ -170,7 +170,7 @@ impl Slack {
 
 impl PrimitiveSet for Placements {
     /// Testing one instance takes longer than many nodes.
-    fn per_leaf(&self, _: u32) -> usize {
+    fn per_leaf(&self) -> usize {
         1
     }
 

@@ -3,7 +3,7 @@
 //! | words | |
 //! |---|---|
 //! | n | ids |
-//! | 1 | number of keys of each sphere; 0 if the block only lists ids, and then it ends here |
+//! | 1 | number of keys of each sphere; 0 if the block only lists ids, and then it ends here. With boxes ([`super::list_boxes`]) no number of keys |
 //! | 3 | first key in the block; number of keys in it, and in the topmost bit whether the caller's numbers are in f64; sizes |
 //! | rows of n | for each key in the block: x, y and z of the centers, and the radii, in tree space |
 //! | 4 n or 8 n | for each key in the block, sphere by sphere: the same as the caller gave them, in f32 if no bit is lost, otherwise in f64 |
@@ -13,6 +13,7 @@
 //! two powers of two. No coordinate and no radius is larger than the first. At any time, the distance of centers from those of [`MovingSphere::at`]
 //! and the difference of radii are together at most the second, but for roundings of f32.
 
+use super::list_boxes::{Boxed, ListBoxes, MOVING};
 use super::wide_node::{ChildRef, Kind, Sizes};
 use crate::geometry::{Frame, ULP};
 use crate::primitive::{MovingSphere, PrimitiveSet, SPHERE_ROUNDING};
@@ -47,11 +48,11 @@ pub(crate) struct SphereLeaf {
 }
 
 impl SphereLeaf {
-    /// The rows of a block of `n` ids that begins at `words[0]`; `None` if it only lists ids.
+    /// The rows of a block of `n` ids that begins at `words[0]`; `None` if it lists ids, with boxes or without.
     #[inline(always)]
     pub fn of(words: &[u32], n: usize) -> Option<SphereLeaf> {
         match words[n] {
-            0 => None,
+            0 | MOVING.. => None,
             keys => {
                 let &[first, held, sizes] = words[n + 1..].first_chunk().expect("a whole header");
                 let (held, fine) = ((held & !FINE) as usize, held & FINE != 0);
@@ -112,6 +113,7 @@ impl SphereLeaf {
     pub fn words_of_list(words: &[u32], n: usize) -> Option<usize> {
         let end = match words.get(n)? {
             0 => n + 1,
+            MOVING.. => ListBoxes::of(words, n)?.words(),
             _ if words.len() < n + HEADER => return None,
             _ => SphereLeaf::of(words, n)?.words(n),
         };
@@ -208,9 +210,13 @@ impl Measured {
     }
 }
 
-/// The number of words of a block of shapes.
+/// The number of words of a block of shapes, at most.
 pub(super) fn shapes_words<S: PrimitiveSet + ?Sized>(set: &S, ids: &[u32], slice: TimeSlice) -> usize {
-    SphereLeaf::for_shapes(set, ids, slice).map_or(ids.len() + 1, |leaf| leaf.words(ids.len()))
+    let n = ids.len();
+    match SphereLeaf::for_shapes(set, ids, slice) {
+        Some(leaf) => leaf.words(n),
+        None => ListBoxes::most_words(n).unwrap_or(n + 1),
+    }
 }
 
 /// Writes a block of shapes; `None` if the arena is full.
@@ -221,12 +227,19 @@ pub(super) fn write_shapes<S: PrimitiveSet + ?Sized>(
     slice: TimeSlice,
 ) -> Option<ChildRef> {
     arena.align();
-    let spheres = SphereLeaf::for_shapes(set, ids, slice);
     let n = ids.len();
-    let at = arena.grow(spheres.map_or(n + 1, |leaf| leaf.words(n)));
+    let spheres = SphereLeaf::for_shapes(set, ids, slice);
+    let boxed = (spheres.is_none() && n > 1).then(|| Boxed::new(set, ids, slice.interval()));
+    let at = arena.grow(match (&spheres, &boxed) {
+        (Some(leaf), _) => leaf.words(n),
+        (None, Some(boxed)) => boxed.of.words(),
+        (None, None) => n + 1,
+    });
     let words = &mut arena.ints_mut()[at..];
     words[..n].copy_from_slice(ids);
-    if !spheres.is_some_and(|leaf| leaf.write(set, ids, words)) {
+    if let Some(boxed) = boxed {
+        boxed.write(words, n);
+    } else if !spheres.is_some_and(|leaf| leaf.write(set, ids, words)) {
         words[n] = 0;
     }
     ChildRef::new(Kind::OtherLeaf, at, n)
@@ -235,7 +248,7 @@ pub(super) fn write_shapes<S: PrimitiveSet + ?Sized>(
 /// Rewrites a block of shapes with these ids that begins at `words[0]`. If shapes are no longer spheres, have another number of keys, or no room
 /// for their bits, the block only lists them from then on.
 pub(super) fn rewrite_shapes<S: PrimitiveSet + ?Sized>(set: &S, words: &mut [u32], ids: &[u32]) {
-    let Some(leaf) = SphereLeaf::of(words, ids.len()) else { return };
+    let Some(leaf) = SphereLeaf::of(words, ids.len()) else { return Boxed::rewrite(set, words, ids) };
     let now = SphereLeaf::for_shapes(set, ids, TimeSlice::WHOLE);
     let same = now.is_some_and(|now| (now.keys == leaf.keys || now.keys == 1) && (leaf.fine || !now.fine));
     if !(same && leaf.write(set, ids, words)) {

@@ -11,7 +11,6 @@ use crate::error::BuildError;
 use crate::geometry::{Aabb, Box3, CornerBounds, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
 use crate::limits::MAX_COORDINATE;
 use crate::simd::{LANES, prefetch};
-use crate::tuning::wide::{OTHERS_AMONG_SPHERES, SHAPES_PER_LEAF};
 use core::sync::atomic::{AtomicU32, Ordering};
 use glam::DVec3;
 
@@ -118,9 +117,8 @@ pub trait Primitive: Send + Sync {
 
 /// A set of primitives in tree space: the interface for builders and queries.
 pub(crate) trait PrimitiveSet: Send + Sync {
-    /// The greatest number of primitives in one leaf block of the wide layout, for a tree over primitives like this one.
-    fn per_leaf(&self, id: u32) -> usize {
-        let _ = id;
+    /// The greatest number of primitives in one leaf block of the wide layout.
+    fn per_leaf(&self) -> usize {
         LANES
     }
     /// The number of primitives; ids begin at 0.
@@ -245,8 +243,6 @@ pub struct Shapes<P> {
     shapes: Vec<P>,
     /// Active intervals; empty if all shapes exist throughout the shutter.
     active: Vec<TimeInterval>,
-    /// Whether nearly all are spheres that can share leaf blocks.
-    together: bool,
     /// The bytes of spheres' keys in leaf blocks.
     key_bytes: usize,
     frame: Frame,
@@ -312,15 +308,9 @@ impl<P: Primitive> Shapes<P> {
 
     /// Shapes that were checked, in a tree space that holds them.
     pub(crate) fn within(shapes: Vec<P>, extent: ShapesExtent, frame: Frame) -> Shapes<P> {
-        let keys = || shapes.iter().filter_map(|shape| Some(shape.as_sphere()?.keys.len()));
-        let key_bytes = keys().sum::<usize>() * SPHERE_KEY_BYTES;
-        // Spheres at rest lie beside others with any number of keys.
-        let mut moving: Vec<usize> = keys().filter(|&keys| keys > 1).collect();
-        moving.sort_unstable();
-        let most = moving.chunk_by(|a, b| a == b).map(<[usize]>::len).max().unwrap_or(0);
-        let together = most + keys().filter(|&keys| keys == 1).count();
-        let together = (shapes.len() - together) * OTHERS_AMONG_SPHERES <= shapes.len();
-        Shapes { shapes, active: extent.active, together, key_bytes, frame, bad: AtomicU32::new(NONE) }
+        let keys = shapes.iter().filter_map(|shape| Some(shape.as_sphere()?.keys.len()));
+        let key_bytes = keys.sum::<usize>() * SPHERE_KEY_BYTES;
+        Shapes { shapes, active: extent.active, key_bytes, frame, bad: AtomicU32::new(NONE) }
     }
 
     /// Active intervals as bounds; empty if all shapes exist throughout the shutter.
@@ -340,11 +330,6 @@ impl<P: Primitive> Shapes<P> {
 }
 
 impl<P: Primitive> PrimitiveSet for Shapes<P> {
-    /// Where leaves only list primitives, they are tested one by one, each of which takes longer than the boxes of sixteen.
-    fn per_leaf(&self, _: u32) -> usize {
-        if self.together { LANES } else { SHAPES_PER_LEAF }
-    }
-
     fn len(&self) -> usize {
         self.shapes.len()
     }

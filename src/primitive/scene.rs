@@ -134,13 +134,6 @@ impl Scene {
 }
 
 impl PrimitiveSet for Scene {
-    fn per_leaf(&self, id: u32) -> usize {
-        match self.shape(id) {
-            None => self.triangles.per_leaf(id),
-            Some(shape) => self.shapes.per_leaf(shape),
-        }
-    }
-
     fn len(&self) -> usize {
         self.triangles.len() + self.shapes.len()
     }

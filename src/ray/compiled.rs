@@ -59,6 +59,11 @@ impl Layout {
         let swept = || LinearBounds::fixed(Frame::WORLD.box_to_world(frame.outward(frame.bounds)));
         Outline::new(&bounds.unwrap_or_else(swept), frame)
     }
+
+    /// Whether a ray may find a primitive in several leaves.
+    fn repeats(&self) -> bool {
+        !matches!(self, Layout::Wide(tree) if !tree.presplit)
+    }
 }
 
 /// The tree that a query is answered from.
@@ -124,7 +129,11 @@ impl<'a, T> Guards<'a, T> {
     pub const NONE: Guards<'a, T> = Guards { visible: None, observer: None };
 
     pub fn filtered(mask: u32, accept: &'a dyn Fn(&T) -> bool) -> Guards<'a, T> {
-        Guards { visible: Some(Visible { mask, accept }), observer: None }
+        Guards { visible: Some(Visible { mask, accept: Some(accept) }), observer: None }
+    }
+
+    pub fn masked(mask: u32) -> Guards<'a, T> {
+        Guards { visible: Some(Visible { mask, accept: None }), observer: None }
     }
 
     pub fn observed(observer: &'a mut dyn Observer) -> Guards<'a, T> {
@@ -138,6 +147,12 @@ pub(crate) type Plain<G, Q, R> = fn(Target<'_, G>, &Q) -> R;
 /// A query with guards, whose filter predicate takes a `T`.
 type Guarded<G, Q, T, R> = fn(Target<'_, G>, &Q, Guards<'_, T>) -> R;
 
+/// All hits of a ray.
+type OfAll<G> = fn(Target<'_, G>, &Ray, Visitor<'_>) -> ControlFlow<()>;
+
+/// The same with guards.
+type GuardedAll<G> = fn(Target<'_, G>, &Ray, Guards<'_, Offer>, Visitor<'_>) -> ControlFlow<()>;
+
 /// A query of many rays with one `R` each.
 pub(crate) type Batched<G, R> = fn(Target<'_, G>, Task<'_, R>);
 
@@ -149,7 +164,8 @@ pub(crate) struct Queries<G> {
     pub any_guarded: Guarded<G, Ray, Offer, bool>,
     pub closest_point: Plain<G, PlacedQuery, Option<ClosestPoint>>,
     pub closest_point_guarded: Guarded<G, PlacedQuery, ClosestPoint, Option<ClosestPoint>>,
-    pub all: fn(Target<'_, G>, &Ray, Guards<'_, Offer>, Visitor<'_>) -> ControlFlow<()>,
+    pub all: OfAll<G>,
+    pub all_guarded: GuardedAll<G>,
     /// Rays one by one.
     pub singly_closest: Batched<G, Option<Hit>>,
     /// Interleaved traversal through the wide layout.
@@ -168,7 +184,8 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
         any_guarded: Queries::guarded_any,
         closest_point: Queries::plain_closest_point,
         closest_point_guarded: Queries::guarded_closest_point,
-        all: Queries::guarded_all,
+        all: Queries::plain_all,
+        all_guarded: Queries::guarded_all,
         singly_closest: Queries::each_closest,
         interleaved_closest: |on, task| on.batch(Interleaved, ClosestHit, task, Queries::each_closest),
         streams_closest: |on, task| on.batch(Streams, ClosestHit, task, Queries::each_closest),
@@ -184,7 +201,7 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
         let observer = &mut ();
         on.answer_plain(
             || Asked(ClosestHit, QueryArgs { set: on.geometry, ray, filter: &Everything, observer }),
-            || Queries::guarded_closest(on, ray, Guards::NONE),
+            |_| Queries::guarded_closest(on, ray, Guards::NONE),
         )
     }
 
@@ -198,7 +215,19 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
         }
         on.answer_plain(
             || Asked(AnyHit, QueryArgs { set: on.geometry, ray, filter: &Everything, observer }),
-            || Queries::guarded_any(on, ray, Guards::NONE),
+            |_| Queries::guarded_any(on, ray, Guards::NONE),
+        )
+    }
+
+    /// All hits.
+    fn plain_all(on: Target<'_, G>, ray: &Ray, visitor: Visitor<'_>) -> ControlFlow<()> {
+        let observer = &mut ();
+        on.answer_plain(
+            || {
+                let query = AllHits { visitor, repeats: on.layout.repeats() };
+                Asked(query, QueryArgs { set: on.geometry, ray, filter: &Everything, observer })
+            },
+            |AllHits { visitor, .. }| Queries::guarded_all(on, ray, Guards::NONE, visitor),
         )
     }
 
@@ -220,7 +249,7 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
     }
 
     fn guarded_all(on: Target<'_, G>, ray: &Ray, guards: Guards<'_, Offer>, visitor: Visitor<'_>) -> ControlFlow<()> {
-        on.answer(AllHits(visitor), ray, guards)
+        on.answer(AllHits { visitor, repeats: on.layout.repeats() }, ray, guards)
     }
 
     fn each_closest(on: Target<'_, G>, task: Task<'_, Option<Hit>>) {
@@ -273,17 +302,17 @@ impl<G: RaySource> Target<'_, G> {
     fn answer_plain<'b, Q: Query>(
         self,
         asked: impl FnOnce() -> Asked<'b, G, Everything, (), Q>,
-        guarded: impl FnOnce() -> Q::Answer,
+        guarded: impl FnOnce(Q) -> Q::Answer,
     ) -> Q::Answer
     where
         G: 'b,
     {
         match self.layout {
             Layout::Wide(tree) => {
-                dispatch_or(self.simd, OfWide { tree, outline: self.outline, asked: asked() }, |_| guarded())
+                dispatch_or(self.simd, OfWide { tree, outline: self.outline, asked: asked() }, |it| guarded(it.asked.0))
             }
             Layout::Kd(tree) => answer_in_kd(asked(), tree),
-            Layout::Lazy(_) => guarded(),
+            Layout::Lazy(_) => guarded(asked().0),
         }
     }
 
@@ -313,7 +342,8 @@ impl<G: RaySource> Target<'_, G> {
         for (i, (ray, answer)) in task.rays.iter().zip(task.answers).enumerate() {
             *answer = match task.visible {
                 None => plain(self, ray),
-                Some(Visible { mask, accept }) => {
+                Some(Visible { mask, accept: None }) => guarded(self, ray, Guards::masked(mask)),
+                Some(Visible { mask, accept: Some(accept) }) => {
                     guarded(self, ray, Guards::filtered(mask, &|&(_, hit)| accept(&(i, hit))))
                 }
             };

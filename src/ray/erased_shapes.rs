@@ -29,7 +29,6 @@ trait AnyShapes: Send + Sync {
     fn intersect(&self, id: u32, ray: &TreeRay, sheared: &Sheared) -> Option<SetHit>;
     fn first_within(&self, ids: &[u32], query: &Query, limit: f32) -> Option<(usize, Candidate)>;
     fn sphere(&self, id: u32) -> Option<&MovingSphere>;
-    fn per_leaf(&self, id: u32) -> usize;
     fn further_key_bytes(&self) -> usize;
 }
 
@@ -57,9 +56,6 @@ impl<P: Primitive> AnyShapes for Shapes<P> {
     }
     fn sphere(&self, id: u32) -> Option<&MovingSphere> {
         PrimitiveSet::sphere(self, id)
-    }
-    fn per_leaf(&self, id: u32) -> usize {
-        PrimitiveSet::per_leaf(self, id)
     }
     fn further_key_bytes(&self) -> usize {
         PrimitiveSet::further_key_bytes(self)
@@ -96,10 +92,6 @@ impl PrimitiveSet for ErasedShapes<'_> {
 
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {
         self.shapes.bounds(id, over)
-    }
-
-    fn per_leaf(&self, id: u32) -> usize {
-        self.shapes.per_leaf(id)
     }
 
     fn sphere(&self, id: u32) -> Option<&MovingSphere> {
@@ -173,8 +165,9 @@ impl<P: Primitive> Compiled for Shapes<P> {
         closest_point_guarded: |on, query, guards| {
             (queries().closest_point_guarded)(on.with_geometry(&ErasedShapes::of(on.geometry)), query, guards)
         },
-        all: |on, ray, guards, visitor| {
-            (queries().all)(on.with_geometry(&ErasedShapes::of(on.geometry)), ray, guards, visitor)
+        all: |on, ray, visitor| (queries().all)(on.with_geometry(&ErasedShapes::of(on.geometry)), ray, visitor),
+        all_guarded: |on, ray, guards, visitor| {
+            (queries().all_guarded)(on.with_geometry(&ErasedShapes::of(on.geometry)), ray, guards, visitor)
         },
         singly_closest: |on, task| (queries().singly_closest)(on.with_geometry(&ErasedShapes::of(on.geometry)), task),
         interleaved_closest: |on, task| {

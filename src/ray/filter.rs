@@ -43,7 +43,8 @@ impl<T> Filter<T> for Everything {
 #[derive(Clone, Copy)]
 pub(crate) struct Visible<F> {
     pub mask: u32,
-    pub accept: F,
+    /// `None` accepts every hit.
+    pub accept: Option<F>,
 }
 
 impl<T, F: Fn(&T) -> bool> Filter<T> for Visible<F> {
@@ -53,11 +54,11 @@ impl<T, F: Fn(&T) -> bool> Filter<T> for Visible<F> {
     }
     #[inline(always)]
     fn accepts(&self, hit: impl FnOnce() -> T) -> bool {
-        (self.accept)(&hit())
+        self.accept.as_ref().is_none_or(|accept| accept(&hit()))
     }
     #[inline(always)]
     fn accepts_all(&self) -> bool {
-        false
+        self.accept.is_none()
     }
 }
 

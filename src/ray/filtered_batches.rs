@@ -37,7 +37,7 @@ impl<G: Geometry> RayTree<G> {
         accept: impl Fn(usize, &Hit) -> bool + Sync,
         hits: &mut Vec<Option<Hit>>,
     ) {
-        self.closest_batch(rays, Some(Visible { mask, accept: &accept }), hits);
+        self.closest_batch(rays, Some(Visible { mask, accept: Some(&accept) }), hits);
     }
 
     /// [`RayTree::any_hit_filtered`] for many rays, in parallel, with a filter as that of
@@ -61,7 +61,7 @@ impl<G: Geometry> RayTree<G> {
         accept: impl Fn(usize, &Hit) -> bool + Sync,
         hits: &mut Vec<bool>,
     ) {
-        self.any_batch(rays, Some(Visible { mask, accept: &accept }), hits);
+        self.any_batch(rays, Some(Visible { mask, accept: Some(&accept) }), hits);
     }
 
     /// [`RayTree::closest_point_filtered`] for many queries, in parallel, with a filter that gets the index of the

@@ -124,7 +124,7 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn all_hits(&self, ray: &Ray, mut visitor: impl FnMut(Hit) -> ControlFlow<()>) -> ControlFlow<()> {
-        (self.queries.all)(self.target(), ray, Guards::NONE, &mut visitor)
+        (self.queries.all)(self.target(), ray, &mut visitor)
     }
 
     /// [`RayTree::closest_hit`], reporting each step to `observer`.
@@ -144,7 +144,7 @@ impl<G: Geometry> RayTree<G> {
         observer: &mut impl Observer,
         mut visitor: impl FnMut(Hit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
-        (self.queries.all)(self.target(), ray, Guards::observed(observer), &mut visitor)
+        (self.queries.all_guarded)(self.target(), ray, Guards::observed(observer), &mut visitor)
     }
 
     /// [`RayTree::closest_hit`] among the hits for which `accept` returns true, on meshes whose
@@ -169,6 +169,26 @@ impl<G: Geometry> RayTree<G> {
         (self.queries.closest_guarded)(self.target(), ray, Guards::filtered(mask, &|(_, hit)| accept(hit)))
     }
 
+    /// [`RayTree::closest_hit`] on meshes whose mask shares a bit with `mask`, as [`RayTree::closest_hit_filtered`] without a filter.
+    pub fn closest_hit_masked(&self, ray: &Ray, mask: u32) -> Option<Hit> {
+        (self.queries.closest_guarded)(self.target(), ray, Guards::masked(mask))
+    }
+
+    /// [`RayTree::any_hit`] on meshes whose mask shares a bit with `mask`, as [`RayTree::any_hit_filtered`] without a filter but faster:
+    /// where a hit is certain, its position is not computed.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+    /// let glass = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]).with_mask(0b01);
+    /// let tree = RayTree::build(&[glass], &BuildParams::default())?;
+    /// let ray = Ray::new(Vec3::new(0.2, 0.2, -1.0), Vec3::Z);
+    /// assert_eq!([0b01, 0b10].map(|mask| tree.any_hit_masked(&ray, mask)), [true, false]);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn any_hit_masked(&self, ray: &Ray, mask: u32) -> bool {
+        (self.queries.any_guarded)(self.target(), ray, Guards::masked(mask))
+    }
+
     /// [`RayTree::any_hit`] among the hits that pass the mask and the filter (see [`RayTree::closest_hit_filtered`]).
     pub fn any_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&Hit) -> bool) -> bool {
         (self.queries.any_guarded)(self.target(), ray, Guards::filtered(mask, &|(_, hit)| accept(hit)))
@@ -182,7 +202,7 @@ impl<G: Geometry> RayTree<G> {
         accept: impl Fn(&Hit) -> bool,
         mut visitor: impl FnMut(Hit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
-        (self.queries.all)(self.target(), ray, Guards::filtered(mask, &|(_, hit)| accept(hit)), &mut visitor)
+        (self.queries.all_guarded)(self.target(), ray, Guards::filtered(mask, &|(_, hit)| accept(hit)), &mut visitor)
     }
 
     /// [`RayTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order. A
@@ -254,9 +274,12 @@ impl<G: Geometry> RayTree<G> {
             let by = if coherent { together } else { incoherent };
             match visible {
                 None => by(self.target(), Task { rays, answers, visible: None }),
-                Some(Visible { mask, accept }) => {
+                Some(Visible { mask, accept: None }) => {
+                    by(self.target(), Task { rays, answers, visible: Some(Visible { mask, accept: None }) });
+                }
+                Some(Visible { mask, accept: Some(accept) }) => {
                     let accept = |&(i, ref hit): &Offer| accept(indices.of(i), hit);
-                    by(self.target(), Task { rays, answers, visible: Some(Visible { mask, accept: &accept }) });
+                    by(self.target(), Task { rays, answers, visible: Some(Visible { mask, accept: Some(&accept) }) });
                 }
             }
         };
@@ -510,7 +533,7 @@ mod tests {
                     .collect();
                 let rays = &rays[..];
                 let accept = |&(i, hit): &Offer| !(i + hit.primitive as usize).is_multiple_of(3);
-                for visible in [None, Some(Visible { mask: 1, accept: &accept as _ })] {
+                for visible in [None, Some(Visible { mask: 1, accept: Some(&accept as _) })] {
                     let (mut hits, mut of_streams, mut shadows) =
                         (vec![None; count], vec![None; count], vec![false; count]);
                     (tree.queries.interleaved_closest)(tree.target(), Task { rays, answers: &mut hits, visible });

@@ -321,7 +321,7 @@ fn draft_with<S: PrimitiveSet>(
 ) -> Draft {
     let kind = |id: u32| set.leaf_kind(id);
     let kinds: Option<&LeafKind<'_>> = if set.bent() { Some(&kind) } else { None };
-    let per_leaf = per_leaf(set, &references);
+    let per_leaf = set.per_leaf();
     let [stop, overlapping] = [*BINARY_LEAF.start(), *BINARY_LEAF.end()].map(|most| most.min(per_leaf));
     // A node above them would cost as much as one block of all of them.
     let n = references.len();
@@ -342,11 +342,6 @@ fn draft_with<S: PrimitiveSet>(
     Draft { slice, over, references, primitives, presplit, reinserted: now, ratio: None, cost_model, binary, collapse }
 }
 
-/// The greatest number of references in one leaf block. The primitives of a tree are all triangles, or all shapes.
-fn per_leaf<S: PrimitiveSet>(set: &S, references: &[Reference]) -> usize {
-    references.first().map_or(LANES, |first| set.per_leaf(first.id()))
-}
-
 /// Collapses a binary tree over references into wide nodes and leaf blocks.
 fn collapse<S: PrimitiveSet>(
     set: &S,
@@ -356,7 +351,7 @@ fn collapse<S: PrimitiveSet>(
 ) -> Collapse {
     let kind = |id: u32| set.leaf_kind(id);
     let kinds: Option<&LeafKind<'_>> = if set.bent() { Some(&kind) } else { None };
-    let per_leaf = per_leaf(set, references);
+    let per_leaf = set.per_leaf();
     Collapse::new(binary, cost_model, |node| {
         if node.count as usize > per_leaf {
             return None;

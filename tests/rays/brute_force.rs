@@ -243,6 +243,9 @@ fn masks_and_filters_equal_brute_force() {
             let (mask, odd) = (i % 16, |hit: &mbkd::Hit| hit.primitive % 2 == 1);
             let expected = oracle.closest_hit_filtered(&ray, mask, odd);
             assert_eq!(tree.closest_hit_filtered(&ray, mask, odd), expected, "{params:?} {ray:?}");
+            let seen = oracle.closest_hit_filtered(&ray, mask, |_| true);
+            assert_eq!(tree.closest_hit_masked(&ray, mask), seen, "{params:?} {ray:?}");
+            assert_eq!(tree.any_hit_masked(&ray, mask), seen.is_some(), "{params:?} {ray:?}");
             assert_eq!(tree.any_hit_filtered(&ray, mask, odd), expected.is_some());
             let mut best = None::<mbkd::Hit>;
             let _ = tree.all_hits_filtered(&ray, mask, odd, |hit| {

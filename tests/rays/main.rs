@@ -13,6 +13,7 @@ mod keys;
 mod lazy;
 mod metamorphic;
 mod mixed;
+mod own_shapes;
 mod precise;
 mod refit;
 mod scenes;

@@ -12,6 +12,7 @@
 mod filters;
 mod packet;
 mod points;
+mod user;
 
 use glam::Vec3;
 use libloading::Library;
@@ -24,10 +25,12 @@ use std::sync::atomic::{AtomicIsize, Ordering};
 
 pub use packet::{PACKET, Packet};
 pub use points::PointQuery;
+pub use user::UserShapes;
 
 const INVALID_ID: c_uint = c_uint::MAX;
 const GEOMETRY_TYPE_TRIANGLE: c_int = 0;
 const GEOMETRY_TYPE_SPHERE_POINT: c_int = 50;
+const GEOMETRY_TYPE_USER: c_int = 120;
 const GEOMETRY_TYPE_INSTANCE: c_int = 121;
 const BUFFER_TYPE_INDEX: c_int = 0;
 const BUFFER_TYPE_VERTEX: c_int = 1;
@@ -49,11 +52,11 @@ pub enum Quality {
 #[derive(Clone, Copy)]
 #[repr(C, align(16))]
 pub struct EmbreeRay {
-    origin: [f32; 3],
-    tnear: f32,
-    dir: [f32; 3],
-    time: f32,
-    tfar: f32,
+    pub origin: [f32; 3],
+    pub tnear: f32,
+    pub dir: [f32; 3],
+    pub time: f32,
+    pub tfar: f32,
     mask: c_uint,
     id: c_uint,
     flags: c_uint,
@@ -87,12 +90,37 @@ struct RtcHit {
     instance_primitive: c_uint,
 }
 
+impl RtcHit {
+    const NONE: RtcHit = RtcHit {
+        normal: [0.0; 3],
+        u: 0.0,
+        v: 0.0,
+        primitive: INVALID_ID,
+        geometry: INVALID_ID,
+        instance: INVALID_ID,
+        instance_primitive: INVALID_ID,
+    };
+}
+
 /// `RTCRayHit`.
 #[derive(Clone, Copy)]
 #[repr(C, align(16))]
 struct RtcRayHit {
     ray: EmbreeRay,
     hit: RtcHit,
+}
+
+impl RtcRayHit {
+    #[inline(always)]
+    fn answer(&self) -> Option<Hit> {
+        (self.hit.geometry != INVALID_ID).then_some(Hit {
+            t: self.ray.tfar,
+            u: self.hit.u,
+            v: self.hit.v,
+            mesh: self.hit.geometry,
+            primitive: self.hit.primitive,
+        })
+    }
 }
 
 const _: () = {
@@ -142,6 +170,13 @@ impl From<&Pose> for Decomposition {
     }
 }
 
+impl EmbreeRay {
+    /// A ray that sees the geometries whose masks share a bit with this one.
+    pub fn masked(ray: &Ray, mask: u32) -> EmbreeRay {
+        EmbreeRay { mask, ..EmbreeRay::from(ray) }
+    }
+}
+
 type Handle = *mut c_void;
 type MemoryMonitor = unsafe extern "C" fn(*mut c_void, isize, bool) -> bool;
 
@@ -176,12 +211,18 @@ struct Functions {
     set_occluded_filter: filters::FilterFunction,
     set_time_steps: unsafe extern "C" fn(Handle, c_uint),
     set_new_buffer: unsafe extern "C" fn(Handle, c_int, c_uint, c_int, usize, usize) -> *mut c_void,
+    set_mask: unsafe extern "C" fn(Handle, c_uint),
+    set_user_count: unsafe extern "C" fn(Handle, c_uint),
+    set_bounds_function: unsafe extern "C" fn(Handle, user::BoundsFunction, *mut c_void),
+    set_intersect_function: unsafe extern "C" fn(Handle, user::HitFunction),
+    set_occluded_function: unsafe extern "C" fn(Handle, user::HitFunction),
     commit_geometry: unsafe extern "C" fn(Handle),
     release_geometry: unsafe extern "C" fn(Handle),
     new_scene: unsafe extern "C" fn(Handle) -> Handle,
     set_scene_flags: unsafe extern "C" fn(Handle, c_int),
     set_scene_build_quality: unsafe extern "C" fn(Handle, c_int),
     attach_geometry_by_id: unsafe extern "C" fn(Handle, Handle, c_uint),
+    get_geometry: unsafe extern "C" fn(Handle, c_uint) -> Handle,
     set_instanced_scene: unsafe extern "C" fn(Handle, Handle),
     set_transform: unsafe extern "C" fn(Handle, c_uint, c_int, *const c_void),
     set_transform_quaternion: unsafe extern "C" fn(Handle, c_uint, *const Decomposition),
@@ -245,12 +286,18 @@ impl Embree {
                 set_occluded_filter: symbol(l, "rtcSetGeometryOccludedFilterFunction")?,
                 set_time_steps: symbol(l, "rtcSetGeometryTimeStepCount")?,
                 set_new_buffer: symbol(l, "rtcSetNewGeometryBuffer")?,
+                set_mask: symbol(l, "rtcSetGeometryMask")?,
+                set_user_count: symbol(l, "rtcSetGeometryUserPrimitiveCount")?,
+                set_bounds_function: symbol(l, "rtcSetGeometryBoundsFunction")?,
+                set_intersect_function: symbol(l, "rtcSetGeometryIntersectFunction")?,
+                set_occluded_function: symbol(l, "rtcSetGeometryOccludedFunction")?,
                 commit_geometry: symbol(l, "rtcCommitGeometry")?,
                 release_geometry: symbol(l, "rtcReleaseGeometry")?,
                 new_scene: symbol(l, "rtcNewScene")?,
                 set_scene_flags: symbol(l, "rtcSetSceneFlags")?,
                 set_scene_build_quality: symbol(l, "rtcSetSceneBuildQuality")?,
                 attach_geometry_by_id: symbol(l, "rtcAttachGeometryByID")?,
+                get_geometry: symbol(l, "rtcGetGeometry")?,
                 set_instanced_scene: symbol(l, "rtcSetGeometryInstancedScene")?,
                 set_transform: symbol(l, "rtcSetGeometryTransform")?,
                 set_transform_quaternion: symbol(l, "rtcSetGeometryTransformQuaternion")?,
@@ -471,6 +518,18 @@ impl EmbreeScene<'_> {
         self.device.check("placing a scene")
     }
 
+    /// Sets the mask of a geometry of this scene. To be called before the scene is committed.
+    pub fn set_mask(&self, id: u32, mask: u32) -> Result<(), String> {
+        let f = &self.device.embree.functions;
+        // SAFETY: a live scene, and a geometry that is attached to it.
+        unsafe {
+            let geometry = (f.get_geometry)(self.handle, id);
+            (f.set_mask)(geometry, mask);
+            (f.commit_geometry)(geometry);
+        }
+        self.device.check("setting a mask")
+    }
+
     /// Builds the tree.
     pub fn commit(&self) -> Result<(), String> {
         // SAFETY: a live scene.
@@ -481,16 +540,7 @@ impl EmbreeScene<'_> {
     /// `rtcIntersect1`.
     #[inline]
     pub fn closest_hit(&self, ray: &EmbreeRay) -> Option<Hit> {
-        let hit = RtcHit {
-            normal: [0.0; 3],
-            u: 0.0,
-            v: 0.0,
-            primitive: INVALID_ID,
-            geometry: INVALID_ID,
-            instance: INVALID_ID,
-            instance_primitive: INVALID_ID,
-        };
-        let mut it = RtcRayHit { ray: *ray, hit };
+        let mut it = RtcRayHit { ray: *ray, hit: RtcHit::NONE };
         // SAFETY: a committed scene, and structures laid out as the header says, alive through the call.
         unsafe {
             match self.device.embree.queries {
@@ -498,13 +548,7 @@ impl EmbreeScene<'_> {
                 Queries::V4 { intersect1, .. } => intersect1(self.handle, &mut it, null()),
             }
         }
-        (it.hit.geometry != INVALID_ID).then_some(Hit {
-            t: it.ray.tfar,
-            u: it.hit.u,
-            v: it.hit.v,
-            mesh: it.hit.geometry,
-            primitive: it.hit.primitive,
-        })
+        it.answer()
     }
 
     /// `rtcOccluded1`.

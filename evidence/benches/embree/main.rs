@@ -6,6 +6,7 @@
 //! `--scale 0.05 --side 128 --runs 3` is a quick look.
 
 mod agree;
+mod boxes;
 mod builds;
 mod clock;
 mod closest_points;
@@ -14,6 +15,7 @@ mod ffi;
 mod forms;
 mod geometry;
 mod instances;
+mod masks;
 mod options;
 mod ours;
 mod rays;
@@ -72,6 +74,12 @@ fn measure(options: &Options) -> Result<(), String> {
     }
     if options.forms {
         return forms::measure(options, embree.as_ref().ok_or("forms of queries are measured against Embree only")?);
+    }
+    if options.masks {
+        return masks::measure(options, embree.as_ref().ok_or("masks are measured against Embree only")?);
+    }
+    if let Some(count) = options.boxes {
+        return boxes::measure(options, embree.as_ref().ok_or("boxes are measured against Embree only")?, count);
     }
     let mut measured = Measured::default();
     let mut builds = Vec::new();

@@ -63,6 +63,12 @@ pub struct Options {
     /// Hits with a filter and all hits, instead of plain queries.
     #[arg(long)]
     pub forms: bool,
+    /// Closest and any hits with a mask that hides every other mesh, instead of plain queries.
+    #[arg(long)]
+    pub masks: bool,
+    /// Number of boxes as the caller's own primitives, instead of the scenes.
+    #[arg(long)]
+    pub boxes: Option<usize>,
     /// Embree's library file; by default the system's, 4.x before 3.x.
     #[arg(long)]
     pub embree: Option<String>,

@@ -30,7 +30,8 @@ use super::point_query::{Candidate, PlacedQuery, Query};
 use super::triangle_bound::TriangleBound;
 use crate::geometry::{KeyTime, ULP};
 use crate::layout::{
-    Between, ChildRef, CornerLanes, SPHERE_ROWS, SphereLeaf, WideSource, WideTree, block_sizes, sphere_row,
+    Between, ChildRef, CornerLanes, ListBoxes, NODE_ROWS, SPHERE_ROWS, STATIC_NODE_ROWS, SphereLeaf, WideSource,
+    WideTree, block_sizes, sphere_row,
 };
 use crate::limits::DEPTH_LIMIT;
 use crate::mbkd::{KdTree, KdView};
@@ -177,6 +178,9 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> Leaves for InP
         if let Some(spheres) = SphereLeaf::of(&self.tree.arena.ints()[leaf.at()..], leaf.len()) {
             return self.spheres(s, leaf, spheres);
         }
+        if let Some(boxes) = ListBoxes::of(&self.tree.arena.ints()[leaf.at()..], leaf.len()) {
+            return self.boxed(s, leaf, boxes);
+        }
         self.observer.primitive_tests(leaf.len());
         let mut ids = &self.tree.arena.ints()[leaf.at()..leaf.at() + leaf.len()];
         while let Some((i, candidate)) = self.best.set.first_within(ids, self.best.query, self.best.limit) {
@@ -239,6 +243,34 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
 }
 
 impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'_, '_, G, F, O> {
+    /// Tests listed shapes with boxes: those whose boxes are near enough, closest first.
+    #[inline(always)]
+    fn boxed<S: Simd>(&mut self, s: S, leaf: ChildRef, boxes: ListBoxes) {
+        let (query, arena) = (self.best.query, &self.tree.arena);
+        let (at, n) = (leaf.at(), leaf.len());
+        let block = arena.block(at + boxes.at);
+        let distances = match boxes.moving {
+            true => query.distances_of::<S, NODE_ROWS>(s, block),
+            false => query.distances_of::<S, STATIC_NODE_ROWS>(s, block),
+        };
+        let mut near = s.le(distances, s.splat(query.cull(self.best.limit))) & first_lanes(n);
+        while near != 0 {
+            let least = s.reduce_min_u(s.select_u(near, s.to_bits(distances), s.splat_u(u32::MAX)));
+            let nearest = s.eq_u(s.to_bits(distances), s.splat_u(least)) & near;
+            let lane = nearest.trailing_zeros() as usize % LANES;
+            near &= !(1 << lane);
+            let id = arena.ints()[at + lane];
+            if !self.best.sees(id) {
+                continue;
+            }
+            self.observer.primitive_tests(1);
+            if let Some((_, candidate)) = self.best.set.first_within(&[id], query, self.best.limit) {
+                self.best.offer(candidate, id);
+                near &= s.le(distances, s.splat(query.cull(self.best.limit)));
+            }
+        }
+    }
+
     /// Tests a block of spheres: those whose surfaces are near enough, closest first.
     ///
     /// Distances in f32 are too large by less than the margin. Let `m` be the size of the block plus the largest coordinate of the query point,

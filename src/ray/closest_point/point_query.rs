@@ -165,16 +165,22 @@ impl<'a> Query<'a> {
     /// The boxes of a node that are within reach, and their squared distances; see [`Query::distances`].
     #[inline(always)]
     pub(in crate::ray) fn enter<S: Simd, const ROWS: usize>(&self, s: S, block: &NodeBlock, cull: f32) -> (Mask, S::F) {
+        let distances = self.distances_of::<S, ROWS>(s, block);
+        let absent = s.splat_u(ChildRef::NOTHING.0);
+        let present = s.lt_u(s.to_bits(s.load(children_of::<ROWS>(block))), absent);
+        (s.le(distances, s.splat(cull)) & present, distances)
+    }
+
+    /// Squared distances from the boxes in the rows of a node; see [`Query::distances`].
+    #[inline(always)]
+    pub(in crate::ray) fn distances_of<S: Simd, const ROWS: usize>(&self, s: S, block: &NodeBlock) -> S::F {
         let time = s.splat(self.time);
         let (mut lower, mut upper) = ([time; 3], [time; 3]);
         for axis in 0..3 {
             lower[axis] = face::<S, ROWS>(s, block, 2 * axis, time);
             upper[axis] = face::<S, ROWS>(s, block, 2 * axis + 1, time);
         }
-        let distances = self.distances(s, lower, upper);
-        let absent = s.splat_u(ChildRef::NOTHING.0);
-        let present = s.lt_u(s.to_bits(s.load(children_of::<ROWS>(block))), absent);
-        (s.le(distances, s.splat(cull)) & present, distances)
+        self.distances(s, lower, upper)
     }
 
     /// A squared distance: a box whose distance computed in f32 is above it has no point within `limit`.

@@ -162,34 +162,43 @@ impl Collect for Any {
 pub(in crate::ray) type Visitor<'a> = &'a mut dyn FnMut(Hit) -> ControlFlow<()>;
 
 /// Passes every primitive that is hit to a visitor, once.
-///
-/// A primitive may be found in several leaves. So the ids that were passed on are stored: first in a short array, and in a hash
-/// set once the array is full. The memory grows with the size of the answer.
 pub(crate) struct All<'a> {
     t_max: f32,
     reach: f32,
     visitor: Visitor<'a>,
+    /// The primitives that were passed on; `None` if each is found once.
+    passed: Option<Passed>,
+    /// The last return value of the visitor.
+    pub flow: ControlFlow<()>,
+}
+
+impl<'a> All<'a> {
+    /// `repeats` tells whether a primitive may be found in several leaves.
+    pub fn new(ray: &TreeRay, visitor: Visitor<'a>, repeats: bool) -> All<'a> {
+        All {
+            t_max: ray.t_max(),
+            reach: ray.end,
+            visitor,
+            passed: repeats.then(Passed::new),
+            flow: ControlFlow::Continue(()),
+        }
+    }
+}
+
+/// The ids of primitives that were passed on: first in a short array, and in a hash set once the array is full. The memory grows with the
+/// size of the answer.
+struct Passed {
     few: [u32; FEW],
     count: usize,
     many: HashSet<u32>,
-    /// The last return value of the visitor.
-    pub flow: ControlFlow<()>,
 }
 
 /// The number of ids that are searched one by one.
 const FEW: usize = 24;
 
-impl<'a> All<'a> {
-    pub fn new(ray: &TreeRay, visitor: Visitor<'a>) -> All<'a> {
-        All {
-            t_max: ray.t_max(),
-            reach: ray.end,
-            visitor,
-            few: [0; FEW],
-            count: 0,
-            many: HashSet::new(),
-            flow: ControlFlow::Continue(()),
-        }
+impl Passed {
+    fn new() -> Passed {
+        Passed { few: [0; FEW], count: 0, many: HashSet::new() }
     }
 
     /// Returns whether the id is new, and stores it.
@@ -221,7 +230,7 @@ impl Collect for All<'_> {
 
     #[inline(always)]
     fn take(&mut self, found: Found, set: &impl PrimitiveSet) -> bool {
-        if self.first_time(found.id) {
+        if self.passed.as_mut().is_none_or(|passed| passed.first_time(found.id)) {
             self.flow = (self.visitor)(found.answer(set));
         }
         self.flow.is_break()

@@ -203,11 +203,14 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         (ray, sheared): (&TreeRay, &Sheared),
         collect: &mut impl Collect,
     ) -> bool {
+        let id = self.arena.ints()[id];
+        if !self.sees(id, ray) {
+            return false;
+        }
         let Some(hit) = ray.decide(s, sheared, corners, collect.limit()) else {
             return false;
         };
-        let id = self.arena.ints()[id];
-        self.sees(id, ray) && collect.offer(Found { hit, id }, ray, self.set, self.filter)
+        collect.offer(Found { hit, id }, ray, self.set, self.filter)
     }
 
     /// Whether any vertices are kept in f64: those in leaf blocks are rounded.
@@ -239,8 +242,8 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         Some(candidates.lanes & !kept)
     }
 
-    /// Whether a primitive exists at the ray's time and the query sees it. This is tested for hits only, so boxes and leaf blocks
-    /// need not store it.
+    /// Whether a primitive exists at the ray's time and the query sees it. This is tested for few primitives only, so boxes and leaf
+    /// blocks need not store it.
     #[inline(always)]
     pub(super) fn sees(&self, id: u32, ray: &TreeRay) -> bool {
         (self.set.always_active() || self.set.active(id).contains(ray.time())) && self.filter.sees(|| self.set.mask(id))

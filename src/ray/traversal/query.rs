@@ -72,7 +72,11 @@ impl Query for AnyHit {
 }
 
 /// All hits, for a visitor.
-pub(crate) struct AllHits<'a>(pub Visitor<'a>);
+pub(crate) struct AllHits<'a> {
+    pub visitor: Visitor<'a>,
+    /// Whether a ray may find a primitive in several leaves.
+    pub repeats: bool,
+}
 
 impl<'a> Query for AllHits<'a> {
     type Answer = ControlFlow<()>;
@@ -81,7 +85,7 @@ impl<'a> Query for AllHits<'a> {
 
     #[inline(always)]
     fn collect(self, ray: &TreeRay, _: bool) -> All<'a> {
-        All::new(ray, self.0)
+        All::new(ray, self.visitor, self.repeats)
     }
 
     #[inline(always)]

@@ -1,7 +1,8 @@
 //! Leaves that list shapes: spheres, the caller's own primitives, and triangles in f64.
 //!
 //! Spheres are tested sixteen at a time in f32, which rules out most of them and knows of many that they are hit. The others are decided one
-//! by one in f64, with the arithmetic of [`MovingSphere`]. Other primitives are tested one by one by their own function.
+//! by one in f64, with the arithmetic of [`MovingSphere`]. Other primitives are tested one by one by their own function, if the ray meets their
+//! boxes.
 //!
 //! **The test.** With the shear of [`crate::ray::kernel::shear`] a center relative to the ray is `(z sx + X, z sy + Y, z)`, and `e = (sx, sy, 1)`
 //! is the direction, of which no component is greater than 1. The ray's distance from the center is that of `(X, Y, 0)`: with `W = X sy - Y sx`
@@ -25,7 +26,9 @@ use super::collect::{Collect, Found};
 use super::intersect::RaySource;
 use super::traverser::Traverser;
 use crate::geometry::{KeyTime, ULP};
-use crate::layout::{Between, ChildRef, SPHERE_ROWS, SphereLeaf, block_sizes, sphere_row};
+use crate::layout::{
+    Between, ChildRef, ListBoxes, NODE_ROWS, SPHERE_ROWS, STATIC_NODE_ROWS, SphereLeaf, block_sizes, sphere_row,
+};
 use crate::primitive::MovingSphere;
 use crate::ray::filter::Filter;
 use crate::ray::kernel::shear::{Sheared, deviation};
@@ -48,7 +51,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         observer.leaf();
         observer.primitive_tests(n);
         let Some(spheres) = SphereLeaf::of(&self.arena.ints()[at..], n) else {
-            return (at..at + n).any(|word| self.decide(word, (ray, sheared), collect));
+            return self.listed(s, leaf, (ray, sheared), collect);
         };
         let mut candidates = match spheres.keys {
             1 => {
@@ -81,6 +84,32 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         }
         while let Some(i) = candidates.next(collect) {
             if self.decide_sphere(at, (spheres, i, n), (ray, sheared), collect) {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Tests listed shapes by their own functions: those whose boxes the ray meets, if the list has boxes. True ends the query.
+    #[inline(always)]
+    fn listed<S: Simd, C: Collect>(&self, s: S, leaf: ChildRef, of: (&TreeRay, &Sheared), collect: &mut C) -> bool {
+        let (at, n) = (leaf.at(), leaf.len());
+        let mut candidates = Candidates { lanes: first_lanes(n), certain: 0, near: [f32::NEG_INFINITY; LANES] };
+        if let Some(boxes) = ListBoxes::of(&self.arena.ints()[at..], n) {
+            let slabs = &of.0.slabs;
+            let block = self.arena.block(at + boxes.at);
+            let (met, near) = match boxes.moving {
+                true => slabs.enter::<S, NODE_ROWS>(s, block, collect.reach()),
+                false => slabs.enter::<S, STATIC_NODE_ROWS>(s, block, collect.reach()),
+            };
+            candidates.lanes &= met;
+            // The distances of a ray that begins behind its origin are offset.
+            if C::ORDERED && several(candidates.lanes) && slabs.behind() == 0.0 {
+                s.store(near, &mut candidates.near);
+            }
+        }
+        while let Some(i) = candidates.next(collect) {
+            if self.decide(at + i, of, collect) {
                 return true;
             }
         }
