@@ -91,9 +91,11 @@ impl Rays {
             u32::MAX => self.tree.closest_hit(ray),
             _ => self.tree.closest_hit_masked(ray, mask),
         };
-        let many = |rays: &[Ray], found: &mut Vec<Option<Hit>>| self.tree.closest_hits(rays, found);
-        let all = (mask == u32::MAX).then_some(&many as Many<'_, Option<Hit>>);
-        self.in_blocks(py, rays, (workers, progress), &one, all, |found| {
+        let many = |rays: &[Ray], found: &mut Vec<Option<Hit>>| match mask {
+            u32::MAX => self.tree.closest_hits(rays, found),
+            _ => self.tree.closest_hits_masked(rays, mask, found),
+        };
+        self.in_blocks(py, rays, (workers, progress), &one, &many, |found| {
             hits.extend(found.iter().map(|hit| hit.unwrap_or(NOTHING)));
         })?;
         Ok(columns(py, &hits))
@@ -114,9 +116,11 @@ impl Rays {
             u32::MAX => self.tree.any_hit(ray),
             _ => self.tree.any_hit_masked(ray, mask),
         };
-        let many = |rays: &[Ray], found: &mut Vec<bool>| self.tree.any_hits(rays, found);
-        let all = (mask == u32::MAX).then_some(&many as Many<'_, bool>);
-        self.in_blocks(py, rays, (workers, progress), &one, all, |found| hits.extend_from_slice(found))?;
+        let many = |rays: &[Ray], found: &mut Vec<bool>| match mask {
+            u32::MAX => self.tree.any_hits(rays, found),
+            _ => self.tree.any_hits_masked(rays, mask, found),
+        };
+        self.in_blocks(py, rays, (workers, progress), &one, &many, |found| hits.extend_from_slice(found))?;
         Ok(hits.into_pyarray(py))
     }
 
@@ -183,20 +187,19 @@ impl Rays {
 type Many<'a, A> = &'a (dyn Fn(&[Ray], &mut Vec<A>) + Sync);
 
 impl Rays {
-    /// Answers rays block by block: with `many` if it is given and there are many rays, else with `one`.
+    /// Answers rays block by block: with `many`, or with `one` if there are few rays.
     fn in_blocks<A: Send>(
         &self,
         py: Python<'_>,
         rays: RaySlices<'_>,
         (workers, progress): (isize, Option<Py<PyAny>>),
         one: &(dyn Fn(&Ray) -> A + Sync),
-        many: Option<Many<'_, A>>,
+        many: Many<'_, A>,
         mut take: impl FnMut(&[A]) + Send,
     ) -> PyResult<()> {
-        let many = many.filter(|_| rays.len() > FEW);
-        let Some(many) = many else {
+        if rays.len() <= FEW {
             return each(py, rays, (workers, progress.as_ref()), one, |answer| take(&[answer]));
-        };
+        }
         let pool = pool(workers)?;
         let (mut block, mut answers) = (Vec::new(), Vec::new());
         for begin in (0..rays.len()).step_by(BLOCK) {

@@ -21,7 +21,9 @@ use core::ops::ControlFlow;
 pub(super) enum InstanceGuards<'a, T = InstanceHit> {
     /// Everything, unobserved.
     Plain,
-    /// Instances and meshes whose masks share a bit with this one, answers that are accepted.
+    /// Instances and meshes whose masks share a bit with this one.
+    Masked(u32),
+    /// Of these the answers that are accepted.
     Filtered { mask: u32, accept: &'a dyn Fn(&T) -> bool },
     /// Everything, with an observer.
     Observed(&'a mut dyn Observer),
@@ -32,7 +34,7 @@ impl<T> InstanceGuards<'_, T> {
     #[inline]
     pub fn mask(&self) -> Option<u32> {
         match self {
-            InstanceGuards::Filtered { mask, .. } => Some(*mask),
+            InstanceGuards::Masked(mask) | InstanceGuards::Filtered { mask, .. } => Some(*mask),
             _ => None,
         }
     }
@@ -166,6 +168,7 @@ impl InstanceOf {
         };
         let hit = match guards {
             InstanceGuards::Plain => tree.closest_hit(ray),
+            InstanceGuards::Masked(mask) => tree.closest_hit_masked(ray, *mask),
             InstanceGuards::Filtered { mask, accept } => {
                 tree.closest_hit_filtered(ray, *mask, |&hit| accept(&InstanceHit { path, hit }))
             }
@@ -176,10 +179,17 @@ impl InstanceOf {
 
     #[inline(never)]
     fn any_hit(&self, ray: &Ray, path: InstancePath, guards: &mut InstanceGuards<'_>) -> bool {
-        match self {
-            // With a filter or an observer, occlusion is the first of all hits in a tree as well.
-            InstanceOf::Tree(_) => self.all_hits(ray, path, guards, &mut |_| ControlFlow::Break(())).is_break(),
-            InstanceOf::Instances(tree) => tree.any(ray, path, guards),
+        let tree = match self {
+            InstanceOf::Tree(tree) => tree,
+            InstanceOf::Instances(tree) => return tree.any(ray, path, guards),
+        };
+        match guards {
+            InstanceGuards::Plain => tree.any_hit(ray),
+            InstanceGuards::Masked(mask) => tree.any_hit_masked(ray, *mask),
+            InstanceGuards::Filtered { mask, accept } => {
+                tree.any_hit_filtered(ray, *mask, |&hit| accept(&InstanceHit { path, hit }))
+            }
+            InstanceGuards::Observed(observer) => tree.any_hit_observed(ray, observer),
         }
     }
 
@@ -198,6 +208,7 @@ impl InstanceOf {
         let visitor = |hit| visitor(InstanceHit { path, hit });
         match guards {
             InstanceGuards::Plain => tree.all_hits(ray, visitor),
+            InstanceGuards::Masked(mask) => tree.all_hits_filtered(ray, *mask, |_| true, visitor),
             InstanceGuards::Filtered { mask, accept } => {
                 tree.all_hits_filtered(ray, *mask, |&hit| accept(&InstanceHit { path, hit }), visitor)
             }

@@ -25,6 +25,31 @@ impl InstanceTree {
         self.all(ray, InstancePath::default(), &mut InstanceGuards::Plain, &mut visitor)
     }
 
+    /// [`InstanceTree::closest_hit`] in instances whose [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes whose
+    /// masks do.
+    ///
+    /// ```
+    /// use std::sync::Arc;
+    /// use mbkd::glam::{DAffine3, DVec3, Vec3};
+    /// use mbkd::{BuildParams, Instance, InstanceTree, Ray, RayTree, TriangleMesh, WideParams};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let of = Arc::new(RayTree::build(&[mesh], &BuildParams::default())?);
+    /// let place = |z: f64| Instance::new(of.clone(), DAffine3::from_translation(DVec3::Z * z)).with_mask(z as u32);
+    /// let tree = InstanceTree::build(vec![place(1.0), place(2.0)], &WideParams::default())?;
+    /// let ray = Ray::new(Vec3::new(0.2, 0.2, 0.0), Vec3::Z);
+    /// assert_eq!(tree.closest_hit_masked(&ray, 0b10).unwrap().path[0], 1);
+    /// # Ok::<(), mbkd::InstanceError>(())
+    /// ```
+    pub fn closest_hit_masked(&self, ray: &Ray, mask: u32) -> Option<InstanceHit> {
+        self.closest(ray, InstancePath::default(), &mut InstanceGuards::Masked(mask))
+    }
+
+    /// [`InstanceTree::any_hit`] with a mask, as that of [`InstanceTree::closest_hit_masked`]. It is faster than
+    /// [`InstanceTree::any_hit_filtered`]: where a hit is certain, its position is not computed.
+    pub fn any_hit_masked(&self, ray: &Ray, mask: u32) -> bool {
+        self.any(ray, InstancePath::default(), &mut InstanceGuards::Masked(mask))
+    }
+
     /// [`InstanceTree::closest_hit`] among the hits for which `accept` returns true, in instances whose
     /// [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes whose masks do.
     ///
@@ -73,6 +98,16 @@ impl InstanceTree {
     /// [`InstanceTree::any_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
     pub fn any_hits(&self, rays: &[Ray], hits: &mut Vec<bool>) {
         answer_each(rays, hits, |_, ray| self.any_hit(ray));
+    }
+
+    /// [`InstanceTree::closest_hit_masked`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
+    pub fn closest_hits_masked(&self, rays: &[Ray], mask: u32, hits: &mut Vec<Option<InstanceHit>>) {
+        answer_each(rays, hits, |_, ray| self.closest_hit_masked(ray, mask));
+    }
+
+    /// [`InstanceTree::any_hit_masked`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
+    pub fn any_hits_masked(&self, rays: &[Ray], mask: u32, hits: &mut Vec<bool>) {
+        answer_each(rays, hits, |_, ray| self.any_hit_masked(ray, mask));
     }
 
     /// [`InstanceTree::closest_hit_filtered`] for many rays, in parallel. `hits` is cleared and gets one answer per

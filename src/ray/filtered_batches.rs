@@ -1,4 +1,4 @@
-//! Batches of queries with a mask and a filter.
+//! Batches of queries with a mask, and with a filter or without.
 //!
 //! Each query is answered like the single query with its own filter, on any thread.
 
@@ -11,6 +11,38 @@ use super::ray_tree::{Geometry, RayTree};
 use crate::geometry::Ray;
 
 impl<G: Geometry> RayTree<G> {
+    /// [`RayTree::closest_hit_masked`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+    /// let at = |z: f32| vec![Vec3::new(0.0, 0.0, z), Vec3::new(1.0, 0.0, z), Vec3::new(0.0, 1.0, z)];
+    /// let meshes = [1.0, 2.0].map(|z| TriangleMesh::fixed(vec![[0, 1, 2]], at(z)).with_mask(z as u32));
+    /// let tree = RayTree::build(&meshes, &BuildParams::default())?;
+    /// let mut hits = Vec::new();
+    /// tree.closest_hits_masked(&[Ray::new(Vec3::new(0.2, 0.2, 0.0), Vec3::Z)], 0b10, &mut hits);
+    /// assert_eq!(hits[0].map(|hit| (hit.mesh, hit.t)), Some((1, 2.0)));
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn closest_hits_masked(&self, rays: &[Ray], mask: u32, hits: &mut Vec<Option<Hit>>) {
+        self.closest_batch(rays, Some(Visible { mask, accept: None }), hits);
+    }
+
+    /// [`RayTree::any_hit_masked`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+    /// let corners = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
+    /// let glass = TriangleMesh::fixed(vec![[0, 1, 2]], corners).with_mask(0b01);
+    /// let tree = RayTree::build(&[glass], &BuildParams::default())?;
+    /// let mut shadows = Vec::new();
+    /// tree.any_hits_masked(&[Ray::new(Vec3::new(0.2, 0.2, -1.0), Vec3::Z)], 0b10, &mut shadows);
+    /// assert_eq!(shadows, [false]);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn any_hits_masked(&self, rays: &[Ray], mask: u32, hits: &mut Vec<bool>) {
+        self.any_batch(rays, Some(Visible { mask, accept: None }), hits);
+    }
+
     /// [`RayTree::closest_hit_filtered`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
     ///
     /// `accept` gets the index of the ray in `rays` with each hit, so every ray can have a filter of its own. Like the
@@ -45,13 +77,13 @@ impl<G: Geometry> RayTree<G> {
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
-    /// let corners = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
-    /// let glass = TriangleMesh::fixed(vec![[0, 1, 2]], corners).with_mask(0b01);
-    /// let tree = RayTree::build(&[glass], &BuildParams::default())?;
-    /// let rays = [Ray::new(Vec3::new(0.2, 0.2, -1.0), Vec3::Z)];
+    /// let fence = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let tree = RayTree::build(&[fence], &BuildParams::default())?;
+    /// let rays = [0.1, 0.4].map(|x| Ray::new(Vec3::new(x, 0.2, -1.0), Vec3::Z));
     /// let mut shadows = Vec::new();
-    /// tree.any_hits_filtered(&rays, 0b10, |_, _| true, &mut shadows);
-    /// assert_eq!(shadows, [false]);
+    /// // The fence has a hole at small x.
+    /// tree.any_hits_filtered(&rays, u32::MAX, |_, hit| hit.u > 0.25, &mut shadows);
+    /// assert_eq!(shadows, [false, true]);
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn any_hits_filtered(

@@ -170,6 +170,16 @@ impl<G: Geometry> RayTree<G> {
     }
 
     /// [`RayTree::closest_hit`] on meshes whose mask shares a bit with `mask`, as [`RayTree::closest_hit_filtered`] without a filter.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+    /// let at = |z: f32| vec![Vec3::new(0.0, 0.0, z), Vec3::new(1.0, 0.0, z), Vec3::new(0.0, 1.0, z)];
+    /// let meshes = [1.0, 2.0].map(|z| TriangleMesh::fixed(vec![[0, 1, 2]], at(z)).with_mask(z as u32));
+    /// let tree = RayTree::build(&meshes, &BuildParams::default())?;
+    /// let ray = Ray::new(Vec3::new(0.2, 0.2, 0.0), Vec3::Z);
+    /// assert_eq!([0b01, 0b10].map(|mask| tree.closest_hit_masked(&ray, mask).unwrap().mesh), [0, 1]);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
     pub fn closest_hit_masked(&self, ray: &Ray, mask: u32) -> Option<Hit> {
         (self.queries.closest_guarded)(self.target(), ray, Guards::masked(mask))
     }

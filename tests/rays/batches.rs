@@ -107,7 +107,7 @@ fn answer_as_single_rays(make: impl Fn(&mut Random, usize) -> Vec<Ray>, least_hi
     }
 }
 
-/// Batches with a mask, and a filter of its own for each ray.
+/// Batches with a mask, alone and with a filter of its own for each ray.
 pub fn assert_filtered<G: Geometry>(tree: &RayTree<G>, rays: &[Ray], mask: u32) {
     let accept = |i: usize, hit: &Hit| !(hit.primitive as usize + i).is_multiple_of(3);
     let (mut hits, mut shadows) = (Vec::new(), Vec::new());
@@ -116,6 +116,13 @@ pub fn assert_filtered<G: Geometry>(tree: &RayTree<G>, rays: &[Ray], mask: u32) 
     assert_eq!((hits.len(), shadows.len()), (rays.len(), rays.len()));
     for (i, ray) in rays.iter().enumerate() {
         let alone = tree.closest_hit_filtered(ray, mask, |hit| accept(i, hit));
+        assert_eq!((hits[i], shadows[i]), (alone, alone.is_some()), "{mask:b}, ray {i}: {ray:?}");
+    }
+    tree.closest_hits_masked(rays, mask, &mut hits);
+    tree.any_hits_masked(rays, mask, &mut shadows);
+    assert_eq!((hits.len(), shadows.len()), (rays.len(), rays.len()));
+    for (i, ray) in rays.iter().enumerate() {
+        let alone = tree.closest_hit_masked(ray, mask);
         assert_eq!((hits[i], shadows[i]), (alone, alone.is_some()), "{mask:b}, ray {i}: {ray:?}");
     }
 }

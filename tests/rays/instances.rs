@@ -86,6 +86,8 @@ impl Placed {
         let found = self.tree.closest_hit_filtered(ray, mask, |_| true).map(name);
         assert_eq!(found, Placed::closest(&masked), "{ray:?} {mask:b}");
         assert_eq!(self.tree.any_hit_filtered(ray, mask, |_| true), found.is_some());
+        assert_eq!(self.tree.closest_hit_masked(ray, mask).map(name), found);
+        assert_eq!(self.tree.any_hit_masked(ray, mask), found.is_some());
         nearest.is_some()
     }
 }
@@ -306,6 +308,12 @@ fn batches_filters_and_early_ends() {
         assert_eq!((hit.map(name), filtered_any[i]), (single.map(name), single.is_some()));
     }
     assert!(filtered.iter().flatten().count() > 10 && filtered.len() == 700);
+    tree.closest_hits_masked(&rays, 0b10, &mut filtered);
+    tree.any_hits_masked(&rays, 0b10, &mut filtered_any);
+    for (i, (ray, hit)) in rays.iter().zip(&filtered).enumerate() {
+        let single = tree.closest_hit_masked(ray, 0b10);
+        assert_eq!((hit.map(name), filtered_any[i]), (single.map(name), single.is_some()));
+    }
     for ((ray, hit), any) in rays.iter().zip(hits).zip(any) {
         assert_eq!(hit.map(name), tree.closest_hit(ray).map(name));
         assert_eq!(any, hit.is_some());
