@@ -109,7 +109,7 @@ impl Instances {
         let mut found = Found::default();
         let one = |ray: &Ray| match mask {
             u32::MAX => self.tree.closest_hit(ray),
-            _ => self.tree.closest_hit_filtered(ray, mask, |_| true),
+            _ => self.tree.closest_hit_masked(ray, mask),
         };
         each(py, rays.slices()?, (workers, progress.as_ref()), one, |hit| found.push(hit))?;
         found.columns(py)
@@ -127,7 +127,7 @@ impl Instances {
         let mut hits = Vec::new();
         let one = |ray: &Ray| match mask {
             u32::MAX => self.tree.any_hit(ray),
-            _ => self.tree.any_hit_filtered(ray, mask, |_| true),
+            _ => self.tree.any_hit_masked(ray, mask),
         };
         each(py, rays.slices()?, (workers, progress.as_ref()), one, |hit| hits.push(hit))?;
         Ok(hits.into_pyarray(py))
