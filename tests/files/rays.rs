@@ -4,8 +4,9 @@ use super::support::{HEADER, Random, mutate, rounds, seal};
 use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    BuildParams, ClosestPointQuery, Division, FileError, Geometry, Instance, InstanceTree, KdParams, MovingSphere,
-    Pose, Ray, RayTree, Shape, TimeInterval, TreePrimitive, TriangleMesh, Visitor, WideParams,
+    BuildParams, ClosestPointQuery, Division, FileError, Geometry, Instance, InstanceTree, Intersection, KdParams,
+    LinearBounds, MovingSphere, Pose, Primitive, Ray, RayTree, Shape, SurfacePoint, TimeInterval, TreePrimitive,
+    TriangleMesh, Visitor, WideParams,
 };
 use std::sync::Arc;
 
@@ -331,6 +332,65 @@ fn hostile_files_are_refused_or_answer_something() {
     }
     println!("{} refused, {} answered", counts[0], counts[1]);
     assert!(counts.iter().all(|&count| count > 100), "{counts:?}");
+}
+
+/// A sphere that does not say that it is one, so that leaf blocks list it with its box.
+#[derive(Clone)]
+struct Blob(MovingSphere);
+
+impl Primitive for Blob {
+    fn bounds(&self, over: TimeInterval) -> LinearBounds {
+        self.0.bounds(over)
+    }
+
+    fn intersect(&self, ray: &Ray) -> Option<Intersection> {
+        self.0.intersect(ray)
+    }
+
+    fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
+        self.0.closest_point(point, time)
+    }
+}
+
+/// Files of trees over the caller's primitives, which rays are tested against by their boxes.
+#[test]
+fn files_of_own_primitives_come_back_and_hostile_ones_are_refused_or_answer_something() {
+    let mut random = Random(17);
+    let mut counts = [0; 2];
+    for (number, (keys, division)) in
+        [(1, Division::Whole), (2, Division::Whole), (2, Division::SeparateTrees(2))].into_iter().enumerate()
+    {
+        let mut key = || (random.vec().as_dvec3(), f64::from(random.unit()) * 0.2);
+        let blobs: Vec<Blob> = (0..90).map(|_| Blob(MovingSphere::new((0..keys).map(|_| key()).collect()))).collect();
+        let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
+        let tree = RayTree::of_primitives(blobs.clone(), &params).unwrap();
+        let mut bytes = Vec::new();
+        tree.write_to(&mut bytes).unwrap();
+        let read = |bytes: &[u8]| RayTree::read_primitives_from(&mut &bytes[..], blobs.clone());
+        assert_eq!(answers(&read(&bytes).unwrap(), 60, 5), answers(&tree, 60, 5));
+        for round in 0..rounds() {
+            let seed = (number as u64) << 32 | round;
+            let hostile = mutate(&bytes, &mut Random(seed));
+            let outcome = std::panic::catch_unwind(|| match read(&hostile) {
+                Ok(mut tree) => {
+                    let _ = tree.validate();
+                    for level in mbkd::SimdLevel::available() {
+                        tree = tree.with_simd(level);
+                        answers(&tree, 12, seed);
+                    }
+                    1
+                }
+                Err(FileError::Broken { .. } | FileError::Length { .. } | FileError::OtherPrimitives { .. }) => 0,
+                Err(error) => panic!("{error}"),
+            });
+            match outcome {
+                Ok(kind) => counts[kind] += 1,
+                Err(_) => panic!("{keys} keys, {division:?}: seed {seed:#x}"),
+            }
+        }
+    }
+    println!("{} refused, {} answered", counts[0], counts[1]);
+    assert!(counts.iter().all(|&count| count > 50), "{counts:?}");
 }
 
 /// Lengths beyond the end of the file allocate no memory.

@@ -59,7 +59,8 @@ pub fn seal(file: &mut [u8]) {
 pub fn mutate(file: &[u8], random: &mut Random) -> Vec<u8> {
     let mut file = file.to_vec();
     for _ in 0..1 + random.below(3) {
-        let left = file.len() - HEADER;
+        // Whole words only: the file may have been cut off.
+        let left = (file.len() - HEADER) / 4 * 4;
         if left < 8 {
             break;
         }
