@@ -6,8 +6,8 @@
 //! | n | ids |
 //! | 1 | [`STILL`] or [`MOVING`] |
 //! | 2 | begin and end of the interval of the boxes |
-//! | | up to the next whole line: unused |
-//! | 6 or 12 lines | the boxes in the rows of a node without references to children; 6 if they do not move |
+//! | | up to the next whole line, if there are sixteen boxes: unused |
+//! | 6 or 12 rows of n | the boxes in the rows of a node without references to children; 6 rows if they do not move |
 //!
 //! The boxes are padded like those of nodes.
 
@@ -15,7 +15,7 @@ use super::node_boxes::BoxRows;
 use super::wide_node::{Kind, NODE_ROWS, STATIC_NODE_ROWS};
 use crate::geometry::{LinearBox3, TimeInterval};
 use crate::primitive::PrimitiveSet;
-use crate::simd::{LANES, Mask, SimdLevel, first_lanes};
+use crate::simd::{LANES, Mask, Rows, SimdLevel, first_lanes};
 
 /// The word behind the ids, where [`SphereLeaf`](super::SphereLeaf) has a number of keys.
 pub(super) const STILL: u32 = u32::MAX;
@@ -27,8 +27,8 @@ const HEADER: usize = 3;
 /// The boxes behind a list of ids.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ListBoxes {
-    /// The offset of the rows, a multiple of [`LANES`].
-    pub at: usize,
+    /// The offset of the rows. Rows of sixteen are whole lines.
+    at: usize,
     pub moving: bool,
 }
 
@@ -42,18 +42,31 @@ impl ListBoxes {
 
     #[inline(always)]
     fn new(n: usize, moving: bool) -> ListBoxes {
-        ListBoxes { at: (n + HEADER).next_multiple_of(LANES), moving }
+        let lines = if n == LANES { LANES } else { 1 };
+        ListBoxes { at: (n + HEADER).next_multiple_of(lines), moving }
     }
 
-    /// The number of words of a block with these boxes.
-    pub fn words(&self) -> usize {
-        let rows = if self.moving { NODE_ROWS } else { STATIC_NODE_ROWS };
-        self.at + (rows - 1) * LANES
+    /// The number of rows.
+    #[inline(always)]
+    fn count(&self) -> usize {
+        if self.moving { NODE_ROWS - 1 } else { STATIC_NODE_ROWS - 1 }
+    }
+
+    /// The rows of a block of `n` ids that begins at `words[0]`, one less than a node with such boxes has. (A constant number, so that the
+    /// compiler knows which rows exist.)
+    #[inline(always)]
+    pub fn rows<'a, const ROWS: usize>(&self, words: &'a [f32], n: usize) -> Rows<'a> {
+        Rows::new(&words[self.at..], n, ROWS - 1)
+    }
+
+    /// The number of words of a block of `n` ids with these boxes.
+    pub fn words(&self, n: usize) -> usize {
+        self.at + self.count() * n
     }
 
     /// The number of words of a block of `n` ids, at most; `None` if it is a list without boxes, as a single shape has its box above.
     pub fn most_words(n: usize) -> Option<usize> {
-        (n > 1).then(|| ListBoxes::new(n, true).words())
+        (n > 1).then(|| ListBoxes::new(n, true).words(n))
     }
 }
 
@@ -78,7 +91,10 @@ impl Boxed {
         let (mark, kind) = if self.of.moving { (MOVING, Kind::Node) } else { (STILL, Kind::StaticNode) };
         words[n..n + HEADER].copy_from_slice(&[mark, begin, end]);
         let level = SimdLevel::best();
-        self.rows.write(&mut words[self.of.at..self.of.words()], kind, Mask::MAX, self.over, level);
+        let mut rows = [0; (NODE_ROWS - 1) * LANES];
+        self.rows.write(&mut rows, kind, Mask::MAX, self.over, level);
+        let to = words[self.of.at..self.of.words(n)].chunks_exact_mut(n);
+        to.zip(rows.as_chunks::<LANES>().0).for_each(|(to, row)| to.copy_from_slice(&row[..n]));
     }
 
     /// Rewrites the boxes of a block that has some: of shapes that move where there is no room for velocities, those that they sweep.

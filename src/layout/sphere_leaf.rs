@@ -113,7 +113,7 @@ impl SphereLeaf {
     pub fn words_of_list(words: &[u32], n: usize) -> Option<usize> {
         let end = match words.get(n)? {
             0 => n + 1,
-            MOVING.. => ListBoxes::of(words, n)?.words(),
+            MOVING.. => ListBoxes::of(words, n)?.words(n),
             _ if words.len() < n + HEADER => return None,
             _ => SphereLeaf::of(words, n)?.words(n),
         };
@@ -232,7 +232,7 @@ pub(super) fn write_shapes<S: PrimitiveSet + ?Sized>(
     let boxed = (spheres.is_none() && n > 1).then(|| Boxed::new(set, ids, slice.interval()));
     let at = arena.grow(match (&spheres, &boxed) {
         (Some(leaf), _) => leaf.words(n),
-        (None, Some(boxed)) => boxed.of.words(),
+        (None, Some(boxed)) => boxed.of.words(n),
         (None, None) => n + 1,
     });
     let words = &mut arena.ints_mut()[at..];

@@ -101,3 +101,27 @@ fn refitted_trees_equal_brute_force() {
         }
     }
 }
+
+/// Pairs of shapes that fly far in all directions: nothing else needs so much memory. The least budget suffices nevertheless.
+#[test]
+fn the_least_budget_suffices() {
+    let mut random = Random(21);
+    for count in [50, 1000, 5000] {
+        let one = |of: usize| {
+            let pair = (of / 2) as f64;
+            let place = DVec3::new((pair * 0.618).fract(), (pair * 0.755).fract(), (pair * 0.57).fract());
+            let (from, by) = (place + random.vec().as_dvec3() * 1e-4, random.vec().as_dvec3());
+            Blob(MovingSphere::new(vec![(from, 0.001), (from + by, 0.001)]))
+        };
+        let blobs: Vec<Blob> = (0..count).map(one).collect();
+        let least = WideParams { bytes_per_primitive: 128.0, ..WideParams::default() };
+        let tree = RayTree::of_primitives(blobs.clone(), &BuildParams::wide(least)).unwrap();
+        assert!(tree.statistics().bytes <= 128 * count + 8192, "{}", tree.statistics().bytes);
+        assert_eq!(tree.validate(), Ok(()));
+        let oracle = BruteForce::of_primitives(blobs).unwrap();
+        for _ in 0..50 {
+            let query = ClosestPointQuery::new(random.vec(), random.unit());
+            assert_eq!(tree.closest_point(&query), oracle.closest_point(&query));
+        }
+    }
+}

@@ -248,10 +248,10 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
     fn boxed<S: Simd>(&mut self, s: S, leaf: ChildRef, boxes: ListBoxes) {
         let (query, arena) = (self.best.query, &self.tree.arena);
         let (at, n) = (leaf.at(), leaf.len());
-        let block = arena.block(at + boxes.at);
+        let words = &arena.floats()[at..];
         let distances = match boxes.moving {
-            true => query.distances_of::<S, NODE_ROWS>(s, block),
-            false => query.distances_of::<S, STATIC_NODE_ROWS>(s, block),
+            true => query.distances_of::<S, NODE_ROWS>(s, &boxes.rows::<NODE_ROWS>(words, n)),
+            false => query.distances_of::<S, STATIC_NODE_ROWS>(s, &boxes.rows::<STATIC_NODE_ROWS>(words, n)),
         };
         let mut near = s.le(distances, s.splat(query.cull(self.best.limit))) & first_lanes(n);
         while near != 0 {

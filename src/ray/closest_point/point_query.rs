@@ -5,10 +5,10 @@
 
 use super::triangle_bound::FARTHEST;
 use crate::geometry::{Frame, Placement, ULP, closest_on_triangle};
-use crate::layout::{ChildRef, NODE_ROWS};
+use crate::layout::ChildRef;
 use crate::limits::MAX_COORDINATE;
-use crate::simd::{LANES, Mask, Simd, lanes_at};
-use crate::traverse::{NodeBlock, children_of};
+use crate::simd::{Mask, Simd};
+use crate::traverse::{Faces, NodeBlock, children_of};
 use glam::{DVec3, Vec3};
 
 /// A query of [`RayTree::closest_points`](crate::RayTree::closest_points): the closest point to `point` at `time`
@@ -171,14 +171,14 @@ impl<'a> Query<'a> {
         (s.le(distances, s.splat(cull)) & present, distances)
     }
 
-    /// Squared distances from the boxes in the rows of a node; see [`Query::distances`].
+    /// Squared distances from boxes; see [`Query::distances`].
     #[inline(always)]
-    pub(in crate::ray) fn distances_of<S: Simd, const ROWS: usize>(&self, s: S, block: &NodeBlock) -> S::F {
+    pub(in crate::ray) fn distances_of<S: Simd, const ROWS: usize>(&self, s: S, boxes: &impl Faces) -> S::F {
         let time = s.splat(self.time);
         let (mut lower, mut upper) = ([time; 3], [time; 3]);
         for axis in 0..3 {
-            lower[axis] = face::<S, ROWS>(s, block, 2 * axis, time);
-            upper[axis] = face::<S, ROWS>(s, block, 2 * axis + 1, time);
+            lower[axis] = boxes.face::<S, ROWS>(s, 2 * axis, time);
+            upper[axis] = boxes.face::<S, ROWS>(s, 2 * axis + 1, time);
         }
         self.distances(s, lower, upper)
     }
@@ -208,11 +208,4 @@ impl<'a> Query<'a> {
         }
         sum
     }
-}
-
-/// One face of each of the sixteen boxes of a node, at a time.
-#[inline(always)]
-fn face<S: Simd, const ROWS: usize>(s: S, block: &NodeBlock, row: usize, time: S::F) -> S::F {
-    let at = s.load(lanes_at(block, row * LANES));
-    if ROWS == NODE_ROWS { s.mul_add(s.load(lanes_at(block, (row + 6) * LANES)), time, at) } else { at }
 }

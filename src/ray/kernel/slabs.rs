@@ -17,9 +17,8 @@
 //!   floats order like integers. This costs three more roundings, of sums with that begin; the slack of such a ray is larger for them.
 //! - Everything stays finite: coordinates are below 2^102 and reciprocals at most 2^24.
 
-use crate::layout::NODE_ROWS;
-use crate::simd::{LANES, Mask, Simd, lanes_at};
-use crate::traverse::NodeBlock;
+use crate::simd::{LANES, Mask, Simd};
+use crate::traverse::Faces;
 use glam::{Vec3, Vec3A};
 
 /// The data of a ray for the slab test, per axis.
@@ -85,20 +84,20 @@ impl Slabs {
         self.limit(limit).max(0.0)
     }
 
-    /// The boxes of a node that the ray meets no farther away than `reach`, and the distances at which it enters them.
+    /// The boxes that the ray meets no farther away than `reach`, and the distances at which it enters them.
     #[inline(always)]
-    pub fn enter<S: Simd, const ROWS: usize>(&self, s: S, block: &NodeBlock, reach: f32) -> (Mask, S::F) {
+    pub fn enter<S: Simd, const ROWS: usize>(&self, s: S, boxes: &impl Faces, reach: f32) -> (Mask, S::F) {
         let time = s.splat(self.time);
         // No closures: they would be compiled without the instruction set.
         let near = [
-            face_distance::<S, ROWS, 0>(s, block, self.near[0], time, self.inverse.x, self.near_offset.x),
-            face_distance::<S, ROWS, 1>(s, block, self.near[1], time, self.inverse.y, self.near_offset.y),
-            face_distance::<S, ROWS, 2>(s, block, self.near[2], time, self.inverse.z, self.near_offset.z),
+            face_distance::<S, ROWS, 0>(s, boxes, self.near[0], time, self.inverse.x, self.near_offset.x),
+            face_distance::<S, ROWS, 1>(s, boxes, self.near[1], time, self.inverse.y, self.near_offset.y),
+            face_distance::<S, ROWS, 2>(s, boxes, self.near[2], time, self.inverse.z, self.near_offset.z),
         ];
         let far = [
-            face_distance::<S, ROWS, 0>(s, block, self.near[0] ^ LANES, time, self.inverse.x, self.far_offset.x),
-            face_distance::<S, ROWS, 1>(s, block, self.near[1] ^ LANES, time, self.inverse.y, self.far_offset.y),
-            face_distance::<S, ROWS, 2>(s, block, self.near[2] ^ LANES, time, self.inverse.z, self.far_offset.z),
+            face_distance::<S, ROWS, 0>(s, boxes, self.near[0] ^ LANES, time, self.inverse.x, self.far_offset.x),
+            face_distance::<S, ROWS, 1>(s, boxes, self.near[1] ^ LANES, time, self.inverse.y, self.far_offset.y),
+            face_distance::<S, ROWS, 2>(s, boxes, self.near[2] ^ LANES, time, self.inverse.z, self.far_offset.z),
         ];
         // All distances that matter are positive, where the bits of floats order like integers.
         let enter = s.max_signed(s.max_signed(near[0], near[1]), s.max_signed(near[2], s.splat(self.begin)));
@@ -114,21 +113,19 @@ fn backward(component: f32) -> usize {
     (component.to_bits() >> 31) as usize * LANES
 }
 
-/// The distances along the ray to one face of every box of a node. The row of the face is `side` words after the first of the two rows of
-/// the axis.
+/// The distances along the ray to one face of every box. In a node, the row of the face is `side` words after the first of the two rows of the
+/// axis.
 #[inline(always)]
 fn face_distance<S: Simd, const ROWS: usize, const AXIS: usize>(
     s: S,
-    block: &NodeBlock,
+    boxes: &impl Faces,
     side: usize,
     time: S::F,
     inverse: f32,
     offset: f32,
 ) -> S::F {
     // The mask makes bounds checks unnecessary.
-    let row = 2 * AXIS * LANES + (side & LANES);
-    let at = s.load(lanes_at(block, row));
-    let face = if ROWS == NODE_ROWS { s.mul_add(s.load(lanes_at(block, row + 6 * LANES)), time, at) } else { at };
+    let face = boxes.face::<S, ROWS>(s, 2 * AXIS + (side & LANES) / LANES, time);
     s.mul_add(face, s.splat(inverse), s.splat(offset))
 }
 

@@ -97,10 +97,12 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         let mut candidates = Candidates { lanes: first_lanes(n), certain: 0, near: [f32::NEG_INFINITY; LANES] };
         if let Some(boxes) = ListBoxes::of(&self.arena.ints()[at..], n) {
             let slabs = &of.0.slabs;
-            let block = self.arena.block(at + boxes.at);
+            let words = &self.arena.floats()[at..];
             let (met, near) = match boxes.moving {
-                true => slabs.enter::<S, NODE_ROWS>(s, block, collect.reach()),
-                false => slabs.enter::<S, STATIC_NODE_ROWS>(s, block, collect.reach()),
+                true => slabs.enter::<S, NODE_ROWS>(s, &boxes.rows::<NODE_ROWS>(words, n), collect.reach()),
+                false => {
+                    slabs.enter::<S, STATIC_NODE_ROWS>(s, &boxes.rows::<STATIC_NODE_ROWS>(words, n), collect.reach())
+                }
             };
             candidates.lanes &= met;
             // The distances of a ray that begins behind its origin are offset.
