@@ -12,7 +12,7 @@ use super::plan::{Plan, linear_tree, middle_slice};
 use super::slice_points::SlicePoints;
 use super::source::Source;
 use crate::point::layout::moving_tree::WithoutFast;
-use crate::point::leaf_order::fast_points::Fast;
+use crate::point::leaf_order::fast_points::order_at;
 use crate::progress::Progress;
 use crate::simd::{MovingPointBlock, SimdLevel};
 use crate::tuning::points::{MAX_COST, NEARLY, OVERESTIMATED, OWN_TREES};
@@ -98,5 +98,5 @@ struct Measured<'a> {
 fn by_position(source: &Source, points: &[u32]) -> Vec<MovingPointBlock> {
     let slice = middle_slice(source.keys);
     let references = SlicePoints::<false>::new(source, points, &slice);
-    leaves_of(&references, &Fast::of(&references, &slice, slice.middle_phase()).order)
+    leaves_of(&references, &order_at(&references, slice.middle_phase()))
 }
