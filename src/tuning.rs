@@ -183,8 +183,9 @@ pub(crate) mod points {
     /// Cost of a block in nodes: a node has twelve rows and children to be processed, a block has six rows.
     pub const BLOCK_COST: f64 = 0.4;
     /// The additional cost of a search if all its data come from memory, in nodes. The data are adjacent and prefetched, so
-    /// this does not grow with the work.
-    pub const UNCACHED_COST: f64 = 26.0;
+    /// this does not grow with the work. (26 by least squares on one machine, 54 to 73 on another whose caches are shared; between these, k = 8
+    /// and radius searches together take least. "The cost of memory" in docs/notes_neighbors.md.)
+    pub const UNCACHED_COST: f64 = 40.0;
     /// Bytes of a structure half of which misses the caches: the more trees searches are spread over, the less one finds of
     /// the data that the one before has fetched. The fit is nearly as good anywhere from half to five times that, with other
     /// costs.

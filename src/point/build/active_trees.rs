@@ -11,7 +11,7 @@ use super::partial_layer::{PartialLayer, name};
 use super::plan::Plan;
 use super::slice_points::{SlicePoints, points_of_slice};
 use super::source::Source;
-use crate::point::leaf_order::fast_points::Fast;
+use crate::point::leaf_order::fast_points::order_at;
 use crate::point::search::layers::Layer;
 use crate::progress::Progress;
 use crate::simd::{MovingPointBlock, SimdLevel};
@@ -89,7 +89,7 @@ impl<'a> Trees<'a> {
             _ => {
                 let existing = points_of_slice(source, layer.points, &slice);
                 let references = SlicePoints::<true>::new(source, &existing, &slice);
-                sizes(&leaves_of(&references, &Fast::of(&references, &slice, middle).order))
+                sizes(&leaves_of(&references, &order_at(&references, middle)))
             }
         };
         let (visits, slices) = (layer.visits(self.simd), layer.plan.time_slices());

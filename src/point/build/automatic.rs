@@ -13,7 +13,7 @@ use super::cost::ReferenceCounts;
 use super::excess::excess;
 use super::own_trees::{by_own_trees, layer_by_own_trees};
 use super::partial_layer::{Chosen, PartialLayer, name};
-use super::plan::{Plan, linear_tree};
+use super::plan::{Plan, linear_tree, segments};
 use super::source::Source;
 use super::trials::{Trial, Trials};
 use crate::point::layout::moving_tree::{MovingTree, WithoutFast};
@@ -47,7 +47,7 @@ pub(in crate::point) fn moving_layers(
     if trials.stay_together() {
         let WithoutFast { tree, by_motion, .. } = linear_tree(source, points, trials.placed.take(), None, progress);
         let size = excess(&tree.leaves.blocks, 0.5, &[1], simd)[0];
-        if size.is_small(points.len()) && !by_motion {
+        if size.is_small(points.len() * segments(source.keys)) && !by_motion {
             let layer = PartialLayer::with(source, points, Plan::Boxes(1), tree);
             return vec![layer.finish(size.why(), progress)];
         }

@@ -86,7 +86,7 @@ pub(in crate::point) fn searches(points: usize) -> usize {
     (points / SEARCHED).clamp(least, most)
 }
 
-/// The cost of memory to a search, from the number of references.
+/// The cost of memory to a search, from the number of references in the trees of all segments between keys.
 pub(in crate::point) fn memory_cost(references: usize) -> f64 {
     let bytes = references as f64 * REFERENCE_BYTES;
     UNCACHED_COST * bytes / (bytes + HALF_UNCACHED_BYTES)

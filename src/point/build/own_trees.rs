@@ -8,11 +8,11 @@
 use super::cost::{ReferenceCounts, Visits, memory_cost};
 use super::excess::{excess, leaves_of};
 use super::partial_layer::{PartialLayer, name};
-use super::plan::{Plan, linear_tree, middle_slice};
+use super::plan::{Plan, linear_tree, middle_slice, segments};
 use super::slice_points::SlicePoints;
 use super::source::Source;
 use crate::point::layout::moving_tree::WithoutFast;
-use crate::point::leaf_order::fast_points::Fast;
+use crate::point::leaf_order::fast_points::order_at;
 use crate::progress::Progress;
 use crate::simd::{MovingPointBlock, SimdLevel};
 use crate::tuning::points::{MAX_COST, NEARLY, OVERESTIMATED, OWN_TREES};
@@ -36,14 +36,15 @@ pub(in crate::point) fn layer_by_own_trees<'a>(
     let leaves = by_position.as_ref().unwrap_or(&tree.leaves.blocks);
     let of_one = excess(leaves, 0.5, &[1], simd)[0];
     let slices = ReferenceCounts::of(source, points).affordable(max_references);
-    if of_one.is_small(points.len()) || slices.len() == 1 {
+    let references = points.len() * segments(source.keys);
+    if of_one.is_small(references) || slices.len() == 1 {
         return (PartialLayer::with(source, points, Plan::Boxes(1), tree), of_one.why());
     }
     let sizes = excess(leaves, 0.5, &slices, simd);
     let mut measured = Vec::new();
     let mut measure = |layer: PartialLayer<'a>| {
         let visits = layer.visits(simd);
-        let cost = visits.cost() + memory_cost(points.len() * layer.plan.time_slices());
+        let cost = visits.cost() + memory_cost(references * layer.plan.time_slices());
         measured.push(format!("{} {cost:.1}", name(layer.plan)));
         Measured { layer, visits, cost }
     };
@@ -53,7 +54,7 @@ pub(in crate::point) fn layer_by_own_trees<'a>(
         let now = best.layer.plan.time_slices();
         let size_of = |slices: usize| sizes[slices.ilog2() as usize];
         let predicted = |slices: usize| {
-            size_of(slices).visits(&size_of(now), best.visits).cost() + memory_cost(points.len() * slices)
+            size_of(slices).visits(&size_of(now), best.visits).cost() + memory_cost(references * slices)
         };
         let finer = || slices.iter().copied().filter(|&slices| slices > now);
         let least = finer().map(predicted).fold(f64::INFINITY, f64::min);
@@ -98,5 +99,5 @@ struct Measured<'a> {
 fn by_position(source: &Source, points: &[u32]) -> Vec<MovingPointBlock> {
     let slice = middle_slice(source.keys);
     let references = SlicePoints::<false>::new(source, points, &slice);
-    leaves_of(&references, &Fast::of(&references, &slice, slice.middle_phase()).order)
+    leaves_of(&references, &order_at(&references, slice.middle_phase()))
 }

@@ -28,9 +28,14 @@ impl Plan {
     }
 }
 
+/// How many segments between keys there are; at least one.
+pub(in crate::point) fn segments(keys: usize) -> usize {
+    keys.max(2) - 1
+}
+
 /// The segment between keys that stands for all of them where one has to.
 pub(in crate::point) fn middle_segment(keys: usize) -> usize {
-    (keys.max(2) - 1) / 2
+    segments(keys) / 2
 }
 
 /// The time slice between the keys in the middle.

@@ -96,12 +96,11 @@ impl Source {
     /// Prefetches the positions of a point at a key and the next, if there is such a point; a hint.
     #[inline(always)]
     pub(in crate::point) fn prefetch(&self, point: usize, key: usize) {
-        if let Some(position) = self.positions.get(point * self.keys + key) {
-            prefetch(position);
-        }
-        if let Some(position) = self.positions.get(point * self.keys + key + 1) {
+        let first = point * self.keys + key;
+        if let Some([at, next]) = self.positions.get(first..first + 2) {
+            prefetch(at);
             // It may be in the next cache line.
-            prefetch(&position[2]);
+            prefetch(&next[2]);
         }
     }
 

@@ -8,7 +8,7 @@
 
 use super::cost::{FINEST, ReferenceCounts, Visits, memory_cost, searches, trees_of};
 use super::excess::{excess, leaves_of};
-use super::plan::{Plan, time_slices_of};
+use super::plan::{Plan, segments, time_slices_of};
 use super::sample::{Sample, Sampler};
 use super::source::Source;
 use crate::point::layout::moving_tree::{MovingTree, Placed};
@@ -97,7 +97,8 @@ impl<'a> Trials<'a> {
     pub(in crate::point) fn stay_together(&self) -> bool {
         let excess_of =
             |sample: &Sample| excess(&leaves_of(&sample.references[..], &sample.order), 0.5, &[1], self.simd)[0];
-        self.source.all_persist() && self.whole.iter().all(|sample| excess_of(sample).is_small(self.points.len()))
+        let references = self.points.len() * segments(self.source.keys);
+        self.source.all_persist() && self.whole.iter().all(|sample| excess_of(sample).is_small(references))
     }
 
     /// Tries one tree for all points, and counts the work at rest.
@@ -231,7 +232,7 @@ impl<'a> Trials<'a> {
 
     /// The cost of memory of so many time slices of all points.
     pub(in crate::point) fn memory_cost(&self, slices: usize) -> f64 {
-        memory_cost(self.references.with(slices))
+        memory_cost(self.references.with(slices) * segments(self.source.keys))
     }
 
     /// The least cost of what was tried.
@@ -282,9 +283,10 @@ impl<'a> Trials<'a> {
         }
     }
 
-    /// The cost of layers over all points with this many references in all, measured in their trees of one time slice.
+    /// The cost of layers over all points with this many references in each segment, measured in their trees of one time slice.
     pub(in crate::point) fn measured(&self, layers: &[&Layer], references: usize, slice: &TimeSlice) -> f64 {
-        Visits::among(self.source, self.points, layers, slice, self.simd).cost() + memory_cost(references)
+        let memory = memory_cost(references * segments(self.source.keys));
+        Visits::among(self.source, self.points, layers, slice, self.simd).cost() + memory
     }
 
     /// Tries a structure and returns its cost.
@@ -383,7 +385,8 @@ fn work(sample: &Sample, searches: usize, (plan, fast): (Plan, Option<Plan>), si
     let higher = [references.len(), whole].map(|count| Shape::with_leaf(count, 1).levels);
     let higher = higher[1].saturating_sub(higher[0]) as f64;
     let visited = Visits::count(&layers, slice, &points, simd).cost() + higher;
-    Work { visited, cost: visited + memory_cost((count as f64 * scale) as usize), references: count }
+    let memory = memory_cost((count as f64 * scale) as usize * segments(*keys));
+    Work { visited, cost: visited + memory, references: count }
 }
 
 /// The references nearest to the middle of a sample in the middle of its time slice. Points that come among

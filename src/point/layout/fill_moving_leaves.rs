@@ -92,14 +92,14 @@ impl<R: References + ?Sized> Kernel for Fill<'_, '_, R> {
             rows.order(s, count, LANES, &mut spare);
             let (room, mut used_of) = (count.div_ceil(LANES), sizes_of_leaves(count));
             for (leaf, &used) in used_of.iter().enumerate().take(room) {
-                for lane in 0..used {
-                    // The accesses are practically random. Those of the next node are known before their order.
-                    if let Some(&later) = all.index.get(begin + BELOW + leaf * LANES + lane) {
-                        references.prefetch(later);
-                    }
-                    let reference = references.reference(rows.index[leaf * LANES + lane]);
-                    leaves.set(number * LANES + leaf, lane, &reference);
+                // The accesses are practically random. Those of the next node are known before their order.
+                let next = begin + BELOW + leaf * LANES;
+                for &later in all.index.get(next..).unwrap_or_default().iter().take(used) {
+                    references.prefetch(later);
                 }
+                let of_leaf = &rows.index[leaf * LANES..(leaf + 1) * LANES];
+                leaves
+                    .set_all(number * LANES + leaf, of_leaf[..used].iter().map(|&number| references.reference(number)));
             }
             if let Some(leaf_size) = *without_fast {
                 for (leaf, by) in by.iter_mut().enumerate().take(room) {

@@ -23,7 +23,7 @@
 use super::linear_face::{Face, FaceFit, FacesFit, TINY, UNIT, VECTORS};
 use super::linear_face::{least, load_row, magnitude, negated, sum};
 use crate::point::leaf_order::divide::least_lane;
-use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
+use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch, greatest_of_each};
 
 /// Rows of sixteen boxes whose faces are `a + b·s`.
 #[derive(Clone, Copy)]
@@ -183,22 +183,28 @@ impl LinearBox {
         let TrajectoryRows { open, close, range, times, .. } = trajectories;
         let (range, zero) = ([range[0][0], range[1][0]], s.splat(0.0));
         let phases = [s.splat(range[0] as f32), s.splat(range[1] as f32)];
-        let (mut lo, mut hi, mut slope) = ([[0.0; 4]; 2], [[0.0; 4]; 2], [0.0; 4]);
+        // Of each axis the lowest at both ends, the highest there, and the bound of the rounding, all as greatest lanes.
+        let (mut greatest, mut slope) = ([zero; LANES], [0.0; 4]);
         for axis in 0..3 {
             let (from, to) = (s.load(&open[axis]), s.load(&close[axis]));
             let motion = to - from;
             let (far, fast) = (s.max(sizes(s, from), sizes(s, to)), sizes(s, motion));
-            let error = padding.point * 2.0 * (UNIT * f64::from(-least_lane(s, zero - (fast + fast + far))) + TINY);
-            for end in 0..2 {
-                let at = from + motion * phases[end];
-                lo[end][axis] = f64::from(least_lane(s, at)) - error;
-                hi[end][axis] = f64::from(least_lane(s, zero - at)) - error;
-            }
+            let (begin, end) = (from + motion * phases[0], from + motion * phases[1]);
+            (greatest[axis], greatest[4 + axis]) = (zero - begin, zero - end);
+            (greatest[8 + axis], greatest[12 + axis]) = (begin, end);
+            greatest[4 * axis + 3] = fast + fast + far;
             slope[axis] = f64::from(sum_of_lanes(s, motion)) / LANES as f64;
         }
+        let mut lanes = [0.0; LANES];
+        s.store(greatest_of_each(s, greatest), &mut lanes);
+        let [low_begin, low_end, high_begin, high_end] = lanes.as_chunks().0 else { unreachable!("sixteen lanes") };
+        let bound = [lanes[3], lanes[7], lanes[11], 0.0].map(f64::from);
+        let unit = s.splat_d(2.0 * padding.point * UNIT);
+        let error = s.load_d(&bound) * unit + s.splat_d(2.0 * padding.point * TINY);
+        let least = |greatest: &[f32; 4]| s.splat_d(0.0) - s.widen_four(greatest) - error;
         let slope = s.load_d(&slope);
-        let lo = FacesFit { least: [s.load_d(&lo[0]), s.load_d(&lo[1])], range, pad: padding.face };
-        let hi = FacesFit { least: [s.load_d(&hi[0]), s.load_d(&hi[1])], range, pad: padding.face };
+        let lo = FacesFit { least: [least(low_begin), least(low_end)], range, pad: padding.face };
+        let hi = FacesFit { least: [least(high_begin), least(high_end)], range, pad: padding.face };
         let (lo, hi) = (lo.faces(s, slope), above(hi.faces(s, s.splat_d(0.0) - slope)));
         LinearBox { lo, hi, range, times: extreme_times(s, times) }
     }

@@ -267,6 +267,15 @@ impl<'a> LeafRows<'a> {
         set(&mut self.blocks[i], lane, reference);
     }
 
+    /// Sets the points of the first lanes of a leaf.
+    #[inline(always)]
+    pub(in crate::point) fn set_all(&mut self, i: usize, references: impl Iterator<Item = MovingReference>) {
+        let block = &mut self.blocks[i];
+        for (lane, reference) in references.enumerate().take(LANES) {
+            set(block, lane, &reference);
+        }
+    }
+
     /// Makes a lane of a leaf absent, which has no interval either.
     #[inline(always)]
     pub(in crate::point) fn clear(&mut self, i: usize, lane: usize) {

@@ -21,22 +21,32 @@ pub(in crate::point) struct Fast {
 
 impl Fast {
     pub(in crate::point) fn of<R: References + ?Sized>(references: &R, slice: &TimeSlice, phase: f64) -> Fast {
-        let count = references.len();
-        let (mut memory, mut more) = (PointRows::memory(count), PointRows::memory(count));
-        let mut from = PointRows::in_blocks(&mut memory, count);
-        take_positions(from.borrow(), references, phase);
-        let mut rows = PointRows::in_blocks(&mut more, count);
-        order_rows(from, &mut rows, LANES, None, &Progress::new(None));
-        let simd = SimdLevel::best();
-        let sizes = dispatch(simd, OrderLeaves { rows: &mut rows, count });
+        let (order, sizes) = ordered(references, phase);
         let Some(half) = sizes.len().checked_sub(1).map(|last| last / 2) else {
             return Fast { numbers: Vec::new(), leaf_size: 0.0, order: Vec::new() };
         };
         let (_, &mut leaf_size, _) = sizes.clone().select_nth_unstable_by(half, f32::total_cmp);
         let among = Among { references, slice, timed: true, leaf_size };
-        let numbers = dispatch(simd, Compare { among, numbers: &rows.index[..count], sizes: &sizes });
-        Fast { numbers, leaf_size, order: rows.index[..count].to_vec() }
+        let numbers = dispatch(SimdLevel::best(), Compare { among, numbers: &order, sizes: &sizes });
+        Fast { numbers, leaf_size, order }
     }
+}
+
+/// The numbers of all references in an order by position at a phase, those of one leaf behind those of the other.
+pub(in crate::point) fn order_at<R: References + ?Sized>(references: &R, phase: f64) -> Vec<u32> {
+    ordered(references, phase).0
+}
+
+/// The same, and the longest side of each leaf.
+fn ordered<R: References + ?Sized>(references: &R, phase: f64) -> (Vec<u32>, Vec<f32>) {
+    let count = references.len();
+    let (mut memory, mut more) = (PointRows::memory(count), PointRows::memory(count));
+    let mut from = PointRows::in_blocks(&mut memory, count);
+    take_positions(from.borrow(), references, phase);
+    let mut rows = PointRows::in_blocks(&mut more, count);
+    order_rows(from, &mut rows, LANES, None, &Progress::new(None));
+    let sizes = dispatch(SimdLevel::best(), OrderLeaves { rows: &mut rows, count });
+    (rows.index[..count].to_vec(), sizes)
 }
 
 /// Where at most so many of the references of sixteen leaves are fast, the others stay in their leaves: a thirtieth of the lanes remain empty

@@ -1,9 +1,9 @@
 //! Moving references: points between two keys, and the time slices that trees cover.
 
-use super::point_rows::PointRows;
+use super::point_rows::{NO_POINT, PointRows};
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::parallel::{self, CHUNK};
-use crate::simd::{Item, huge_vec, prefetch};
+use crate::simd::{Item, Kernel, Simd, SimdLevel, dispatch, huge_vec, prefetch};
 
 /// A reference to a point that moves linearly between two keys, active during `interval`.
 #[derive(Clone, Copy, Debug)]
@@ -165,13 +165,41 @@ impl References for [MovingReference] {
 
 /// Writes the positions of references at a phase between their keys, with their numbers.
 pub(in crate::point) fn take_positions<R: References + ?Sized>(rows: PointRows, references: &R, phase: f64) {
-    let count = references.len();
+    let simd = SimdLevel::best();
     parallel::each(&mut rows.chunks(CHUNK), |(first, rows)| {
-        rows.take((*first..count).map(|i| {
-            let number = references.number(i);
-            Item { at: references.reference(number).position(phase), index: number }
-        }));
+        dispatch(simd, TakePositions { rows: rows.borrow(), references, first: *first, phase });
     });
+}
+
+/// Writes some positions to rows, and no points to the rest of them. The arithmetic is that of [`MovingReference::position`].
+struct TakePositions<'a, R: ?Sized> {
+    rows: PointRows<'a>,
+    references: &'a R,
+    /// Which of the references are written begins with this one.
+    first: usize,
+    phase: f64,
+}
+
+impl<R: References + ?Sized> Kernel for TakePositions<'_, R> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let TakePositions { mut rows, references, first, phase } = self;
+        let count = rows.len().min(references.len().saturating_sub(first));
+        let phase = s.splat_d(phase);
+        let [x, y, z] = &mut rows.at;
+        let (x, y, z, index) = (&mut x[..count], &mut y[..count], &mut z[..count], &mut rows.index[..count]);
+        for i in 0..count {
+            let number = references.number(first + i);
+            let MovingReference { open, close, .. } = references.reference(number);
+            let (open, close) = (s.widen(open), s.widen(close));
+            [x[i], y[i], z[i], _] = s.narrow(open + (close - open) * phase);
+            index[i] = number;
+        }
+        for i in count..rows.len() {
+            rows.set(i, &NO_POINT);
+        }
+    }
 }
 
 /// Positions of references at a phase between their keys.

@@ -93,12 +93,20 @@ pub(in crate::point) fn few_in_order<S: Simd>(
     // Each compared with the next one; lanes beyond the last are NaN, which equals nothing.
     let next = s.permute(s.from_bits(key), s.add_u(index, s.splat_u(1)));
     let (this, next) = (s.from_bits(key & bits), s.from_bits(s.to_bits(next) & bits));
-    if s.eq(this, next) & !(1 << (LANES - 1)) != 0 {
-        return false;
+    let undecided = s.eq(this, next) & !(1 << (LANES - 1));
+    let (distance, id) = (s.permute(distance, key), s.to_bits(s.permute(s.from_bits(id), key)));
+    if undecided != 0 {
+        // Points in one place come in the order of their ids, unless they are in several leaves.
+        let second = s.add_u(index, s.splat_u(1));
+        let (farther, higher) = (s.permute(distance, second), s.to_bits(s.permute(s.from_bits(id), second)));
+        let decided = s.lt(distance, farther) | (s.eq(distance, farther) & s.lt_u(id, higher));
+        if undecided & !decided != 0 {
+            return false;
+        }
     }
     let (mut distances, mut ids) = ([0.0; LANES], [0; LANES]);
-    s.store(s.permute(distance, key), &mut distances);
-    s.store_u(s.to_bits(s.permute(s.from_bits(id), key)), &mut ids);
+    s.store(distance, &mut distances);
+    s.store_u(id, &mut ids);
     let pairs: [Neighbor; LANES] = core::array::from_fn(|i| Neighbor { id: ids[i], distance_squared: distances[i] });
     found.clear();
     found.extend_from_slice(&pairs);
