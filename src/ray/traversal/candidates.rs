@@ -298,7 +298,7 @@ mod tests {
         }
 
         /// The edge functions, and the depths of the corners.
-        fn edges(&self, ray: &TreeRay, sheared: &Sheared) -> (Edges<Portable>, [Lanes<f32>; 3]) {
+        fn edges(&self, ray: &TreeRay, sheared: &Sheared) -> (Edges<Portable>, [<Portable as Simd>::F; 3]) {
             let s = Portable;
             let [x, y, z, _] = ray.origin;
             let corners: Lanes<[[f32; 3]; 3]> = core::array::from_fn(|i| {
@@ -417,8 +417,9 @@ mod tests {
             }
             // Neither is a hit ruled out where other tests leave no choice.
             let (s, (edges, depths)) = (Portable, block.edges(&ray, &sheared));
-            let error = depths[0].map(|z| deviation.near + deviation.far * (z * sheared.inverse).abs());
-            assert_eq!(hit & edges.beside(s, s.load(&error)), 0, "{whole:?}");
+            let distance = magnitude(s, depths[0] * s.splat(sheared.inverse));
+            let error = s.mul_add(distance, s.splat(deviation.far), s.splat(deviation.near));
+            assert_eq!(hit & edges.beside(s, error), 0, "{whole:?}");
             hits += hit.count_ones();
             out += (first & !closest).count_ones();
             lost += (hit & edges.beside(s, s.splat(0.0))).count_ones();
