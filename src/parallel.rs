@@ -117,6 +117,15 @@ pub(crate) fn chunks<T: Send>(n: usize, f: impl Fn(Range<usize>) -> T + Sync) ->
     map(n.div_ceil(CHUNK), |i| f(i * CHUNK..n.min((i + 1) * CHUNK)))
 }
 
+/// The results of [`parts`].
+type Parts<T> = core::iter::Chain<core::option::IntoIter<T>, std::vec::IntoIter<T>>;
+
+/// [`chunks`] without allocating memory for few items: for meshes, of which there may be many small ones.
+pub(crate) fn parts<T: Send>(n: usize, f: impl Fn(Range<usize>) -> T + Sync) -> Parts<T> {
+    let (one, several) = if n > CHUNK { (None, chunks(n, f)) } else { ((n > 0).then(|| f(0..n)), Vec::new()) };
+    one.into_iter().chain(several)
+}
+
 /// Appends `f(0)`, … `f(n - 1)`, which are cheap.
 pub(crate) fn fill<T: Send>(items: &mut Vec<T>, n: usize, f: impl Fn(usize) -> T + Sync) {
     #[cfg(feature = "rayon")]

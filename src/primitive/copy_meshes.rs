@@ -178,7 +178,7 @@ fn digest(indices: &[[u32; 3]]) -> u64 {
         mixed ^ mixed >> 27
     };
     let of = |range: Range<usize>| range.map(|i| mixed(i, indices[i])).fold(0, u64::wrapping_add);
-    parallel::chunks(indices.len(), of).into_iter().fold(0, u64::wrapping_add)
+    parallel::parts(indices.len(), of).fold(0, u64::wrapping_add)
 }
 
 /// The mesh of every [`BLOCK`]-th triangle, and of the last, given the number of triangles of each mesh.

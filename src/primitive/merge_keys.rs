@@ -33,8 +33,8 @@ pub(crate) fn kept_keys(keys: usize, vertices: usize, at: impl Fn(usize, usize) 
         if grid.first_bent(bent.clone(), &at).is_some() {
             continue;
         }
-        let found = parallel::chunks(vertices, |range| grid.first_bent(range, &at));
-        match found.into_iter().flatten().next() {
+        let found = parallel::parts(vertices, |range| grid.first_bent(range, &at));
+        match found.flatten().next() {
             Some(vertex) => bent = vertex..vertex + 1,
             None => return kept + 1,
         }
@@ -47,7 +47,7 @@ pub(super) fn all_equal<P: PartialEq>(keys: usize, vertices: usize, at: &(impl F
     let differs = |mut of: Range<usize>| of.any(|v| (1..keys).any(|key| at(key, v) != at(0, v)));
     // Usually the first few vertices differ.
     let few = vertices.min(64);
-    !differs(0..few) && !parallel::chunks(vertices, differs).contains(&true)
+    !differs(0..few) && !parallel::parts(vertices, differs).any(|differs| differs)
 }
 
 /// The kept keys: one after every `step` segments.

@@ -185,18 +185,18 @@ impl TriangleMesh {
             if found != vertices {
                 return Err(BuildError::KeyLength { mesh, key, expected: vertices, found });
             }
-            let parts = parallel::chunks(vertices, |of| self.validate_positions(mesh, key, of));
+            let parts = parallel::parts(vertices, |of| self.validate_positions(mesh, key, of));
             for part in parts {
                 swept = swept.union(part?);
             }
         }
-        let parts = parallel::chunks(self.indices.len(), |of| {
+        let parts = parallel::parts(self.indices.len(), |of| {
             let outside = |corners: &[u32; 3]| corners.iter().find(|&&i| i as usize >= vertices).copied();
             let first = of.start;
             let mut wrong = self.indices[of].iter().enumerate().filter_map(|(i, corners)| Some((i, outside(corners)?)));
             wrong.next().map(|(i, index)| BuildError::IndexOutOfRange { mesh, triangle: first + i, index, vertices })
         });
-        match parts.into_iter().flatten().next() {
+        match parts.flatten().next() {
             Some(error) => Err(error),
             None => Ok(swept),
         }

@@ -176,10 +176,18 @@ impl Triangles {
         &self.vertices.positions[vertex as usize..][..keys]
     }
 
+    /// About the mesh of a triangle, for hints: one that begins in the same block, if there are several. To find it among many small meshes
+    /// takes as long as waiting for what would be prefetched.
+    #[inline(always)]
+    fn mesh_near(&self, id: u32) -> &MeshInfo {
+        &self.meshes[self.mesh_at[id as usize / BLOCK] as usize]
+    }
+
     /// Prefetches the positions of a vertex at some keys, for a mesh with more than two keys.
     #[inline]
     pub(crate) fn prefetch_keys(&self, vertex: u32, keys: Range<usize>) {
-        let of = &self.vertices.positions[vertex as usize..][keys];
+        let keys = vertex as usize + keys.start..vertex as usize + keys.end;
+        let of = self.vertices.positions.get(keys).unwrap_or(&[]);
         of.iter().step_by(KEYS_IN_LINE).chain(of.last()).for_each(prefetch);
     }
 
@@ -263,10 +271,10 @@ impl Triangles {
     /// Prefetches the vertices of a triangle at the first two keys.
     #[inline]
     pub(crate) fn prefetch_positions(&self, id: u32) {
-        let stride = self.stride(id);
+        let stride = self.mesh_near(id).stride;
         for vertex in self.vertices(id) {
-            prefetch(&self.vertices.positions[vertex as usize]);
-            prefetch(&self.vertices.positions[vertex as usize + stride]);
+            let at = [vertex as usize, vertex as usize + stride];
+            at.into_iter().filter_map(|at| self.vertices.positions.get(at)).for_each(prefetch);
         }
     }
 
@@ -399,7 +407,7 @@ impl PrimitiveSet for Triangles {
     }
 
     fn prefetch_vertices(&self, id: u32, over: TimeInterval) {
-        let keys = self.keys(id);
+        let keys = self.mesh_near(id).keys;
         if keys <= 2 {
             return self.prefetch_positions(id);
         }

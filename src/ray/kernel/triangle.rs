@@ -49,17 +49,17 @@ impl TreeRay<'_> {
         let y = along(s, corners[1] - s.splat_d(oy), z, dy, dz);
         // Of corners a, b and c the edge functions c x b, a x c and b x a, in lanes.
         let mut edges = s.rotate_right(x) * s.rotate_left(y) - s.rotate_right(y) * s.rotate_left(x);
-        let mut signs = Signs::of(s, edges);
+        let signs = Signs::of(s, edges);
+        // Signs are exact but for zeros, which count as both: a miss needs no more bits.
+        if signs.are_mixed() {
+            return None;
+        }
         if signs.zero() != 0 {
             edges = s.load_d(&exact_edges(s.lanes_d(x), s.lanes_d(y)));
-            signs = Signs::of(s, edges);
-            if signs.zero() == ALL {
+            let signs = Signs::of(s, edges);
+            if (signs.zero() == ALL) | signs.are_mixed() {
                 return None;
             }
-        }
-        // Edge functions of both signs.
-        if (signs.at_least_zero != ALL) & (signs.at_most_zero != ALL) {
-            return None;
         }
         let ([u, v, w, _], [za, zb, zc, _]) = (s.lanes_d(edges), s.lanes_d(z));
         let det = u + v + w;
@@ -107,6 +107,12 @@ impl Signs {
     fn zero(self) -> Mask {
         self.at_most_zero & self.at_least_zero
     }
+
+    /// Whether some edge function is below zero and some other one above it.
+    #[inline(always)]
+    fn are_mixed(self) -> bool {
+        (self.at_least_zero != ALL) & (self.at_most_zero != ALL)
+    }
 }
 
 /// Sheared coordinates of corners relative to the ray, times the direction's longest component.
@@ -119,6 +125,11 @@ fn along<S: Simd>(s: S, x: S::D, z: S::D, dx: f64, dz: f64) -> S::D {
 #[cold]
 #[inline(never)]
 fn exact_edges(x: [f64; 4], y: [f64; 4]) -> [f64; 4] {
+    // A wall seen along an axis, which the ray lies in.
+    let zero = |x: [f64; 4]| x[0] == 0.0 && x[1] == 0.0 && x[2] == 0.0;
+    if zero(x) || zero(y) {
+        return [0.0; 4];
+    }
     let corner = |i: usize| DVec2::new(x[i], y[i]);
     let (a, b, c) = (corner(0), corner(1), corner(2));
     [exact_edge(c, b), exact_edge(a, c), exact_edge(b, a), 0.0]

@@ -22,6 +22,12 @@
 //!   weights, its product with an end of the ray's range and that end are off by 5u of it, which matters only where the end is below
 //!   2r. Together this is less than 2.2 dev. The code adds 2.5 dev.
 //!
+//! **Vague edge functions.** A triangle that is small relative to these margins, or degenerate as seen along the ray, has edge functions
+//! within them wherever it is. But what is hit holds the ray in the range of its sheared coordinates along both axes, since the signs of
+//! the decision in f64 are exact. The coordinates are off by dev (for a triangle that is hit), and 2.5 dev is at hand. So such
+//! triangles are also compared with these ranges. They are few elsewhere; where rays lie in the planes of walls or begin on them, or a mesh
+//! has triangles without area, most candidates are.
+//!
 //! If the range itself is rounded by more, no hit is certain ([`TreeRay::certain_end`]).
 
 use super::collect::Collect;
@@ -60,7 +66,24 @@ impl<S: Simd> Edges<S> {
         // All edge functions have the same sign, up to the margin.
         !(s.lt(self.least, s.splat(-margin)) & s.lt(s.splat(margin), self.greatest))
     }
+
+    /// The triangles beside which the ray passes along one of the sheared axes, by more than `deviation`.
+    #[inline(always)]
+    fn beside(&self, s: S, deviation: S::F) -> Mask {
+        beyond(s, self.x, deviation) | beyond(s, self.y, deviation)
+    }
 }
+
+/// The lanes where zero is outside of the range of three numbers by more than a margin.
+#[inline(always)]
+fn beyond<S: Simd>(s: S, [a, b, c]: [S::F; 3], margin: S::F) -> Mask {
+    let (least, greatest) = (s.min(a, s.min(b, c)), s.max(a, s.max(b, c)));
+    s.lt(margin, least) | s.lt(greatest + margin, s.splat(0.0))
+}
+
+/// If the magnitudes of the edge functions of a triangle add up to at most this many margins, their signs tell little. (Not fitted: a
+/// triangle without any size has three edge functions of less than a margin each.)
+const VAGUE: f32 = 4.0;
 
 /// Computes [`deviation`] with fewer instructions.
 #[inline(always)]
@@ -138,6 +161,13 @@ impl Candidates {
             let inside = s.lt(margin, edges.least) | s.lt(edges.greatest, below);
             candidates.certain =
                 left & inside & s.le(begin, least) & s.le(greatest, weights * s.splat(collect.certain(ray)));
+        }
+        // A wrong candidate is decided sooner than it is looked for here, where there are no others and where one is a certain hit.
+        if several(left) & (candidates.certain == 0) {
+            let vague = left & s.le(weights, s.splat(VAGUE) * margin);
+            if vague != 0 {
+                candidates.lanes &= !(vague & edges.beside(s, deviation));
+            }
         }
         candidates
     }
@@ -267,8 +297,8 @@ mod tests {
             Deviation::of(Portable, extent, if self.fraction > 0.0 { size } else { 0.0 }, slack)
         }
 
-        /// The lanes that pass the first test, those that pass the second test (closest and any hit), and those that are certain.
-        fn tests(&self, ray: &TreeRay, sheared: &Sheared, sizes: u32, deviation: Deviation) -> [Mask; 4] {
+        /// The edge functions, and the depths of the corners.
+        fn edges(&self, ray: &TreeRay, sheared: &Sheared) -> (Edges<Portable>, [<Portable as Simd>::F; 3]) {
             let s = Portable;
             let [x, y, z, _] = ray.origin;
             let corners: Lanes<[[f32; 3]; 3]> = core::array::from_fn(|i| {
@@ -279,9 +309,15 @@ mod tests {
             });
             let row = |corner: usize, axis: usize| s.load(&corners.map(|c| c[corner][axis]));
             let rows = |axis: usize| [row(0, axis), row(1, axis), row(2, axis)];
-            let edges = Edges::new(s, rows(0), rows(1));
+            (Edges::new(s, rows(0), rows(1)), rows(2))
+        }
+
+        /// The lanes that pass the first test, those that pass the second test (closest and any hit), and those that are certain.
+        fn tests(&self, ray: &TreeRay, sheared: &Sheared, sizes: u32, deviation: Deviation) -> [Mask; 4] {
+            let s = Portable;
+            let (edges, depths) = self.edges(ray, sheared);
             let first = edges.may_be_hit(s, sizes, ray.slack);
-            let of = (ALL, rows(2).map(|depth| depth * s.splat(sheared.inverse)), sizes);
+            let of = (ALL, depths.map(|depth| depth * s.splat(sheared.inverse)), sizes);
             let closest = Closest::new(ray);
             let any = Any::new(ray, true);
             let closest = Candidates::new::<_, _, false>(s, &edges, of, (ray, deviation), &closest);
@@ -342,6 +378,54 @@ mod tests {
         assert!(hits > 200_000 && certain > hits / 4, "{certain} of {hits}");
         assert!(lost > 2000 && lost_by_range > 2000 && wrong > 2000, "{lost} {lost_by_range} {wrong}");
         assert!(lost_in_f64 > lost / 5, "rounded vertices lose less: {lost_in_f64} of {lost}");
+    }
+
+    /// Points beside the ray, triangles in planes through it, and triangles on it that are as small as the rounding of their corners: all
+    /// have edge functions within their margins.
+    #[test]
+    fn triangles_whose_signs_tell_nothing_are_ruled_out_beside_the_ray_only() {
+        let mut random = Random(21);
+        let (mut points, mut hits, mut out, mut lost) = ([0, 0], 0, 0, 0);
+        for i in 0..20_000 {
+            let whole = Ray::new(random.vec() * 3.0, random.vec());
+            let Some(ray) = TreeRay::new(&whole, &Frame::WORLD) else { continue };
+            let sheared = Sheared::new(&ray);
+            let (along, across) = (whole.dir.normalize(), random.vec().cross(whole.dir).normalize());
+            let normal = along.cross(across);
+            let mut corners = [[Vec3::ZERO; 3]; LANES];
+            for triangle in &mut corners {
+                let place = whole.point(random.unit()).as_vec3();
+                let beside = random.vec();
+                for corner in triangle {
+                    let in_plane = along * random.signed() + across * random.signed();
+                    *corner = place
+                        + match i % 4 {
+                            1 => in_plane * 0.1 + normal * random.signed() * 1e-7,
+                            3 => random.vec() * 4e-7,
+                            _ => beside,
+                        };
+                }
+            }
+            let block = Block::new(corners, corners, 0.0);
+            let hit = block.hit(&ray, &sheared);
+            let deviation = block.deviation(ray.slack);
+            let [first, closest, any, _] = block.tests(&ray, &sheared, block.sizes, deviation);
+            assert_eq!(hit & !(first & closest & any), 0, "{whole:?}");
+            if i % 2 == 0 {
+                points = [points[0] + first.count_ones(), points[1] + (closest | any).count_ones()];
+                continue;
+            }
+            // Neither is a hit ruled out where other tests leave no choice.
+            let (s, (edges, depths)) = (Portable, block.edges(&ray, &sheared));
+            let distance = magnitude(s, depths[0] * s.splat(sheared.inverse));
+            let error = s.mul_add(distance, s.splat(deviation.far), s.splat(deviation.near));
+            assert_eq!(hit & edges.beside(s, error), 0, "{whole:?}");
+            hits += hit.count_ones();
+            out += (first & !closest).count_ones();
+            lost += (hit & edges.beside(s, s.splat(0.0))).count_ones();
+        }
+        assert!(points[0] > 100_000 && points[1] < points[0] / 1000, "{points:?} of points");
+        assert!(hits > 10_000 && out > 10_000 && lost > 0, "{hits} {out} {lost}");
     }
 
     #[test]
