@@ -7,7 +7,7 @@ use super::triangle_bound::FARTHEST;
 use crate::geometry::{Frame, Placement, ULP, closest_on_triangle};
 use crate::layout::ChildRef;
 use crate::limits::MAX_COORDINATE;
-use crate::simd::{Mask, Simd};
+use crate::simd::{LANES, Mask, Simd};
 use crate::traverse::{Faces, NodeBlock, children_of};
 use glam::{DVec3, Vec3};
 
@@ -177,8 +177,8 @@ impl<'a> Query<'a> {
         let time = s.splat(self.time);
         let (mut lower, mut upper) = ([time; 3], [time; 3]);
         for axis in 0..3 {
-            lower[axis] = boxes.face::<S, ROWS>(s, 2 * axis, time);
-            upper[axis] = boxes.face::<S, ROWS>(s, 2 * axis + 1, time);
+            lower[axis] = boxes.face::<S, ROWS>(s, 2 * axis * LANES, time);
+            upper[axis] = boxes.face::<S, ROWS>(s, (2 * axis + 1) * LANES, time);
         }
         self.distances(s, lower, upper)
     }

@@ -125,7 +125,7 @@ fn face_distance<S: Simd, const ROWS: usize, const AXIS: usize>(
     offset: f32,
 ) -> S::F {
     // The mask makes bounds checks unnecessary.
-    let face = boxes.face::<S, ROWS>(s, 2 * AXIS + (side & LANES) / LANES, time);
+    let face = boxes.face::<S, ROWS>(s, 2 * AXIS * LANES + (side & LANES), time);
     s.mul_add(face, s.splat(inverse), s.splat(offset))
 }
 
