@@ -12,11 +12,12 @@
 mod filters;
 mod packet;
 mod points;
+mod single;
 mod user;
 
 use glam::Vec3;
 use libloading::Library;
-use mbkd::{Hit, Pose, Ray, Transform, glam};
+use mbkd::{Hit, Pose, Transform, glam};
 use std::borrow::Cow;
 use std::ffi::{CString, c_char, c_int, c_uint, c_void};
 use std::mem::{offset_of, size_of};
@@ -25,6 +26,8 @@ use std::sync::atomic::{AtomicIsize, Ordering};
 
 pub use packet::{PACKET, Packet};
 pub use points::PointQuery;
+pub use single::EmbreeRay;
+use single::{RtcHit, RtcRayHit};
 pub use user::UserShapes;
 
 const INVALID_ID: c_uint = c_uint::MAX;
@@ -48,85 +51,7 @@ pub enum Quality {
     High = 2,
 }
 
-/// `RTCRay`.
-#[derive(Clone, Copy)]
-#[repr(C, align(16))]
-pub struct EmbreeRay {
-    pub origin: [f32; 3],
-    pub tnear: f32,
-    pub dir: [f32; 3],
-    pub time: f32,
-    pub tfar: f32,
-    mask: c_uint,
-    id: c_uint,
-    flags: c_uint,
-}
-
-impl From<&Ray> for EmbreeRay {
-    fn from(ray: &Ray) -> EmbreeRay {
-        EmbreeRay {
-            origin: ray.origin.as_vec3().to_array(),
-            tnear: ray.t_min,
-            dir: ray.dir.to_array(),
-            time: ray.time,
-            tfar: ray.t_max,
-            mask: c_uint::MAX,
-            id: 0,
-            flags: 0,
-        }
-    }
-}
-
-/// `RTCHit` with one instance level, and room for the instanced primitive that 4.3 and later write behind it.
-#[derive(Clone, Copy)]
-#[repr(C, align(16))]
-struct RtcHit {
-    normal: [f32; 3],
-    u: f32,
-    v: f32,
-    primitive: c_uint,
-    geometry: c_uint,
-    instance: c_uint,
-    instance_primitive: c_uint,
-}
-
-impl RtcHit {
-    const NONE: RtcHit = RtcHit {
-        normal: [0.0; 3],
-        u: 0.0,
-        v: 0.0,
-        primitive: INVALID_ID,
-        geometry: INVALID_ID,
-        instance: INVALID_ID,
-        instance_primitive: INVALID_ID,
-    };
-}
-
-/// `RTCRayHit`.
-#[derive(Clone, Copy)]
-#[repr(C, align(16))]
-struct RtcRayHit {
-    ray: EmbreeRay,
-    hit: RtcHit,
-}
-
-impl RtcRayHit {
-    #[inline(always)]
-    fn answer(&self) -> Option<Hit> {
-        (self.hit.geometry != INVALID_ID).then_some(Hit {
-            t: self.ray.tfar,
-            u: self.hit.u,
-            v: self.hit.v,
-            mesh: self.hit.geometry,
-            primitive: self.hit.primitive,
-        })
-    }
-}
-
 const _: () = {
-    assert!(size_of::<EmbreeRay>() == 48 && offset_of!(EmbreeRay, tfar) == 32);
-    assert!(offset_of!(RtcHit, primitive) == 20 && offset_of!(RtcHit, instance_primitive) == 32);
-    assert!(offset_of!(RtcRayHit, hit) == 48 && align_of::<RtcRayHit>() == 16);
     assert!(size_of::<Vec3>() == 12);
     assert!(size_of::<Context3>() == 24 && offset_of!(Context3, instance) == 16);
 };
@@ -167,13 +92,6 @@ impl From<&Pose> for Decomposition {
             quaternion: [r, i, j, k],
             translation: pose.translation.as_vec3().to_array(),
         }
-    }
-}
-
-impl EmbreeRay {
-    /// A ray that sees the geometries whose masks share a bit with this one.
-    pub fn masked(ray: &Ray, mask: u32) -> EmbreeRay {
-        EmbreeRay { mask, ..EmbreeRay::from(ray) }
     }
 }
 
