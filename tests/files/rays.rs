@@ -1,13 +1,13 @@
 //! Ray trees of every layout are restored bit for bit, and hostile files are rejected or give arbitrary answers without a panic.
 
-use super::support::{HEADER, Random, mutate, rounds, seal};
+use super::support::{Blob, HEADER, Random, mutate, rounds, seal};
 use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    BuildParams, ClosestPointQuery, Division, FileError, Geometry, Instance, InstanceTree, Intersection, KdParams,
-    LinearBounds, MovingSphere, Pose, Primitive, Ray, RayTree, Shape, SurfacePoint, TimeInterval, TreePrimitive,
-    TriangleMesh, Visitor, WideParams,
+    BuildParams, ClosestPointQuery, Division, FileError, Geometry, Instance, InstanceTree, KdParams, MovingSphere,
+    Pose, Ray, RayTree, Shape, TimeInterval, TreePrimitive, TriangleMesh, Visitor, WideParams,
 };
+use std::panic::RefUnwindSafe;
 use std::sync::Arc;
 
 /// Loose triangles, or strips of them that share vertices, at some keys.
@@ -307,49 +307,44 @@ fn run_queries(tree: RayTree, seed: u64) {
     }
 }
 
-/// Files with a right checksum and wrong contents: thousands of them.
+/// Reads thousands of files with a right checksum and wrong contents, and runs queries on the trees; counts those that are refused and those that
+/// are answered from.
+fn hostile<G: Geometry>(
+    name: &str,
+    number: usize,
+    bytes: &[u8],
+    counts: &mut [usize; 2],
+    read: impl Fn(&[u8]) -> Result<RayTree<G>, FileError> + RefUnwindSafe,
+    refused: fn(&FileError) -> bool,
+    run_queries: impl Fn(RayTree<G>, u64) + RefUnwindSafe,
+) {
+    for round in 0..rounds() {
+        let seed = (number as u64) << 32 | round;
+        let hostile = mutate(bytes, &mut Random(seed));
+        let outcome = std::panic::catch_unwind(|| match read(&hostile) {
+            Ok(tree) => {
+                run_queries(tree, seed);
+                1
+            }
+            Err(error) if refused(&error) => 0,
+            Err(error) => panic!("{error}"),
+        });
+        match outcome {
+            Ok(kind) => counts[kind] += 1,
+            Err(_) => panic!("{name}: seed {seed:#x}"),
+        }
+    }
+}
+
 #[test]
 fn hostile_files_are_refused_or_answer_something() {
     let mut counts = [0; 2];
     for (number, (name, tree)) in trees().into_iter().enumerate() {
-        let bytes = file(&tree);
-        for round in 0..rounds() {
-            let seed = (number as u64) << 32 | round;
-            let hostile = mutate(&bytes, &mut Random(seed));
-            let outcome = std::panic::catch_unwind(|| match read(&hostile) {
-                Ok(tree) => {
-                    run_queries(tree, seed);
-                    1
-                }
-                Err(FileError::Broken { .. } | FileError::Length { .. }) => 0,
-                Err(error) => panic!("{error}"),
-            });
-            match outcome {
-                Ok(kind) => counts[kind] += 1,
-                Err(_) => panic!("{name}: seed {seed:#x}"),
-            }
-        }
+        let refused = |error: &_| matches!(error, FileError::Broken { .. } | FileError::Length { .. });
+        hostile(&name, number, &file(&tree), &mut counts, read, refused, run_queries);
     }
     println!("{} refused, {} answered", counts[0], counts[1]);
     assert!(counts.iter().all(|&count| count > 100), "{counts:?}");
-}
-
-/// A sphere that does not say that it is one, so that leaf blocks list it with its box.
-#[derive(Clone)]
-struct Blob(MovingSphere);
-
-impl Primitive for Blob {
-    fn bounds(&self, over: TimeInterval) -> LinearBounds {
-        self.0.bounds(over)
-    }
-
-    fn intersect(&self, ray: &Ray) -> Option<Intersection> {
-        self.0.intersect(ray)
-    }
-
-    fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
-        self.0.closest_point(point, time)
-    }
 }
 
 /// Files of trees over the caller's primitives, which rays are tested against by their boxes.
@@ -368,26 +363,17 @@ fn files_of_own_primitives_come_back_and_hostile_ones_are_refused_or_answer_some
         tree.write_to(&mut bytes).unwrap();
         let read = |bytes: &[u8]| RayTree::read_primitives_from(&mut &bytes[..], blobs.clone());
         assert_eq!(answers(&read(&bytes).unwrap(), 60, 5), answers(&tree, 60, 5));
-        for round in 0..rounds() {
-            let seed = (number as u64) << 32 | round;
-            let hostile = mutate(&bytes, &mut Random(seed));
-            let outcome = std::panic::catch_unwind(|| match read(&hostile) {
-                Ok(mut tree) => {
-                    let _ = tree.validate();
-                    for level in mbkd::SimdLevel::available() {
-                        tree = tree.with_simd(level);
-                        answers(&tree, 12, seed);
-                    }
-                    1
-                }
-                Err(FileError::Broken { .. } | FileError::Length { .. } | FileError::OtherPrimitives { .. }) => 0,
-                Err(error) => panic!("{error}"),
-            });
-            match outcome {
-                Ok(kind) => counts[kind] += 1,
-                Err(_) => panic!("{keys} keys, {division:?}: seed {seed:#x}"),
+        let refused = |error: &_| {
+            matches!(error, FileError::Broken { .. } | FileError::Length { .. } | FileError::OtherPrimitives { .. })
+        };
+        let name = format!("{keys} keys, {division:?}");
+        hostile(&name, number, &bytes, &mut counts, read, refused, |mut tree, seed| {
+            let _ = tree.validate();
+            for level in mbkd::SimdLevel::available() {
+                tree = tree.with_simd(level);
+                answers(&tree, 12, seed);
             }
-        }
+        });
     }
     println!("{} refused, {} answered", counts[0], counts[1]);
     assert!(counts.iter().all(|&count| count > 50), "{counts:?}");

@@ -2,9 +2,12 @@
 //! brute force.
 #![allow(dead_code)] // each test file uses its part
 
+#[path = "../support/blob.rs"]
+mod blob;
 #[path = "../support/random.rs"]
 mod random;
 
+pub use blob::Blob;
 use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::Vec3;

@@ -1,29 +1,8 @@
 //! Trees over shapes of the caller's, whose leaf blocks have the boxes of the shapes: at rest, moving, with divided time, and refitted.
 
-use crate::common::{Random, difference, random_ray};
+use crate::common::{Blob, Random, difference, random_ray};
 use mbkd::baseline::BruteForce;
-use mbkd::{
-    BuildParams, ClosestPointQuery, Division, Intersection, LinearBounds, MovingSphere, Primitive, Ray, RayTree,
-    SimdLevel, SurfacePoint, TimeInterval, WideParams, glam::DVec3,
-};
-
-/// A sphere that does not say that it is one.
-#[derive(Clone)]
-struct Blob(MovingSphere);
-
-impl Primitive for Blob {
-    fn bounds(&self, over: TimeInterval) -> LinearBounds {
-        self.0.bounds(over)
-    }
-
-    fn intersect(&self, ray: &Ray) -> Option<Intersection> {
-        self.0.intersect(ray)
-    }
-
-    fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
-        self.0.closest_point(point, time)
-    }
-}
+use mbkd::{BuildParams, ClosestPointQuery, Division, MovingSphere, RayTree, SimdLevel, WideParams, glam::DVec3};
 
 /// Some blobs that move that far between each of their keys.
 fn blobs(count: usize, keys: usize, motion: f64, seed: u64) -> Vec<Blob> {

@@ -1,24 +1,11 @@
 //! Moving boxes as the caller's own primitives: ours, and Embree's user geometry, with the same function for a ray and a box.
 
+use crate::cube::{self, Kind, last_of, vec};
 use crate::ffi::{Embree, EmbreeRay, Quality, UserShapes};
 use crate::options::{Isa, Options};
-use crate::sum;
-use crate::timing::{in_turns, median};
 use mbkd::glam::Vec3;
-use mbkd::{Aabb, BuildParams, Intersection, LinearBounds, Primitive, Ray, RayTree, SimdLevel, TimeInterval};
-use rand::rngs::StdRng;
-use rand::{RngExt, SeedableRng};
+use mbkd::{Aabb, BuildError, BuildParams, Intersection, LinearBounds, Primitive, Ray, RayTree, TimeInterval};
 use std::time::Instant;
-
-/// Boxes in a cube of size one.
-struct Kind {
-    name: &'static str,
-    /// The share of the cube that they fill, overlapping or not.
-    fill: f32,
-    keys: u32,
-    /// How far each moves at most, along an axis.
-    motion: f32,
-}
 
 const KINDS: [Kind; 5] = [
     Kind { name: "still", fill: 0.25, keys: 1, motion: 0.0 },
@@ -79,26 +66,12 @@ impl Primitive for MovingBox {
 
 /// Prints a table: a row for each kind of boxes.
 pub fn measure(options: &Options, embree: &Embree, count: usize) -> Result<(), String> {
-    println!("| {count} boxes | from outside | from inside | any hit | differ | build | memory |");
-    println!("|---|---|---|---|---|---|---|");
-    for kind in &KINDS {
-        for &isa in &options.isa {
-            println!("| {}, {isa:?} | {} |", kind.name, one(options, embree, count, kind, isa)?);
-        }
-    }
-    println!(
-        "Ratios: rays, Embree's time / ours; rays that hit another box; build and memory of the tree, ours / Embree's."
-    );
-    Ok(())
-}
-
-fn vec(random: &mut StdRng, range: std::ops::Range<f32>) -> Vec3 {
-    Vec3::from([0; 3].map(|_| random.random_range(range.clone())))
+    cube::table(options, &format!("{count} boxes"), &KINDS, |kind, isa| one(options, embree, count, kind, isa))
 }
 
 fn one(options: &Options, embree: &Embree, count: usize, kind: &Kind, isa: Isa) -> Result<String, String> {
-    let mut random = StdRng::seed_from_u64(1);
-    let half = (kind.fill / count as f32).cbrt() / 2.0;
+    let mut random = cube::random();
+    let half = (kind.fill / count as f64).cbrt() as f32 / 2.0;
     let mut moving_box = |_| MovingBox {
         center: vec(&mut random, 0.0..1.0),
         motion: if kind.keys == 1 { Vec3::ZERO } else { vec(&mut random, -1.0..1.0) * kind.motion },
@@ -107,66 +80,30 @@ fn one(options: &Options, embree: &Embree, count: usize, kind: &Kind, isa: Isa) 
     let shapes: Vec<MovingBox> = (0..count).map(&mut moving_box).collect();
     let user = UserShapes {
         shapes: shapes.clone(),
-        time_steps: kind.keys,
+        time_steps: kind.keys as u32,
         bounds: |shape: &MovingBox, step: u32| shape.padded(step as f32),
         hit: |shape: &MovingBox, ray: &EmbreeRay| {
             shape.hit(ray.origin.into(), ray.dir.into(), ray.time, [ray.tnear, ray.tfar])
         },
     };
     let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(|e| e.to_string())?;
-    let level = |name: &str| SimdLevel::available().into_iter().find(|level| level.name() == name);
-    let (level, config) = match isa {
-        Isa::Native => (SimdLevel::best(), "threads=1"),
-        Isa::Avx2 => (level("avx2").ok_or("this CPU has no AVX2")?, "threads=1,isa=avx2"),
-    };
+    let (level, config) = cube::level_and_config(isa)?;
     let device = embree.device(config)?;
-    let (mut our_times, mut their_times) = (Vec::new(), Vec::new());
-    let (mut tree, mut theirs) = (None, None);
-    for _ in 0..options.build_runs {
+    let build_ours = || {
         let shapes = shapes.clone();
         let start = Instant::now();
-        let built = alone.install(|| RayTree::of_primitives(shapes, &BuildParams::default()));
-        our_times.push(start.elapsed().as_secs_f64());
-        tree = Some(built.map_err(|e| e.to_string())?.with_simd(level));
-        drop(theirs.take());
+        let tree = alone.install(|| RayTree::of_primitives(shapes, &BuildParams::default()));
+        Ok((start.elapsed().as_secs_f64(), tree.map_err(|e: BuildError| e.to_string())?.with_simd(level)))
+    };
+    let build_theirs = || {
         let start = Instant::now();
         let scene = device.scene(true, Quality::Medium)?;
         scene.attach_user(0, &user)?;
         scene.commit()?;
-        their_times.push(start.elapsed().as_secs_f64());
-        theirs = Some(scene);
-    }
-    let (tree, theirs) = (tree.ok_or("no builds")?, theirs.ok_or("no builds")?);
-
-    let rays = options.side * options.side;
-    let mut ray = |from: std::ops::Range<f32>| {
-        let (origin, target) = (vec(&mut random, from), vec(&mut random, 0.0..1.0));
-        Ray::new(origin, target - origin).at_time(random.random())
+        Ok((start.elapsed().as_secs_f64(), scene))
     };
-    let from_outside: Vec<Ray> = (0..rays).map(|_| ray(-1.0..2.0)).collect();
-    let from_inside: Vec<Ray> = (0..rays).map(|_| ray(0.0..1.0)).collect();
-    let short: Vec<Ray> = from_inside.iter().map(|ray| ray.between(0.0, 0.1 / ray.dir.length())).collect();
-    let native = |rays: &[Ray]| -> Vec<EmbreeRay> { rays.iter().map(EmbreeRay::from).collect() };
-    let closest = |rays: &[Ray]| {
-        let native = native(rays);
-        let ours = || sum(rays, |sum, ray| sum.closest(tree.closest_hit(ray)));
-        let other = || sum(&native, |sum, ray| sum.closest(theirs.closest_hit(ray)));
-        in_turns(options.runs, Some(&ours), Some(&other)).ratio
-    };
-    let native = native(&short);
-    let ours = || sum(&short, |sum, ray| sum.any(tree.any_hit(ray)));
-    let other = || sum(&native, |sum, ray| sum.any(theirs.any_hit(ray)));
-    let differs = |ray: &&Ray| {
-        let (ours, theirs) = (tree.closest_hit(ray), theirs.closest_hit(&EmbreeRay::from(*ray)));
-        ours.map(|hit| hit.primitive) != theirs.map(|hit| hit.primitive)
-    };
-    Ok(format!(
-        "{:.2} | {:.2} | {:.2} | {} of {rays} | {:.2} | {:.2}",
-        closest(&from_outside),
-        closest(&from_inside),
-        in_turns(options.runs, Some(&ours), Some(&other)).ratio,
-        from_outside.iter().filter(differs).count(),
-        median(our_times.into_iter()) / median(their_times.into_iter()),
-        tree.statistics().bytes as f64 / device.bytes() as f64
-    ))
+    let ours = last_of(options.build_runs, build_ours)?;
+    let theirs = last_of(options.build_runs, build_theirs)?;
+    let bytes = ours.1.statistics().bytes;
+    Ok(cube::row(options, &mut random, ours, theirs, (bytes, &device)))
 }

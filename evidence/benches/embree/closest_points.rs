@@ -4,7 +4,7 @@ use crate::configs;
 use crate::ffi::{Embree, EmbreeScene, PointQuery};
 use crate::geometry::{bounds, corners, positions};
 use crate::options::{Isa, Mode, Options};
-use crate::ours::{self, Ours};
+use crate::ours::Ours;
 use crate::timing::{Checksum, in_turns};
 use glam::Vec3;
 use mbkd::{ClosestPointQuery, TriangleMesh, glam};
@@ -38,10 +38,7 @@ pub fn measure(options: &Options, embree: &Embree) -> Result<(), String> {
 }
 
 fn one(options: &Options, embree: &Embree, scene: &Scene, isa: Isa) -> Result<String, String> {
-    let mut ours = Ours::build(&scene.meshes, &ours::pool(1)?)?;
-    if isa == Isa::Avx2 {
-        ours = ours.with_avx2()?;
-    }
+    let ours = Ours::alone(&scene.meshes, isa)?;
     let meshes = Meshes(scene.meshes.iter().map(|mesh| (mesh.indices.as_slice(), positions(mesh))).collect());
     let queries = queries(&scene.meshes, options.side * options.side);
     let mut best = [f64::INFINITY; 4];

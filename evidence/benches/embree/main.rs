@@ -11,6 +11,7 @@ mod builds;
 mod clock;
 mod closest_points;
 mod configs;
+mod cube;
 mod ffi;
 mod forms;
 mod geometry;

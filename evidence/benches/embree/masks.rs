@@ -3,7 +3,7 @@
 use crate::configs;
 use crate::ffi::{Embree, EmbreeRay};
 use crate::options::{Isa, Mode, Options};
-use crate::ours::{self, Ours};
+use crate::ours::Ours;
 use crate::rays::generate;
 use crate::sum;
 use crate::timing::in_turns;
@@ -37,10 +37,7 @@ pub fn measure(options: &Options, embree: &Embree) -> Result<(), String> {
 }
 
 fn one(options: &Options, embree: &Embree, scene: &Scene, isa: Isa) -> Result<String, String> {
-    let mut ours = Ours::build(&scene.meshes, &ours::pool(1)?)?;
-    if isa == Isa::Avx2 {
-        ours = ours.with_avx2()?;
-    }
+    let ours = Ours::alone(&scene.meshes, isa)?;
     let tree = ours.tree();
     let rays = generate(&scene.meshes, &scene.camera, options.side, |ray| tree.closest_hit(ray));
     let native = |rays: &[Ray]| rays.iter().map(|ray| EmbreeRay::masked(ray, SEEN)).collect::<Vec<_>>();

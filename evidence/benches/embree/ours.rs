@@ -1,5 +1,6 @@
 //! Our side: one tree with default parameters, without settings per scene.
 
+use crate::options::Isa;
 use crate::rays::Kind;
 use mbkd::{BuildParams, ClosestPoint, ClosestPointQuery, Counters, Hit, Ray, RayTree, SimdLevel, TriangleMesh};
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -21,6 +22,12 @@ impl Ours {
     pub fn build(meshes: &[TriangleMesh], pool: &Arc<ThreadPool>) -> Result<Ours, String> {
         let tree = pool.install(|| RayTree::build(meshes, &BuildParams::default()));
         Ok(Ours { tree: tree.map_err(|e| e.to_string())?, pool: Arc::clone(pool) })
+    }
+
+    /// Builds on one thread, for queries with these instructions.
+    pub fn alone(meshes: &[TriangleMesh], isa: Isa) -> Result<Ours, String> {
+        let ours = Ours::build(meshes, &pool(1)?)?;
+        if isa == Isa::Avx2 { ours.with_avx2() } else { Ok(ours) }
     }
 
     /// The same tree, with queries limited to AVX2.

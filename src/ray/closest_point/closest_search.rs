@@ -253,20 +253,29 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
             true => query.distances_of::<S, NODE_ROWS>(s, &boxes.rows::<NODE_ROWS>(words, n)),
             false => query.distances_of::<S, STATIC_NODE_ROWS>(s, &boxes.rows::<STATIC_NODE_ROWS>(words, n)),
         };
-        let mut near = s.le(distances, s.splat(query.cull(self.best.limit))) & first_lanes(n);
+        self.closest_first(s, leaf, distances, |limit| query.cull(limit));
+    }
+
+    /// Tests the shapes of a block by their own functions, closest first, as long as their distances, none of which is negative, are within
+    /// `reach` of the limit.
+    #[inline(always)]
+    fn closest_first<S: Simd>(&mut self, s: S, leaf: ChildRef, distances: S::F, reach: impl Fn(f32) -> f32) {
+        let ids = &self.tree.arena.ints()[leaf.at()..][..leaf.len()];
+        // A comparison with NaN is false, so such a shape is kept.
+        let mut near = !s.lt(s.splat(reach(self.best.limit)), distances) & first_lanes(leaf.len());
         while near != 0 {
             let least = s.reduce_min_u(s.select_u(near, s.to_bits(distances), s.splat_u(u32::MAX)));
             let nearest = s.eq_u(s.to_bits(distances), s.splat_u(least)) & near;
             let lane = nearest.trailing_zeros() as usize % LANES;
             near &= !(1 << lane);
-            let id = arena.ints()[at + lane];
+            let id = ids[lane];
             if !self.best.sees(id) {
                 continue;
             }
             self.observer.primitive_tests(1);
-            if let Some((_, candidate)) = self.best.set.first_within(&[id], query, self.best.limit) {
+            if let Some((_, candidate)) = self.best.set.first_within(&[id], self.best.query, self.best.limit) {
                 self.best.offer(candidate, id);
-                near &= s.le(distances, s.splat(query.cull(self.best.limit)));
+                near &= !s.lt(s.splat(reach(self.best.limit)), distances);
             }
         }
     }
@@ -298,24 +307,7 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
         // From very far away, squares overflow, and nothing is ruled out.
         let none = s.splat(0.0);
         let distances = if query.is_close() { s.max_with_zero(away - margin, none - away - margin) } else { none };
-        let reach = |limit: f32| s.splat((query.reach(limit) as f32).next_up());
-        // A comparison with NaN is false, so such a sphere is kept.
-        let mut near = !s.lt(reach(self.best.limit), distances) & first_lanes(n);
-        while near != 0 {
-            let least = s.reduce_min_u(s.select_u(near, s.to_bits(distances), s.splat_u(u32::MAX)));
-            let nearest = s.eq_u(s.to_bits(distances), s.splat_u(least)) & near;
-            let lane = nearest.trailing_zeros() as usize % LANES;
-            near &= !(1 << lane);
-            let id = arena.ints()[at + lane];
-            if !self.best.sees(id) {
-                continue;
-            }
-            self.observer.primitive_tests(1);
-            if let Some((_, candidate)) = self.best.set.first_within(&[id], query, self.best.limit) {
-                self.best.offer(candidate, id);
-                near &= !s.lt(reach(self.best.limit), distances);
-            }
-        }
+        self.closest_first(s, leaf, distances, |limit| (query.reach(limit) as f32).next_up());
     }
 }
 
