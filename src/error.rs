@@ -194,6 +194,11 @@ pub enum RefitError {
         /// The number that it needs.
         found: usize,
     },
+    /// A mesh exists at times when it did not when the tree was built, and the tree left it out of time slices.
+    Active {
+        /// The mesh; shapes count as meshes after the last one.
+        mesh: usize,
+    },
     /// There is no mesh with this index.
     NoMesh {
         /// The index that was named as moved.
@@ -236,6 +241,9 @@ impl fmt::Display for RefitError {
                     f,
                     "mesh {mesh} needs {found} keys after merging, and the tree was built for {expected}: build it again"
                 )
+            }
+            RefitError::Active { mesh } => {
+                write!(f, "mesh {mesh} exists at times for which the tree left it out: build it again")
             }
             RefitError::NoMesh { mesh, meshes } => {
                 write!(f, "mesh {mesh} is named as moved, but there are only {meshes}")

@@ -78,6 +78,11 @@ impl Reference {
         self.0.bounds()
     }
 
+    /// Whether its bounds are empty.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
     /// Whether it moves within the interval.
     #[inline]
     pub fn moving(&self) -> bool {

@@ -141,15 +141,17 @@ impl Plan {
 
     fn explore_slices<S: WideSource>(&mut self, tree: &WideTree, set: &S, at: ChildRef, over: TimeInterval) -> Extent {
         let slices: Vec<ChildRef> = tree.children(at).iter().map(|&slice| ChildRef(slice)).collect();
-        let mut first = leaves(tree, slices[0]);
-        first.sort_unstable_by_key(|leaf| leaf.0);
-        let in_first = |leaf: &ChildRef| first.binary_search_by_key(&leaf.0, |other| other.0).is_ok();
-        let shared = slices.get(1).is_some_and(|&slice| leaves(tree, slice).first().is_some_and(in_first));
-        let shared = shared.then(|| {
-            let extents: Vec<Extent> = first.iter().map(|&leaf| self.leaf(tree, set, leaf, None)).collect();
+        let mut of_all: Vec<ChildRef> = slices.iter().flat_map(|&slice| leaves(tree, slice)).collect();
+        let found = of_all.len();
+        of_all.sort_unstable_by_key(|leaf| leaf.0);
+        of_all.dedup();
+        // Slices that share leaf blocks may have no block in common if each lacks what does not exist in it. Then their blocks are
+        // treated as their own.
+        let shared = (of_all.len() < found).then(|| {
+            let extents: Vec<Extent> = of_all.iter().map(|&leaf| self.leaf(tree, set, leaf, None)).collect();
             let meshes = extents.iter().fold(0, |meshes, extent| meshes | extent.meshes);
             let words = extents[0].begin..extents[extents.len() - 1].end;
-            self.shared.push(SharedLeaves { leaves: first, words, meshes });
+            self.shared.push(SharedLeaves { leaves: of_all, words, meshes });
             self.shared.len() - 1
         });
         let mut meshes = 0;

@@ -21,8 +21,8 @@ use crate::primitive::SPHERE_KEY_BYTES;
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES, huge_vec};
 use crate::time::{
-    COST_MODEL, Draft, DraftParams, Region, Reinsertion, SharedLeaves, TimeSlice, any_moves, draft_sample, draft_tree,
-    prefetch_blocks, primitives, regions,
+    COST_MODEL, Draft, DraftParams, Region, Reinsertion, SharedLeaves, TimeSlice, any_changes, draft_sample,
+    draft_tree, held_in, prefetch_blocks, primitives, regions, share_of_slices,
 };
 use crate::tuning::lazy::NEIGHBOURS;
 use crate::tuning::slices::LEAST_TREELET;
@@ -50,6 +50,9 @@ impl WideTree {
         }
         (tree.counts, tree.blocks) = tree.index_leaves(set);
         tree.find_masks(set);
+        if tree.leaves_out {
+            tree.existing = set.active_intervals();
+        }
         Ok(tree)
     }
 
@@ -62,9 +65,9 @@ impl WideTree {
             // Several ascending runs, of which a merge sort is made.
             let mut ids = ids.to_vec();
             ids.sort();
-            // The sample that decided may have been of others, which move.
+            // The sample that decided may have been of others, which change.
             let mut params = *params;
-            if params.wide.division != Division::Whole && !any_moves(set, &ids) {
+            if params.wide.division != Division::Whole && !any_changes(set, &ids) {
                 params.wide.division = Division::Whole;
             }
             WideTree::sorted_subtree(set, &ids, &params)
@@ -168,7 +171,7 @@ impl WideTree {
         if let [Region { node: 0, division: Division::SeparateTrees(count), .. }] = regions[..] {
             // The draft is dropped before the trees are made: holding one at a time takes less memory.
             drop(draft);
-            let params = params.of_each_tree(count);
+            let params = params.of_each_tree(count, share_of_slices(set, ids.iter().copied(), count));
             return self.separate_trees(set, ids, count, &params, &|done| step(0.25 * done));
         }
         let all = draft.references.len() as f64;
@@ -177,8 +180,9 @@ impl WideTree {
             let node = draft.binary[region.node as usize];
             let root = match region.division {
                 Division::SeparateTrees(count) => {
-                    let params = params.of_each_tree(count);
-                    self.separate_trees(set, &primitives(&draft, region.node), count, &params, &|_| step(0.0))?.root
+                    let ids = primitives(&draft, region.node);
+                    let params = params.of_each_tree(count, share_of_slices(set, ids.iter().copied(), count));
+                    self.separate_trees(set, &ids, count, &params, &|_| step(0.0))?.root
                 }
                 Division::SharedLeaves(count) => {
                     let slices: Vec<usize> = (0..count).collect();
@@ -201,7 +205,7 @@ impl WideTree {
         Ok(subtree)
     }
 
-    /// Builds a separate tree for each of equal time slices.
+    /// Builds a separate tree for each of equal time slices, over what exists in it.
     fn separate_trees<S: WideSource>(
         &mut self,
         set: &S,
@@ -212,11 +216,13 @@ impl WideTree {
     ) -> Result<Subtree, BuildError> {
         self.slices = self.slices.max(count);
         let mut written = Vec::with_capacity(count);
-        for index in 0..count {
-            let draft = draft_tree(set, ids, TimeSlice { index, of: count }, params, None, Reinsertion::Now);
+        for slice in (0..count).map(|index| TimeSlice { index, of: count }) {
+            let held = held_in(set, ids, slice);
+            self.leaves_out |= held.len() < ids.len();
+            let draft = draft_tree(set, &held, slice, params, None, Reinsertion::Now);
             let before = self.arena.len();
             written.push(self.write_draft(set, &draft, &[])?);
-            if index == 0 {
+            if slice.index == 0 {
                 // The others will have about the same size; growing step by step would hold most of it twice.
                 self.arena.reserve((self.arena.len() - before) * (count - 1) / 50 * 51);
             }
@@ -283,6 +289,7 @@ impl WideTree {
         let blocks = write_blocks(&mut self.arena, &shared.clusters, &words, further, &leaves)?;
         let mut slices = Vec::new();
         for tree in &shared.trees {
+            self.leaves_out |= tree.order.len() < blocks.len();
             let leaves = |_: &mut Arena, of: &[BinaryNode], known: &mut [ChildRef]| {
                 for (node, block) in of.iter().zip(known) {
                     *block = blocks[tree.order[node.first as usize] as usize];

@@ -4,6 +4,7 @@ use super::keyed_leaf::KeyedRows;
 use super::leaf_block::WideSource;
 use super::leaf_ids::Ids;
 use super::wide_node::{ChildRef, Kind, node_rows};
+use crate::geometry::TimeInterval;
 use crate::simd::{Arena, LANES};
 
 /// A built tree: the arena and the root.
@@ -14,6 +15,10 @@ pub(crate) struct WideTree {
     pub lists: usize,
     /// Whether several leaf blocks may hold parts of one primitive.
     pub(crate) presplit: bool,
+    /// Whether hierarchies of time slices lack primitives that do not exist in them, and then the active interval of each mesh and,
+    /// after these, of each shape for which the tree was built (of the first build of a tree that is not from a file).
+    pub(crate) leaves_out: bool,
+    pub(crate) existing: Vec<TimeInterval>,
     /// The greatest number of time slices that have leaf blocks of their own.
     pub(crate) slices: usize,
     /// Where blocks of many keys mostly have the rows of a time.
@@ -77,12 +82,19 @@ impl WideTree {
             root: ChildRef::NOTHING,
             lists,
             presplit: false,
+            leaves_out: false,
+            existing: Vec::new(),
             slices: 1,
             keyed_rows: KeyedRows::default(),
             blocks: Vec::new(),
             masks: BlockMasks::UNKNOWN,
             counts: Counts::default(),
         }
+    }
+
+    /// The first of the meshes and shapes with these active intervals that the tree lacks at some of their times.
+    pub fn first_lacking(&self, active: impl Iterator<Item = TimeInterval>) -> Option<usize> {
+        self.existing.iter().zip(active).position(|(&held, now)| held.hull(now) != held)
     }
 
     /// The number of time slices with a hierarchy of their own for all primitives; 1 without a temporal split at the

@@ -17,7 +17,7 @@ const UNBOUNDED: Box3 = Box3 { min: Vec3::NEG_INFINITY, max: Vec3::INFINITY };
 
 impl WideTree {
     /// Checks that all blocks lie inside the arena and are reached once, and that at a number of times every primitive
-    /// is in some leaf block, and every triangle of a block within the boxes above it. (Of triangles that were
+    /// that exists is in some leaf block, and every such triangle of a block within the boxes above it. (Of triangles that were
     /// pre-split each of their boxes holds a part only.)
     pub fn validate<S: WideSource>(&self, set: &S) -> Result<(), ValidationError> {
         let all: Vec<u32> = (0..set.len() as u32).collect();
@@ -48,6 +48,7 @@ impl WideTree {
     fn validate_at<S: WideSource>(&self, set: &S, ids: &[u32], time: f32) -> Result<(), ValidationError> {
         let words = self.arena.ints().len();
         let mut seen = vec![false; ids.len()];
+        let exists = |id: u32| set.always_active() || set.active(id).contains(time);
         let mut visited = 0;
         let mut stack = vec![(self.root, UNBOUNDED)];
         while let Some((at, bounds)) = stack.pop() {
@@ -69,7 +70,7 @@ impl WideTree {
                 let triangles = set.triangles().filter(|_| !self.presplit && !self.is_list::<S>(at));
                 for &id in self.ids::<S>(at).ok_or(ValidationError::Links { node })? {
                     seen[ids.binary_search(&id).map_err(|_| ValidationError::References { node })?] = true;
-                    if triangles.is_some_and(|triangles| !self.holds(triangles, id, time, bounds)) {
+                    if triangles.is_some_and(|triangles| exists(id) && !self.holds(triangles, id, time, bounds)) {
                         return Err(ValidationError::Bounds { primitive: id, time, node });
                     }
                 }
@@ -82,7 +83,7 @@ impl WideTree {
                 }
             }
         }
-        match seen.iter().position(|&s| !s) {
+        match (0..ids.len()).find(|&i| !seen[i] && exists(ids[i])) {
             Some(i) => Err(ValidationError::Missing { primitive: ids[i], time, node: 0 }),
             None => Ok(()),
         }

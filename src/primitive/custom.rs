@@ -127,6 +127,10 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     fn active(&self, id: u32) -> TimeInterval;
     /// Whether all primitives exist throughout the shutter.
     fn always_active(&self) -> bool;
+    /// The active interval of each mesh and, after these, of each shape.
+    fn active_intervals(&self) -> Vec<TimeInterval> {
+        (0..self.len() as u32).map(|id| self.active(id)).collect()
+    }
     /// Linear bounds over an interval. They contain all hits of the kernel, up to the rounding that grows with the ray's
     /// distance; the slack of traversals covers that.
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3;

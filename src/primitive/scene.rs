@@ -150,6 +150,12 @@ impl PrimitiveSet for Scene {
         self.always_active
     }
 
+    fn active_intervals(&self) -> Vec<TimeInterval> {
+        let mut intervals = self.triangles.active_intervals();
+        intervals.extend(self.shapes.active_intervals());
+        intervals
+    }
+
     #[inline(always)]
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {
         match self.shape(id) {

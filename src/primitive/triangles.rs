@@ -90,6 +90,11 @@ impl Triangles {
         &self.meshes[self.mesh_of(id)]
     }
 
+    /// The number of meshes.
+    pub(crate) fn mesh_count(&self) -> usize {
+        self.meshes.len()
+    }
+
     /// Number of keys of the triangle's mesh; 1 if the mesh is static.
     #[inline(always)]
     pub(crate) fn keys(&self, id: u32) -> usize {
@@ -320,6 +325,10 @@ impl PrimitiveSet for Triangles {
 
     fn always_active(&self) -> bool {
         self.always_active
+    }
+
+    fn active_intervals(&self) -> Vec<TimeInterval> {
+        self.meshes.iter().map(|mesh| mesh.active).collect()
     }
 
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {

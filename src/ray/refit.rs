@@ -3,6 +3,7 @@
 use super::compiled::Layout;
 use super::{Geometry, RayTree};
 use crate::error::RefitError;
+use crate::geometry::TimeInterval;
 use crate::layout::Moved;
 use crate::parallel;
 use crate::primitive::{Primitive, PrimitiveSet, Shape, Shapes, TriangleMesh};
@@ -61,6 +62,15 @@ impl<G: Geometry> RayTree<G> {
         Ok(Refit { nodes, leaves, kept: done.visited - nodes - leaves, skipped: blocks - done.visited, cost })
     }
 
+    /// An error if the tree left out one of the meshes and shapes with these active intervals at some of their times.
+    fn existed_before(&self, active: impl Iterator<Item = TimeInterval>) -> Result<(), RefitError> {
+        let Layout::Wide(tree) = &self.layout else { return Ok(()) };
+        match tree.first_lacking(active) {
+            Some(mesh) => Err(RefitError::Active { mesh }),
+            None => Ok(()),
+        }
+    }
+
     fn can_be_refitted(&self) -> Result<(), RefitError> {
         match self.layout {
             Layout::Kd(_) => Err(RefitError::Policy),
@@ -77,7 +87,9 @@ impl RayTree {
     ///
     /// The meshes must have the triangles that the tree was built of; positions, [`active`](TriangleMesh::active) and
     /// [`mask`](TriangleMesh::mask) may differ, and so may the number of keys, as long as the number of keys after
-    /// merging redundant ones is the same. Shapes beside the meshes stay as they are.
+    /// merging redundant ones is the same. Shapes beside the meshes stay as they are. A tree with temporal splits may
+    /// have left out what did not exist in a time slice when it was built; then active intervals may become shorter,
+    /// but no longer than they were.
     ///
     /// The tree keeps its structure, which groups primitives that were near each other when it was built. So rays
     /// become slower as the motion goes on, and [`Refit::cost`] estimates by how much. If nothing moved, the tree does
@@ -148,6 +160,11 @@ impl RayTree {
         moved: Vec<bool>,
     ) -> Result<Refit, RefitError> {
         self.can_be_refitted()?;
+        // With another number of meshes there is another error.
+        if meshes.len() == self.geometry.triangles.mesh_count() {
+            let of_shapes = shapes.iter().flatten().map(Shape::active);
+            self.existed_before(meshes.iter().map(|mesh| mesh.active).chain(of_shapes))?;
+        }
         parallel::entered(self.geometry.len(), || {
             let geometry = self.geometry.again(meshes, shapes)?;
             self.refit_to(geometry, moved)
@@ -177,6 +194,7 @@ impl<P: Primitive> RayTree<Shapes<P>> {
         if expected != found {
             return Err(RefitError::Shapes { expected, found });
         }
+        self.existed_before(primitives.iter().map(Primitive::active))?;
         parallel::entered(expected, || {
             let geometry = Shapes::new(primitives).map_err(RefitError::Input)?;
             self.refit_to(geometry, vec![true])

@@ -16,7 +16,7 @@
 
 use super::draft::{Draft, DraftParams};
 use super::treelets::{Treelet, treelets};
-use super::trials::decide;
+use super::trials::{Trial, decide};
 use crate::bvh::BinaryNode;
 use crate::params::Division;
 use crate::primitive::PrimitiveSet;
@@ -31,6 +31,8 @@ pub(crate) struct Region {
     pub division: Division,
     /// Expected cost of a ray in it, with this split.
     pub cost: f32,
+    /// The same with what it costs that the tree becomes larger.
+    pub time: f32,
 }
 
 /// Separate trees never take more bytes than this: three quarters of the range of its references.
@@ -40,7 +42,8 @@ const MOST_BYTES: f64 = 1.5 * (1u64 << 30) as f64;
 /// than a leaf block, unless it is the whole draft: where trees are written, its node is told from those of leaf blocks by its size.
 /// `treelet` is the least size of a treelet.
 pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &DraftParams, treelet: usize) -> Vec<Region> {
-    let forced = |division| vec![Region { node: 0, division, cost: draft.collapse.total() }];
+    let forced =
+        |division| vec![Region { node: 0, division, cost: draft.collapse.total(), time: draft.collapse.total() }];
     match params.wide.division {
         Division::Automatic => {}
         Division::Whole => return vec![],
@@ -51,22 +54,39 @@ pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &DraftPar
     let least = MIN_GAIN * Sum::of(&treelets).cost;
     find(draft, 0, &treelets, least, &mut found);
     let most = allowed_growth(draft, &found, params);
-    let decide = |node| {
-        let (division, cost) = decide(set, draft, node, most, params)?;
-        Some(Region { node, division, cost: cost * draft.collapse.cost(node) })
+    let decided_within = |most: f32, node: u32| {
+        let Trial { division, cost, time } = decide(set, draft, node, most, params)?;
+        let undivided = draft.collapse.cost(node);
+        Some(Region { node, division, cost: cost * undivided, time: time * undivided })
     };
+    let decide = |node| decided_within(most, node);
     let mut decided = Vec::new();
     for candidate in found {
         divided(draft, candidate, least, &decide, &mut decided);
     }
     let mut regions = joined(&draft.binary, 0, decided);
+    // What comes and goes at different times gains differently everywhere; and of many regions of their own the nodes above gain nothing.
+    if !set.always_active()
+        && regions.len() > 1
+        && let all = (Candidate { node: 0, treelets: &treelets })
+        && let Some(whole) = decided_within(allowed_growth(draft, &[all], params), 0)
+        && whole.time < time_with(draft, &regions)
+    {
+        return vec![whole];
+    }
     if let Some(&region) = regions.iter().find(|region| is_nearly_all(draft, region.node)) {
         let around = draft.collapse.total() - draft.collapse.cost(region.node);
-        return vec![Region { node: 0, cost: region.cost + around, ..region }];
+        return vec![Region { node: 0, cost: region.cost + around, time: region.time + around, ..region }];
     }
     let in_a_block = |node: u32| draft.binary[node as usize].count as usize <= draft.cost_model.most;
     regions.retain(|region| region.node == 0 || !in_a_block(region.node));
     regions
+}
+
+/// Expected cost of a ray with some regions, with what it costs that they become larger.
+fn time_with(draft: &Draft, regions: &[Region]) -> f32 {
+    let saved = regions.iter().map(|region| draft.collapse.cost(region.node) - region.time).sum::<f32>();
+    draft.collapse.total() - saved
 }
 
 /// Appends the regions of a candidate: itself or, if it is rejected and its halves are dissimilar, those of both halves.
@@ -202,7 +222,7 @@ fn joined(binary: &[BinaryNode], x: u32, mut regions: Vec<Region>) -> Vec<Region
     let (mut low, high) = (joined(binary, x + 1, regions), joined(binary, right, high));
     match (&low[..], &high[..]) {
         (&[l], &[h]) if l.node == x + 1 && h.node == right && l.division == h.division => {
-            vec![Region { node: x, cost: l.cost + h.cost, ..l }]
+            vec![Region { node: x, cost: l.cost + h.cost, time: l.time + h.time, ..l }]
         }
         _ => {
             low.extend(high);
@@ -307,7 +327,7 @@ mod tests {
         }
         assert!(!dissimilar(means(&draft, 0, &treelets, 1)));
         let refuses_whole = |node: u32| {
-            let region = Region { node, division: Division::SharedLeaves(2), cost: 0.0 };
+            let region = Region { node, division: Division::SharedLeaves(2), cost: 0.0, time: 0.0 };
             (node != 0).then_some(region)
         };
         let divided = |treelets: &[Treelet]| {

@@ -5,6 +5,7 @@
 //! 4096 references, with and without pre-splitting. The cost of a tree is the sum over its nodes and leaf blocks of
 //! cost times visits, which the collapse returns.
 
+use super::existence::{any_changes, any_comes_or_goes};
 use crate::bvh::{
     BinaryNode, BinaryTree, Collapse, CostModel, LeafKind, Reference, ReplacedSubtree, SurfaceDensity, WideChild,
     build_binary, neighbourhoods, presplit, reinsert,
@@ -156,9 +157,10 @@ impl DraftParams {
         DraftParams { wide, decided: None }
     }
 
-    /// The parameters of one of several separate trees, between which the memory for pre-splitting is divided.
-    pub fn of_each_tree(&self, count: usize) -> DraftParams {
-        let bytes_per_primitive = self.wide.bytes_per_primitive / count as f32;
+    /// The parameters of one of several separate trees, between which the memory for pre-splitting is divided. Each holds this share
+    /// of the primitives.
+    pub fn of_each_tree(&self, count: usize, share: f32) -> DraftParams {
+        let bytes_per_primitive = self.wide.bytes_per_primitive / (count as f32 * share);
         DraftParams { wide: WideParams { bytes_per_primitive, ..self.wide }, ..*self }
     }
 
@@ -181,7 +183,7 @@ pub(crate) struct Presplit {
 pub(crate) enum Reinsertion {
     /// Never: costs are to be compared with those of other drafts, or time slices decided on.
     Later,
-    /// At once if nothing moves, so that nothing is to be decided.
+    /// At once if nothing changes during the shutter, so that nothing is to be decided.
     OfStatic,
     /// Before the collapse.
     Now,
@@ -248,11 +250,11 @@ fn add_references<S: PrimitiveSet>(set: &S, ids: &[u32], over: TimeInterval, ref
 }
 
 /// Drafts a tree over a sample, pre-split if that pays for the sample as a whole, and returns the decision. There is no draft if
-/// nothing is to be decided: the sample does not move, and pre-splits are out of the question.
+/// nothing is to be decided: the sample does not change, and pre-splits are out of the question.
 pub(crate) fn draft_sample<S: PrimitiveSet>(set: &S, ids: &[u32], params: &WideParams) -> (Option<Draft>, Presplit) {
     let ratio = area_ratio(set, ids, TimeInterval::FULL);
     let elongated = is_elongated(DraftParams::new(*params).most_references(), ratio);
-    if !elongated && !any_moves(set, ids) {
+    if !elongated && !any_changes(set, ids) {
         return (None, Presplit { ratio, pays: false });
     }
     let with = |pays: bool, cost_model: Option<CostModel>| {
@@ -267,14 +269,6 @@ pub(crate) fn draft_sample<S: PrimitiveSet>(set: &S, ids: &[u32], params: &WideP
         }
     }
     (Some(whole), Presplit { ratio, pays: false })
-}
-
-/// Whether any of some primitives moves.
-pub(crate) fn any_moves<S: PrimitiveSet>(set: &S, ids: &[u32]) -> bool {
-    ids.iter().any(|&id| {
-        let bounds = set.bounds(id, TimeInterval::FULL);
-        bounds.begin != bounds.end
-    })
 }
 
 /// Whether triangles fill so little of their boxes that pre-splitting may pay.
@@ -330,7 +324,9 @@ fn draft_with<S: PrimitiveSet>(
     let mut binary = build_binary(&mut references, leaf, kinds, density);
     let now = match reinsertion {
         Reinsertion::Later => false,
-        Reinsertion::OfStatic => binary.first().is_some_and(|root| !root.moving),
+        Reinsertion::OfStatic => {
+            binary.first().is_some_and(|root| !root.moving) && !any_comes_or_goes(set, &references)
+        }
         Reinsertion::Now => true,
     };
     if now && let Some(better) = reinsert(&binary, &mut references, &mut [], &cost_model) {

@@ -1,6 +1,7 @@
 //! A temporal split with shared leaves: one hierarchy per time slice over the same leaf blocks.
 
 use super::draft::{Draft, prefetch_blocks, time_slice};
+use super::existence::exists_in;
 use crate::bvh::{BinaryNode, BinaryTree, Collapse, CostModel, Reference, build_binary};
 use crate::geometry::{Box3, LinearBox3, TimeInterval, ULP};
 use crate::parallel;
@@ -90,7 +91,11 @@ fn boundary<S: PrimitiveSet>(
     count: usize,
 ) -> Option<Vec<Box3>> {
     let over = time_slice(i, count).intersect(time_slice(i - 1, count))?;
-    if draft.presplit || set.bent() || set.corner_bounds(draft.references.first()?.id(), over).is_none() {
+    if draft.presplit
+        || set.bent()
+        || !set.always_active()
+        || set.corner_bounds(draft.references.first()?.id(), over).is_none()
+    {
         return None;
     }
     let mut boxes = huge_vec(clusters.len());
@@ -114,6 +119,12 @@ impl Slice {
         let n = clusters.len();
         let mut blocks = huge_vec(n);
         parallel::fill(&mut blocks, n, |i| Reference::new(bounds(i), i as u32));
+        // Blocks of which nothing exists in the slice.
+        blocks.retain(|block| !block.is_empty());
+        if blocks.is_empty() {
+            // No hierarchy is empty.
+            blocks.push(Reference::new(clusters[0].bounds, 0));
+        }
         let binary = build_binary(&mut blocks, 1..=1, None, None);
         let collapse = Collapse::new(&binary, cost_model, |node| {
             (node.count == 1).then(|| {
@@ -125,7 +136,7 @@ impl Slice {
     }
 }
 
-/// Extends bounds over each of some parts of a draft's time interval by those of references of one kind.
+/// Extends bounds over each of some parts of a draft's time interval by those of references of one kind that exist in it.
 pub(crate) fn include_slice_bounds<S: PrimitiveSet>(
     set: &S,
     references: &[Reference],
@@ -133,9 +144,10 @@ pub(crate) fn include_slice_bounds<S: PrimitiveSet>(
     over: &mut Intervals<'_>,
     bounds: &mut [LinearBox3],
 ) {
-    if draft.presplit {
+    if draft.presplit || !set.always_active() {
         for (&over, bounds) in over.over.iter().zip(bounds) {
-            *bounds = references.iter().fold(*bounds, |b, r| b.union(slice_bounds(set, r, draft, over)));
+            let existing = references.iter().filter(|r| exists_in(set, r.id(), over));
+            *bounds = existing.fold(*bounds, |b, r| b.union(slice_bounds(set, r, draft, over)));
         }
         return;
     }

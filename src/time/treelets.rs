@@ -1,11 +1,13 @@
 //! A map of a draft for the whole shutter: where shorter time slices would make boxes smaller.
 //!
-//! The tree is divided into some hundred *treelets*, and a small sample of what moves in each shows how much smaller its boxes would be
-//! if they were made for each half of the shutter. Static and coherently moving geometry gains nothing. A motion that turns around, like
+//! The tree is divided into some hundred *treelets*, and a small sample of what changes in each shows how much smaller its boxes would be
+//! if they were made for each half of the shutter. Static and coherently moving geometry that always exists gains nothing. A motion that turns around, like
 //! that of a fan that turns once or of a foot in one step, fills the same boxes in half the time and smaller ones only in a shorter
-//! time, so bent motion that gains nothing in halves is tried in a few of the shortest slices.
+//! time, so bent motion that gains nothing in halves is tried in a few of the shortest slices. So is what comes and goes, since what
+//! exists for half of the shutter may exist in both halves.
 
 use super::draft::{Draft, time_slice};
+use super::existence::changes_below;
 use super::slices::{include_slice_bounds, slice_bounds};
 use crate::bvh::{Reference, mean_half_area};
 use crate::geometry::{LinearBox3, TimeInterval};
@@ -27,7 +29,7 @@ pub(super) struct Treelet {
 
 /// Divides a draft into treelets, in order: at most [`TREELETS`] of about the same size, which is `least` at least.
 pub(super) fn treelets<S: PrimitiveSet>(set: &S, draft: &Draft, least: usize) -> Vec<Treelet> {
-    let Some(root) = draft.binary.first().filter(|root| root.moving) else { return Vec::new() };
+    let Some(root) = draft.binary.first().filter(|_| changes_below(set, draft, 0)) else { return Vec::new() };
     let most = (root.count as usize / TREELETS).max(least) as u32;
     let (mut nodes, mut stack) = (Vec::new(), vec![0]);
     while let Some(x) = stack.pop() {
@@ -39,7 +41,7 @@ pub(super) fn treelets<S: PrimitiveSet>(set: &S, draft: &Draft, least: usize) ->
         }
     }
     parallel::map(nodes.len(), |i| {
-        let (sample, share) = moving_sample(draft, nodes[i]);
+        let (sample, share) = changing_sample(set, draft, nodes[i]);
         let in_slices = (1.0 - share) + share * area_in_slices(set, draft, sample);
         Treelet { node: nodes[i], cost: draft.collapse.cost(nodes[i]), in_slices }
     })
@@ -47,7 +49,7 @@ pub(super) fn treelets<S: PrimitiveSet>(set: &S, draft: &Draft, least: usize) ->
 
 /// The area of the boxes of a small subtree when made for slices of the shutter, relative to the area for the whole.
 fn area_in_slices<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32) -> f32 {
-    if !draft.binary[x as usize].moving {
+    if !changes_below(set, draft, x) {
         return 1.0;
     }
     let mut areas = [0.0; 2];
@@ -60,7 +62,7 @@ fn area_in_slices<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32) -> f32 {
     let first = draft.references(&draft.binary[x as usize]).first();
     // With three keys both halves are straight.
     let bent = first.is_some_and(|r| set.leaf_kind(r.id()) > 3);
-    if halves < MAX_AREA_OF_HALVES || !bent {
+    if halves < MAX_AREA_OF_HALVES || !bent && set.always_active() {
         return halves;
     }
     let slices: [TimeInterval; SHORT_SLICES] =
@@ -103,10 +105,11 @@ fn add_areas<const N: usize>(
     boxes
 }
 
-/// The bounds of references of one kind for both halves of the shutter. Linear motion has one box at mid-shutter for both.
+/// The bounds of references of one kind for both halves of the shutter. Linear motion of what always exists has one box at mid-shutter for
+/// both.
 fn in_halves<S: PrimitiveSet>(set: &S, draft: &Draft, of: &[Reference], over: &mut Intervals<'_>) -> [LinearBox3; 2] {
     let mut halves = [LinearBox3::EMPTY; 2];
-    if of.first().is_some_and(|r| set.leaf_kind(r.id()) != 0) {
+    if !set.always_active() || of.first().is_some_and(|r| set.leaf_kind(r.id()) != 0) {
         include_slice_bounds(set, of, draft, over, &mut halves);
         return halves;
     }
@@ -118,9 +121,9 @@ fn in_halves<S: PrimitiveSet>(set: &S, draft: &Draft, of: &[Reference], over: &m
     halves
 }
 
-/// A small subtree in the middle of the cost of what moves below a node, and the share of the cost that moves. (Where both children
-/// move, the share in one of them stands for both.)
-fn moving_sample(draft: &Draft, mut x: u32) -> (u32, f32) {
+/// A small subtree in the middle of the cost of what changes below a node, and the share of the cost that changes. (Where both children
+/// do, the share in one of them stands for both.)
+fn changing_sample<S: PrimitiveSet>(set: &S, draft: &Draft, mut x: u32) -> (u32, f32) {
     let (mut share, mut at) = (1.0, 0.5);
     loop {
         let node = &draft.binary[x as usize];
@@ -129,7 +132,7 @@ fn moving_sample(draft: &Draft, mut x: u32) -> (u32, f32) {
         }
         let children = [x + 1, x + node.right];
         let low = draft.low_share(x);
-        match children.map(|child| draft.binary[child as usize].moving) {
+        match children.map(|child| changes_below(set, draft, child)) {
             [true, false] => (x, share) = (children[0], share * low),
             [false, true] => (x, share) = (children[1], share * (1.0 - low)),
             _ if at < low => (x, at) = (children[0], at / low),
@@ -158,7 +161,7 @@ mod tests {
         let mut static_middle = 0;
         for treelet in treelets(&set, &draft, 256) {
             let node = &draft.binary[treelet.node as usize];
-            let (sample, share) = moving_sample(&draft, treelet.node);
+            let (sample, share) = changing_sample(&set, &draft, treelet.node);
             assert_eq!(draft.binary[sample as usize].moving, node.moving);
             assert!(share > 0.0 && share <= 1.0, "{share}");
             let references = draft.references(node);

@@ -5,6 +5,7 @@
 //! division costs a ray fewer steps, so they tell which ones are worth a trial at all.
 
 use super::draft::{Draft, DraftParams, Presplit, Reinsertion, TimeSlice, draft_tree};
+use super::existence::{changes_below, held_in, share_of_slices, slices_with};
 use super::slices::SharedLeaves;
 use crate::bvh::Reference;
 use crate::limits::MAX_TIME_SLICES;
@@ -17,17 +18,16 @@ use crate::tuning::slices::{
 };
 use crate::tuning::wide::{BYTES_PER_REFERENCE, CACHED};
 
-/// The division of a region that takes the least time, and its cost in steps and tests relative to none; `None` if none pays. A region
-/// may grow by the factor `most`.
+/// The division of a region that takes the least time; `None` if none pays. A region may grow by the factor `most`.
 pub(super) fn decide<S: PrimitiveSet>(
     set: &S,
     draft: &Draft,
     region: u32,
     most: f32,
     params: &DraftParams,
-) -> Option<(Division, f32)> {
+) -> Option<Trial> {
     let samples = Samples::new(set, draft, region, params);
-    if samples.moving.is_empty() {
+    if samples.changing.is_empty() {
         return None;
     }
     let mut search = Search { least: samples.least_cost(), most, samples, best: None, limit: MAX_SPLIT_COST };
@@ -42,15 +42,15 @@ pub(super) fn decide<S: PrimitiveSet>(
         Some(Trial { time, .. }) => search.limit = MAX_FURTHER_TIME * time,
     }
     search.try_kind(Division::SeparateTrees);
-    search.best.map(|Trial { division, cost, .. }| (division, cost))
+    search.best
 }
 
 /// A division that was tried: its cost in steps and tests, and its time, relative to none.
 #[derive(Clone, Copy)]
-struct Trial {
-    division: Division,
-    cost: f32,
-    time: f32,
+pub(super) struct Trial {
+    pub division: Division,
+    pub cost: f32,
+    pub time: f32,
 }
 
 /// The search for the best division.
@@ -92,7 +92,8 @@ impl<S: PrimitiveSet> Search<'_, S> {
 
     /// Tries a division into so many slices, unless it is too large or cannot cost little enough.
     fn try_division(&mut self, division: Division, count: usize) -> Option<Trial> {
-        let fits = growth(division, NODE_BYTES_SHARE) <= self.most;
+        let share = self.samples.share_of_slices(count);
+        let fits = growth(division, NODE_BYTES_SHARE, share) <= self.most;
         // Once a division has paid, the estimate may fall a little short too.
         let limit = if self.best.is_some() { 1.1 * self.limit } else { self.limit };
         if !fits || time(division, self.least_cost(count)) >= limit {
@@ -118,45 +119,49 @@ impl<S: PrimitiveSet> Search<'_, S> {
     }
 }
 
-/// The factor by which a division multiplies a tree's bytes, if nodes are this share of them.
-fn growth(division: Division, nodes: f32) -> f32 {
+/// The factor by which a division multiplies a tree's bytes, if nodes are this share of them, and each slice has a share of the primitives.
+fn growth(division: Division, nodes: f32, share: f32) -> f32 {
     match division {
         Division::Automatic | Division::Whole => 1.0,
-        Division::SharedLeaves(count) => 1.0 + nodes * (count - 1) as f32,
-        Division::SeparateTrees(count) => count as f32,
+        Division::SharedLeaves(count) => 1.0 + nodes * (count as f32 * share - 1.0),
+        Division::SeparateTrees(count) => count as f32 * share,
     }
 }
 
 /// The time of a ray with a division that costs `cost` in steps and tests, relative to none. With the same number of steps and tests
 /// a ray takes longer in a larger tree because of cache misses. The fourth root was measured for single rays on coherent, debris,
 /// needles, needles30 and tornado, 10 to 280 MB. (Keys hardly count: a ray reads two of each primitive, however many there are.)
+/// Where primitives come and go, trees grow less, but rays at other times read other blocks all the same ("Active intervals" in
+/// docs/notes_rays.md).
 fn time(division: Division, cost: f32) -> f32 {
-    cost * growth(division, NODE_LATENCY_SHARE).sqrt().sqrt()
+    cost * growth(division, NODE_LATENCY_SHARE, 1.0).sqrt().sqrt()
 }
 
 /// Samples of a region in which its divisions are tried.
 struct Samples<'a, S> {
     set: &'a S,
     draft: &'a Draft,
+    region: u32,
     params: &'a DraftParams,
-    /// The subtrees that move.
-    moving: Vec<u32>,
-    /// How many shares of the cost each of them stands for, and how many those that do not move.
+    /// The subtrees that change during the shutter.
+    changing: Vec<u32>,
+    /// How many shares of the cost each of them stands for, and how many those that do not change.
     shares: Vec<f32>,
-    unmoved: f32,
+    unchanged: f32,
     /// The share of the cost of nodes that are larger than samples, which gain nothing from straight motion. From bent motion they
-    /// do: it makes all boxes larger, not only those of neighbours that separate.
+    /// do: it makes all boxes larger, not only those of neighbours that separate. And if less exists, fewer nodes are above it.
     above: f32,
 }
 
 impl<'a, S: PrimitiveSet> Samples<'a, S> {
     fn new(set: &'a S, draft: &'a Draft, region: u32, params: &'a DraftParams) -> Samples<'a, S> {
         let (samples, most) = samples(draft, region);
-        let moves = |&(x, _): &(u32, f32)| draft.binary[x as usize].moving;
-        let (moving, shares): (Vec<u32>, Vec<f32>) = samples.iter().copied().filter(moves).unzip();
-        let unmoved = samples.iter().filter(|sample| !moves(sample)).map(|(_, shares)| shares).sum();
-        let above = if set.bent() { 0.0 } else { cost_above(draft, region, most) / draft.collapse.cost(region) };
-        Samples { set, draft, params, moving, shares, unmoved, above }
+        let changes = |&&(x, _): &&(u32, f32)| changes_below(set, draft, x);
+        let (changing, shares): (Vec<u32>, Vec<f32>) = samples.iter().filter(changes).copied().unzip();
+        let unchanged = samples.iter().filter(|sample| !changes(sample)).map(|(_, shares)| shares).sum();
+        let all_gain = set.bent() || !set.always_active();
+        let above = if all_gain { 0.0 } else { cost_above(draft, region, most) / draft.collapse.cost(region) };
+        Samples { set, draft, region, params, changing, shares, unchanged, above }
     }
 
     /// The cost of trees for the shortest slices, relative to no division.
@@ -168,29 +173,46 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
     fn cost(&self, division: Division) -> f32 {
         match division {
             Division::SharedLeaves(count) => self.relative(|i| {
-                let slices = self.slices(i, count);
-                let cost = SharedLeaves::build(self.set, self.draft, self.moving[i], count, &slices).cost();
-                [cost, self.whole(i, count, &slices)]
+                let (slices, existing) = self.slices(i, count);
+                [existing * self.shared_leaves(i, count, &slices), self.whole(i, count, &slices)]
             }),
-            Division::SeparateTrees(count) => self.separate_trees(count, &self.params.of_each_tree(count)),
+            Division::SeparateTrees(count) => {
+                let params = self.params.of_each_tree(count, self.share_of_slices(count));
+                self.separate_trees(count, &params)
+            }
             Division::Automatic | Division::Whole => 1.0,
         }
     }
 
+    /// The mean cost of a sample during some of `count` slices, with shared leaves.
+    fn shared_leaves(&self, i: usize, count: usize, slices: &[usize]) -> f32 {
+        SharedLeaves::build(self.set, self.draft, self.changing[i], count, slices).cost()
+    }
+
     /// The cost of separate trees for some of `count` slices, relative to no division. Whether long triangles are pre-split is decided
     /// in the first tree.
+    ///
+    /// If primitives come and go, more may exist in these slices than in others; then separate trees are compared with shared leaves
+    /// there, whose cost is known for all slices.
     fn separate_trees(&self, count: usize, params: &DraftParams) -> f32 {
         let costs = |i: usize, mut decided: Option<Presplit>| {
-            let (ids, slices) = (primitives(self.draft, self.moving[i]), self.tree_slices(i, count));
+            let (ids, (slices, existing)) = (primitives(self.draft, self.changing[i]), self.tree_slices(i, count));
             let mut sum = 0.0;
             for &index in &slices {
                 let slice = TimeSlice { index, of: count };
                 let params = DraftParams { decided, ..*params };
-                let draft = draft_tree(self.set, &ids, slice, &params, Some(self.draft.cost_model), Reinsertion::Later);
+                let held = held_in(self.set, &ids, slice);
+                let draft =
+                    draft_tree(self.set, &held, slice, &params, Some(self.draft.cost_model), Reinsertion::Later);
                 sum += draft.collapse.total();
                 decided = Some(draft.decided());
             }
-            ([sum / slices.len() as f32, self.whole(i, count, &slices)], decided)
+            let mut mean = sum / slices.len() as f32;
+            if !self.set.always_active() {
+                let there = self.shared_leaves(i, count, &slices);
+                mean *= if there > 0.0 { self.shared_leaves(i, count, &self.slices(i, count).0) / there } else { 1.0 };
+            }
+            ([existing * mean, self.whole(i, count, &slices)], decided)
         };
         let (first, decided) = costs(0, params.decided);
         self.relative(|i| if i == 0 { first } else { costs(i, decided).0 })
@@ -198,34 +220,47 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
 
     /// The mean ratio of two costs of each sample.
     fn relative(&self, each: impl Fn(usize) -> [f32; 2] + Sync) -> f32 {
-        let costs = parallel::map(self.moving.len(), each);
-        let moving: f32 = costs.iter().zip(&self.shares).map(|([with, without], shares)| shares * with / without).sum();
-        let below = (moving + self.unmoved) / (self.shares.iter().sum::<f32>() + self.unmoved);
+        let costs = parallel::map(self.changing.len(), each);
+        let changing: f32 =
+            costs.iter().zip(&self.shares).map(|([with, without], shares)| shares * with / without).sum();
+        let below = (changing + self.unchanged) / (self.shares.iter().sum::<f32>() + self.unchanged);
         self.above + (1.0 - self.above) * below
     }
 
     /// The mean cost of a sample during some of `count` slices, without a division: boxes may be larger at the ends of the shutter than
     /// in its middle.
     fn whole(&self, i: usize, count: usize, slices: &[usize]) -> f32 {
-        let cost = |&index: &usize| self.draft.cost_during(self.moving[i], TimeSlice { index, of: count });
+        let cost = |&index: &usize| self.draft.cost_during(self.changing[i], TimeSlice { index, of: count });
         slices.iter().map(cost).sum::<f32>() / slices.len() as f32
     }
 
-    /// The slices of `count` that are tried in sample `i`, another one in each, spread evenly; two in a single sample.
-    fn slices(&self, i: usize, count: usize) -> Vec<usize> {
-        self.spread(i, 0, count)
+    /// The slices of `count` that are tried in sample `i`, another one in each, spread evenly; two in a single sample. If primitives come
+    /// and go, all in which something of the sample exists. And the share of the slices for which these stand.
+    fn slices(&self, i: usize, count: usize) -> (Vec<usize>, f32) {
+        let existing = slices_with(self.set, self.draft, self.changing[i], count);
+        let share = existing.len() as f32 / count as f32;
+        (if self.set.always_active() { self.spread(i, &existing) } else { existing }, share)
     }
 
     /// The slices for which separate trees are tried: those in the middle half of the shutter. The primitives of a sample are
-    /// neighbours in the middle of the shutter and disperse before and after; a tree for a slice finds other neighbours.
-    fn tree_slices(&self, i: usize, count: usize) -> Vec<usize> {
-        self.spread(i, count / 4, count - 2 * (count / 4))
+    /// neighbours in the middle of the shutter and disperse before and after; a tree for a slice finds other neighbours. If primitives come
+    /// and go, in the middle half of the slices in which something of the sample exists.
+    fn tree_slices(&self, i: usize, count: usize) -> (Vec<usize>, f32) {
+        let existing = slices_with(self.set, self.draft, self.changing[i], count);
+        let quarter = existing.len() / 4;
+        (self.spread(i, &existing[quarter..existing.len() - quarter]), existing.len() as f32 / count as f32)
     }
 
-    fn spread(&self, i: usize, from: usize, count: usize) -> Vec<usize> {
-        let samples = self.moving.len();
+    fn spread(&self, i: usize, slices: &[usize]) -> Vec<usize> {
+        let samples = self.changing.len();
         let all = samples.max(2);
-        (i..all).step_by(samples).map(|i| from + (2 * i + 1) * count / (2 * all)).collect()
+        (i..all).step_by(samples).map(|i| slices[(2 * i + 1) * slices.len() / (2 * all)]).collect()
+    }
+
+    /// The mean share of slices in which a primitive of the region exists.
+    fn share_of_slices(&self, count: usize) -> f32 {
+        let references = self.draft.references(&self.draft.binary[self.region as usize]);
+        share_of_slices(self.set, references.iter().map(Reference::id), count)
     }
 }
 
@@ -331,12 +366,12 @@ mod tests {
         let (set, draft) = drafted(&scene);
         let params = params();
         let samples = Samples::new(&set, &draft, 0, &params);
-        let tried = |count: usize| (0..SAMPLES).flat_map(|i| samples.slices(i, count)).collect::<Vec<_>>();
+        let tried = |count: usize| (0..SAMPLES).flat_map(|i| samples.slices(i, count).0).collect::<Vec<_>>();
         assert_eq!([tried(2), tried(4), tried(8)], [vec![0, 0, 1, 1], vec![0, 1, 2, 3], vec![1, 3, 5, 7]]);
-        let trees = |count: usize| (0..SAMPLES).flat_map(|i| samples.tree_slices(i, count)).collect::<Vec<_>>();
+        let trees = |count: usize| (0..SAMPLES).flat_map(|i| samples.tree_slices(i, count).0).collect::<Vec<_>>();
         assert_eq!([trees(2), trees(4), trees(8)], [vec![0, 0, 1, 1], vec![1, 1, 2, 2], vec![2, 3, 4, 5]]);
-        let single = Samples { moving: samples.moving[..1].to_vec(), shares: vec![1.0], ..samples };
-        assert_eq!([single.slices(0, 2), single.slices(0, 16)], [vec![0, 1], vec![4, 12]]);
+        let single = Samples { changing: samples.changing[..1].to_vec(), shares: vec![1.0], ..samples };
+        assert_eq!([single.slices(0, 2).0, single.slices(0, 16).0], [vec![0, 1], vec![4, 12]]);
     }
 
     /// The mean area of a box over time is the mean of those over slices; its volume is taken at the middle.
@@ -372,7 +407,7 @@ mod tests {
         for count in [2, 4] {
             let predicted = Samples::new(&set, &draft, 0, &params).cost(Division::SeparateTrees(count));
             let tree = |index: usize| {
-                let params = params.of_each_tree(count);
+                let params = params.of_each_tree(count, 1.0);
                 draft_tree(
                     &set,
                     &ids,

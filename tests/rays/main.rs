@@ -1,6 +1,7 @@
 //! Rays against brute force: properties, scenes, bad input, metamorphic relations, counted work.
 
 mod accuracy;
+mod active;
 mod bad_input;
 mod batches;
 mod brute_force;

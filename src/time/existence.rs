@@ -1,0 +1,87 @@
+//! What of a set exists in which time slices. What does not exist in a slice is left out of its hierarchy.
+//!
+//! A query visits the hierarchy of the slice that contains its time, and the interval of a slice holds all times at which that
+//! happens. So a primitive whose active interval does not meet it is not there for any query that looks. Active intervals lie in the
+//! shutter, so every primitive is in the hierarchy of some slice, from where the corners of its triangle can be read at any time.
+
+use super::draft::{Draft, TimeSlice};
+use crate::bvh::Reference;
+use crate::geometry::TimeInterval;
+use crate::primitive::PrimitiveSet;
+use std::borrow::Cow;
+
+/// Whether a primitive exists at some time of an interval.
+pub(crate) fn exists_in<S: PrimitiveSet>(set: &S, id: u32, over: TimeInterval) -> bool {
+    set.always_active() || set.active(id).intersect(over).is_some()
+}
+
+/// Whether a primitive moves, or exists for a part of the shutter.
+fn changes<S: PrimitiveSet>(set: &S, id: u32) -> bool {
+    let bounds = set.bounds(id, TimeInterval::FULL);
+    bounds.begin != bounds.end || comes_or_goes(set, id)
+}
+
+/// Whether a primitive exists for a part of the shutter only.
+fn comes_or_goes<S: PrimitiveSet>(set: &S, id: u32) -> bool {
+    !set.always_active() && set.active(id) != TimeInterval::FULL
+}
+
+/// Whether any of some primitives changes during the shutter, so that time slices may differ.
+pub(crate) fn any_changes<S: PrimitiveSet>(set: &S, ids: &[u32]) -> bool {
+    ids.iter().any(|&id| changes(set, id))
+}
+
+/// Whether the primitive of any of some references exists for a part of the shutter only.
+pub(super) fn any_comes_or_goes<S: PrimitiveSet>(set: &S, references: &[Reference]) -> bool {
+    !set.always_active() && references.iter().any(|r| comes_or_goes(set, r.id()))
+}
+
+/// Whether anything below a node of a draft changes.
+pub(super) fn changes_below<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32) -> bool {
+    let node = &draft.binary[x as usize];
+    node.moving || any_comes_or_goes(set, draft.references(node))
+}
+
+/// The primitives that a separate tree for a time slice holds: those that exist in it, and one if none does, since no tree is
+/// empty. Triangles with more than two keys are in all trees: each has the keys of its slice only, and triangles can be read at all
+/// times.
+pub(crate) fn held_in<'a, S: PrimitiveSet>(set: &S, ids: &'a [u32], slice: TimeSlice) -> Cow<'a, [u32]> {
+    if set.always_active() {
+        return Cow::Borrowed(ids);
+    }
+    let over = slice.interval();
+    let mut held: Vec<u32> = Vec::with_capacity(ids.len());
+    held.extend(ids.iter().filter(|&&id| set.leaf_kind(id) != 0 || exists_in(set, id, over)));
+    if held.is_empty() {
+        held.extend(ids.first());
+    }
+    Cow::Owned(held)
+}
+
+/// The largest number of primitives by which a share is estimated.
+const COUNTED: usize = 4096;
+
+/// The mean share of equal time slices in which a primitive exists, estimated by evenly spaced ones.
+pub(crate) fn share_of_slices<S: PrimitiveSet>(set: &S, ids: impl ExactSizeIterator<Item = u32>, count: usize) -> f32 {
+    if set.always_active() || ids.len() == 0 {
+        return 1.0;
+    }
+    let intervals: Vec<TimeInterval> = (0..count).map(|index| TimeSlice { index, of: count }.interval()).collect();
+    let step = ids.len().div_ceil(COUNTED);
+    let (mut all, mut existing) = (0, 0);
+    for id in ids.step_by(step) {
+        all += count;
+        existing += intervals.iter().filter(|&&over| exists_in(set, id, over)).count();
+    }
+    existing as f32 / all as f32
+}
+
+/// Those of equal time slices in which something below a node of a draft exists.
+pub(super) fn slices_with<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32, count: usize) -> Vec<usize> {
+    let references = draft.references(&draft.binary[x as usize]);
+    let any = |&index: &usize| {
+        let over = TimeSlice { index, of: count }.interval();
+        set.always_active() || references.iter().any(|r| exists_in(set, r.id(), over))
+    };
+    (0..count).filter(any).collect()
+}

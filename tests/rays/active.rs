@@ -1,0 +1,275 @@
+//! Meshes and shapes that exist for a part of the shutter: trees leave them out of the time slices in which they do not exist,
+//! and the answers stay those of brute force.
+
+use crate::common::{Random, bits, closed_sphere, difference, random_ray, soup};
+use mbkd::baseline::BruteForce;
+use mbkd::glam::{DAffine3, DVec3, Vec3};
+use mbkd::{
+    BuildParams, ClosestPointQuery, Counters, Division, Instance, InstanceTree, Keys, LazyParams, MovingSphere, Ray,
+    RayTree, RefitError, Shape, TimeInterval, TriangleMesh, WideParams,
+};
+use std::sync::Arc;
+
+/// All kinds of trees with temporal splits, with and without pre-splitting, and a lazy one.
+fn params() -> Vec<BuildParams> {
+    use Division::*;
+    let divisions = [
+        Automatic,
+        SharedLeaves(2),
+        SharedLeaves(3),
+        SharedLeaves(16),
+        SeparateTrees(2),
+        SeparateTrees(5),
+        SeparateTrees(16),
+    ];
+    let wide = |division| WideParams { division, ..WideParams::default() };
+    let mut params: Vec<BuildParams> = divisions.map(|division| BuildParams::wide(wide(division))).into();
+    for division in [SharedLeaves(4), SeparateTrees(4)] {
+        params.push(BuildParams::wide(WideParams { max_references: 4.0, ..wide(division) }));
+    }
+    params.push(BuildParams::lazy(LazyParams { subtree: 50, ..LazyParams::default() }));
+    params
+}
+
+/// An interval of about this length, often between multiples of a sixteenth, where time slices begin.
+fn interval(length: f32, random: &mut Random) -> TimeInterval {
+    let begin = random.unit() * (1.0 - length);
+    let begin = if random.below(2) == 0 { (begin * 16.0).round() / 16.0 } else { begin };
+    let end = (begin + length).min(1.0);
+    let end = if random.below(2) == 0 { (end * 16.0).round() / 16.0 } else { end };
+    TimeInterval::new(begin, end).unwrap_or(TimeInterval::new(0.5, 0.5f32.next_up()).unwrap())
+}
+
+/// Small meshes of all kinds of leaf blocks at places of their own, each for about a part of the shutter.
+fn meshes(count: usize, length: f32, seed: u64) -> Vec<TriangleMesh> {
+    let mut random = Random(seed);
+    let mesh = |i: usize| {
+        let mesh = match i % 5 {
+            0 => soup(30, 1, 0.1, 0.0, seed + i as u64),
+            1 => soup(30, 2, 0.1, 0.2, seed + i as u64),
+            2 => closed_sphere(4, 1, 0.1, seed + i as u64),
+            3 => closed_sphere(4, 5, 0.1, seed + i as u64),
+            _ => soup(20, 2, 0.5, 0.2, seed + i as u64),
+        };
+        moved(&mesh, random.vec()).with_active(interval(length, &mut random))
+    };
+    (0..count).map(mesh).collect()
+}
+
+/// A smaller mesh elsewhere.
+fn moved(mesh: &TriangleMesh, by: Vec3) -> TriangleMesh {
+    let Keys::F32(keys) = &mesh.keys else { panic!("f32") };
+    let keys: Vec<Vec<Vec3>> = keys.iter().map(|key| key.iter().map(|&p| p * 0.3 + by).collect()).collect();
+    TriangleMesh { keys: keys.into(), ..mesh.clone() }
+}
+
+fn shapes(count: usize) -> Vec<Shape> {
+    let mut random = Random(5);
+    let mut ball = |keys: usize| {
+        let from = random.vec().as_dvec3();
+        let keys = (0..keys).map(|key| (from + DVec3::X * key as f64 * 0.1, 0.05)).collect();
+        MovingSphere::new(keys).with_active(interval(0.2, &mut random)).into()
+    };
+    (0..count).map(|i| ball(1 + i % 3)).collect()
+}
+
+/// Rays at random times, at both ends of each active interval, and where time slices begin.
+fn rays(meshes: &[TriangleMesh], count: usize) -> Vec<Ray> {
+    let mut random = Random(7);
+    let mut times: Vec<f32> = meshes.iter().flat_map(|mesh| [mesh.active.begin(), mesh.active.end()]).collect();
+    times.extend((0..=80).map(|i| i as f32 / 80.0));
+    let near = |t: f32| [t.next_down(), t, t.next_up()].map(|t| t.clamp(0.0, 1.0));
+    let times: Vec<f32> = times.into_iter().flat_map(near).collect();
+    let mut ray = |i: usize| {
+        let ray = random_ray(&mut random, 1.2);
+        if i.is_multiple_of(2) { ray } else { ray.at_time(times[random.below(times.len())]) }
+    };
+    (0..count).map(&mut ray).collect()
+}
+
+#[test]
+fn every_division_equals_brute_force_at_all_times() {
+    for (count, length, balls) in [(40, 0.2, 0), (40, 0.05, 30), (12, 0.5, 9), (1, 0.3, 0), (0, 0.1, 40), (25, 0.9, 1)]
+    {
+        let meshes = meshes(count, length, 3);
+        let oracle = BruteForce::of_scene(&meshes, shapes(balls)).unwrap();
+        let whole = BuildParams::wide(WideParams { division: Division::Whole, ..WideParams::default() });
+        let whole = RayTree::of_scene(&meshes, shapes(balls), &whole).unwrap();
+        let rays = rays(&meshes, 600);
+        let mut hits = 0;
+        for params in params() {
+            let tree = RayTree::of_scene(&meshes, shapes(balls), &params).unwrap();
+            assert_eq!(tree.validate(), Ok(()), "{params:?}");
+            for ray in &rays {
+                assert_eq!(difference(&tree, &oracle, ray), None, "{params:?}");
+                hits += usize::from(tree.any_hit(ray));
+                let query = ClosestPointQuery::new(ray.origin, ray.time);
+                assert_eq!(tree.closest_point(&query), oracle.closest_point(&query), "{params:?} {query:?}");
+            }
+            // Corners at all times, also when the mesh does not exist.
+            for (i, mesh) in meshes.iter().enumerate() {
+                for (triangle, time) in
+                    (0..mesh.len() as u32).step_by(5).zip([0.0, 0.3, 0.5, 0.77, 1.0].into_iter().cycle())
+                {
+                    let of = |tree: &RayTree| tree.triangle(i as u32, triangle, time);
+                    assert_eq!(of(&tree), of(&whole), "{params:?} {i} {triangle} {time}");
+                }
+            }
+        }
+        assert!(hits > 0 || count == 1, "{count} meshes, {balls} spheres");
+    }
+}
+
+#[test]
+fn trees_from_files_answer_alike() {
+    let meshes = meshes(30, 0.2, 4);
+    for params in params() {
+        let Ok(tree) = RayTree::of_scene(&meshes, Vec::new(), &params) else { panic!("a tree") };
+        let mut bytes = Vec::new();
+        if tree.write_to(&mut bytes).is_err() {
+            continue;
+        }
+        let read = RayTree::read_from(&mut bytes.as_slice()).unwrap();
+        assert_eq!(read.validate(), Ok(()), "{params:?}");
+        for ray in rays(&meshes, 300) {
+            assert_eq!(read.closest_hit(&ray).map(bits), tree.closest_hit(&ray).map(bits), "{params:?}");
+        }
+    }
+}
+
+/// A hundred rocks of a thousand triangles, each for a fifth of the shutter.
+fn rocks(life: f32) -> Vec<TriangleMesh> {
+    let (mut random, rock) = (Random(1), closed_sphere(10, 1, 0.03, 1));
+    let rock = |_| {
+        let begin = random.unit() * (1.0 - life);
+        moved(&rock, 3.0 * random.vec()).with_active(TimeInterval::new(begin, (begin + life).min(1.0)).unwrap())
+    };
+    (0..100).map(rock).collect()
+}
+
+#[test]
+fn rays_hardly_meet_what_does_not_exist() {
+    let rays: Vec<Ray> = {
+        let mut random = Random(2);
+        (0..1000).map(|_| random_ray(&mut random, 3.0)).collect()
+    };
+    let work = |life: f32, division: Division| {
+        let tree = RayTree::build(&rocks(life), &BuildParams::wide(WideParams { division, ..WideParams::default() }));
+        let (tree, mut counters) = (tree.unwrap(), Counters::default());
+        for ray in &rays {
+            tree.closest_hit_observed(ray, &mut counters);
+        }
+        (counters.steps() as f64, tree.statistics().bytes as f64)
+    };
+    let (whole, whole_bytes) = work(0.2, Division::Whole);
+    let (steps, bytes) = work(0.2, Division::Automatic);
+    // As a static tree of what exists would have: 0.3 is what a fifth of the rocks would take with the slices' overlap.
+    assert!(steps < 0.4 * whole, "{steps} of {whole}");
+    // Each of sixteen separate trees of all rocks would have as many bytes as the whole.
+    let (_, separate) = work(0.2, Division::SeparateTrees(16));
+    assert!(
+        bytes < 5.0 * whole_bytes && separate < 5.0 * whole_bytes,
+        "{bytes} and {separate} instead of {whole_bytes}"
+    );
+    // Without a mesh that comes or goes, nothing of this is paid for.
+    let counts = |division| work(1.0, division);
+    assert_eq!(counts(Division::Automatic), counts(Division::Whole));
+}
+
+#[test]
+fn refits_keep_to_the_intervals_of_the_build_where_something_was_left_out() {
+    let first = meshes(30, 0.3, 6);
+    let shorter = |mesh: &TriangleMesh| {
+        let active = mesh.active;
+        let end = 0.5 * (active.begin() + active.end());
+        TriangleMesh { active: TimeInterval::new(active.begin(), end).unwrap_or(active), ..mesh.clone() }
+    };
+    for params in params().into_iter().take(9) {
+        let mut tree = RayTree::build(&first, &params).unwrap();
+        for (frame, by) in [0.0, 0.2, -3.0].into_iter().enumerate() {
+            let now: Vec<TriangleMesh> = first
+                .iter()
+                .enumerate()
+                .map(|(i, mesh)| if (i + frame) % 2 == 0 { mesh.clone() } else { shorter(mesh) })
+                .map(|mesh| {
+                    let Keys::F32(keys) = &mesh.keys else { panic!("f32") };
+                    let keys: Vec<Vec<Vec3>> = keys.iter().map(|key| key.iter().map(|&p| p + by).collect()).collect();
+                    TriangleMesh { keys: keys.into(), ..mesh }
+                })
+                .collect();
+            tree.refit(&now).unwrap();
+            assert_eq!(tree.validate(), Ok(()), "{params:?}");
+            let oracle = BruteForce::new(&now).unwrap();
+            for ray in rays(&now, 300) {
+                let ray = Ray { origin: ray.origin + f64::from(by), ..ray };
+                assert_eq!(difference(&tree, &oracle, &ray), None, "{params:?}, frame {frame}");
+            }
+        }
+        // One that exists for longer: refused if the tree left it out, and then the tree is as before.
+        let mut longer = first.clone();
+        longer[7].active = TimeInterval::FULL;
+        let before: Vec<_> = rays(&first, 100).iter().map(|ray| tree.closest_hit(ray)).collect();
+        match tree.refit(&longer) {
+            Err(error) => {
+                assert_eq!(error, RefitError::Active { mesh: 7 }, "{params:?}");
+                assert!(error.to_string().contains("mesh 7"));
+                let after: Vec<_> = rays(&first, 100).iter().map(|ray| tree.closest_hit(ray)).collect();
+                assert_eq!(after, before);
+                assert_eq!(tree.refit(&longer[..3]), Err(RefitError::Count { expected: 30, found: 3 }));
+            }
+            Ok(_) => {
+                let oracle = BruteForce::new(&longer).unwrap();
+                rays(&longer, 300).iter().for_each(|ray| assert_eq!(difference(&tree, &oracle, ray), None));
+            }
+        }
+    }
+    let divided =
+        |division| RayTree::build(&first, &BuildParams::wide(WideParams { division, ..WideParams::default() }));
+    let all: Vec<TriangleMesh> = first.iter().map(|mesh| mesh.clone().with_active(TimeInterval::FULL)).collect();
+    let refit = |division| divided(division).unwrap().refit(&all).map(drop);
+    assert_eq!(refit(Division::Whole), Ok(()));
+    assert_eq!(refit(Division::SharedLeaves(16)), Err(RefitError::Active { mesh: 0 }));
+    assert_eq!(refit(Division::SeparateTrees(16)), Err(RefitError::Active { mesh: 0 }));
+}
+
+#[test]
+fn spheres_that_a_tree_left_out_cannot_come_back_by_a_refit() {
+    let balls = |life: f32| -> Vec<MovingSphere> {
+        let ball = |i: i32| MovingSphere::fixed(DVec3::X * f64::from(i), 0.4);
+        let active = |i: i32| TimeInterval::new(i as f32 / 100.0, i as f32 / 100.0 + life).unwrap();
+        (0..80).map(|i| ball(i).with_active(active(i))).collect()
+    };
+    let params = BuildParams::wide(WideParams { division: Division::SeparateTrees(8), ..WideParams::default() });
+    let mut tree = RayTree::of_primitives(balls(0.1), &params).unwrap();
+    tree.refit_primitives(balls(0.05)).unwrap();
+    assert_eq!(tree.refit_primitives(balls(0.2)), Err(RefitError::Active { mesh: 0 }));
+    let shapes = |life: f32| balls(life).into_iter().map(Shape::from).collect::<Vec<_>>();
+    let mesh = [soup(10, 1, 0.1, 0.0, 1)];
+    let mut tree = RayTree::of_scene(&mesh, shapes(0.1), &params).unwrap();
+    tree.refit_with_shapes(&mesh, shapes(0.1)).unwrap();
+    assert_eq!(tree.refit_with_shapes(&mesh, shapes(0.2)), Err(RefitError::Active { mesh: 1 }));
+    tree.refit(&mesh).unwrap();
+}
+
+#[test]
+fn instances_that_come_and_go_equal_those_that_are_tested_one_by_one() {
+    let tree = Arc::new(RayTree::build(&[closed_sphere(6, 2, 0.05, 3)], &BuildParams::default()).unwrap());
+    let mut random = Random(11);
+    let place = |random: &mut Random| DAffine3::from_translation(random.vec().as_dvec3() * 8.0);
+    let instances: Vec<Instance> = (0..200)
+        .map(|_| Instance::new(Arc::clone(&tree), place(&mut random)).with_active(interval(0.1, &mut random)))
+        .collect();
+    let all = InstanceTree::build(instances.clone(), &WideParams::default()).unwrap();
+    let each: Vec<InstanceTree> = instances
+        .into_iter()
+        .map(|instance| InstanceTree::build(vec![instance], &WideParams::default()).unwrap())
+        .collect();
+    let mut hits = 0;
+    for _ in 0..600 {
+        let ray = random_ray(&mut random, 8.0);
+        let expected = each.iter().filter_map(|one| one.closest_hit(&ray)).map(|hit| hit.hit.t).reduce(f32::min);
+        assert_eq!(all.closest_hit(&ray).map(|hit| hit.hit.t), expected);
+        hits += usize::from(expected.is_some());
+    }
+    assert!(hits > 20, "{hits}");
+}
