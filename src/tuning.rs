@@ -155,8 +155,8 @@ pub(crate) mod slices {
     pub const MAX_TWO_SLICES_COST: f32 = 0.85;
     /// Separate trees, and more of them, must take less than this fraction of the time.
     pub const MAX_FURTHER_TIME: f32 = 0.95;
-    /// Separate trees must take less than this fraction of the time of shared leaves if motion has more than two keys: they take
-    /// several times as long to build, and hold keys again (`cargo bench --bench keys`).
+    /// Separate trees must take less than this fraction of the time of shared leaves if motion has more than two keys, or primitives come
+    /// and go: they take several times as long to build, and hold keys again (`cargo bench --bench keys`).
     pub const MAX_SEPARATE_TIME: f32 = 0.9;
     /// Nodes are a quarter to nearly a half of a tree's bytes; leaf blocks are the rest, which time slices share.
     pub const NODE_BYTES_SHARE: f32 = 0.45;

@@ -108,7 +108,8 @@ impl TriangleMesh {
         TriangleMesh::new(indices, vec![positions])
     }
 
-    /// The mesh with an active interval.
+    /// The mesh with an active interval. Queries at other times do not see the mesh, and where much comes and goes, trees leave it out of
+    /// time slices in which it does not exist, so that rays do not pass by it.
     pub fn with_active(self, active: TimeInterval) -> TriangleMesh {
         TriangleMesh { active, ..self }
     }

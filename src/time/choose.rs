@@ -239,7 +239,8 @@ fn is_nearly_all(draft: &Draft, x: u32) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::draft::{Reinsertion, TimeSlice, draft_tree};
+    use super::super::draft::{Reinsertion, draft_tree};
+    use super::super::time_slice::TimeSlice;
     use super::super::trials::primitives;
     use super::*;
     use crate::params::WideParams;

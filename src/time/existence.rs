@@ -4,16 +4,11 @@
 //! happens. So a primitive whose active interval does not meet it is not there for any query that looks. Active intervals lie in the
 //! shutter, so every primitive is in the hierarchy of some slice, from where the corners of its triangle can be read at any time.
 
-use super::draft::{Draft, TimeSlice};
+use super::time_slice::TimeSlice;
 use crate::bvh::Reference;
 use crate::geometry::TimeInterval;
 use crate::primitive::PrimitiveSet;
 use std::borrow::Cow;
-
-/// Whether a primitive exists at some time of an interval.
-pub(crate) fn exists_in<S: PrimitiveSet>(set: &S, id: u32, over: TimeInterval) -> bool {
-    set.always_active() || set.active(id).intersect(over).is_some()
-}
 
 /// Whether a primitive moves, or exists for a part of the shutter.
 fn changes<S: PrimitiveSet>(set: &S, id: u32) -> bool {
@@ -36,12 +31,6 @@ pub(super) fn any_comes_or_goes<S: PrimitiveSet>(set: &S, references: &[Referenc
     !set.always_active() && references.iter().any(|r| comes_or_goes(set, r.id()))
 }
 
-/// Whether anything below a node of a draft changes.
-pub(super) fn changes_below<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32) -> bool {
-    let node = &draft.binary[x as usize];
-    node.moving || any_comes_or_goes(set, draft.references(node))
-}
-
 /// The primitives that a separate tree for a time slice holds: those that exist in it, and one if none does, since no tree is
 /// empty. Triangles with more than two keys are in all trees: each has the keys of its slice only, and triangles can be read at all
 /// times.
@@ -51,7 +40,7 @@ pub(crate) fn held_in<'a, S: PrimitiveSet>(set: &S, ids: &'a [u32], slice: TimeS
     }
     let over = slice.interval();
     let mut held: Vec<u32> = Vec::with_capacity(ids.len());
-    held.extend(ids.iter().filter(|&&id| set.leaf_kind(id) != 0 || exists_in(set, id, over)));
+    held.extend(ids.iter().filter(|&&id| set.leaf_kind(id) != 0 || set.active(id).intersect(over).is_some()));
     if held.is_empty() {
         held.extend(ids.first());
     }
@@ -69,19 +58,24 @@ pub(crate) fn share_of_slices<S: PrimitiveSet>(set: &S, ids: impl ExactSizeItera
     let intervals: Vec<TimeInterval> = (0..count).map(|index| TimeSlice { index, of: count }.interval()).collect();
     let step = ids.len().div_ceil(COUNTED);
     let (mut all, mut existing) = (0, 0);
-    for id in ids.step_by(step) {
+    for active in ids.step_by(step).map(|id| set.active(id)) {
         all += count;
-        existing += intervals.iter().filter(|&&over| exists_in(set, id, over)).count();
+        existing += intervals.iter().filter(|&&over| active.intersect(over).is_some()).count();
     }
     existing as f32 / all as f32
 }
 
-/// Those of equal time slices in which something below a node of a draft exists.
-pub(super) fn slices_with<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32, count: usize) -> Vec<usize> {
-    let references = draft.references(&draft.binary[x as usize]);
-    let any = |&index: &usize| {
-        let over = TimeSlice { index, of: count }.interval();
-        set.always_active() || references.iter().any(|r| exists_in(set, r.id(), over))
-    };
-    (0..count).filter(any).collect()
+/// Those of equal time slices in which the primitive of any of some references exists.
+pub(super) fn slices_with<S: PrimitiveSet>(set: &S, references: &[Reference], count: usize) -> Vec<usize> {
+    if set.always_active() {
+        return (0..count).collect();
+    }
+    let mut missing: Vec<usize> = (0..count).collect();
+    for active in references.iter().map(|r| set.active(r.id())) {
+        missing.retain(|&index| active.intersect(TimeSlice { index, of: count }.interval()).is_none());
+        if missing.is_empty() {
+            break;
+        }
+    }
+    (0..count).filter(|index| !missing.contains(index)).collect()
 }

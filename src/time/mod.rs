@@ -4,13 +4,13 @@ mod choose;
 mod draft;
 mod existence;
 mod slices;
+mod time_slice;
 mod treelets;
 mod trials;
 
 pub(crate) use choose::{Region, regions};
-pub(crate) use draft::{
-    COST_MODEL, Draft, DraftParams, Reinsertion, TimeSlice, draft_sample, draft_tree, prefetch_blocks, time_slice,
-};
+pub(crate) use draft::{COST_MODEL, Draft, DraftParams, Reinsertion, draft_sample, draft_tree, prefetch_blocks};
 pub(crate) use existence::{any_changes, held_in, share_of_slices};
 pub(crate) use slices::SharedLeaves;
+pub(crate) use time_slice::{TimeSlice, time_slice};
 pub(crate) use trials::primitives;

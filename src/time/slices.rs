@@ -1,7 +1,7 @@
 //! A temporal split with shared leaves: one hierarchy per time slice over the same leaf blocks.
 
-use super::draft::{Draft, prefetch_blocks, time_slice};
-use super::existence::exists_in;
+use super::draft::{Draft, prefetch_blocks};
+use super::time_slice::time_slice;
 use crate::bvh::{BinaryNode, BinaryTree, Collapse, CostModel, Reference, build_binary};
 use crate::geometry::{Box3, LinearBox3, TimeInterval, ULP};
 use crate::parallel;
@@ -145,9 +145,13 @@ pub(crate) fn include_slice_bounds<S: PrimitiveSet>(
     bounds: &mut [LinearBox3],
 ) {
     if draft.presplit || !set.always_active() {
-        for (&over, bounds) in over.over.iter().zip(bounds) {
-            let existing = references.iter().filter(|r| exists_in(set, r.id(), over));
-            *bounds = existing.fold(*bounds, |b, r| b.union(slice_bounds(set, r, draft, over)));
+        for r in references {
+            let active = set.active(r.id());
+            for (&over, bounds) in over.over.iter().zip(&mut *bounds) {
+                if active.intersect(over).is_some() {
+                    *bounds = bounds.union(slice_bounds(set, r, draft, over));
+                }
+            }
         }
         return;
     }

@@ -6,9 +6,9 @@
 //! time, so bent motion that gains nothing in halves is tried in a few of the shortest slices. So is what comes and goes, since what
 //! exists for half of the shutter may exist in both halves.
 
-use super::draft::{Draft, time_slice};
-use super::existence::changes_below;
+use super::draft::Draft;
 use super::slices::{include_slice_bounds, slice_bounds};
+use super::time_slice::time_slice;
 use crate::bvh::{Reference, mean_half_area};
 use crate::geometry::{LinearBox3, TimeInterval};
 use crate::limits::MAX_TIME_SLICES;
@@ -29,7 +29,7 @@ pub(super) struct Treelet {
 
 /// Divides a draft into treelets, in order: at most [`TREELETS`] of about the same size, which is `least` at least.
 pub(super) fn treelets<S: PrimitiveSet>(set: &S, draft: &Draft, least: usize) -> Vec<Treelet> {
-    let Some(root) = draft.binary.first().filter(|_| changes_below(set, draft, 0)) else { return Vec::new() };
+    let Some(root) = draft.binary.first().filter(|_| draft.changes(set, 0)) else { return Vec::new() };
     let most = (root.count as usize / TREELETS).max(least) as u32;
     let (mut nodes, mut stack) = (Vec::new(), vec![0]);
     while let Some(x) = stack.pop() {
@@ -49,7 +49,7 @@ pub(super) fn treelets<S: PrimitiveSet>(set: &S, draft: &Draft, least: usize) ->
 
 /// The area of the boxes of a small subtree when made for slices of the shutter, relative to the area for the whole.
 fn area_in_slices<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32) -> f32 {
-    if !changes_below(set, draft, x) {
+    if !draft.changes(set, x) {
         return 1.0;
     }
     let mut areas = [0.0; 2];
@@ -132,7 +132,7 @@ fn changing_sample<S: PrimitiveSet>(set: &S, draft: &Draft, mut x: u32) -> (u32,
         }
         let children = [x + 1, x + node.right];
         let low = draft.low_share(x);
-        match children.map(|child| changes_below(set, draft, child)) {
+        match children.map(|child| draft.changes(set, child)) {
             [true, false] => (x, share) = (children[0], share * low),
             [false, true] => (x, share) = (children[1], share * (1.0 - low)),
             _ if at < low => (x, at) = (children[0], at / low),
@@ -143,7 +143,8 @@ fn changing_sample<S: PrimitiveSet>(set: &S, draft: &Draft, mut x: u32) -> (u32,
 
 #[cfg(test)]
 mod tests {
-    use super::super::draft::{DraftParams, Reinsertion, TimeSlice, draft_tree};
+    use super::super::draft::{DraftParams, Reinsertion, draft_tree};
+    use super::super::time_slice::TimeSlice;
     use super::*;
     use crate::params::WideParams;
     use crate::primitive::Triangles;

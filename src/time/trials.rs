@@ -4,9 +4,10 @@
 //! sample, and compares its cost with that of the undivided tree during the same slice. Trees for the shortest slices come first: no
 //! division costs a ray fewer steps, so they tell which ones are worth a trial at all.
 
-use super::draft::{Draft, DraftParams, Presplit, Reinsertion, TimeSlice, draft_tree};
-use super::existence::{changes_below, held_in, share_of_slices, slices_with};
+use super::draft::{Draft, DraftParams, Presplit, Reinsertion, draft_tree};
+use super::existence::{held_in, share_of_slices, slices_with};
 use super::slices::SharedLeaves;
+use super::time_slice::TimeSlice;
 use crate::bvh::Reference;
 use crate::limits::MAX_TIME_SLICES;
 use crate::parallel;
@@ -37,8 +38,8 @@ pub(super) fn decide<S: PrimitiveSet>(
         // A tree that exceeds the caches already slows down by more than others when it grows.
         None if draft.references.len() as f32 * BYTES_PER_REFERENCE > CACHED as f32 => search.limit *= MAX_FURTHER_TIME,
         None => {}
-        // Bent motion is divided for its chords, which shared leaves do nearly as well.
-        Some(Trial { time, .. }) if set.bent() => search.limit = MAX_SEPARATE_TIME * time,
+        // Bent motion is divided for its chords, and what comes and goes is left out: shared leaves do either nearly as well.
+        Some(Trial { time, .. }) if set.bent() || !set.always_active() => search.limit = MAX_SEPARATE_TIME * time,
         Some(Trial { time, .. }) => search.limit = MAX_FURTHER_TIME * time,
     }
     search.try_kind(Division::SeparateTrees);
@@ -156,7 +157,7 @@ struct Samples<'a, S> {
 impl<'a, S: PrimitiveSet> Samples<'a, S> {
     fn new(set: &'a S, draft: &'a Draft, region: u32, params: &'a DraftParams) -> Samples<'a, S> {
         let (samples, most) = samples(draft, region);
-        let changes = |&&(x, _): &&(u32, f32)| changes_below(set, draft, x);
+        let changes = |&&(x, _): &&(u32, f32)| draft.changes(set, x);
         let (changing, shares): (Vec<u32>, Vec<f32>) = samples.iter().filter(changes).copied().unzip();
         let unchanged = samples.iter().filter(|sample| !changes(sample)).map(|(_, shares)| shares).sum();
         let all_gain = set.bent() || !set.always_active();
@@ -237,7 +238,7 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
     /// The slices of `count` that are tried in sample `i`, another one in each, spread evenly; two in a single sample. If primitives come
     /// and go, all in which something of the sample exists. And the share of the slices for which these stand.
     fn slices(&self, i: usize, count: usize) -> (Vec<usize>, f32) {
-        let existing = slices_with(self.set, self.draft, self.changing[i], count);
+        let existing = slices_with(self.set, self.references(self.changing[i]), count);
         let share = existing.len() as f32 / count as f32;
         (if self.set.always_active() { self.spread(i, &existing) } else { existing }, share)
     }
@@ -246,7 +247,7 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
     /// neighbours in the middle of the shutter and disperse before and after; a tree for a slice finds other neighbours. If primitives come
     /// and go, in the middle half of the slices in which something of the sample exists.
     fn tree_slices(&self, i: usize, count: usize) -> (Vec<usize>, f32) {
-        let existing = slices_with(self.set, self.draft, self.changing[i], count);
+        let existing = slices_with(self.set, self.references(self.changing[i]), count);
         let quarter = existing.len() / 4;
         (self.spread(i, &existing[quarter..existing.len() - quarter]), existing.len() as f32 / count as f32)
     }
@@ -257,10 +258,14 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
         (i..all).step_by(samples).map(|i| slices[(2 * i + 1) * slices.len() / (2 * all)]).collect()
     }
 
+    /// The references below a node.
+    fn references(&self, x: u32) -> &[Reference] {
+        self.draft.references(&self.draft.binary[x as usize])
+    }
+
     /// The mean share of slices in which a primitive of the region exists.
     fn share_of_slices(&self, count: usize) -> f32 {
-        let references = self.draft.references(&self.draft.binary[self.region as usize]);
-        share_of_slices(self.set, references.iter().map(Reference::id), count)
+        share_of_slices(self.set, self.references(self.region).iter().map(Reference::id), count)
     }
 }
 
