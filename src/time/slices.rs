@@ -147,9 +147,12 @@ pub(crate) fn include_slice_bounds<S: PrimitiveSet>(
     if draft.presplit || !set.always_active() {
         for r in references {
             let active = set.active(r.id());
+            // Shapes, and triangles with more than two keys, may move although they have the same box at both ends of the shutter.
+            let is_triangle = || set.corner_bounds(r.id(), draft.over).is_some();
+            let fixed = !draft.presplit && !r.moving() && set.leaf_kind(r.id()) == 0 && is_triangle();
             for (&over, bounds) in over.over.iter().zip(&mut *bounds) {
                 if active.intersect(over).is_some() {
-                    *bounds = bounds.union(slice_bounds(set, r, draft, over));
+                    *bounds = bounds.union(if fixed { r.bounds() } else { slice_bounds(set, r, draft, over) });
                 }
             }
         }
