@@ -214,15 +214,37 @@ impl<'a> TreeRay<'a> {
     }
 
     /// A distance in tree space up to which everything beyond the begin is within the range, except for two ULP at either end. Minus
-    /// infinity if there is none that is simple to compute: for rays whose origin was moved to the scene, where one step of `t` may be
-    /// longer than the scene, for lines that begin behind their origin, and for ranges that begin or end at a denormal `t`, of which the next
-    /// one may be far away.
+    /// infinity if there is none that is simple to compute: for lines that begin behind their origin, for ranges that begin or end at a
+    /// denormal `t`, of which the next one may be far away, and for rays whose origin was moved beyond the begin of their range.
     #[inline(always)]
     pub fn certain_end(&self) -> f32 {
         // Zero is not denormal: one less, its bits are the greatest number.
         let begins = self.original.t_min.to_bits().wrapping_sub(1) >= f32::MIN_POSITIVE.to_bits() - 1;
         let usual = (self.advance == 0.0) & (self.begin >= 0.0) & (self.original.t_max >= f32::MIN_POSITIVE) & begins;
-        if usual { self.end.min((GREATEST * self.t_per_world) as f32) } else { f32::NEG_INFINITY }
+        if usual {
+            self.end.min((GREATEST * self.t_per_world) as f32)
+        } else if self.advance != 0.0 {
+            self.certain_end_of_moved()
+        } else {
+            f32::NEG_INFINITY
+        }
+    }
+
+    /// The same for a ray whose origin was moved to the scene. One step of `t` may be longer than the scene, so the range is not that of
+    /// distances from the moved origin: a hit counts if its distance `d` from there, as the decision in f64 has it, fulfils
+    /// `t_min <= (d + advance) / t_per_world <= t_max` with the quotient rounded to f32.
+    ///
+    /// **Proof that what is certain is hit.** Both ends are f32, and rounding is monotone, so it suffices that the exact quotient fulfils
+    /// this: the division by a power of two is exact, and so are the products here. The decision computes `d + advance` with some ten
+    /// roundings of 2^-53 of the origin's largest coordinate, of which the slack has sixty-four; the sums here round three times.
+    /// - The range begins before the moved origin, by more than that, and what is certain does not lie behind that origin.
+    /// - The end is moved inward by the slack, and by 2^-22 of itself, four times what the conversion to f32 rounds.
+    #[inline(always)]
+    fn certain_end_of_moved(&self) -> f32 {
+        let slack = f64::from(self.slack);
+        let begins = (self.begin >= 0.0) & (f64::from(self.t_min()) * self.t_per_world + slack <= self.advance);
+        let end = f64::from(self.t_max()) * self.t_per_world - self.advance - slack;
+        if begins { (end - end.abs() * T_ROUNDING) as f32 } else { f32::NEG_INFINITY }
     }
 
     /// The time of the ray.

@@ -28,7 +28,7 @@
 //! triangles are also compared with these ranges. They are few elsewhere; where rays lie in the planes of walls or begin on them, or a mesh
 //! has triangles without area, most candidates are.
 //!
-//! If the range itself is rounded by more, no hit is certain ([`TreeRay::certain_end`]).
+//! The range itself may be rounded by more; up to where hits are certain then, [`TreeRay::certain_end`] tells.
 
 use super::collect::Collect;
 use crate::layout::{block_sizes, inverse_extent};
@@ -221,9 +221,10 @@ fn magnitude<S: Simd>(s: S, x: S::F) -> S::F {
 
 #[cfg(test)]
 mod tests {
-    use super::super::collect::{Any, Closest};
+    use super::super::collect::{Any, Closest, Found};
     use super::*;
     use crate::geometry::{Frame, Ray};
+    use crate::primitive::PrimitiveSet;
     use crate::random::Random;
     use crate::ray::kernel::shear::Sheared;
     use crate::simd::Portable;
@@ -378,6 +379,72 @@ mod tests {
         assert!(hits > 200_000 && certain > hits / 4, "{certain} of {hits}");
         assert!(lost > 2000 && lost_by_range > 2000 && wrong > 2000, "{lost} {lost_by_range} {wrong}");
         assert!(lost_in_f64 > lost / 5, "rounded vertices lose less: {lost_in_f64} of {lost}");
+    }
+
+    /// Takes a hit as certain up to a distance.
+    struct UpTo(f32);
+
+    impl Collect for UpTo {
+        const ORDERED: bool = false;
+        const ANYWHERE: bool = true;
+
+        fn limit(&self) -> f32 {
+            f32::MAX
+        }
+
+        fn reach(&self) -> f32 {
+            f32::INFINITY
+        }
+
+        fn take(&mut self, _: Found, _: &impl PrimitiveSet) -> bool {
+            true
+        }
+
+        fn certain(&self, _: &TreeRay) -> f32 {
+            self.0
+        }
+    }
+
+    /// Rays from a hundred to a billion sizes away, of whose `t` one step may be longer than all triangles.
+    #[test]
+    fn of_rays_from_far_away_no_miss_is_certain_and_some_would_be_within_the_rounded_range() {
+        let mut random = Random(27);
+        let (mut hits, mut certain, mut wrong) = (0, 0, 0);
+        for i in 0..40_000 {
+            // All within the scene, to which origins are moved.
+            let (size, place) = (0.2 * 10f32.powi(-(i % 3)), 0.4 * random.vec());
+            let block = Block::random(&mut random, place, size, if i % 2 == 0 { 0.0 } else { 0.1 });
+            let [a, b, c] = block.corners(i as usize % LANES);
+            let (target, dir) = ((a + b + c) / 3.0, random.vec() * 10f32.powi(i % 5 - 2));
+            let far = 10f64.powi(2 + i % 8) / f64::from(dir.abs().max_element());
+            let whole = Ray::new(target - dir.as_dvec3() * far, dir);
+            let Some(ray) = TreeRay::new(&whole, &Frame::WORLD) else { continue };
+            let sheared = Sheared::new(&ray);
+            let Some(hit) = ray.decide_one(&sheared, [a, b, c], f32::INFINITY) else { continue };
+            for (begin, end) in [
+                (0.0, f32::INFINITY),
+                (f32::NEG_INFINITY, f32::INFINITY),
+                (hit.t, f32::INFINITY),
+                (hit.t.next_up(), f32::INFINITY),
+                (0.0, hit.t),
+                (0.0, hit.t.next_down()),
+                (-hit.t, hit.t * 1.01),
+            ] {
+                let part = whole.between(begin, end);
+                let Some(ray) = TreeRay::new(&part, &Frame::WORLD) else { continue };
+                let hit = block.hit(&ray, &sheared);
+                let [first, closest, any, sure] = block.tests(&ray, &sheared, block.sizes, block.deviation(ray.slack));
+                assert_eq!(hit & !(first & closest & any), 0, "{part:?}");
+                assert_eq!(sure & !hit, 0, "{part:?}");
+                (hits, certain) = (hits + hit.count_ones(), certain + sure.count_ones());
+                let (edges, depths) = block.edges(&ray, &sheared);
+                let of = (ALL, depths.map(|depth| depth * Portable.splat(sheared.inverse)), block.sizes);
+                let (ray, within) = ((&ray, block.deviation(ray.slack)), UpTo(ray.end));
+                let sure = Candidates::new::<_, _, false>(Portable, &edges, of, ray, &within).certain;
+                wrong += (sure & !hit).count_ones();
+            }
+        }
+        assert!(hits > 200_000 && certain > hits / 5 && wrong > 1000, "{certain} of {hits} are certain, {wrong} wrong");
     }
 
     /// Points beside the ray, triangles in planes through it, and triangles on it that are as small as the rounding of their corners: all
