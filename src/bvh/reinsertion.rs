@@ -36,16 +36,7 @@ pub(crate) fn reinsert(
     if nodes.len() < LEAST_NODES {
         return None;
     }
-    let whole = replaced.iter().map(|subtree| subtree.node).collect();
-    let mut tree = Reinsertion {
-        nodes,
-        whole,
-        cost_model,
-        parent: vec![0; nodes.len()],
-        slot: vec![0; nodes.len()],
-        changed: Vec::new(),
-        stack: Vec::new(),
-    };
+    let mut tree = Reinsertion::new(nodes, replaced.iter().map(|subtree| subtree.node).collect(), cost_model);
     tree.improve().then(|| tree.write(references, replaced)).flatten()
 }
 
@@ -75,7 +66,7 @@ struct Changed {
 }
 
 /// A tree that is being changed.
-struct Reinsertion<'a> {
+pub(super) struct Reinsertion<'a> {
     nodes: &'a [BinaryNode],
     /// Nodes whose subtrees stay as they are, in order.
     whole: Vec<u32>,
@@ -89,7 +80,13 @@ struct Reinsertion<'a> {
     stack: Vec<(f32, u32)>,
 }
 
-impl Reinsertion<'_> {
+impl<'a> Reinsertion<'a> {
+    /// A tree that is not changed yet. The subtrees of the nodes in `whole`, which are in order, stay as they are.
+    pub(super) fn new(nodes: &'a [BinaryNode], whole: Vec<u32>, cost_model: &'a CostModel) -> Reinsertion<'a> {
+        let (parent, slot) = (vec![0; nodes.len()], vec![0; nodes.len()]);
+        Reinsertion { nodes, whole, cost_model, parent, slot, changed: Vec::new(), stack: Vec::new() }
+    }
+
     fn changed(&self, x: u32) -> Option<&Changed> {
         self.changed.get((self.slot[x as usize] as usize).wrapping_sub(1))
     }
@@ -135,7 +132,7 @@ impl Reinsertion<'_> {
     }
 
     /// The children of a node, whose parent is then known.
-    fn open(&mut self, x: u32) -> Option<[u32; 2]> {
+    pub(super) fn open(&mut self, x: u32) -> Option<[u32; 2]> {
         let children = self.children(x)?;
         for child in children {
             self.parent[child as usize] = x;
@@ -230,6 +227,16 @@ impl Reinsertion<'_> {
         }
     }
 
+    /// Moves one of two subtrees beside the other and returns the parent of both. Their parents are known, and the root stays where it is.
+    pub(super) fn join(&mut self, a: u32, b: u32) -> u32 {
+        let (moved, to) = if self.parent[b as usize] != 0 { (b, a) } else { (a, b) };
+        let parent = self.parent[moved as usize];
+        if parent != 0 {
+            self.insert(moved, to);
+        }
+        parent
+    }
+
     /// Moves a subtree beside another one. Its former parent becomes the parent of both.
     fn insert(&mut self, x: u32, to: u32) {
         let (parent, sibling) = (self.parent[x as usize], self.sibling(x));
@@ -274,7 +281,11 @@ impl Reinsertion<'_> {
     }
 
     /// The changed tree in preorder; `None` if it has become too deep.
-    fn write(&self, references: &mut Vec<Reference>, replaced: &mut [ReplacedSubtree]) -> Option<BinaryTree> {
+    pub(super) fn write(
+        &self,
+        references: &mut Vec<Reference>,
+        replaced: &mut [ReplacedSubtree],
+    ) -> Option<BinaryTree> {
         let mut out = BinaryTree::with_capacity(self.nodes.len());
         // Subtrees to be written: their levels, and whose right children they are.
         let mut waiting = vec![(0, 0, None)];

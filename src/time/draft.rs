@@ -9,7 +9,7 @@ use super::existence::{any_changes, any_comes_or_goes};
 use super::time_slice::TimeSlice;
 use crate::bvh::{
     BinaryNode, BinaryTree, Collapse, CostModel, LeafKind, Reference, ReplacedSubtree, SurfaceDensity, WideChild,
-    build_binary, neighbourhoods, presplit, reinsert,
+    build_binary, join_leaves, neighbourhoods, presplit, reinsert,
 };
 use crate::geometry::{LaneBounds, LinearBox3, TimeInterval};
 use crate::parallel;
@@ -85,13 +85,27 @@ impl Draft {
     /// Makes subtrees single children, which others have replaced, and moves subtrees to better places unless that has been done.
     /// Afterwards only the references of nodes that may be leaf blocks are side by side.
     pub fn replace_subtrees<S: PrimitiveSet>(&mut self, set: &S, replaced: &mut [ReplacedSubtree]) {
-        if !self.reinserted
-            && let Some(better) = reinsert(&self.binary, &mut self.references, replaced, &self.cost_model)
+        if !self.reinserted {
+            if let Some(better) = reinsert(&self.binary, &mut self.references, replaced, &self.cost_model) {
+                self.binary = better;
+                self.collapse = collapse(set, &self.binary, &self.references, self.cost_model);
+            }
+            if replaced.is_empty() {
+                self.join_leaves(set);
+            }
+        }
+        self.collapse.replace_subtrees(&self.binary, self.cost_model, replaced);
+    }
+
+    /// Joins leaf blocks that are no neighbours, if that pays and all primitives are of one kind.
+    fn join_leaves<S: PrimitiveSet>(&mut self, set: &S) {
+        let cost_model = CostModel { most: set.per_leaf().min(self.cost_model.most), ..self.cost_model };
+        if !set.bent()
+            && let Some(better) = join_leaves(&self.binary, &self.collapse, &mut self.references, &cost_model)
         {
             self.binary = better;
             self.collapse = collapse(set, &self.binary, &self.references, self.cost_model);
         }
-        self.collapse.replace_subtrees(&self.binary, self.cost_model, replaced);
     }
 
     /// Whether anything below a node changes during the shutter.
@@ -298,7 +312,22 @@ fn draft_with<S: PrimitiveSet>(
     let collapse = collapse(set, &binary, &references, cost_model);
     let primitives = references.len();
     let over = slice.interval();
-    Draft { slice, over, references, primitives, presplit, reinserted: now, ratio: None, cost_model, binary, collapse }
+    let mut draft = Draft {
+        slice,
+        over,
+        references,
+        primitives,
+        presplit,
+        reinserted: now,
+        ratio: None,
+        cost_model,
+        binary,
+        collapse,
+    };
+    if now {
+        draft.join_leaves(set);
+    }
+    draft
 }
 
 /// Collapses a binary tree over references into wide nodes and leaf blocks.
