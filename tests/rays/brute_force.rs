@@ -231,24 +231,23 @@ fn the_callers_own_primitives() {
     }
 }
 
-#[test]
-fn masks_and_filters_equal_brute_force() {
-    let meshes: Vec<TriangleMesh> = (0..4).map(|i| soup(150, 2, 0.3, 0.5, 50 + i).with_mask(1 << i)).collect();
-    let oracle = BruteForce::new(&meshes).unwrap();
+/// Compares queries with masks and a filter in all structures.
+fn assert_equal_masked_and_filtered(meshes: &[TriangleMesh], accepts: fn(&mbkd::Hit) -> bool) {
+    let oracle = BruteForce::new(meshes).unwrap();
     for params in variants() {
-        let tree = RayTree::build(&meshes, &params).unwrap();
+        let tree = RayTree::build(meshes, &params).unwrap();
         let mut random = Random(3);
         for i in 0..4000u32 {
             let ray = random_ray(&mut random, 1.5);
-            let (mask, odd) = (i % 16, |hit: &mbkd::Hit| hit.primitive % 2 == 1);
-            let expected = oracle.closest_hit_filtered(&ray, mask, odd);
-            assert_eq!(tree.closest_hit_filtered(&ray, mask, odd), expected, "{params:?} {ray:?}");
+            let mask = i % 16;
+            let expected = oracle.closest_hit_filtered(&ray, mask, accepts);
+            assert_eq!(tree.closest_hit_filtered(&ray, mask, accepts), expected, "{params:?} {ray:?}");
             let seen = oracle.closest_hit_filtered(&ray, mask, |_| true);
             assert_eq!(tree.closest_hit_masked(&ray, mask), seen, "{params:?} {ray:?}");
             assert_eq!(tree.any_hit_masked(&ray, mask), seen.is_some(), "{params:?} {ray:?}");
-            assert_eq!(tree.any_hit_filtered(&ray, mask, odd), expected.is_some());
+            assert_eq!(tree.any_hit_filtered(&ray, mask, accepts), expected.is_some());
             let mut best = None::<mbkd::Hit>;
-            let _ = tree.all_hits_filtered(&ray, mask, odd, |hit| {
+            let _ = tree.all_hits_filtered(&ray, mask, accepts, |hit| {
                 if best.is_none_or(|b| (hit.t, hit.mesh, hit.primitive) < (b.t, b.mesh, b.primitive)) {
                     best = Some(hit);
                 }
@@ -256,6 +255,35 @@ fn masks_and_filters_equal_brute_force() {
             });
             assert_eq!(best, expected);
         }
+    }
+}
+
+#[test]
+fn masks_and_filters_equal_brute_force() {
+    let meshes: Vec<TriangleMesh> = (0..4).map(|i| soup(150, 2, 0.3, 0.5, 50 + i).with_mask(1 << i)).collect();
+    assert_equal_masked_and_filtered(&meshes, |hit| hit.primitive % 2 == 1);
+}
+
+#[test]
+fn copies_of_a_mesh_in_one_place_equal_brute_force() {
+    for keys in 1..=3 {
+        let mesh = soup(8, keys, 1.0, 0.5, 70);
+        let some = TimeInterval::new(0.25, 0.75).unwrap();
+        let copy = |i: usize| {
+            let active = if i.is_multiple_of(5) { some } else { TimeInterval::FULL };
+            mesh.clone().with_mask(1 << (i % 4)).with_active(active)
+        };
+        let meshes: Vec<TriangleMesh> = (0..40).map(copy).collect();
+        assert_equal_masked_and_filtered(&meshes, |hit| hit.mesh % 7 > 3);
+        let (tree, oracle) =
+            (RayTree::build(&meshes, &BuildParams::default()).unwrap(), BruteForce::new(&meshes).unwrap());
+        let (mut random, mut hits) = (Random(9), 0);
+        for _ in 0..4000 {
+            let ray = random_ray(&mut random, 1.5);
+            assert_eq!(difference(&tree, &oracle, &ray), None);
+            hits += usize::from(tree.closest_hit(&ray).is_some());
+        }
+        assert!(hits > 400, "{hits}");
     }
 }
 

@@ -181,6 +181,12 @@ impl Candidates {
         some.then_some(lane)
     }
 
+    /// The other candidates whose lower bound of the distance is that of a candidate just taken: among them are all with the same corners.
+    #[inline(always)]
+    pub fn alike<S: Simd, C: Collect>(&self, s: S, _: &C, i: usize) -> Mask {
+        if C::ORDERED && self.lanes != 0 { self.lanes & s.eq(s.load(&self.near), s.splat(self.near[i])) } else { 0 }
+    }
+
     /// Takes the next candidate to decide. If order matters, this is the nearest one; `None` if it lies beyond the distance that still
     /// matters.
     #[inline(always)]

@@ -87,7 +87,17 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
                 fine_corners::<S, MOVING>(s, &rows, between, ky, i),
                 fine_corners::<S, MOVING>(s, &rows, between, kz, i),
             ];
-            if self.offer(s, corners, ids + i, (ray, of), collect) {
+            let alike = candidates.alike(s, &*collect, i);
+            if alike == 0 {
+                if self.offer(s, corners, ids + i, (ray, of), collect) {
+                    return true;
+                }
+                continue;
+            }
+            // Copies of a mesh in one place.
+            let same = alike & same_corners::<S, MOVING>(s, &rows, between, i);
+            candidates.lanes &= !same;
+            if self.offer_all(s, corners, (ids, same | 1 << i), (ray, of), collect) {
                 return true;
             }
         }
@@ -213,6 +223,29 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         collect.offer(Found { hit, id }, ray, self.set, self.filter)
     }
 
+    /// The same for several triangles with these corners, whose ids begin at word `ids`: all are hit at the same place, or none is.
+    #[inline(always)]
+    fn offer_all<S: Simd>(
+        &self,
+        s: S,
+        corners: [S::D; 3],
+        (ids, mut lanes): (usize, Mask),
+        (ray, sheared): (&TreeRay, &Sheared),
+        collect: &mut impl Collect,
+    ) -> bool {
+        let Some(hit) = ray.decide(s, sheared, corners, collect.limit()) else {
+            return false;
+        };
+        while lanes != 0 {
+            let id = self.arena.ints()[ids + lanes.trailing_zeros() as usize];
+            lanes &= lanes - 1;
+            if self.sees(id, ray) && collect.offer(Found { hit, id }, ray, self.set, self.filter) {
+                return true;
+            }
+        }
+        false
+    }
+
     /// Whether any vertices are kept in f64: those in leaf blocks are rounded.
     #[inline(always)]
     fn keeps_f64(&self) -> bool {
@@ -311,6 +344,28 @@ fn corners<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between, axi
     let [a2, b2, c2] = s.load_thirds(rows, other + axis);
     let f = s.splat(between.fraction);
     [s.mul_add(a2 - a, f, at[0]), s.mul_add(b2 - b, f, at[1]), s.mul_add(c2 - c, f, at[2])]
+}
+
+/// The triangles of a block whose corners are those of one of them at the keys around the ray's time, bit for bit.
+#[inline(always)]
+fn same_corners<S: Simd, const MOVING: bool>(s: S, rows: &Rows, between: Between, lane: usize) -> Mask {
+    let (base, other) = between.rows(CORNER_ROWS);
+    let mut same = Mask::MAX;
+    for axis in 0..3 {
+        same &= same_thirds(s, rows, base + axis, lane);
+        if MOVING {
+            same &= same_thirds(s, rows, other + axis, lane);
+        }
+    }
+    same
+}
+
+/// The triangles of a block that have a coordinate of their corners in common with one of them.
+#[inline(always)]
+fn same_thirds<S: Simd>(s: S, rows: &Rows, first: usize, lane: usize) -> Mask {
+    let ([a, b, c], [x, y, z]) = (s.load_thirds(rows, first), rows.lane_of_thirds(first, lane));
+    let (x, y, z) = (s.splat_u(x.to_bits()), s.splat_u(y.to_bits()), s.splat_u(z.to_bits()));
+    s.eq_u(s.to_bits(a), x) & s.eq_u(s.to_bits(b), y) & s.eq_u(s.to_bits(c), z)
 }
 
 /// One coordinate of a block's shared vertices, with the same bounds.
