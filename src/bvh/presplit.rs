@@ -6,7 +6,7 @@
 //! into parts that then move with it: each is bounded by the bounds of its own corners, however far it moves.
 
 use super::reference::{Packed, Reference};
-use super::visits::mean_half_area;
+use super::visits::{SurfaceDensity, mean_half_area};
 use crate::geometry::{CornerBounds, ULP};
 use crate::parallel::{self, CHUNK};
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch};
@@ -115,10 +115,9 @@ struct Gain {
 /// The savings in each chunk, for references where they may be enough for a second part, and the least saving of a
 /// part.
 fn gains(references: &[Reference], corners: &(impl Fn(u32) -> Option<CornerBounds> + Sync)) -> (Vec<Vec<Gain>>, f32) {
-    let area = |r: &Reference| f64::from(mean_half_area(&r.bounds()));
-    let areas = parallel::chunks(references.len(), |range| references[range].iter().map(area).sum::<f64>());
-    let total = areas.into_iter().fold(0.0, |a, b| a + b);
-    let least = (f64::from(MIN_SAVING) * total / references.len().max(1) as f64) as f32;
+    let total = SurfaceDensity::NONE.visits_of_all(references);
+    // Not minus zero, which the sum of nothing is.
+    let least = (MIN_SAVING * total / references.len().max(1) as f32).abs();
     // A positive threshold, even if no reference has an area.
     let enough = required_saving(2, least).max(f32::MIN_POSITIVE);
     let gains = parallel::chunks(references.len(), |range| {

@@ -393,7 +393,9 @@ impl PrimitiveSet for Triangles {
         let mut bounds = match keys {
             ..=2 => {
                 let [begin, end] = self.ends(id, over);
-                CornerBounds::of_lines(begin, end, Triangles::slack(keys, self.magnitude(id, over)))
+                // Without motion nothing is rounded.
+                let slack = if keys == 1 { 0.0 } else { Triangles::slack(keys, self.magnitude(id, over)) };
+                CornerBounds::of_lines(begin, end, slack)
             }
             _ => self.tubes_of_corners(id, keys, over),
         };
