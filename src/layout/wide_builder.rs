@@ -22,7 +22,7 @@ use crate::progress::Progress;
 use crate::simd::{Arena, LANES, huge_vec};
 use crate::time::{
     COST_MODEL, Draft, DraftParams, Region, Reinsertion, SharedLeaves, TimeSlice, any_changes, draft_sample,
-    draft_tree, held_in, prefetch_blocks, primitives, regions, share_of_slices,
+    draft_tree, held_in, is_left_out, prefetch_blocks, primitives, regions, share_of_slices,
 };
 use crate::tuning::lazy::NEIGHBOURS;
 use crate::tuning::slices::LEAST_TREELET;
@@ -274,6 +274,9 @@ impl WideTree {
         shared: &SharedLeaves,
     ) -> Result<ChildRef, BuildError> {
         self.presplit |= draft.presplit;
+        // A block may be in a slice without some of its primitives, which its box there does not hold.
+        let mut of_blocks = shared.clusters.iter().flat_map(|block| draft.references(block));
+        self.leaves_out |= of_blocks.any(|r| is_left_out(set, r.id(), shared.trees.len()));
         let leaves =
             |arena: &mut Arena, of: &[BinaryNode], blocks: &mut [ChildRef]| leaf_blocks(arena, set, draft, of, blocks);
         // Room for everything at once: growing later would copy all leaf blocks.
@@ -289,7 +292,6 @@ impl WideTree {
         let blocks = write_blocks(&mut self.arena, &shared.clusters, &words, further, &leaves)?;
         let mut slices = Vec::new();
         for tree in &shared.trees {
-            self.leaves_out |= tree.order.len() < blocks.len();
             let leaves = |_: &mut Arena, of: &[BinaryNode], known: &mut [ChildRef]| {
                 for (node, block) in of.iter().zip(known) {
                     *block = blocks[tree.order[node.first as usize] as usize];

@@ -47,6 +47,12 @@ pub(crate) fn held_in<'a, S: PrimitiveSet>(set: &S, ids: &'a [u32], slice: TimeS
     Cow::Owned(held)
 }
 
+/// Whether a primitive does not exist in some of equal time slices.
+pub(crate) fn is_left_out<S: PrimitiveSet>(set: &S, id: u32, count: usize) -> bool {
+    let lacks = |index: usize| set.active(id).intersect(TimeSlice { index, of: count }.interval()).is_none();
+    !set.always_active() && (0..count).any(lacks)
+}
+
 /// The largest number of primitives by which a share is estimated.
 const COUNTED: usize = 4096;
 

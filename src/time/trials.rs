@@ -18,6 +18,7 @@ use crate::tuning::slices::{
     NODE_LATENCY_SHARE, SAMPLED, SAMPLES,
 };
 use crate::tuning::wide::{BYTES_PER_REFERENCE, CACHED};
+use std::sync::OnceLock;
 
 /// The division of a region that takes the least time; `None` if none pays. A region may grow by the factor `most`.
 pub(super) fn decide<S: PrimitiveSet>(
@@ -149,6 +150,8 @@ struct Samples<'a, S> {
     /// How many shares of the cost each of them stands for, and how many those that do not change.
     shares: Vec<f32>,
     unchanged: f32,
+    /// Their costs with shared leaves for 1, 2, 4, 8 and 16 slices, as far as they were needed.
+    shared: [OnceLock<Vec<f32>>; MAX_TIME_SLICES.ilog2() as usize + 1],
     /// The share of the cost of nodes that are larger than samples, which gain nothing from straight motion. From bent motion they
     /// do: it makes all boxes larger, not only those of neighbours that separate. And if less exists, fewer nodes are above it.
     above: f32,
@@ -162,7 +165,7 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
         let unchanged = samples.iter().filter(|sample| !changes(sample)).map(|(_, shares)| shares).sum();
         let all_gain = set.bent() || !set.always_active();
         let above = if all_gain { 0.0 } else { cost_above(draft, region, most) / draft.collapse.cost(region) };
-        Samples { set, draft, region, params, changing, shares, unchanged, above }
+        Samples { set, draft, region, params, changing, shares, unchanged, shared: Default::default(), above }
     }
 
     /// The cost of trees for the shortest slices, relative to no division.
@@ -173,10 +176,13 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
     /// The cost of a division, relative to none.
     fn cost(&self, division: Division) -> f32 {
         match division {
-            Division::SharedLeaves(count) => self.relative(|i| {
-                let (slices, existing) = self.slices(i, count);
-                [existing * self.shared_leaves(i, count, &slices), self.whole(i, count, &slices)]
-            }),
+            Division::SharedLeaves(count) => {
+                let costs = self.shared_leaves(count);
+                self.relative(|i| {
+                    let (slices, existing) = self.slices(i, count);
+                    [existing * costs[i], self.whole(i, count, &slices)]
+                })
+            }
             Division::SeparateTrees(count) => {
                 let params = self.params.of_each_tree(count, self.share_of_slices(count));
                 self.separate_trees(count, &params)
@@ -185,8 +191,15 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
         }
     }
 
+    /// The mean cost of each sample during the slices that are tried in it, with shared leaves.
+    fn shared_leaves(&self, count: usize) -> &[f32] {
+        self.shared[count.ilog2() as usize].get_or_init(|| {
+            parallel::map(self.changing.len(), |i| self.shared_leaves_in(i, count, &self.slices(i, count).0))
+        })
+    }
+
     /// The mean cost of a sample during some of `count` slices, with shared leaves.
-    fn shared_leaves(&self, i: usize, count: usize, slices: &[usize]) -> f32 {
+    fn shared_leaves_in(&self, i: usize, count: usize, slices: &[usize]) -> f32 {
         SharedLeaves::build(self.set, self.draft, self.changing[i], count, slices).cost()
     }
 
@@ -196,6 +209,7 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
     /// If primitives come and go, more may exist in these slices than in others; then separate trees are compared with shared leaves
     /// there, whose cost is known for all slices.
     fn separate_trees(&self, count: usize, params: &DraftParams) -> f32 {
+        let shared = if self.set.always_active() { &[] } else { self.shared_leaves(count) };
         let costs = |i: usize, mut decided: Option<Presplit>| {
             let (ids, (slices, existing)) = (primitives(self.draft, self.changing[i]), self.tree_slices(i, count));
             let mut sum = 0.0;
@@ -209,9 +223,9 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
                 decided = Some(draft.decided());
             }
             let mut mean = sum / slices.len() as f32;
-            if !self.set.always_active() {
-                let there = self.shared_leaves(i, count, &slices);
-                mean *= if there > 0.0 { self.shared_leaves(i, count, &self.slices(i, count).0) / there } else { 1.0 };
+            if let Some(cost) = shared.get(i) {
+                let there = self.shared_leaves_in(i, count, &slices);
+                mean *= if there > 0.0 { cost / there } else { 1.0 };
             }
             ([existing * mean, self.whole(i, count, &slices)], decided)
         };

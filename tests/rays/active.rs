@@ -232,6 +232,26 @@ fn refits_keep_to_the_intervals_of_the_build_where_something_was_left_out() {
     assert_eq!(refit(Division::SeparateTrees(16)), Err(RefitError::Active { mesh: 0 }));
 }
 
+/// Each leaf block has triangles of all meshes, so each is in all slices, but its boxes hold only what exists there.
+#[test]
+fn what_a_box_does_not_hold_cannot_come_back_by_a_refit_either() {
+    let params = BuildParams::wide(WideParams { division: Division::SharedLeaves(4), ..WideParams::default() });
+    let always = soup(200, 1, 0.1, 0.0, 1);
+    let grown = |active| TriangleMesh { active, ..soup(200, 1, 1.5, 0.0, 1) };
+    let first = TimeInterval::new(0.0, 0.1).unwrap();
+    let mut tree = RayTree::build(&[always.clone(), grown(first)], &params).unwrap();
+    assert_eq!(tree.refit(&[always.clone(), grown(TimeInterval::FULL)]), Err(RefitError::Active { mesh: 1 }));
+    // What exists in each slice may exist for longer.
+    let nearly = TimeInterval::new(0.1, 0.9).unwrap();
+    let mut tree = RayTree::build(&[always.clone(), grown(nearly)], &params).unwrap();
+    let all = [always, grown(TimeInterval::FULL)];
+    tree.refit(&all).unwrap();
+    let oracle = BruteForce::new(&all).unwrap();
+    for ray in rays(&all, 300) {
+        assert_eq!(difference(&tree, &oracle, &ray), None);
+    }
+}
+
 #[test]
 fn spheres_that_a_tree_left_out_cannot_come_back_by_a_refit() {
     let balls = |life: f32| -> Vec<MovingSphere> {
