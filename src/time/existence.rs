@@ -38,9 +38,8 @@ pub(crate) fn held_in<'a, S: PrimitiveSet>(set: &S, ids: &'a [u32], slice: TimeS
     if set.always_active() {
         return Cow::Borrowed(ids);
     }
-    let over = slice.interval();
     let mut held: Vec<u32> = Vec::with_capacity(ids.len());
-    held.extend(ids.iter().filter(|&&id| set.leaf_kind(id) != 0 || set.active(id).intersect(over).is_some()));
+    held.extend(ids.iter().filter(|&&id| set.leaf_kind(id) != 0 || slice.meets(set.active(id))));
     if held.is_empty() {
         held.extend(ids.first());
     }
@@ -49,8 +48,7 @@ pub(crate) fn held_in<'a, S: PrimitiveSet>(set: &S, ids: &'a [u32], slice: TimeS
 
 /// Whether a primitive does not exist in some of equal time slices.
 pub(crate) fn is_left_out<S: PrimitiveSet>(set: &S, id: u32, count: usize) -> bool {
-    let lacks = |index: usize| set.active(id).intersect(TimeSlice { index, of: count }.interval()).is_none();
-    !set.always_active() && (0..count).any(lacks)
+    comes_or_goes(set, id) && !(0..count).all(|index| TimeSlice { index, of: count }.meets(set.active(id)))
 }
 
 /// The largest number of primitives by which a share is estimated.
@@ -61,12 +59,11 @@ pub(crate) fn share_of_slices<S: PrimitiveSet>(set: &S, ids: impl ExactSizeItera
     if set.always_active() || ids.len() == 0 {
         return 1.0;
     }
-    let intervals: Vec<TimeInterval> = (0..count).map(|index| TimeSlice { index, of: count }.interval()).collect();
     let step = ids.len().div_ceil(COUNTED);
     let (mut all, mut existing) = (0, 0);
     for active in ids.step_by(step).map(|id| set.active(id)) {
         all += count;
-        existing += intervals.iter().filter(|&&over| active.intersect(over).is_some()).count();
+        existing += (0..count).filter(|&index| TimeSlice { index, of: count }.meets(active)).count();
     }
     existing as f32 / all as f32
 }
@@ -78,7 +75,7 @@ pub(super) fn slices_with<S: PrimitiveSet>(set: &S, references: &[Reference], co
     }
     let mut missing: Vec<usize> = (0..count).collect();
     for active in references.iter().map(|r| set.active(r.id())) {
-        missing.retain(|&index| active.intersect(TimeSlice { index, of: count }.interval()).is_none());
+        missing.retain(|&index| !TimeSlice { index, of: count }.meets(active));
         if missing.is_empty() {
             break;
         }

@@ -18,6 +18,11 @@ impl TimeSlice {
         time_slice(self.index, self.of)
     }
 
+    /// Whether something with this active interval exists for any query that looks in the slice.
+    pub fn meets(self, active: TimeInterval) -> bool {
+        active.intersect(self.interval()).is_some()
+    }
+
     /// The first and the last query time that belongs to the slice.
     pub fn times(self) -> [f32; 2] {
         let begin = |index: usize| KeyTime::first_time(index, self.of + 1);

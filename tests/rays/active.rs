@@ -163,7 +163,7 @@ fn rays_hardly_meet_what_does_not_exist() {
     };
     let (whole, whole_bytes) = work(0.2, Division::Whole);
     let (steps, bytes) = work(0.2, Division::Automatic);
-    // As a static tree of what exists would have: 0.3 is what a fifth of the rocks would take with the slices' overlap.
+    // A fifth of the rocks exists at any time, a little more in any slice.
     assert!(steps < 0.4 * whole, "{steps} of {whole}");
     // Each of sixteen separate trees of all rocks would have as many bytes as the whole.
     let (_, separate) = work(0.2, Division::SeparateTrees(16));
