@@ -45,15 +45,17 @@ struct Row {
     /// The scene for a number of triangles and a frame.
     frame: fn(usize, usize) -> scene::Scene,
     triangles: usize,
-    /// The index of the first moving mesh.
-    moving: usize,
+    /// The index of the first moving mesh, given the number of all.
+    moving: fn(usize) -> usize,
 }
 
-const ROWS: [Row; 4] = [
-    Row { name: "hall, running figure", frame: |n, i| running(n, 2, i), triangles: 300_000, moving: 5 },
-    Row { name: "hall, running figure, 17 keys", frame: |n, i| running(n, 17, i), triangles: 300_000, moving: 5 },
-    Row { name: "running figure alone", frame: |n, i| alone(n, 2, i), triangles: 300_000, moving: 0 },
-    Row { name: "running figure alone, 17 keys", frame: |n, i| alone(n, 17, i), triangles: 100_000, moving: 0 },
+const ROWS: [Row; 6] = [
+    Row { name: "hall, running figure", frame: |n, i| running(n, 2, i), triangles: 300_000, moving: |_| 5 },
+    Row { name: "hall, running figure, 17 keys", frame: |n, i| running(n, 17, i), triangles: 300_000, moving: |_| 5 },
+    Row { name: "running figure alone", frame: |n, i| alone(n, 2, i), triangles: 300_000, moving: |_| 0 },
+    Row { name: "running figure alone, 17 keys", frame: |n, i| alone(n, 17, i), triangles: 100_000, moving: |_| 0 },
+    Row { name: "static hall, moving cube", frame: beside_cube, triangles: 1_000_000, moving: |meshes| meshes - 1 },
+    Row { name: "cubes, one moves", frame: cubes, triangles: 600_000, moving: |meshes| meshes - 1 },
 ];
 
 /// Frames half a shutter apart, from the figure's entrance.
@@ -69,6 +71,35 @@ fn alone(triangles: usize, keys: usize, frame: usize) -> scene::Scene {
         Vec3::new(0.25, 0.9, 2.1 + 0.06 * frame as f32 - 3.6),
         0.8,
     ));
+    scene
+}
+
+/// A cube that moves by a hundredth of its size while the shutter is open.
+fn cube(at: Vec3, size: f32) -> TriangleMesh {
+    let corner = |i: usize| at + size * Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32);
+    let open: Vec<Vec3> = (0..8).map(corner).collect();
+    let close = open.iter().map(|p| p + Vec3::X * 0.01 * size).collect();
+    let faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]];
+    TriangleMesh::new(faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect(), vec![open, close])
+}
+
+fn beside_cube(triangles: usize, frame: usize) -> scene::Scene {
+    let mut scene = scene::camera(triangles);
+    let view = scene.camera.view(0.0);
+    let place = view.position.lerp(view.target, 0.5) + Vec3::X * 0.001 * frame as f32;
+    scene.meshes.push(cube(place, 0.1));
+    scene
+}
+
+/// Cubes of twelve triangles, each a mesh, of which the last one moves from frame to frame.
+fn cubes(triangles: usize, frame: usize) -> scene::Scene {
+    let mut scene = scene::camera(100);
+    let (mut random, count) = (Lcg(3), triangles / 12);
+    let mut place = || Vec3::new(random.unit(), random.unit(), random.unit()) * 10.0;
+    scene.meshes = (0..count).map(|_| cube(place(), 0.05)).collect();
+    scene.meshes[count - 1] = cube(Vec3::splat(5.0) + Vec3::X * 0.01 * frame as f32, 0.05);
+    let eye = Vec3::new(5.0, 5.0, -8.0);
+    scene.camera = scene::Camera::fixed(scene::View::new(eye, Vec3::splat(5.0), 0.8));
     scene
 }
 
@@ -96,7 +127,7 @@ fn measure(args: &Args, row: &Row) -> Result<(), Box<dyn Error + Send + Sync>> {
     let triangles = (row.triangles as f32 * args.scale) as usize;
     let build = |meshes: &[TriangleMesh]| RayTree::build(meshes, &BuildParams::default());
     let first = (row.frame)(triangles, 0);
-    let moving: Vec<usize> = (row.moving..first.meshes.len()).collect();
+    let moving: Vec<usize> = ((row.moving)(first.meshes.len())..first.meshes.len()).collect();
     let mut tree = build(&first.meshes)?;
     let [mut builds, mut whole, mut parts, mut rays_of_both, mut work] = [const { Vec::new() }; 5];
     let mut first_time = Vec::new();
@@ -130,7 +161,7 @@ fn measure(args: &Args, row: &Row) -> Result<(), Box<dyn Error + Send + Sync>> {
     let written = last.map_or(0, |refit| refit.nodes + refit.leaves);
     let [build, whole, parts] = [builds, whole, parts].map(median);
     println!(
-        "| {} | {} | {:.1} | {:.1} | {:.2} | {:.2} | {:.1} | {:.1} | {:.1} % | {:.2} | {:.2} | {:.2} |",
+        "| {} | {} | {:.1} | {:.1} | {:.3} | {:.3} | {:.1} | {:.1} | {:.2} % | {:.2} | {:.2} | {:.2} |",
         row.name,
         statistics.primitives,
         build * 1e3,

@@ -12,7 +12,7 @@
 use super::leaf_block::{MovedLeaf, WideSource};
 use super::leaf_ids::Ids;
 use super::node_boxes::{BoxRows, MeasuredBoxes};
-use super::refit_plan::{Above, Plan, SharedLeaves, Unit, mesh_bit};
+use super::refit_plan::{Above, Plan, SharedLeaves, Touched};
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS};
 use super::wide_tree::WideTree;
 use super::write::read_box;
@@ -26,23 +26,29 @@ use std::collections::HashMap;
 
 /// The meshes that may have changed since the tree was written.
 #[derive(Clone, Debug)]
-pub(crate) struct Moved {
-    /// Whether each mesh may have changed, and after them the shapes.
-    meshes: Vec<bool>,
-    /// The same by mesh number modulo 64, for a quick test.
-    bits: u64,
-    all: bool,
+pub(crate) enum Moved {
+    All,
+    /// For each mesh, and after them for the shapes, whether it may have changed.
+    Some(Vec<bool>),
+    /// Nothing changed, but everything is to be visited.
+    Nothing,
 }
 
 impl Moved {
-    /// `meshes` is indexed by the mesh number, with which the name of a primitive begins.
-    pub fn new(meshes: Vec<bool>) -> Moved {
-        let bits = (0..meshes.len()).filter(|&i| meshes[i]).fold(0, |bits, i| bits | mesh_bit(i));
-        Moved { all: meshes.iter().all(|&moved| moved), bits, meshes }
+    fn any<S: WideSource>(&self, set: &S, ids: &[u32]) -> bool {
+        match self {
+            Moved::All => true,
+            Moved::Some(meshes) => ids.iter().any(|&id| meshes[set.mesh_and_primitive(id).0 as usize]),
+            Moved::Nothing => false,
+        }
     }
 
-    fn any<S: WideSource>(&self, set: &S, ids: &[u32]) -> bool {
-        self.all || ids.iter().any(|&id| self.meshes.get(set.mesh_and_primitive(id).0 as usize) == Some(&true))
+    /// The numbers of the meshes, unless everything is to be visited.
+    fn list(&self) -> Option<Vec<u32>> {
+        match self {
+            Moved::Some(meshes) => Some((0..).zip(meshes).filter(|&(_, &moved)| moved).map(|(i, _)| i).collect()),
+            Moved::All | Moved::Nothing => None,
+        }
     }
 }
 
@@ -75,8 +81,7 @@ impl WideTree {
         let plan = plan.get_or_insert_with(|| {
             let mut plan = Box::new(Plan::of(self, set));
             // Everything is visited, and nothing is written.
-            let nothing = Moved { meshes: Vec::new(), bits: u64::MAX, all: false };
-            plan.built = self.refit_by(set, &nothing, &mut plan).1;
+            plan.built = self.refit_by(set, &Moved::Nothing, &mut plan).1;
             plan
         });
         let (done, cost) = self.refit_by(set, moved, plan);
@@ -86,12 +91,13 @@ impl WideTree {
     /// Refits the units of a plan, and then the nodes above them. Returns the work done, and the cost per area of the root.
     fn refit_by<S: WideSource>(&mut self, set: &S, moved: &Moved, plan: &mut Plan) -> (Done, f64) {
         let (lists, level) = (self.lists, SimdLevel::best());
+        let touched = plan.touched(moved.list().as_deref());
         let places = &plan.places;
         let mut pass = Pass { set, moved, lists, level, changed: Vec::new(), places, known: Vec::new() };
         let words = self.arena.ints_mut();
         // Leaf blocks that several hierarchies share come first, since the hierarchies read them.
-        let mut done = pass.shared_leaves(words, &plan.shared);
-        let units = pass.units(words, plan);
+        let mut done = pass.shared_leaves(words, &plan.shared, &touched);
+        let units = pass.units(words, plan, &touched);
         pass.known = plan.units.iter().map(|unit| Subtree { bounds: None, cost: unit.cost }).collect();
         for (i, subtree, of_unit) in units {
             (plan.units[i].cost, pass.known[i]) = (subtree.cost, subtree);
@@ -198,9 +204,10 @@ const TOGETHER: usize = 64;
 
 impl<S: WideSource> Pass<'_, S> {
     /// Rewrites shared leaf blocks, and records which of them changed.
-    fn shared_leaves(&mut self, words: &mut [u32], shared: &[SharedLeaves]) -> Done {
+    fn shared_leaves(&mut self, words: &mut [u32], shared: &[SharedLeaves], touched: &Touched) -> Done {
         let mut done = Done::default();
-        for SharedLeaves { leaves, words: of_leaves, .. } in shared.iter().filter(|s| s.meshes & self.moved.bits != 0) {
+        let shared = shared.iter().zip(&touched.shared).filter(|&(_, &touched)| touched);
+        for (SharedLeaves { leaves, words: of_leaves }, _) in shared {
             let runs: Vec<&[ChildRef]> = leaves.chunks(TOGETHER).collect();
             let ends = runs.iter().skip(1).map(|run| run[0].at()).chain([of_leaves.end]);
             let places: Vec<Range<usize>> = runs.iter().zip(ends).map(|(run, end)| run[0].at()..end).collect();
@@ -223,9 +230,8 @@ impl<S: WideSource> Pass<'_, S> {
     }
 
     /// Refits the units in which something may have changed; returns their numbers, results and work.
-    fn units(&self, words: &mut [u32], plan: &Plan) -> Vec<(usize, Subtree, Done)> {
-        let moved = |unit: &Unit| unit.meshes & self.moved.bits != 0;
-        let units = plan.units.iter().enumerate().filter(|(_, unit)| moved(unit));
+    fn units(&self, words: &mut [u32], plan: &Plan, touched: &Touched) -> Vec<(usize, Subtree, Done)> {
+        let units = plan.units.iter().enumerate().filter(|&(i, _)| touched.units[i]);
         let units = units.map(|(i, unit)| (unit.words.clone(), Some(i), unit.shared));
         let shared = plan.shared.iter().enumerate().map(|(i, shared)| (shared.words.clone(), None, Some(i)));
         let mut sections: Vec<(Range<usize>, Option<usize>, Option<usize>)> = units.chain(shared).collect();

@@ -24,8 +24,6 @@ pub(crate) struct Unit {
     pub over: TimeInterval,
     /// The index of its shared leaf blocks, if it has any.
     pub shared: Option<usize>,
-    /// The meshes in it, as a bit set of their indices modulo 64.
-    pub meshes: u64,
     /// The sum of cost times area when it was last visited.
     pub cost: f64,
 }
@@ -41,7 +39,33 @@ pub(crate) struct Above {
 pub(crate) struct SharedLeaves {
     pub leaves: Vec<ChildRef>,
     pub words: Range<usize>,
-    pub meshes: u64,
+}
+
+/// The meshes that have primitives in some parts of a tree.
+#[derive(Default)]
+struct Holders(
+    /// The mesh and the index of the part, sorted.
+    Vec<(u32, u32)>,
+);
+
+impl Holders {
+    fn of_mesh(&self, mesh: u32) -> impl Iterator<Item = usize> {
+        let first = self.0.partition_point(|&(other, _)| other < mesh);
+        self.0[first..].iter().take_while(move |&&(other, _)| other == mesh).map(|&(_, part)| part as usize)
+    }
+
+    /// Which of `parts` parts hold one of these meshes.
+    fn of_meshes(&self, meshes: &[u32], parts: usize) -> Vec<bool> {
+        let mut found = vec![false; parts];
+        meshes.iter().flat_map(|&mesh| self.of_mesh(mesh)).for_each(|part| found[part] = true);
+        found
+    }
+}
+
+/// The parts of a plan in which something may have changed.
+pub(super) struct Touched {
+    pub units: Vec<bool>,
+    pub shared: Vec<bool>,
 }
 
 /// The partition of a tree, made by its first refit.
@@ -55,11 +79,11 @@ pub(crate) struct Plan {
     pub places: HashMap<u32, usize>,
     /// Cost of the tree per area of its root when it was built.
     pub built: f64,
-}
-
-/// The bit of a mesh among 64.
-pub(super) fn mesh_bit(mesh: usize) -> u64 {
-    1 << (mesh % 64)
+    /// The leaf blocks that hold primitives of several meshes.
+    mixed: Vec<ChildRef>,
+    units_of: Holders,
+    shared_of: Holders,
+    mixed_of: Holders,
 }
 
 /// The greatest number of lines of a unit: some five hundred triangles, few enough that static geometry beside moving
@@ -72,108 +96,140 @@ struct Extent {
     begin: usize,
     end: usize,
     lines: usize,
-    meshes: u64,
+    /// Its meshes in [`Exploration::meshes`].
+    meshes: Range<usize>,
     /// Whether it may be part of a unit.
     open: bool,
+}
+
+/// The search for the units of a tree.
+struct Exploration<'a, S> {
+    tree: &'a WideTree,
+    set: &'a S,
+    plan: Plan,
+    /// The meshes of subtrees that may be part of a unit, some of them repeated.
+    meshes: Vec<u32>,
 }
 
 impl Plan {
     /// The plan for a finished tree. Visits every block.
     pub fn of<S: WideSource>(tree: &WideTree, set: &S) -> Plan {
-        let mut plan = Plan::default();
+        let mut exploration = Exploration { tree, set, plan: Plan::default(), meshes: Vec::new() };
         if tree.root != ChildRef::NOTHING && !tree.root.kind().is_leaf() {
-            let whole = plan.explore(tree, set, tree.root, TimeInterval::FULL, None);
-            plan.close(tree.root, whole, TimeInterval::FULL, None);
+            let whole = exploration.explore(tree.root, TimeInterval::FULL, None);
+            exploration.close(tree.root, whole, TimeInterval::FULL, None);
         }
+        let mut plan = exploration.plan;
+        plan.units_of.0.sort_unstable();
+        plan.shared_of.0.sort_unstable();
+        plan.mixed_of.0.sort_unstable();
         let roots = plan.units.iter().map(|unit| unit.root).chain(plan.above.iter().map(|above| above.at));
         plan.places = roots.zip(0..).map(|(root, place)| (root.0, place)).collect();
         plan
     }
 
+    /// The parts that hold one of these meshes; all of them for `None`.
+    pub(super) fn touched(&self, meshes: Option<&[u32]>) -> Touched {
+        let (units, shared) = (self.units.len(), self.shared.len());
+        match meshes {
+            None => Touched { units: vec![true; units], shared: vec![true; shared] },
+            Some(meshes) => Touched {
+                units: self.units_of.of_meshes(meshes, units),
+                shared: self.shared_of.of_meshes(meshes, shared),
+            },
+        }
+    }
+}
+
+impl<S: WideSource> Exploration<'_, S> {
     /// Makes a subtree a unit, unless it contains units already.
     fn close(&mut self, root: ChildRef, extent: Extent, over: TimeInterval, shared: Option<usize>) {
         if extent.open && !root.kind().is_leaf() {
-            self.units.push(Unit {
-                root,
-                words: extent.begin..extent.end,
-                over,
-                shared,
-                meshes: extent.meshes,
-                cost: 0.0,
-            });
+            add(&mut self.plan.units_of, &mut self.meshes[extent.meshes], self.plan.units.len());
+            self.plan.units.push(Unit { root, words: extent.begin..extent.end, over, shared, cost: 0.0 });
         }
     }
 
     /// The extent of a subtree. The recursion is as deep as the tree.
-    fn explore<S: WideSource>(
-        &mut self,
-        tree: &WideTree,
-        set: &S,
-        at: ChildRef,
-        over: TimeInterval,
-        shared: Option<usize>,
-    ) -> Extent {
+    fn explore(&mut self, at: ChildRef, over: TimeInterval, shared: Option<usize>) -> Extent {
         let rows = match at.kind() {
             Kind::Node => NODE_ROWS,
             Kind::StaticNode => STATIC_NODE_ROWS,
-            Kind::Time => return self.explore_slices(tree, set, at, over),
-            _ => return self.leaf(tree, set, at, shared),
+            Kind::Time => return self.explore_slices(at, over),
+            _ => return self.leaf(at, shared),
         };
-        let (begin, end) = (at.at(), at.at() + rows * LANES);
-        let mut all = Extent { begin, end, lines: rows, meshes: 0, open: true };
+        let (begin, end, first) = (at.at(), at.at() + rows * LANES, self.meshes.len());
+        let mut all = Extent { begin, end, lines: rows, meshes: first..first, open: true };
         let mut below = Vec::with_capacity(LANES);
-        for child in tree.children(at).iter().map(|&child| ChildRef(child)).filter(|&c| c != ChildRef::NOTHING) {
-            let extent = self.explore(tree, set, child, over, shared);
+        for child in self.tree.children(at).iter().map(|&child| ChildRef(child)).filter(|&c| c != ChildRef::NOTHING) {
+            let extent = self.explore(child, over, shared);
             (all.begin, all.end) = (all.begin.min(extent.begin), all.end.max(extent.end));
             all.lines += extent.lines;
-            all.meshes |= extent.meshes;
             all.open &= extent.open;
             below.push((child, extent));
         }
+        all.meshes.end = self.meshes.len();
         // The subtree is contiguous if it has as many lines as its extent.
         all.open &= all.lines <= LINES && all.lines * LANES == all.end - all.begin;
         if !all.open {
             below.into_iter().for_each(|(child, extent)| self.close(child, extent, over, shared));
-            self.above.push(Above { at, over, shared });
+            self.plan.above.push(Above { at, over, shared });
+            // Nothing above is part of a unit.
+            self.meshes.truncate(first);
         }
         all
     }
 
-    fn explore_slices<S: WideSource>(&mut self, tree: &WideTree, set: &S, at: ChildRef, over: TimeInterval) -> Extent {
-        let slices: Vec<ChildRef> = tree.children(at).iter().map(|&slice| ChildRef(slice)).collect();
-        let mut of_all: Vec<ChildRef> = slices.iter().flat_map(|&slice| leaves(tree, slice)).collect();
-        let found = of_all.len();
+    fn explore_slices(&mut self, at: ChildRef, over: TimeInterval) -> Extent {
+        let slices: Vec<ChildRef> = self.tree.children(at).iter().map(|&slice| ChildRef(slice)).collect();
+        let mut of_all: Vec<ChildRef> = slices.iter().flat_map(|&slice| leaves(self.tree, slice)).collect();
+        let (found, first) = (of_all.len(), self.meshes.len());
         of_all.sort_unstable_by_key(|leaf| leaf.0);
         of_all.dedup();
         // Slices that share leaf blocks may have no block in common if each lacks what does not exist in it. Then their blocks are
         // treated as their own.
         let shared = (of_all.len() < found).then(|| {
-            let extents: Vec<Extent> = of_all.iter().map(|&leaf| self.leaf(tree, set, leaf, None)).collect();
-            let meshes = extents.iter().fold(0, |meshes, extent| meshes | extent.meshes);
+            let extents: Vec<Extent> = of_all.iter().map(|&leaf| self.leaf(leaf, None)).collect();
             let words = extents[0].begin..extents[extents.len() - 1].end;
-            self.shared.push(SharedLeaves { leaves: of_all, words, meshes });
-            self.shared.len() - 1
+            add(&mut self.plan.shared_of, &mut self.meshes[first..], self.plan.shared.len());
+            self.plan.shared.push(SharedLeaves { leaves: of_all, words });
+            self.plan.shared.len() - 1
         });
-        let mut meshes = 0;
         for (i, &slice) in slices.iter().enumerate() {
             let over = time_slice(i, slices.len());
-            let extent = self.explore(tree, set, slice, over, shared);
-            meshes |= extent.meshes;
+            let extent = self.explore(slice, over, shared);
             self.close(slice, extent, over, shared);
+            self.meshes.truncate(first);
         }
-        self.above.push(Above { at, over, shared });
-        Extent { begin: at.at(), end: at.at() + LANES, lines: 1, meshes, open: false }
+        self.plan.above.push(Above { at, over, shared });
+        Extent { begin: at.at(), end: at.at() + LANES, lines: 1, meshes: first..first, open: false }
     }
 
-    fn leaf<S: WideSource>(&self, tree: &WideTree, set: &S, leaf: ChildRef, shared: Option<usize>) -> Extent {
-        let ids = tree.ids::<S>(leaf).unwrap_or(&[]);
-        let meshes = ids.iter().fold(0, |meshes, &id| meshes | mesh_bit(set.mesh_and_primitive(id).0 as usize));
-        if shared.is_some_and(|shared| self.shared[shared].words.contains(&leaf.at())) {
+    fn leaf(&mut self, leaf: ChildRef, shared: Option<usize>) -> Extent {
+        let first = self.meshes.len();
+        for &id in self.tree.ids::<S>(leaf).unwrap_or(&[]) {
+            let mesh = self.set.mesh_and_primitive(id).0;
+            if self.meshes.last() != Some(&mesh) || self.meshes.len() == first {
+                self.meshes.push(mesh);
+            }
+        }
+        let meshes = first..self.meshes.len();
+        if shared.is_some_and(|shared| self.plan.shared[shared].words.contains(&leaf.at())) {
             return Extent { begin: usize::MAX, end: 0, lines: 0, meshes, open: true };
         }
-        let lines = tree.words::<S>(leaf).div_ceil(LANES);
+        if meshes.len() > 1 {
+            add(&mut self.plan.mixed_of, &mut self.meshes[first..], self.plan.mixed.len());
+            self.plan.mixed.push(leaf);
+        }
+        let lines = self.tree.words::<S>(leaf).div_ceil(LANES);
         Extent { begin: leaf.at(), end: leaf.at() + lines * LANES, lines, meshes, open: true }
     }
+}
+
+/// Records that a part holds these meshes, of which some may be repeated.
+fn add(to: &mut Holders, meshes: &mut [u32], part: usize) {
+    meshes.sort_unstable();
+    to.0.extend(meshes.chunk_by(|a, b| a == b).map(|same| (same[0], part as u32)));
 }
 
 /// The leaf blocks of one time slice.
@@ -190,6 +246,25 @@ fn leaves(tree: &WideTree, of: ChildRef) -> Vec<ChildRef> {
 }
 
 impl WideTree {
+    /// The triangles of other meshes whose vertices a refit reads if these meshes move: those in the leaf blocks that it rewrites, and in
+    /// the few leaf blocks that are the whole tree or a whole time slice, since these have no box in a node.
+    pub fn beside<S: WideSource>(&self, set: &S, moved: &[bool], plan: &Plan) -> Vec<u32> {
+        let list = (0..).zip(moved).filter(|&(_, &moved)| moved).map(|(mesh, _)| mesh);
+        let list: Vec<u32> = list.collect();
+        let touched = plan.mixed_of.of_meshes(&list, plan.mixed.len());
+        let mixed = plan.mixed.iter().zip(touched).filter(|&(_, touched)| touched).map(|(&leaf, _)| leaf);
+        let times = plan.above.iter().filter(|above| above.at.kind() == Kind::Time);
+        let slices = times.flat_map(|above| self.children(above.at)).map(|&child| ChildRef(child));
+        let whole = slices.chain([self.root]).filter(|&child| child != ChildRef::NOTHING && child.kind().is_leaf());
+        let ids = mixed.chain(whole).flat_map(|leaf| self.ids::<S>(leaf).unwrap_or(&[])).copied();
+        // A triangle may be in several blocks.
+        let mut beside: Vec<u32> =
+            ids.filter(|&id| !set.is_listed(id) && !moved[set.mesh_and_primitive(id).0 as usize]).collect();
+        beside.sort_unstable();
+        beside.dedup();
+        beside
+    }
+
     /// Number of words of a leaf block.
     fn words<S: WideSource>(&self, leaf: ChildRef) -> usize {
         if leaf.kind() == Kind::OtherLeaf && !self.is_list::<S>(leaf) {

@@ -1,6 +1,7 @@
 //! Copying meshes into tree space: for a build, and for refitting a tree to the next frame.
 
 use super::mesh::{Keys, TriangleMesh};
+use super::move_meshes::MeshExtent;
 use super::precise_vertices::PreciseVertices;
 use super::triangles::{BLOCK, MeshInfo, Triangles, Vertices, segments};
 use crate::error::{BuildError, RefitError};
@@ -19,7 +20,7 @@ impl Triangles {
 
     /// Checks the meshes and copies them into a tree space that also holds the bounds of other primitives.
     pub(crate) fn with_bounds(meshes: &[TriangleMesh], others: Aabb) -> Result<Triangles, BuildError> {
-        let frame = checked(meshes, others)?;
+        let frame = frame_of(meshes, extents(meshes)?.iter().map(|of| of.swept), others);
         // Redundant keys are dropped: static meshes and linear motion have no cost for them.
         let kept: Vec<usize> = meshes.iter().map(|mesh| mesh.kept_keys(frame)).collect();
         Triangles::copied(meshes, frame, &kept)
@@ -27,86 +28,85 @@ impl Triangles {
 
     /// The same meshes with other positions and the same numbers of kept keys.
     pub(crate) fn with_positions(&self, meshes: &[TriangleMesh], others: Aabb) -> Result<Triangles, RefitError> {
-        if meshes.len() != self.meshes.len() {
-            return Err(RefitError::Count { expected: self.meshes.len(), found: meshes.len() });
-        }
-        for (i, mesh) in meshes.iter().enumerate() {
-            if mesh.len() != self.len_of(i) {
-                return Err(RefitError::Topology { mesh: i });
-            }
-        }
-        let frame = checked(meshes, others).map_err(RefitError::Input)?;
-        let mut kept = Vec::with_capacity(meshes.len());
-        for (i, (mesh, before)) in meshes.iter().zip(&self.meshes).enumerate() {
-            if mesh.is_precise() != before.precise.is_some() {
-                return Err(RefitError::Precision { mesh: i });
-            }
-            let needed = mesh.kept_keys(frame);
-            if needed > 1 && needed != before.keys {
-                return Err(RefitError::Keys { mesh: i, expected: before.keys, found: needed });
-            }
-            kept.push(before.keys);
-        }
+        self.require_same_sizes(meshes)?;
+        let extents = extents(meshes).map_err(RefitError::Input)?;
+        let frame = frame_of(meshes, extents.iter().map(|of| of.swept), others);
+        let kept =
+            (0..).zip(meshes).map(|(i, mesh)| self.keys_again(i, mesh, frame)).collect::<Result<Vec<usize>, _>>()?;
         let again = Triangles::copied(meshes, frame, &kept).map_err(RefitError::Input)?;
         match again.meshes.iter().zip(&self.meshes).position(|(a, b)| a.indices != b.indices) {
             Some(mesh) => Err(RefitError::Topology { mesh }),
-            None => Ok(again),
+            None => Ok(Triangles { extents, ..again }),
+        }
+    }
+
+    /// An error unless there are as many meshes, of as many triangles.
+    pub(super) fn require_same_sizes(&self, meshes: &[TriangleMesh]) -> Result<(), RefitError> {
+        if meshes.len() != self.meshes.len() {
+            return Err(RefitError::Count { expected: self.meshes.len(), found: meshes.len() });
+        }
+        match (0..).zip(meshes).find(|&(i, mesh)| mesh.len() != self.len_of(i)) {
+            Some((mesh, _)) => Err(RefitError::Topology { mesh }),
+            None => Ok(()),
+        }
+    }
+
+    /// The number of keys that are kept of a mesh that was checked: as many as before, if no more are needed.
+    pub(super) fn keys_again(&self, i: usize, mesh: &TriangleMesh, frame: Frame) -> Result<usize, RefitError> {
+        let before = &self.meshes[i];
+        if mesh.is_precise() != before.precise.is_some() {
+            return Err(RefitError::Precision { mesh: i });
+        }
+        match mesh.kept_keys(frame) {
+            found if found > 1 && found != before.keys => {
+                Err(RefitError::Keys { mesh: i, expected: before.keys, found })
+            }
+            _ => Ok(before.keys),
         }
     }
 
     /// Copies meshes that were checked, with `kept` evenly spaced keys of each.
     fn copied(meshes: &[TriangleMesh], frame: Frame, kept: &[usize]) -> Result<Triangles, BuildError> {
         let total = meshes.iter().map(TriangleMesh::len).sum();
-        let positions_of = |mesh: &TriangleMesh, keys: usize| keys * mesh.keys.vertices(0);
-        let given: usize = meshes.iter().map(|mesh| positions_of(mesh, mesh.keys.len())).sum();
-        let found: usize = meshes.iter().zip(kept).map(|(mesh, &keys)| positions_of(mesh, keys)).sum();
-        if found >= u32::MAX as usize {
-            return Err(BuildError::TooManyPositions { found });
+        let counts = counts(meshes, kept.iter().copied());
+        if counts[1] >= u32::MAX as usize {
+            return Err(BuildError::TooManyPositions { found: counts[1] });
         }
-        let mut positions = huge_vec(found);
+        let mut positions = huge_vec(counts[1]);
         let mut corners = huge_vec(total);
         let (mut infos, mut bent, mut precise) = (Vec::with_capacity(meshes.len()), 0, 0);
-        // If all keys are equal there may be fewer than are kept.
-        let given_key = |mesh: usize, key: usize| {
-            let given = meshes[mesh].keys.len();
-            (key * (segments(given) / segments(kept[mesh]))).min(given - 1)
-        };
-        for (m, (mesh, &keys)) in meshes.iter().zip(kept).enumerate() {
-            let (first, place) = (corners.len() as u32, positions.len());
-            let vertices = mesh.keys.vertices(0);
-            // The strides of the keys of a vertex, and of successive vertices.
-            let [stride, apart] = match keys {
-                ..=1 => [0, 1],
-                2 => [vertices, 1],
-                _ => [1, keys],
-            };
-            let given: Vec<usize> = (0..keys).map(|key| given_key(m, key)).collect();
-            // The kind of positions is matched once for all of them.
-            match &mesh.keys {
-                Keys::F32(at) => match frame.in_f32() {
-                    Some((origin, scale)) => append(&mut positions, at, &given, |p| (p - origin) * scale),
-                    None => append(&mut positions, at, &given, |p| frame.point(p.as_dvec3())),
-                },
-                Keys::F64(at) | Keys::Precise(at) => append(&mut positions, at, &given, |p| frame.point(p)),
-            }
-            let corner = |v: u32| place as u32 + v * apart as u32;
-            parallel::fill(&mut corners, mesh.len(), |t| mesh.indices[t].map(corner));
+        for (mesh, &keys) in meshes.iter().zip(kept) {
+            let first = corners.len() as u32;
+            let corner = append(&mut positions, mesh, keys, frame);
+            parallel::fill(&mut corners, mesh.len(), |t| mesh.indices[t].map(&corner));
             let (active, mask, indices) = (mesh.active, mesh.mask, digest(&mesh.indices));
             let in_f64 = mesh.is_precise().then_some(precise);
             precise += if mesh.is_precise() { mesh.len() as u32 } else { 0 };
+            let stride = usize::from(keys > 1);
             infos.push(MeshInfo { first, bent_before: bent, keys, stride, active, mask, indices, precise: in_f64 });
             bent += if keys > 2 { mesh.len() } else { 0 };
         }
         let mesh_at = mesh_at(meshes.iter().map(TriangleMesh::len), total);
         let always_active = meshes.iter().all(|m| m.active == TimeInterval::FULL);
         let vertices = Vertices { positions, corners };
-        let counts = [given, found];
-        let precise = PreciseVertices::of(meshes, kept, frame, given_key);
-        Ok(Triangles { frame, meshes: infos, len: total, mesh_at, always_active, bent, counts, vertices, precise })
+        let precise = PreciseVertices::of(meshes, kept, frame);
+        let extents = Vec::new();
+        Ok(Triangles {
+            frame,
+            meshes: infos,
+            len: total,
+            mesh_at,
+            always_active,
+            bent,
+            counts,
+            vertices,
+            precise,
+            extents,
+        })
     }
 
     /// Number of triangles of a mesh.
-    fn len_of(&self, mesh: usize) -> usize {
+    pub(super) fn len_of(&self, mesh: usize) -> usize {
         let end = self.meshes.get(mesh + 1).map_or(self.len, |next| next.first as usize);
         end - self.meshes[mesh].first as usize
     }
@@ -116,13 +116,52 @@ impl Triangles {
 /// cache.
 const TOGETHER: usize = 64;
 
-/// Appends the positions of a mesh at some keys: key by key up to two keys, vertex by vertex beyond.
-fn append<P: Copy + Sync>(positions: &mut Vec<Vec3>, at: &[Vec<P>], keys: &[usize], map: impl Fn(P) -> Vec3 + Sync) {
-    if keys.len() <= 2 {
-        keys.iter().for_each(|&key| parallel::fill(positions, at[key].len(), |v| map(at[key][v])));
-        return;
+/// The index of the given key that is key `key` of the `kept` ones.
+pub(super) fn given_key(given: usize, kept: usize, key: usize) -> usize {
+    // If all keys are equal there may be fewer than are kept.
+    (key * (segments(given) / segments(kept))).min(given - 1)
+}
+
+/// Numbers of vertex positions over all keys: given, and kept.
+pub(super) fn counts(meshes: &[TriangleMesh], kept: impl Iterator<Item = usize>) -> [usize; 2] {
+    let each = meshes.iter().zip(kept);
+    let of = each.map(|(mesh, kept)| [mesh.keys.len(), kept].map(|keys| keys * mesh.keys.vertices(0)));
+    of.fold([0; 2], |all, of| [all[0] + of[0], all[1] + of[1]])
+}
+
+/// Appends the positions of a mesh at the keys that are kept, vertex by vertex. Returns where the first key of a vertex is.
+pub(super) fn append(
+    positions: &mut Vec<Vec3>,
+    mesh: &TriangleMesh,
+    keys: usize,
+    frame: Frame,
+) -> impl Fn(u32) -> u32 + Sync + use<> {
+    let place = positions.len() as u32;
+    let given: Vec<usize> = (0..keys).map(|key| given_key(mesh.keys.len(), keys, key)).collect();
+    // The kind of positions is matched once for all of them.
+    match &mesh.keys {
+        Keys::F32(at) => match frame.in_f32() {
+            Some((origin, scale)) => append_keys(positions, at, &given, |p| (p - origin) * scale),
+            None => append_keys(positions, at, &given, |p| frame.point(p.as_dvec3())),
+        },
+        Keys::F64(at) | Keys::Precise(at) => append_keys(positions, at, &given, |p| frame.point(p)),
     }
+    move |vertex| place + vertex * keys as u32
+}
+
+/// Appends the positions at some keys, vertex by vertex.
+fn append_keys<P: Copy + Sync>(
+    positions: &mut Vec<Vec3>,
+    at: &[Vec<P>],
+    keys: &[usize],
+    map: impl Fn(P) -> Vec3 + Sync,
+) {
     let vertices = at[0].len();
+    match *keys {
+        [key] => return parallel::fill(positions, vertices, |v| map(at[key][v])),
+        [first, last] => return parallel::fill(positions, 2 * vertices, |i| map(at[[first, last][i % 2]][i / 2])),
+        _ => {}
+    }
     let begin = positions.len();
     let copy = |first: usize, block: &mut [Vec3]| {
         for (place, &key) in keys.iter().enumerate() {
@@ -150,26 +189,29 @@ fn append<P: Copy + Sync>(positions: &mut Vec<Vec3>, at: &[Vec<P>], keys: &[usiz
     parallel::each(&mut blocks, |(first, block)| copy(*first, block));
 }
 
-/// Checks meshes, and returns the frame of them and of the other primitives.
-fn checked(meshes: &[TriangleMesh], others: Aabb) -> Result<Frame, BuildError> {
-    let mut swept = others;
-    for (i, mesh) in meshes.iter().enumerate() {
-        swept = swept.union(mesh.validate(i)?);
-    }
+/// Checks meshes, and returns how far each reaches.
+fn extents(meshes: &[TriangleMesh]) -> Result<Vec<MeshExtent>, BuildError> {
+    let extents = (0..).zip(meshes).map(|(i, mesh)| mesh.extent(i)).collect::<Result<_, _>>()?;
     let found: usize = meshes.iter().map(TriangleMesh::len).sum();
     if found >= u32::MAX as usize {
         return Err(BuildError::TooManyPrimitives { found });
     }
+    Ok(extents)
+}
+
+/// The frame of meshes with these bounds, and of the other primitives.
+pub(super) fn frame_of(meshes: &[TriangleMesh], swept: impl Iterator<Item = Aabb>, others: Aabb) -> Frame {
+    let swept = swept.fold(others, Aabb::union);
     let given = || meshes.iter().filter(|mesh| mesh.keys.vertices(0) > 0);
     if given().any(|mesh| matches!(mesh.keys, Keys::F32(_))) {
-        return Ok(Frame::exact(swept));
+        return Frame::exact(swept);
     }
-    Ok(if given().any(TriangleMesh::is_precise) { Frame::exact_in_f64(swept) } else { Frame::around(swept) })
+    if given().any(TriangleMesh::is_precise) { Frame::exact_in_f64(swept) } else { Frame::around(swept) }
 }
 
 /// A hash of the vertex indices: the sum of the indices of all triangles, each mixed with its position
 /// (as in splitmix64), so that the order of additions does not matter.
-fn digest(indices: &[[u32; 3]]) -> u64 {
+pub(super) fn digest(indices: &[[u32; 3]]) -> u64 {
     let mixed = |place: usize, [a, b, c]: [u32; 3]| {
         let place = (place as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         let pair = (u64::from(a) | u64::from(b) << 32).wrapping_mul(0xbf58_476d_1ce4_e5b9);

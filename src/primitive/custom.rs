@@ -250,6 +250,8 @@ pub struct Shapes<P> {
     /// The bytes of spheres' keys in leaf blocks.
     key_bytes: usize,
     frame: Frame,
+    /// The box that holds all shapes at all times.
+    swept: Aabb,
     /// The lowest primitive that returned invalid bounds over a part of its interval, or [`NONE`].
     bad: AtomicU32,
 }
@@ -314,7 +316,7 @@ impl<P: Primitive> Shapes<P> {
     pub(crate) fn within(shapes: Vec<P>, extent: ShapesExtent, frame: Frame) -> Shapes<P> {
         let keys = shapes.iter().filter_map(|shape| Some(shape.as_sphere()?.keys.len()));
         let key_bytes = keys.sum::<usize>() * SPHERE_KEY_BYTES;
-        Shapes { shapes, active: extent.active, key_bytes, frame, bad: AtomicU32::new(NONE) }
+        Shapes { shapes, active: extent.active, key_bytes, frame, swept: extent.swept, bad: AtomicU32::new(NONE) }
     }
 
     /// Active intervals as bounds; empty if all shapes exist throughout the shutter.
@@ -325,6 +327,17 @@ impl<P: Primitive> Shapes<P> {
     /// The shapes as they were given.
     pub(crate) fn shapes(&self) -> &[P] {
         &self.shapes
+    }
+
+    /// The box that holds all shapes at all times, in world space.
+    pub(super) fn swept(&self) -> Aabb {
+        self.swept
+    }
+
+    /// Replaces the frame by one that maps points to the same coordinates.
+    pub(super) fn set_frame(&mut self, frame: Frame) {
+        debug_assert!(self.frame.maps_as(&frame));
+        self.frame = frame;
     }
 
     /// Moves the shapes out, for a set that replaces this one.

@@ -222,23 +222,31 @@ impl TriangleMesh {
 
     /// The box of some vertices at one key, if they are valid.
     fn validate_positions(&self, mesh: usize, key: usize, of: Range<usize>) -> Result<Aabb, BuildError> {
-        if let Keys::F32(keys) = &self.keys
+        // For few of them the loop below is as fast.
+        if of.len() >= LANES
+            && let Keys::F32(keys) = &self.keys
             && let Some(swept) = box_of_fine(&keys[key][of.clone()])
         {
             return Ok(swept);
         }
         let mut swept = Aabb::EMPTY;
         for vertex in of {
-            let p = self.keys.position(key, vertex);
-            if !p.is_finite() {
-                return Err(BuildError::NonFinite { mesh, key, vertex });
-            }
-            if p.abs().max_element() > MAX_COORDINATE {
-                return Err(BuildError::TooLarge { mesh, key, vertex });
-            }
+            let p = self.valid_position(mesh, key, vertex)?;
             swept = Aabb { min: swept.min.min(p), max: swept.max.max(p) };
         }
         Ok(swept)
+    }
+
+    /// The position of a vertex at one key, if it is valid.
+    pub(super) fn valid_position(&self, mesh: usize, key: usize, vertex: usize) -> Result<DVec3, BuildError> {
+        let p = self.keys.position(key, vertex);
+        if !p.is_finite() {
+            return Err(BuildError::NonFinite { mesh, key, vertex });
+        }
+        if p.abs().max_element() > MAX_COORDINATE {
+            return Err(BuildError::TooLarge { mesh, key, vertex });
+        }
+        Ok(p)
     }
 }
 

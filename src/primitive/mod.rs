@@ -11,6 +11,7 @@ mod lane_bounds;
 mod merge_keys;
 mod mesh;
 mod mesh_tubes;
+mod move_meshes;
 mod points;
 mod precise;
 mod precise_vertices;

@@ -1,5 +1,6 @@
 //! Vertices of meshes that are kept in f64.
 
+use super::copy_meshes::given_key;
 use super::mesh::TriangleMesh;
 use crate::geometry::Frame;
 use crate::parallel;
@@ -17,26 +18,29 @@ pub(super) struct PreciseVertices {
 }
 
 impl PreciseVertices {
-    /// The vertices of meshes with `kept` keys each, of which `key(mesh, i)` is the `i`-th.
-    pub(super) fn of(
-        meshes: &[TriangleMesh],
-        kept: &[usize],
-        frame: Frame,
-        key: impl Fn(usize, usize) -> usize + Sync,
-    ) -> PreciseVertices {
-        let precise = || meshes.iter().zip(kept).enumerate().filter(|(_, (mesh, _))| mesh.is_precise());
-        let positions = precise().map(|(_, (mesh, &keys))| keys * mesh.keys.vertices(0)).sum();
-        let corners = precise().map(|(_, (mesh, _))| mesh.len()).sum();
+    /// The vertices of meshes with `kept` keys each.
+    pub(super) fn of(meshes: &[TriangleMesh], kept: &[usize], frame: Frame) -> PreciseVertices {
+        let precise = || meshes.iter().zip(kept).filter(|(mesh, _)| mesh.is_precise());
+        let positions = precise().map(|(mesh, &keys)| keys * mesh.keys.vertices(0)).sum();
+        let corners = precise().map(|(mesh, _)| mesh.len()).sum();
         let mut all = PreciseVertices { positions: huge_vec(positions), corners: huge_vec(corners) };
-        for (m, (mesh, &keys)) in precise() {
+        for (mesh, &keys) in precise() {
             let first = all.positions.len() as u32;
-            parallel::fill(&mut all.positions, mesh.keys.vertices(0) * keys, |i| {
-                frame.fine_point(mesh.keys.position(key(m, i % keys), i / keys))
-            });
+            parallel::fill(&mut all.positions, mesh.keys.vertices(0) * keys, position(mesh, keys, frame));
             let place = |v: u32| first + v * keys as u32;
             parallel::fill(&mut all.corners, mesh.len(), |t| mesh.indices[t].map(place));
         }
         all
+    }
+
+    /// Overwrites the positions of a mesh, which begin with number `first`, by as many others.
+    pub(super) fn rewrite(&mut self, first: usize, mesh: &TriangleMesh, keys: usize, frame: Frame) {
+        let position = position(mesh, keys, frame);
+        let of_mesh = &mut self.positions[first..][..mesh.keys.vertices(0) * keys];
+        let mut parts: Vec<_> = (0..).step_by(parallel::CHUNK).zip(of_mesh.chunks_mut(parallel::CHUNK)).collect();
+        parallel::each(&mut parts, |(begin, part)| {
+            part.iter_mut().enumerate().for_each(|(i, to)| *to = position(*begin + i));
+        });
     }
 
     /// Whether there are no such meshes with triangles.
@@ -55,4 +59,9 @@ impl PreciseVertices {
         let there = |&vertex: &u32| u64::from(vertex) + u64::from(keys) <= end;
         self.corners.get(triangles).is_some_and(|corners| corners.iter().flatten().all(there))
     }
+}
+
+/// The position with number `i` of a mesh of which `keys` keys are kept.
+fn position(mesh: &TriangleMesh, keys: usize, frame: Frame) -> impl Fn(usize) -> DVec3 + Sync {
+    move |i| frame.fine_point(mesh.keys.position(given_key(mesh.keys.len(), keys, i % keys), i / keys))
 }

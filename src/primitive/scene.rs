@@ -110,6 +110,22 @@ impl Scene {
         Scene::of(triangles, shapes, extent).map_err(RefitError::Input)
     }
 
+    /// Moves the meshes for which `moved` is set, if that leaves tree space as it is; returns whether it does
+    /// ([`Triangles::move_meshes`]).
+    pub(crate) fn move_meshes(
+        &mut self,
+        meshes: &[TriangleMesh],
+        moved: &[bool],
+        beside: &[u32],
+    ) -> Result<bool, RefitError> {
+        let stays = self.triangles.move_meshes(meshes, moved, beside, self.shapes.swept())?;
+        if stays {
+            self.shapes.set_frame(*self.triangles.frame());
+            self.always_active = self.triangles.always_active() && self.shapes.always_active();
+        }
+        Ok(stays)
+    }
+
     fn of(triangles: Triangles, shapes: Vec<Shape>, extent: ShapesExtent) -> Result<Scene, BuildError> {
         let shapes = Shapes::within(shapes, extent, *triangles.frame());
         Scene::of_sets(triangles, shapes)

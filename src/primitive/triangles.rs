@@ -4,6 +4,7 @@
 //! interval and mask) are separate: leaf blocks of the wide layout hold all corners, and then the vertices are released.
 
 use super::custom::{PrimitiveSet, include_each};
+use super::move_meshes::MeshExtent;
 use super::precise_vertices::PreciseVertices;
 use super::vertex_tubes::VertexTubes;
 use super::window::Intervals;
@@ -35,6 +36,8 @@ pub struct Triangles {
     pub(super) vertices: Vertices,
     /// The vertices that are kept in f64.
     pub(super) precise: PreciseVertices,
+    /// How far each mesh reaches, for refits in which only some of them move; empty before the first refit.
+    pub(super) extents: Vec<MeshExtent>,
 }
 
 /// The mesh of one triangle in this many is stored; usually the triangles up to the next one are of the same mesh.
@@ -43,8 +46,8 @@ pub(super) const BLOCK: usize = 32;
 /// The vertices of all triangles.
 #[derive(Default)]
 pub(super) struct Vertices {
-    /// The positions of all meshes: mesh by mesh, in each key by key; with more than two keys vertex by vertex, since one
-    /// of its keys is usually read together with all others.
+    /// The positions of all meshes: mesh by mesh, in each vertex by vertex, since one key of a vertex is usually read together with all
+    /// others.
     pub(super) positions: Vec<Vec3>,
     /// The corners of each triangle, as indices of their first keys in `positions`.
     pub(super) corners: Vec<[u32; 3]>,
@@ -57,7 +60,7 @@ pub(super) struct MeshInfo {
     pub(super) bent_before: usize,
     /// Number of keys.
     pub(super) keys: usize,
-    /// The stride of successive keys of a vertex in the positions; 0 if there is one only.
+    /// The stride of successive keys of a vertex in the positions: 1, or 0 if there is one only. (Larger in old files.)
     pub(super) stride: usize,
     pub(super) active: TimeInterval,
     pub(super) mask: u32,
@@ -486,6 +489,7 @@ impl PrimitiveSet for Triangles {
             + self.precise.bytes()
             + self.meshes.capacity() * size_of::<MeshInfo>()
             + self.mesh_at.capacity() * size_of::<u32>()
+            + self.extents.capacity() * size_of::<MeshExtent>()
     }
 }
 

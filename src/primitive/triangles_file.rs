@@ -137,6 +137,7 @@ impl TrianglesRecord {
         let mesh_at = mesh_at(meshes.iter().map(|mesh| mesh.triangles as usize), len);
         let always_active = infos.iter().all(|mesh| mesh.active == TimeInterval::FULL);
         let counts = counts.map(|count| usize::try_from(count).unwrap_or(usize::MAX));
-        Ok(Triangles { frame, meshes: infos, len, mesh_at, always_active, bent, counts, vertices, precise })
+        let extents = Vec::new();
+        Ok(Triangles { frame, meshes: infos, len, mesh_at, always_active, bent, counts, vertices, precise, extents })
     }
 }

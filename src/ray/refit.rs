@@ -41,20 +41,24 @@ impl Refit {
 }
 
 impl<G: Geometry> RayTree<G> {
-    /// Refits the tree to another geometry with the same primitives; `moved` tells for each mesh (or set of shapes)
-    /// whether it may have changed.
-    fn refit_to(&mut self, mut geometry: G, moved: Vec<bool>) -> Result<Refit, RefitError> {
-        let Layout::Wide(tree) = &mut self.layout else { return Err(RefitError::Policy) };
-        let (before, now) = (self.geometry.frame(), geometry.frame());
+    /// Refits the tree to another geometry with the same primitives.
+    fn refit_to(&mut self, geometry: G, moved: Moved) -> Result<Refit, RefitError> {
         // If the tree space changed, all coordinates did.
-        let moved = if before.maps_as(now) { moved } else { vec![true; moved.len()] };
-        let (done, cost) = tree.refit(&geometry, &Moved::new(moved), &mut self.plan);
-        if self.geometry.masks() != geometry.masks() {
-            tree.find_masks(&geometry);
-        }
-        geometry.release_build_data();
-        let blocks = tree.counts.nodes + tree.counts.leaves;
+        let moved = if self.geometry.frame().maps_as(geometry.frame()) { moved } else { Moved::All };
+        let masks_differ = self.geometry.masks() != geometry.masks();
         self.geometry = geometry;
+        self.rewrite(&moved, masks_differ)
+    }
+
+    /// Rewrites the tree for a geometry that has changed.
+    fn rewrite(&mut self, moved: &Moved, masks_differ: bool) -> Result<Refit, RefitError> {
+        let Layout::Wide(tree) = &mut self.layout else { return Err(RefitError::Policy) };
+        let (done, cost) = tree.refit(&self.geometry, moved, &mut self.plan);
+        if masks_differ {
+            tree.find_masks(&self.geometry);
+        }
+        self.geometry.release_build_data();
+        let blocks = tree.counts.nodes + tree.counts.leaves;
         self.outline = self.layout.outline(self.geometry.frame());
         self.statistics.cost = cost;
         self.geometry.input_error().map_err(RefitError::Input)?;
@@ -117,12 +121,14 @@ impl RayTree {
     /// shapes returns bad bounds over a part of the shutter, the tree has the new positions, and treats that shape as
     /// unbounded.)
     pub fn refit(&mut self, meshes: &[TriangleMesh]) -> Result<Refit, RefitError> {
-        let moved = vec![true; meshes.len() + 1];
-        self.refit_scene(meshes, None, moved)
+        self.refit_scene(meshes, None, Moved::All)
     }
 
     /// [`RayTree::refit`] where only the meshes with these indices differ from the last time; this is not checked.
-    /// Subtrees without them are not visited.
+    ///
+    /// From the second refit of a tree on, it takes the time that these meshes take: subtrees without them are not visited, and of the
+    /// other meshes only the triangles are read that share a leaf block with one that moved. If tree space changes, everything is read
+    /// and rewritten: where the extent of the scene passes a power of two, or moves while it is far from zero.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -141,8 +147,9 @@ impl RayTree {
         if let Some(&mesh) = moved.iter().find(|&&mesh| mesh >= meshes.len()) {
             return Err(RefitError::NoMesh { mesh, meshes: meshes.len() });
         }
-        let moved = (0..=meshes.len()).map(|mesh| moved.contains(&mesh)).collect();
-        self.refit_scene(meshes, None, moved)
+        let mut flags = vec![false; meshes.len() + 1];
+        moved.iter().for_each(|&mesh| flags[mesh] = true);
+        self.refit_scene(meshes, None, Moved::Some(flags))
     }
 
     /// [`RayTree::refit`] of a tree with spheres and custom primitives, as many as before ([`RayTree::of_scene`]).
@@ -150,14 +157,14 @@ impl RayTree {
     /// # Errors
     /// As [`RayTree::refit`]; [`RefitError::Shapes`] for another number of shapes.
     pub fn refit_with_shapes(&mut self, meshes: &[TriangleMesh], shapes: Vec<Shape>) -> Result<Refit, RefitError> {
-        self.refit_scene(meshes, Some(shapes), vec![true; meshes.len() + 1])
+        self.refit_scene(meshes, Some(shapes), Moved::All)
     }
 
     fn refit_scene(
         &mut self,
         meshes: &[TriangleMesh],
         shapes: Option<Vec<Shape>>,
-        moved: Vec<bool>,
+        moved: Moved,
     ) -> Result<Refit, RefitError> {
         self.can_be_refitted()?;
         // With another number of meshes there is another error.
@@ -166,9 +173,34 @@ impl RayTree {
             self.existed_before(meshes.iter().map(|mesh| mesh.active).chain(of_shapes))?;
         }
         parallel::entered(self.geometry.len(), || {
+            if let Some(refit) = self.refit_some(meshes, &moved)? {
+                return Ok(refit);
+            }
             let geometry = self.geometry.again(meshes, shapes)?;
             self.refit_to(geometry, moved)
         })
+    }
+
+    /// Refits a tree of which only some meshes moved, without reading the others; `None` if all have to be read.
+    fn refit_some(&mut self, meshes: &[TriangleMesh], moved: &Moved) -> Result<Option<Refit>, RefitError> {
+        let (Layout::Wide(tree), Some(plan), Moved::Some(flags)) = (&self.layout, &self.plan, moved) else {
+            return Ok(None);
+        };
+        if meshes.len() + 1 != flags.len() || meshes.len() != self.geometry.triangles.mesh_count() {
+            return Ok(None);
+        }
+        let beside = tree.beside(&self.geometry, flags, plan);
+        let of_moved: usize = meshes.iter().zip(flags).filter(|&(_, &moved)| moved).map(|(mesh, _)| mesh.len()).sum();
+        // If most vertices are needed, it is faster to read all.
+        if 2 * (of_moved + beside.len()) > self.geometry.len() {
+            return Ok(None);
+        }
+        let masks = self.geometry.masks();
+        if !self.geometry.move_meshes(meshes, flags, &beside)? {
+            return Ok(None);
+        }
+        let masks_differ = masks != self.geometry.masks();
+        self.rewrite(moved, masks_differ).map(Some)
     }
 }
 
@@ -197,7 +229,7 @@ impl<P: Primitive> RayTree<Shapes<P>> {
         self.existed_before(primitives.iter().map(Primitive::active))?;
         parallel::entered(expected, || {
             let geometry = Shapes::new(primitives).map_err(RefitError::Input)?;
-            self.refit_to(geometry, vec![true])
+            self.refit_to(geometry, Moved::All)
         })
     }
 }

@@ -17,6 +17,7 @@ mod mixed;
 mod own_shapes;
 mod precise;
 mod refit;
+mod refit_moved;
 mod scenes;
 mod spheres;
 mod visitors;
