@@ -1,9 +1,10 @@
 //! Copying meshes into tree space: for a build, and for refitting a tree to the next frame.
 
 use super::mesh::{Keys, TriangleMesh};
+use super::mesh_index::MeshIndex;
 use super::move_meshes::MeshExtent;
 use super::precise_vertices::PreciseVertices;
-use super::triangles::{BLOCK, MeshInfo, Triangles, Vertices, segments};
+use super::triangles::{MeshInfo, Triangles, Vertices, segments};
 use crate::error::{BuildError, RefitError};
 use crate::geometry::{Aabb, Frame, TimeInterval};
 use crate::parallel;
@@ -86,7 +87,7 @@ impl Triangles {
             infos.push(MeshInfo { first, bent_before: bent, keys, stride, active, mask, indices, precise: in_f64 });
             bent += if keys > 2 { mesh.len() } else { 0 };
         }
-        let mesh_at = mesh_at(meshes.iter().map(TriangleMesh::len), total);
+        let index = MeshIndex::new(meshes.iter().map(TriangleMesh::len), total);
         let always_active = meshes.iter().all(|m| m.active == TimeInterval::FULL);
         let vertices = Vertices { positions, corners };
         let precise = PreciseVertices::of(meshes, kept, frame);
@@ -95,7 +96,7 @@ impl Triangles {
             frame,
             meshes: infos,
             len: total,
-            mesh_at,
+            index,
             always_active,
             bent,
             counts,
@@ -157,10 +158,8 @@ fn append_keys<P: Copy + Sync>(
     map: impl Fn(P) -> Vec3 + Sync,
 ) {
     let vertices = at[0].len();
-    match *keys {
-        [key] => return parallel::fill(positions, vertices, |v| map(at[key][v])),
-        [first, last] => return parallel::fill(positions, 2 * vertices, |i| map(at[[first, last][i % 2]][i / 2])),
-        _ => {}
+    if let [key] = *keys {
+        return parallel::fill(positions, vertices, |v| map(at[key][v]));
     }
     let begin = positions.len();
     let copy = |first: usize, block: &mut [Vec3]| {
@@ -173,9 +172,9 @@ fn append_keys<P: Copy + Sync>(
             }
         }
     };
-    if parallel::threads() == 1 {
+    if vertices <= parallel::CHUNK || parallel::threads() == 1 {
         // Memory is written once, instead of zeros first.
-        let mut block = vec![Vec3::ZERO; TOGETHER * keys.len()];
+        let mut block = vec![Vec3::ZERO; TOGETHER.min(vertices) * keys.len()];
         for first in (0..vertices).step_by(TOGETHER) {
             let block = &mut block[..TOGETHER.min(vertices - first) * keys.len()];
             copy(first, block);
@@ -221,17 +220,4 @@ pub(super) fn digest(indices: &[[u32; 3]]) -> u64 {
     };
     let of = |range: Range<usize>| range.map(|i| mixed(i, indices[i])).fold(0, u64::wrapping_add);
     parallel::parts(indices.len(), of).fold(0, u64::wrapping_add)
-}
-
-/// The mesh of every [`BLOCK`]-th triangle, and of the last, given the number of triangles of each mesh.
-pub(super) fn mesh_at(lengths: impl Iterator<Item = usize>, total: usize) -> Vec<u32> {
-    let mut mesh_at = Vec::with_capacity(total / BLOCK + 2);
-    let (mut end, mut last) = (0usize, 0);
-    for (i, length) in (0..).zip(lengths) {
-        end += length;
-        mesh_at.resize(end.div_ceil(BLOCK), i);
-        last = if length > 0 { i } else { last };
-    }
-    mesh_at.push(last);
-    mesh_at
 }

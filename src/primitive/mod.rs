@@ -10,6 +10,7 @@ mod keys_of_vertices;
 mod lane_bounds;
 mod merge_keys;
 mod mesh;
+mod mesh_index;
 mod mesh_tubes;
 mod move_meshes;
 mod points;

@@ -4,6 +4,7 @@
 //! interval and mask) are separate: leaf blocks of the wide layout hold all corners, and then the vertices are released.
 
 use super::custom::{PrimitiveSet, include_each};
+use super::mesh_index::MeshIndex;
 use super::move_meshes::MeshExtent;
 use super::precise_vertices::PreciseVertices;
 use super::vertex_tubes::VertexTubes;
@@ -25,8 +26,7 @@ pub struct Triangles {
     pub(super) meshes: Vec<MeshInfo>,
     /// Number of triangles.
     pub(super) len: usize,
-    /// The mesh of every [`BLOCK`]-th triangle, and of the last.
-    pub(super) mesh_at: Vec<u32>,
+    pub(super) index: MeshIndex,
     pub(super) always_active: bool,
     /// Number of triangles of meshes with more than two keys.
     pub(super) bent: usize,
@@ -39,9 +39,6 @@ pub struct Triangles {
     /// How far each mesh reaches, for refits in which only some of them move; empty before the first refit.
     pub(super) extents: Vec<MeshExtent>,
 }
-
-/// The mesh of one triangle in this many is stored; usually the triangles up to the next one are of the same mesh.
-pub(super) const BLOCK: usize = 32;
 
 /// The vertices of all triangles.
 #[derive(Default)]
@@ -79,13 +76,7 @@ impl Triangles {
     /// The index of a triangle's mesh.
     #[inline(always)]
     pub(super) fn mesh_of(&self, id: u32) -> usize {
-        let block = id as usize / BLOCK;
-        let (first, last) = (self.mesh_at[block] as usize, self.mesh_at[block + 1] as usize);
-        if first == last {
-            return first;
-        }
-        // The last of those that begin at the triangle or before: empty ones begin where the next one does.
-        first + self.meshes[first..=last].partition_point(|mesh| mesh.first <= id) - 1
+        self.index.mesh(&self.meshes, id)
     }
 
     #[inline(always)]
@@ -184,11 +175,11 @@ impl Triangles {
         &self.vertices.positions[vertex as usize..][..keys]
     }
 
-    /// About the mesh of a triangle, for hints: one that begins in the same block, if there are several. To find it among many small meshes
-    /// takes as long as waiting for what would be prefetched.
+    /// About the mesh of a triangle, for hints: one near it, if there are several. To find it takes as long as waiting for what would be
+    /// prefetched.
     #[inline(always)]
     fn mesh_near(&self, id: u32) -> &MeshInfo {
-        &self.meshes[self.mesh_at[id as usize / BLOCK] as usize]
+        &self.meshes[self.index.near(id)]
     }
 
     /// Prefetches the positions of a vertex at some keys, for a mesh with more than two keys.
@@ -279,9 +270,8 @@ impl Triangles {
     /// Prefetches the vertices of a triangle at the first two keys.
     #[inline]
     pub(crate) fn prefetch_positions(&self, id: u32) {
-        let stride = self.mesh_near(id).stride;
         for vertex in self.vertices(id) {
-            let at = [vertex as usize, vertex as usize + stride];
+            let at = [vertex as usize, vertex as usize + 1];
             at.into_iter().filter_map(|at| self.vertices.positions.get(at)).for_each(prefetch);
         }
     }
@@ -421,7 +411,7 @@ impl PrimitiveSet for Triangles {
     }
 
     fn prefetch_vertices(&self, id: u32, over: TimeInterval) {
-        let keys = self.mesh_near(id).keys;
+        let keys = if self.bent == 0 { 2 } else { self.mesh_near(id).keys };
         if keys <= 2 {
             return self.prefetch_positions(id);
         }
@@ -488,7 +478,7 @@ impl PrimitiveSet for Triangles {
             + self.vertices.corners.capacity() * size_of::<[u32; 3]>()
             + self.precise.bytes()
             + self.meshes.capacity() * size_of::<MeshInfo>()
-            + self.mesh_at.capacity() * size_of::<u32>()
+            + self.index.bytes()
             + self.extents.capacity() * size_of::<MeshExtent>()
     }
 }

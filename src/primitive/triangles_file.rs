@@ -1,6 +1,6 @@
 //! Triangles in files: the meshes, and the vertices unless leaf blocks hold them.
 
-use super::copy_meshes::mesh_at;
+use super::mesh_index::MeshIndex;
 use super::precise_vertices::PreciseVertices;
 use super::triangles::{MeshInfo, Triangles, Vertices};
 use crate::file::{Decoder, Encoder, FileError, Record, require};
@@ -134,10 +134,10 @@ impl TrianglesRecord {
             bent += if keys > 2 { mesh.triangles as usize } else { 0 };
         }
         require(precise.corners.len() == in_f64, "there are vertices in f64 without triangles")?;
-        let mesh_at = mesh_at(meshes.iter().map(|mesh| mesh.triangles as usize), len);
+        let index = MeshIndex::new(meshes.iter().map(|mesh| mesh.triangles as usize), len);
         let always_active = infos.iter().all(|mesh| mesh.active == TimeInterval::FULL);
         let counts = counts.map(|count| usize::try_from(count).unwrap_or(usize::MAX));
         let extents = Vec::new();
-        Ok(Triangles { frame, meshes: infos, len, mesh_at, always_active, bent, counts, vertices, precise, extents })
+        Ok(Triangles { frame, meshes: infos, len, index, always_active, bent, counts, vertices, precise, extents })
     }
 }
