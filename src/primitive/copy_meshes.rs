@@ -1,10 +1,10 @@
 //! Copying meshes into tree space: for a build, and for refitting a tree to the next frame.
 
-use super::mesh::{Keys, TriangleMesh};
-use super::mesh_index::MeshIndex;
-use super::move_meshes::MeshExtent;
+use super::merge_keys::given_key;
+use super::mesh::{Keys, MeshExtent, TriangleMesh};
+use super::mesh_index::{MeshIndex, MeshInfo};
 use super::precise_vertices::PreciseVertices;
-use super::triangles::{MeshInfo, Triangles, Vertices, segments};
+use super::triangles::{Triangles, Vertices};
 use crate::error::{BuildError, RefitError};
 use crate::geometry::{Aabb, Frame, TimeInterval};
 use crate::parallel;
@@ -116,12 +116,6 @@ impl Triangles {
 /// Vertices whose keys are all written together: a few cache lines of each key are read, and the written block stays in a
 /// cache.
 const TOGETHER: usize = 64;
-
-/// The index of the given key that is key `key` of the `kept` ones.
-pub(super) fn given_key(given: usize, kept: usize, key: usize) -> usize {
-    // If all keys are equal there may be fewer than are kept.
-    (key * (segments(given) / segments(kept))).min(given - 1)
-}
 
 /// Numbers of vertex positions over all keys: given, and kept.
 pub(super) fn counts(meshes: &[TriangleMesh], kept: impl Iterator<Item = usize>) -> [usize; 2] {

@@ -2,7 +2,8 @@
 //! tenth.
 
 use super::custom::PrimitiveSet;
-use super::triangles::{MeshInfo, Triangles};
+use super::mesh_index::MeshInfo;
+use super::triangles::Triangles;
 use super::vertex_tubes::VertexTubes;
 use super::window::Intervals;
 use crate::geometry::{KeyTime, LaneBounds, TimeInterval};

@@ -42,6 +42,17 @@ pub(crate) fn kept_keys(keys: usize, vertices: usize, at: impl Fn(usize, usize) 
     keys
 }
 
+/// Number of linear segments of a motion with this many keys.
+fn segments(keys: usize) -> usize {
+    (keys - 1).max(1)
+}
+
+/// The index of the given key that is key `key` of the `kept` ones.
+pub(super) fn given_key(given: usize, kept: usize, key: usize) -> usize {
+    // If all keys are equal there may be fewer than are kept.
+    (key * (segments(given) / segments(kept))).min(given - 1)
+}
+
 /// Whether all keys are equal.
 pub(super) fn all_equal<P: PartialEq>(keys: usize, vertices: usize, at: &(impl Fn(usize, usize) -> P + Sync)) -> bool {
     let differs = |mut of: Range<usize>| of.any(|v| (1..keys).any(|key| at(key, v) != at(0, v)));

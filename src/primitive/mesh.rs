@@ -174,6 +174,11 @@ impl TriangleMesh {
         self.indices.is_empty()
     }
 
+    /// Checks the mesh; `mesh` is its index in errors.
+    pub(super) fn extent(&self, mesh: usize) -> Result<MeshExtent, BuildError> {
+        Ok(MeshExtent { swept: self.validate(mesh)?, vertices: self.keys.vertices(0) })
+    }
+
     /// Checks all that a build requires of a mesh; `mesh` is its index in errors. Returns the swept box.
     pub(crate) fn validate(&self, mesh: usize) -> Result<Aabb, BuildError> {
         if self.keys.is_empty() {
@@ -248,6 +253,15 @@ impl TriangleMesh {
         }
         Ok(p)
     }
+}
+
+/// How far a mesh reaches.
+#[derive(Clone, Copy)]
+pub(super) struct MeshExtent {
+    /// The box of its vertices at all keys.
+    pub swept: Aabb,
+    /// Number of vertices.
+    pub vertices: usize,
 }
 
 /// The box of positions if all are valid; the caller finds out which one is not.

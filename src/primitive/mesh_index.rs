@@ -1,6 +1,24 @@
-//! Which mesh a triangle belongs to.
+//! What is known of each mesh, and which mesh a triangle belongs to.
 
-use super::triangles::MeshInfo;
+use crate::geometry::TimeInterval;
+
+/// What is known of a mesh beside its vertices.
+pub(super) struct MeshInfo {
+    /// Id of the first triangle.
+    pub(super) first: u32,
+    /// Number of bent triangles before it, see `Triangles::entries_of`.
+    pub(super) bent_before: usize,
+    /// Number of keys.
+    pub(super) keys: usize,
+    /// The stride of successive keys of a vertex in the positions: 1, or 0 if there is one only. (Larger in old files.)
+    pub(super) stride: usize,
+    pub(super) active: TimeInterval,
+    pub(super) mask: u32,
+    /// A hash of the vertex indices ([`super::copy_meshes`]).
+    pub(super) indices: u64,
+    /// The index of its first triangle among those whose vertices are kept in f64, if its own are.
+    pub(super) precise: Option<u32>,
+}
 
 /// The meshes of some triangles, from which that of any triangle is found.
 pub(super) struct MeshIndex {

@@ -3,8 +3,9 @@
 //! A refit reads the vertices of all triangles in the leaf blocks that it rewrites: those of the meshes that moved, and of other triangles
 //! beside them in a block. Only these are copied, so that what stays where it is costs nothing.
 
-use super::copy_meshes::{append, counts, digest, frame_of, given_key};
-use super::mesh::TriangleMesh;
+use super::copy_meshes::{append, counts, digest, frame_of};
+use super::merge_keys::given_key;
+use super::mesh::{MeshExtent, TriangleMesh};
 use super::triangles::{Triangles, Vertices};
 use crate::error::{BuildError, RefitError};
 use crate::geometry::{Aabb, Frame, TimeInterval};
@@ -12,21 +13,7 @@ use crate::parallel;
 use crate::simd::huge_vec;
 use glam::{DVec3, Vec3};
 
-/// How far a mesh reaches.
-#[derive(Clone, Copy)]
-pub(super) struct MeshExtent {
-    /// The box of its vertices at all keys.
-    pub swept: Aabb,
-    /// Number of vertices.
-    pub vertices: usize,
-}
-
 impl TriangleMesh {
-    /// Checks the mesh; `mesh` is its index in errors.
-    pub(super) fn extent(&self, mesh: usize) -> Result<MeshExtent, BuildError> {
-        Ok(MeshExtent { swept: self.validate(mesh)?, vertices: self.keys.vertices(0) })
-    }
-
     /// Appends the positions of the corners of a triangle, each at `keys` kept keys, in world space. All that is read is checked.
     fn append_corners(&self, to: &mut Vec<DVec3>, mesh: usize, triangle: usize, keys: usize) -> Result<(), BuildError> {
         for index in self.indices[triangle] {

@@ -1,6 +1,6 @@
 //! Vertices of meshes that are kept in f64.
 
-use super::copy_meshes::given_key;
+use super::merge_keys::given_key;
 use super::mesh::TriangleMesh;
 use crate::geometry::Frame;
 use crate::parallel;

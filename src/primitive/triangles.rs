@@ -4,8 +4,8 @@
 //! interval and mask) are separate: leaf blocks of the wide layout hold all corners, and then the vertices are released.
 
 use super::custom::{PrimitiveSet, include_each};
-use super::mesh_index::MeshIndex;
-use super::move_meshes::MeshExtent;
+use super::mesh::MeshExtent;
+use super::mesh_index::{MeshIndex, MeshInfo};
 use super::precise_vertices::PreciseVertices;
 use super::vertex_tubes::VertexTubes;
 use super::window::Intervals;
@@ -48,23 +48,6 @@ pub(super) struct Vertices {
     pub(super) positions: Vec<Vec3>,
     /// The corners of each triangle, as indices of their first keys in `positions`.
     pub(super) corners: Vec<[u32; 3]>,
-}
-
-pub(super) struct MeshInfo {
-    /// Id of the first triangle.
-    pub(super) first: u32,
-    /// Number of bent triangles before it, see [`Triangles::entries_of`].
-    pub(super) bent_before: usize,
-    /// Number of keys.
-    pub(super) keys: usize,
-    /// The stride of successive keys of a vertex in the positions: 1, or 0 if there is one only. (Larger in old files.)
-    pub(super) stride: usize,
-    pub(super) active: TimeInterval,
-    pub(super) mask: u32,
-    /// A hash of the vertex indices ([`super::copy_meshes`]).
-    pub(super) indices: u64,
-    /// The index of its first triangle among those whose vertices are kept in f64, if its own are.
-    pub(super) precise: Option<u32>,
 }
 
 impl Triangles {
@@ -297,11 +280,6 @@ impl Triangles {
 
 /// The number of positions in a cache line of 64 bytes.
 const KEYS_IN_LINE: usize = 5;
-
-/// Number of linear segments of a motion with this many keys.
-pub(super) fn segments(keys: usize) -> usize {
-    (keys - 1).max(1)
-}
 
 pub(super) fn box_of(corners: [Vec3; 3]) -> Box3 {
     corners.into_iter().fold(Box3::EMPTY, Box3::include)

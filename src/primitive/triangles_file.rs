@@ -1,8 +1,8 @@
 //! Triangles in files: the meshes, and the vertices unless leaf blocks hold them.
 
-use super::mesh_index::MeshIndex;
+use super::mesh_index::{MeshIndex, MeshInfo};
 use super::precise_vertices::PreciseVertices;
-use super::triangles::{MeshInfo, Triangles, Vertices};
+use super::triangles::{Triangles, Vertices};
 use crate::file::{Decoder, Encoder, FileError, Record, require};
 use crate::geometry::{Frame, TimeInterval};
 
