@@ -152,8 +152,13 @@ fn append_keys<P: Copy + Sync>(
     map: impl Fn(P) -> Vec3 + Sync,
 ) {
     let vertices = at[0].len();
-    if let [key] = *keys {
-        return parallel::fill(positions, vertices, |v| map(at[key][v]));
+    let alone = vertices <= parallel::CHUNK || parallel::threads() == 1;
+    match *keys {
+        [key] => return parallel::fill(positions, vertices, |v| map(at[key][v])),
+        [first, last] if alone => {
+            return positions.extend(at[first].iter().zip(&at[last]).flat_map(|(&a, &b)| [map(a), map(b)]));
+        }
+        _ => {}
     }
     let begin = positions.len();
     let copy = |first: usize, block: &mut [Vec3]| {
@@ -166,7 +171,7 @@ fn append_keys<P: Copy + Sync>(
             }
         }
     };
-    if vertices <= parallel::CHUNK || parallel::threads() == 1 {
+    if alone {
         // Memory is written once, instead of zeros first.
         let mut block = vec![Vec3::ZERO; TOGETHER.min(vertices) * keys.len()];
         for first in (0..vertices).step_by(TOGETHER) {
