@@ -233,6 +233,11 @@ impl WideTree {
 
     /// The statistics of the tree.
     pub fn statistics<S: WideSource>(&self, set: &S) -> Statistics {
+        Statistics { left_out: self.in_slices(set, &mut Vec::new()).share(), ..self.sizes(set) }
+    }
+
+    /// The statistics without those that take another visit to all leaf blocks.
+    pub(super) fn sizes<S: WideSource>(&self, set: &S) -> Statistics {
         let Counts { depth, nodes, leaves, references, time_nodes, static_references, .. } = self.counts;
         let duplicates = references - set.len().min(references);
         Statistics {

@@ -168,10 +168,10 @@ impl WideTree {
         step(0.5)?;
         let regions = regions(set, &draft, params, LEAST_TREELET);
         step(0.25)?;
-        if let [Region { node: 0, division: Division::SeparateTrees(count), .. }] = regions[..] {
+        if let [Region { node: 0, division: division @ Division::SeparateTrees(count), .. }] = regions[..] {
             // The draft is dropped before the trees are made: holding one at a time takes less memory.
             drop(draft);
-            let params = params.of_each_tree(count, share_of_slices(set, ids.iter().copied(), count));
+            let params = params.of_each_tree(count, share_of_slices(set, ids.iter().copied(), division));
             return self.separate_trees(set, ids, count, &params, &|done| step(0.25 * done));
         }
         let all = draft.references.len() as f64;
@@ -179,9 +179,9 @@ impl WideTree {
         for region in regions {
             let node = draft.binary[region.node as usize];
             let root = match region.division {
-                Division::SeparateTrees(count) => {
+                division @ Division::SeparateTrees(count) => {
                     let ids = primitives(&draft, region.node);
-                    let params = params.of_each_tree(count, share_of_slices(set, ids.iter().copied(), count));
+                    let params = params.of_each_tree(count, share_of_slices(set, ids.iter().copied(), division));
                     self.separate_trees(set, &ids, count, &params, &|_| step(0.0))?.root
                 }
                 Division::SharedLeaves(count) => {

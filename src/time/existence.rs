@@ -7,6 +7,7 @@
 use super::time_slice::TimeSlice;
 use crate::bvh::Reference;
 use crate::geometry::TimeInterval;
+use crate::params::Division;
 use crate::primitive::PrimitiveSet;
 use std::borrow::Cow;
 
@@ -39,11 +40,16 @@ pub(crate) fn held_in<'a, S: PrimitiveSet>(set: &S, ids: &'a [u32], slice: TimeS
         return Cow::Borrowed(ids);
     }
     let mut held: Vec<u32> = Vec::with_capacity(ids.len());
-    held.extend(ids.iter().filter(|&&id| set.leaf_kind(id) != 0 || slice.meets(set.active(id))));
+    held.extend(ids.iter().filter(|&&id| is_in_all_trees(set, id) || slice.meets(set.active(id))));
     if held.is_empty() {
         held.extend(ids.first());
     }
     Cow::Owned(held)
+}
+
+/// Whether a primitive is in all separate trees, whether it exists there or not.
+fn is_in_all_trees<S: PrimitiveSet>(set: &S, id: u32) -> bool {
+    set.leaf_kind(id) != 0
 }
 
 /// Whether a primitive does not exist in some of equal time slices.
@@ -54,18 +60,28 @@ pub(crate) fn is_left_out<S: PrimitiveSet>(set: &S, id: u32, count: usize) -> bo
 /// The largest number of primitives by which a share is estimated.
 const COUNTED: usize = 4096;
 
-/// The mean share of equal time slices in which a primitive exists, estimated by evenly spaced ones.
-pub(crate) fn share_of_slices<S: PrimitiveSet>(set: &S, ids: impl ExactSizeIterator<Item = u32>, count: usize) -> f32 {
+/// The mean share of the time slices of a division of which a primitive is in the hierarchies, estimated by evenly spaced ones.
+pub(crate) fn share_of_slices<S: PrimitiveSet>(
+    set: &S,
+    ids: impl ExactSizeIterator<Item = u32>,
+    division: Division,
+) -> f32 {
+    let (count, separate) = match division {
+        Division::SharedLeaves(count) => (count, false),
+        Division::SeparateTrees(count) => (count, true),
+        Division::Automatic | Division::Whole => return 1.0,
+    };
     if set.always_active() || ids.len() == 0 {
         return 1.0;
     }
     let step = ids.len().div_ceil(COUNTED);
-    let (mut all, mut existing) = (0, 0);
-    for active in ids.step_by(step).map(|id| set.active(id)) {
+    let (mut all, mut held) = (0, 0);
+    for id in ids.step_by(step) {
+        let (active, in_all) = (set.active(id), separate && is_in_all_trees(set, id));
         all += count;
-        existing += (0..count).filter(|&index| TimeSlice { index, of: count }.meets(active)).count();
+        held += (0..count).filter(|&index| in_all || TimeSlice { index, of: count }.meets(active)).count();
     }
-    existing as f32 / all as f32
+    held as f32 / all as f32
 }
 
 /// Those of equal time slices in which the primitive of any of some references exists.
@@ -81,4 +97,33 @@ pub(super) fn slices_with<S: PrimitiveSet>(set: &S, references: &[Reference], co
         }
     }
     (0..count).filter(|index| !missing.contains(index)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::primitive::{TriangleMesh, Triangles};
+    use glam::Vec3;
+
+    #[test]
+    fn separate_trees_hold_all_triangles_of_more_than_two_keys() {
+        let zigzag = |keys: i32| {
+            let at = |key: i32| Vec3::Z * (key % 2) as f32;
+            let key = |key: i32| [Vec3::ZERO, Vec3::X, Vec3::Y].map(|p| p + at(key)).to_vec();
+            let keys: Vec<Vec<Vec3>> = (0..keys).map(key).collect();
+            let active = TimeInterval::new(0.3, 0.45).expect("an interval");
+            TriangleMesh::new(vec![[0, 1, 2]], keys).with_active(active)
+        };
+        let set = Triangles::new(&[zigzag(1), zigzag(2), zigzag(5)]).expect("valid meshes");
+        let share = |ids: &[u32], division| share_of_slices(&set, ids.iter().copied(), division);
+        for count in [2, 4] {
+            let exist = 1.0 / count as f32;
+            assert_eq!(share(&[0, 1, 2], Division::SharedLeaves(count)), exist);
+            assert_eq!(share(&[0, 1], Division::SeparateTrees(count)), exist);
+            assert_eq!(share(&[2], Division::SeparateTrees(count)), 1.0);
+            let held = |index: usize| held_in(&set, &[0, 1, 2], TimeSlice { index, of: count }).len();
+            assert_eq!((0..count).map(held).sum::<usize>(), 2 + count);
+        }
+        assert_eq!(share(&[0, 1, 2], Division::Whole), 1.0);
+    }
 }

@@ -176,6 +176,53 @@ fn rays_hardly_meet_what_does_not_exist() {
     assert_eq!(counts(Division::Automatic), counts(Division::Whole));
 }
 
+/// Five meshes far from each other: one exists always, each of the others in a quarter of the shutter of its own.
+fn in_quarters(keys: usize) -> Vec<TriangleMesh> {
+    let at = |i: usize| moved(&closed_sphere(4, keys, 0.1, i as u64), Vec3::X * 10.0 * i as f32);
+    let quarter = |i: usize| {
+        let begin = 0.25 * i as f32;
+        at(i).with_active(TimeInterval::new(begin + 0.05, begin + 0.2).unwrap())
+    };
+    (0..4).map(quarter).chain([at(4)]).collect()
+}
+
+#[test]
+fn statistics_say_what_time_slices_leave_out() {
+    let build = |meshes: &[TriangleMesh], params: &BuildParams| RayTree::build(meshes, params).unwrap();
+    let divided = |division| BuildParams::wide(WideParams { division, ..WideParams::default() });
+    let left_out = |keys, division| build(&in_quarters(keys), &divided(division)).statistics().left_out;
+    use Division::*;
+    // Each of four meshes is missing in three of four slices, and in six or seven of eight, of all five.
+    for keys in [1, 2] {
+        assert_eq!(left_out(keys, SharedLeaves(4)), 12.0 / 20.0);
+        assert_eq!(left_out(keys, SeparateTrees(4)), 12.0 / 20.0);
+        assert_eq!(left_out(keys, SeparateTrees(2)), 4.0 / 10.0);
+        assert_eq!(left_out(keys, SharedLeaves(8)), 24.0 / 40.0);
+        assert_eq!(left_out(keys, Whole), 0.0);
+    }
+    // Separate trees hold all triangles of more than two keys.
+    assert_eq!([left_out(5, SharedLeaves(4)), left_out(5, SeparateTrees(4))], [12.0 / 20.0, 0.0]);
+    // What exists all the time is in all slices.
+    let always: Vec<TriangleMesh> =
+        in_quarters(2).into_iter().map(|mesh| mesh.with_active(TimeInterval::FULL)).collect();
+    assert_eq!(build(&always, &divided(SharedLeaves(4))).statistics().left_out, 0.0);
+
+    let tree = build(&in_quarters(2), &divided(SeparateTrees(4)));
+    let mut bytes = Vec::new();
+    tree.write_to(&mut bytes).unwrap();
+    assert_eq!(RayTree::read_from(&mut bytes.as_slice()).unwrap().statistics(), tree.statistics());
+
+    // Two subtrees for each mesh, at least, of which each divides the shutter by itself.
+    let wide = WideParams { division: SeparateTrees(4), ..WideParams::default() };
+    let lazy = build(&in_quarters(2), &BuildParams::lazy(LazyParams { subtree: 50, wide }));
+    assert_eq!(lazy.statistics().left_out, 0.0);
+    let along = Ray::new(Vec3::new(-5.0, 0.0, 0.0), Vec3::X);
+    (0..100).for_each(|i| assert!(lazy.closest_hit(&along.at_time(i as f32 / 100.0)).is_some()));
+    let above = Ray::new(Vec3::new(-5.0, 0.05, 0.0), Vec3::X);
+    (0..100).for_each(|i| assert!(lazy.closest_hit(&above.at_time(i as f32 / 100.0)).is_some()));
+    assert!(lazy.statistics().left_out > 0.5, "{:?}", lazy.statistics());
+}
+
 #[test]
 fn refits_keep_to_the_intervals_of_the_build_where_something_was_left_out() {
     let first = meshes(30, 0.3, 6);
