@@ -142,7 +142,7 @@ impl LazyTree {
         let (mut primitives, mut in_slices, mut seen) = (0, InSlices::default(), Vec::new());
         for (subtree, tree) in (0..).map(|subtree| (subtree, self.built(subtree))).take(self.len()) {
             let Some(tree) = tree else { continue };
-            let of = tree.sizes(set);
+            let of = tree.statistics(set);
             primitives += self.primitives(subtree).len();
             all.built_subtrees += 1;
             all.depth = all.depth.max(above + of.depth);

@@ -231,13 +231,8 @@ impl WideTree {
         first..(first..self.slices).take_while(held).last().map_or(first, |last| last + 1)
     }
 
-    /// The statistics of the tree.
+    /// The statistics of the tree, but for what time slices leave out ([`WideTree::left_out`]).
     pub fn statistics<S: WideSource>(&self, set: &S) -> Statistics {
-        Statistics { left_out: self.in_slices(set, &mut Vec::new()).share(), ..self.sizes(set) }
-    }
-
-    /// The statistics without those that take another visit to all leaf blocks.
-    pub(super) fn sizes<S: WideSource>(&self, set: &S) -> Statistics {
         let Counts { depth, nodes, leaves, references, time_nodes, static_references, .. } = self.counts;
         let duplicates = references - set.len().min(references);
         Statistics {

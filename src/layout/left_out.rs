@@ -24,6 +24,11 @@ impl InSlices {
 }
 
 impl WideTree {
+    /// [`Statistics::left_out`](crate::Statistics::left_out), for which all leaf blocks are visited if anything comes or goes.
+    pub fn left_out<S: WideSource>(&self, set: &S) -> f64 {
+        self.in_slices(set, &mut Vec::new()).share()
+    }
+
     /// Counts what time slices hold, without reading the tree if nothing comes or goes. `seen` has a zero for each primitive of the set,
     /// before and after.
     pub(super) fn in_slices<S: WideSource>(&self, set: &S, seen: &mut Vec<u32>) -> InSlices {

@@ -65,9 +65,9 @@ pub struct RayTree<G = Scene> {
 /// The mask of a batch and its filter, which gets the index of a hit's ray.
 pub(super) type InBatch<'a> = Option<Visible<&'a (dyn Fn(usize, &Hit) -> bool + Sync)>>;
 
-impl<G> core::fmt::Debug for RayTree<G> {
+impl<G: Geometry> core::fmt::Debug for RayTree<G> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_struct("RayTree").field("statistics", &self.statistics).finish_non_exhaustive()
+        f.debug_struct("RayTree").field("statistics", &self.statistics()).finish_non_exhaustive()
     }
 }
 
@@ -378,11 +378,12 @@ impl<G: Geometry> RayTree<G> {
     }
 
     /// The sizes and counts of the tree. For a lazy tree, they cover the coarse tree and the subtrees built so far; this
-    /// call visits every subtree.
+    /// call visits every subtree, and all leaf blocks of a tree with temporal splits of what exists for a part of the shutter.
     pub fn statistics(&self) -> Statistics {
         match &self.layout {
             Layout::Lazy(tree) => tree.statistics(&self.geometry),
-            Layout::Wide(_) | Layout::Kd(_) => self.statistics,
+            Layout::Wide(tree) => Statistics { left_out: tree.left_out(&self.geometry), ..self.statistics },
+            Layout::Kd(_) => self.statistics,
         }
     }
 }

@@ -327,6 +327,10 @@ fn instances_that_come_and_go_equal_those_that_are_tested_one_by_one() {
         .map(|_| Instance::new(Arc::clone(&tree), place(&mut random)).with_active(interval(0.1, &mut random)))
         .collect();
     let all = InstanceTree::build(instances.clone(), &WideParams::default()).unwrap();
+    // Each exists in one or two sixteenths of the shutter, or three.
+    let params = WideParams { division: Division::SeparateTrees(16), ..WideParams::default() };
+    let left_out = InstanceTree::build(instances.clone(), &params).unwrap().statistics().outermost.left_out;
+    assert!((0.8..0.95).contains(&left_out), "{left_out}");
     let each: Vec<InstanceTree> = instances
         .into_iter()
         .map(|instance| InstanceTree::build(vec![instance], &WideParams::default()).unwrap())
