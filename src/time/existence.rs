@@ -1,7 +1,7 @@
 //! What of a set exists in which time slices. What does not exist in a slice is left out of its hierarchy.
 //!
-//! A query visits the hierarchy of the slice that contains its time, and the interval of a slice holds all times at which that
-//! happens. So a primitive whose active interval does not meet it is not there for any query that looks. Active intervals lie in the
+//! A query visits the hierarchy of the slice that contains its time. So a primitive whose active interval has no such time is not there
+//! for any query that looks. (The intervals of boxes are wider. What exists in one half exactly would meet the interval of the other.) Active intervals lie in the
 //! shutter, so every primitive is in the hierarchy of some slice, from where the corners of its triangle can be read at any time.
 
 use super::time_slice::TimeSlice;
@@ -39,8 +39,9 @@ pub(crate) fn held_in<'a, S: PrimitiveSet>(set: &S, ids: &'a [u32], slice: TimeS
     if set.always_active() {
         return Cow::Borrowed(ids);
     }
+    let times = slice.query_times();
     let mut held: Vec<u32> = Vec::with_capacity(ids.len());
-    held.extend(ids.iter().filter(|&&id| is_in_all_trees(set, id) || slice.meets(set.active(id))));
+    held.extend(ids.iter().filter(|&&id| is_in_all_trees(set, id) || meet(set.active(id), times)));
     if held.is_empty() {
         held.extend(ids.first());
     }
@@ -52,9 +53,21 @@ fn is_in_all_trees<S: PrimitiveSet>(set: &S, id: u32) -> bool {
     set.leaf_kind(id) != 0
 }
 
-/// Whether a primitive does not exist in some of equal time slices.
-pub(crate) fn is_left_out<S: PrimitiveSet>(set: &S, id: u32, count: usize) -> bool {
-    comes_or_goes(set, id) && !(0..count).all(|index| TimeSlice { index, of: count }.meets(set.active(id)))
+/// Whether something with an active interval exists at any of some times.
+pub(super) fn meet(active: TimeInterval, times: TimeInterval) -> bool {
+    active.intersect(times).is_some()
+}
+
+/// The query times of each of equal time slices.
+fn times_of_slices(count: usize) -> Vec<TimeInterval> {
+    (0..count).map(|index| TimeSlice { index, of: count }.query_times()).collect()
+}
+
+/// Whether any of some primitives does not exist in some of equal time slices.
+pub(crate) fn any_is_left_out<S: PrimitiveSet>(set: &S, mut ids: impl Iterator<Item = u32>, count: usize) -> bool {
+    let slices = times_of_slices(count);
+    let is_left_out = |id: u32| comes_or_goes(set, id) && !slices.iter().all(|&times| meet(set.active(id), times));
+    !set.always_active() && ids.any(is_left_out)
 }
 
 /// The largest number of primitives by which a share is estimated.
@@ -74,12 +87,12 @@ pub(crate) fn share_of_slices<S: PrimitiveSet>(
     if set.always_active() || ids.len() == 0 {
         return 1.0;
     }
-    let step = ids.len().div_ceil(COUNTED);
+    let (step, slices) = (ids.len().div_ceil(COUNTED), times_of_slices(count));
     let (mut all, mut held) = (0, 0);
     for id in ids.step_by(step) {
         let (active, in_all) = (set.active(id), separate && is_in_all_trees(set, id));
         all += count;
-        held += (0..count).filter(|&index| in_all || TimeSlice { index, of: count }.meets(active)).count();
+        held += slices.iter().filter(|&&times| in_all || meet(active, times)).count();
     }
     held as f32 / all as f32
 }
@@ -89,9 +102,10 @@ pub(super) fn slices_with<S: PrimitiveSet>(set: &S, references: &[Reference], co
     if set.always_active() {
         return (0..count).collect();
     }
+    let slices = times_of_slices(count);
     let mut missing: Vec<usize> = (0..count).collect();
     for active in references.iter().map(|r| set.active(r.id())) {
-        missing.retain(|&index| !TimeSlice { index, of: count }.meets(active));
+        missing.retain(|&index| !meet(active, slices[index]));
         if missing.is_empty() {
             break;
         }

@@ -202,6 +202,15 @@ fn statistics_say_what_time_slices_leave_out() {
     }
     // Separate trees hold all triangles of more than two keys.
     assert_eq!([left_out(5, SharedLeaves(4)), left_out(5, SeparateTrees(4))], [12.0 / 20.0, 0.0]);
+    // A mesh that exists in one quarter exactly is in one slice of four.
+    let exact: Vec<TriangleMesh> = (0..4)
+        .map(|i| TimeInterval::new(0.25 * i as f32, 0.25 * (i + 1) as f32).unwrap())
+        .zip(in_quarters(2))
+        .map(|(active, mesh)| mesh.with_active(active))
+        .collect();
+    for division in [SharedLeaves(4), SeparateTrees(4)] {
+        assert_eq!(build(&exact, &divided(division)).statistics().left_out, 12.0 / 16.0);
+    }
     // What exists all the time is in all slices.
     let always: Vec<TriangleMesh> =
         in_quarters(2).into_iter().map(|mesh| mesh.with_active(TimeInterval::FULL)).collect();
