@@ -52,6 +52,8 @@ impl WideTree {
         tree.find_masks(set);
         if tree.leaves_out {
             tree.existing = set.active_intervals();
+        } else if let Some(triangles) = set.triangles().filter(|_| !set.always_active()) {
+            tree.existing = triangles.intervals_of_keys();
         }
         Ok(tree)
     }
@@ -168,10 +170,10 @@ impl WideTree {
         step(0.5)?;
         let regions = regions(set, &draft, params, LEAST_TREELET);
         step(0.25)?;
-        if let [Region { node: 0, division: division @ Division::SeparateTrees(count), .. }] = regions[..] {
+        if let [Region { node: 0, division: Division::SeparateTrees(count), .. }] = regions[..] {
             // The draft is dropped before the trees are made: holding one at a time takes less memory.
             drop(draft);
-            let params = params.of_each_tree(count, share_of_slices(set, ids.iter().copied(), division));
+            let params = params.of_each_tree(count, share_of_slices(set, ids.iter().copied(), count));
             return self.separate_trees(set, ids, count, &params, &|done| step(0.25 * done));
         }
         let all = draft.references.len() as f64;
@@ -179,9 +181,9 @@ impl WideTree {
         for region in regions {
             let node = draft.binary[region.node as usize];
             let root = match region.division {
-                division @ Division::SeparateTrees(count) => {
+                Division::SeparateTrees(count) => {
                     let ids = primitives(&draft, region.node);
-                    let params = params.of_each_tree(count, share_of_slices(set, ids.iter().copied(), division));
+                    let params = params.of_each_tree(count, share_of_slices(set, ids.iter().copied(), count));
                     self.separate_trees(set, &ids, count, &params, &|_| step(0.0))?.root
                 }
                 Division::SharedLeaves(count) => {

@@ -449,7 +449,8 @@ impl RayTree {
     }
 
     /// The corners of a triangle of a mesh at any time, exactly as queries use them. NaN if there is no such triangle. A
-    /// time outside `[0, 1]` extrapolates the motion.
+    /// time outside `[0, 1]` extrapolates the motion. So does one outside the active interval of a mesh of more than two keys, unless it is
+    /// [`precise`](TriangleMesh::precise): a tree holds only the keys around the interval.
     pub fn triangle(&self, mesh: u32, triangle: u32, time: f32) -> [DVec3; 3] {
         match self.geometry.triangles.id(mesh, triangle) {
             Some(id) => {
@@ -458,7 +459,7 @@ impl RayTree {
                 }
                 let corners = match &self.layout {
                     Layout::Wide(tree) => tree.corners(&self.geometry.triangles, id, time),
-                    Layout::Kd(_) | Layout::Lazy(_) => self.geometry.triangles.corners(id, time),
+                    Layout::Kd(_) | Layout::Lazy(_) => self.geometry.triangles.corners_at_any_time(id, time),
                 };
                 corners.map(|p| self.geometry.frame().to_world(p))
             }

@@ -3,12 +3,11 @@
 //! A query visits the hierarchy of the slice that contains its time. So a primitive whose active interval has no such time is not there
 //! for any query that looks. (The intervals of boxes are wider: what exists in one half exactly would meet the interval of the other.)
 //! Active intervals lie in the shutter, so every primitive is in the hierarchy of some slice, from where the corners of its triangle can
-//! be read at any time.
+//! be read.
 
 use super::time_slice::TimeSlice;
 use crate::bvh::Reference;
 use crate::geometry::TimeInterval;
-use crate::params::Division;
 use crate::primitive::PrimitiveSet;
 use std::borrow::Cow;
 
@@ -34,24 +33,18 @@ pub(super) fn any_comes_or_goes<S: PrimitiveSet>(set: &S, references: &[Referenc
 }
 
 /// The primitives that a separate tree for a time slice holds: those that exist in it, and one if none does, since no tree is
-/// empty. Triangles with more than two keys are in all trees: each has the keys of its slice only, and triangles can be read at all
-/// times.
+/// empty.
 pub(crate) fn held_in<'a, S: PrimitiveSet>(set: &S, ids: &'a [u32], slice: TimeSlice) -> Cow<'a, [u32]> {
     if set.always_active() {
         return Cow::Borrowed(ids);
     }
     let times = slice.query_times();
     let mut held: Vec<u32> = Vec::with_capacity(ids.len());
-    held.extend(ids.iter().filter(|&&id| is_in_all_trees(set, id) || meet(set.active(id), times)));
+    held.extend(ids.iter().filter(|&&id| meet(set.active(id), times)));
     if held.is_empty() {
         held.extend(ids.first());
     }
     Cow::Owned(held)
-}
-
-/// Whether a primitive is in all separate trees, whether it exists there or not.
-fn is_in_all_trees<S: PrimitiveSet>(set: &S, id: u32) -> bool {
-    set.leaf_kind(id) != 0
 }
 
 /// Whether something with an active interval exists at any of some times.
@@ -74,28 +67,18 @@ pub(crate) fn any_is_left_out<S: PrimitiveSet>(set: &S, mut ids: impl Iterator<I
 /// The largest number of primitives by which a share is estimated.
 const COUNTED: usize = 4096;
 
-/// The mean share of the time slices of a division of which a primitive is in the hierarchies, estimated by evenly spaced ones.
-pub(crate) fn share_of_slices<S: PrimitiveSet>(
-    set: &S,
-    ids: impl ExactSizeIterator<Item = u32>,
-    division: Division,
-) -> f32 {
-    let (count, separate) = match division {
-        Division::SharedLeaves(count) => (count, false),
-        Division::SeparateTrees(count) => (count, true),
-        Division::Automatic | Division::Whole => return 1.0,
-    };
+/// The mean share of equal time slices in which a primitive exists, estimated by evenly spaced ones.
+pub(crate) fn share_of_slices<S: PrimitiveSet>(set: &S, ids: impl ExactSizeIterator<Item = u32>, count: usize) -> f32 {
     if set.always_active() || ids.len() == 0 {
         return 1.0;
     }
     let (step, slices) = (ids.len().div_ceil(COUNTED), times_of_slices(count));
-    let (mut all, mut held) = (0, 0);
-    for id in ids.step_by(step) {
-        let (active, in_all) = (set.active(id), separate && is_in_all_trees(set, id));
+    let (mut all, mut existing) = (0, 0);
+    for active in ids.step_by(step).map(|id| set.active(id)) {
         all += count;
-        held += slices.iter().filter(|&&times| in_all || meet(active, times)).count();
+        existing += slices.iter().filter(|&&times| meet(active, times)).count();
     }
-    held as f32 / all as f32
+    existing as f32 / all as f32
 }
 
 /// Those of equal time slices in which the primitive of any of some references exists.
@@ -121,24 +104,20 @@ mod tests {
     use glam::Vec3;
 
     #[test]
-    fn separate_trees_hold_all_triangles_of_more_than_two_keys() {
+    fn separate_trees_hold_what_exists_whatever_the_number_of_keys() {
         let zigzag = |keys: i32| {
             let at = |key: i32| Vec3::Z * (key % 2) as f32;
             let key = |key: i32| [Vec3::ZERO, Vec3::X, Vec3::Y].map(|p| p + at(key)).to_vec();
-            let keys: Vec<Vec<Vec3>> = (0..keys).map(key).collect();
             let active = TimeInterval::new(0.3, 0.45).expect("an interval");
-            TriangleMesh::new(vec![[0, 1, 2]], keys).with_active(active)
+            TriangleMesh::new(vec![[0, 1, 2]], (0..keys).map(key).collect::<Vec<_>>()).with_active(active)
         };
         let set = Triangles::new(&[zigzag(1), zigzag(2), zigzag(5)]).expect("valid meshes");
-        let share = |ids: &[u32], division| share_of_slices(&set, ids.iter().copied(), division);
+        let ids = [0, 1, 2];
         for count in [2, 4] {
-            let exist = 1.0 / count as f32;
-            assert_eq!(share(&[0, 1, 2], Division::SharedLeaves(count)), exist);
-            assert_eq!(share(&[0, 1], Division::SeparateTrees(count)), exist);
-            assert_eq!(share(&[2], Division::SeparateTrees(count)), 1.0);
-            let held = |index: usize| held_in(&set, &[0, 1, 2], TimeSlice { index, of: count }).len();
-            assert_eq!((0..count).map(held).sum::<usize>(), 2 + count);
+            assert_eq!(share_of_slices(&set, ids.into_iter(), count), 1.0 / count as f32);
+            let held = |index: usize| held_in(&set, &ids, TimeSlice { index, of: count }).len();
+            // One in each slice in which nothing exists.
+            assert_eq!((0..count).map(held).sum::<usize>(), 3 + (count - 1));
         }
-        assert_eq!(share(&[0, 1, 2], Division::Whole), 1.0);
     }
 }

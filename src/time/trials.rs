@@ -94,7 +94,7 @@ impl<S: PrimitiveSet> Search<'_, S> {
 
     /// Tries a division into so many slices, unless it is too large or cannot cost little enough.
     fn try_division(&mut self, division: Division, count: usize) -> Option<Trial> {
-        let share = self.samples.share_of_slices(division);
+        let share = self.samples.share_of_slices(count);
         let fits = growth(division, NODE_BYTES_SHARE, share) <= self.most;
         // Once a division has paid, the estimate may fall a little short too.
         let limit = if self.best.is_some() { 1.1 * self.limit } else { self.limit };
@@ -190,7 +190,7 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
                 })
             }
             Division::SeparateTrees(count) => {
-                let params = self.params.of_each_tree(count, self.share_of_slices(division));
+                let params = self.params.of_each_tree(count, self.share_of_slices(count));
                 self.separate_trees(count, &params)
             }
             Division::Automatic | Division::Whole => 1.0,
@@ -283,9 +283,9 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
         self.draft.references(&self.draft.binary[x as usize])
     }
 
-    /// The mean share of the slices of a division of which a primitive of the region is in the hierarchies.
-    fn share_of_slices(&self, division: Division) -> f32 {
-        share_of_slices(self.set, self.references(self.region).iter().map(Reference::id), division)
+    /// The mean share of slices in which a primitive of the region exists.
+    fn share_of_slices(&self, count: usize) -> f32 {
+        share_of_slices(self.set, self.references(self.region).iter().map(Reference::id), count)
     }
 }
 
