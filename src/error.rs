@@ -194,7 +194,7 @@ pub enum RefitError {
         /// The number that it needs.
         found: usize,
     },
-    /// A mesh exists at times when it did not when the tree was built, and the tree left it out of time slices.
+    /// A mesh exists at times when it did not when the tree was built, and the tree left it out of time slices, or its keys at these times.
     Active {
         /// The mesh; shapes count as meshes after the last one.
         mesh: usize,

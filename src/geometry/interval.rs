@@ -54,6 +54,12 @@ impl TimeInterval {
         self.end.min(1.0)
     }
 
+    /// The last time of the interval.
+    #[inline]
+    pub(crate) fn last(self) -> f32 {
+        self.end.next_down()
+    }
+
     /// The bound `b` such that all times of the interval have `t < b`: [`TimeInterval::end`], but the next
     /// float above 1 if the interval reaches the end of the shutter.
     #[inline]
@@ -117,6 +123,15 @@ mod tests {
         }
         assert_eq!(TimeInterval::new(0.0, 1.0).unwrap(), TimeInterval::FULL);
         assert_eq!(format!("{:?}", TimeInterval::FULL), "TimeInterval { begin: 0.0, end: 1.0 }");
+    }
+
+    #[test]
+    fn the_last_time_of_an_interval_is_in_it_and_the_next_one_is_not() {
+        assert_eq!(TimeInterval::FULL.last(), 1.0);
+        for end in [1e-30, 0.25, 0.7, 1.0f32.next_down(), 1.0] {
+            let interval = TimeInterval::new(0.0, end).unwrap();
+            assert!(interval.contains(interval.last()) && !interval.contains(interval.last().next_up()));
+        }
     }
 
     #[test]

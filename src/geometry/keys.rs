@@ -29,9 +29,15 @@ impl KeyTime {
             // The general case gives the same result, but takes longer.
             return KeyTime::in_segment(t, 0);
         }
-        let segments = keys - 1;
-        let at = t * segments as f32;
-        let segment = (at as usize).min(segments - 1);
+        KeyTime::within(t, keys, [0, keys - 2])
+    }
+
+    /// Locates a time among the segments from `first` to `last` of a motion with more than two keys. Times before and after extrapolate the
+    /// motion in the nearest of them.
+    #[inline]
+    pub fn within(t: f32, keys: usize, [first, last]: [usize; 2]) -> KeyTime {
+        let at = t * (keys - 1) as f32;
+        let segment = (at as usize).clamp(first, last);
         KeyTime::in_segment(at - segment as f32, segment)
     }
 

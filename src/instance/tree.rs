@@ -311,13 +311,14 @@ impl InstanceTree {
 
     /// The sizes and counts of the tree. Visits every instance.
     pub fn statistics(&self) -> InstanceStatistics {
+        let left_out = self.wide.left_out(&self.placements);
         let mut of = InstanceStatistics {
             instances: 0,
             primitives: 0,
             trees: 0,
             tree_bytes: 0,
             instance_bytes: 0,
-            outermost: self.wide.statistics(&self.placements),
+            outermost: Statistics { left_out, ..self.wide.statistics(&self.placements) },
         };
         let mut seen = HashSet::new();
         (of.instances, of.primitives) = self.count(&mut of, &mut seen);

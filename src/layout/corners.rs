@@ -6,18 +6,21 @@ use super::keyed_leaf::KeyedLeaf;
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
 use super::wide_tree::WideTree;
 use crate::geometry::KeyTime;
-use crate::primitive::{Scene, Triangles};
+use crate::primitive::{PrimitiveSet, Scene, Triangles};
 use glam::Vec3;
 
 impl WideTree {
-    /// The corners of a triangle at a time, bit for bit as queries see them. NaN if the tree is damaged.
+    /// The corners of a triangle at any time, bit for bit as queries see them where it exists. NaN if the tree is damaged.
     pub fn corners(&self, set: &Triangles, id: u32, time: f32) -> [Vec3; 3] {
         self.corners_at(set, id, time).unwrap_or([Vec3::NAN; 3])
     }
 
     fn corners_at(&self, set: &Triangles, id: u32, time: f32) -> Option<[Vec3; 3]> {
         let (first, count) = set.entries_of(id, self.slices);
-        let leaf = ChildRef(*self.blocks.get(first + KeyTime::new(time, count + 1).segment)?);
+        // In the nearest slice in which the triangle exists.
+        let active = set.active(id);
+        let slice = KeyTime::new(time.clamp(active.begin(), active.last()), count + 1).segment;
+        let leaf = ChildRef(*self.blocks.get(first + slice)?);
         let lane = self.ids::<Scene>(leaf)?.iter().position(|&other| other == id)?;
         let (at, n) = (leaf.at(), leaf.len());
         let (linear, key) = (KeyTime::new(time, 2), CORNER_ROWS * n);
@@ -30,7 +33,7 @@ impl WideTree {
             }
             Kind::OtherLeaf => {
                 let keyed = KeyedLeaf::read(self.arena.ints(), leaf);
-                let time = KeyTime::new(time, keyed.segments + 1);
+                let time = KeyTime::within(time, keyed.segments + 1, set.segments_of_life(id));
                 let (rows, numbers) = (at + keyed.rows(time.segment), at + keyed.vertices() + lane);
                 match keyed.shared {
                     true => (time, self.shared(rows, n, numbers), self.shared(rows + VERTEX_ROWS * n, n, numbers)),

@@ -16,6 +16,7 @@
 //! same holds for the decision on a group, which a thread makes or waits for before it builds.
 
 use super::leaf_block::{WideSource, write_list};
+use super::left_out::InSlices;
 use super::statistics::Statistics;
 use super::tree_box::TreeBox;
 use super::wide_builder::{most_in_subtree, step};
@@ -138,7 +139,7 @@ impl LazyTree {
         (all.leaves, all.references) = (0, 0);
         all.subtrees = self.len();
         all.bytes += self.ids.capacity() * size_of::<u32>() + self.subtrees.capacity() * size_of::<Subtree>();
-        let mut primitives = 0;
+        let (mut primitives, mut in_slices, mut seen) = (0, InSlices::default(), Vec::new());
         for (subtree, tree) in (0..).map(|subtree| (subtree, self.built(subtree))).take(self.len()) {
             let Some(tree) = tree else { continue };
             let of = tree.statistics(set);
@@ -151,7 +152,9 @@ impl LazyTree {
             all.static_references += of.static_references;
             all.time_nodes += of.time_nodes;
             all.bytes += of.bytes;
+            in_slices = in_slices.add(tree.in_slices(set, &mut seen));
         }
+        all.left_out = in_slices.share();
         all.duplicates = (all.references - primitives) as f64 / all.references.max(1) as f64;
         all
     }

@@ -126,7 +126,7 @@ impl Triangles {
         let (n, most) = (ids.len(), ids.iter().map(|&id| self.keys(id)).max().unwrap_or(1));
         let shared = Shared::of(self, ids);
         if most > 2 {
-            return self.keyed_words(shared.as_ref(), n, most, slice.segments(most));
+            return self.keyed_words(shared.as_ref(), n, most, self.needed_segments(ids, most, slice));
         }
         shared.map_or(most * CORNER_ROWS * n + 1 + n, |shared| most * VERTEX_ROWS * shared.count + 2 * n)
     }
@@ -137,7 +137,7 @@ impl Triangles {
         let n = ids.len();
         arena.align();
         if most > 2 {
-            return self.write_keyed(arena, ids, most, slice.segments(most));
+            return self.write_keyed(arena, ids, most, self.needed_segments(ids, most, slice));
         }
         if let Some(shared) = Shared::of(self, ids) {
             return shared.write(self, arena, ids, most);

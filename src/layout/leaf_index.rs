@@ -6,6 +6,7 @@ use super::statistics::Statistics;
 use super::wide_node::{ChildRef, Kind, node_rows};
 use super::wide_tree::{Counts, WideTree};
 use crate::parallel;
+use crate::primitive::{PrimitiveSet, Triangles};
 use crate::simd::{LANES, huge_vec};
 use crate::time::TimeSlice;
 use core::convert::Infallible;
@@ -203,8 +204,14 @@ impl WideTree {
                 }
                 let located = !blocks.is_empty() && !self.is_list::<S>(leaf);
                 let Some(triangles) = set.triangles().filter(|_| located) else { continue };
-                let slices = self.slices_of(leaf);
+                let mut slices = self.slices_of(leaf);
+                let each = leaf.kind() == Kind::OtherLeaf && !triangles.always_active();
+                let mut before = None;
                 for &id in ids {
+                    // Neighbours are mostly of one mesh.
+                    if each && before.replace(triangles.active(id)) != Some(triangles.active(id)) {
+                        slices = self.slices_of_one(triangles, id, leaf);
+                    }
                     for slice in slices.clone() {
                         let block = &blocks[triangles.entries_of(id, self.slices).0 + slice];
                         if several {
@@ -220,6 +227,19 @@ impl WideTree {
         references.into_iter().try_fold((0, 0), |a, b| b.map(|b: (usize, usize)| (a.0 + b.0, a.1 + b.1)))
     }
 
+    /// The time slices for which a leaf block has all keys that a triangle of more than two keys needs while it exists.
+    fn slices_of_one(&self, triangles: &Triangles, id: u32, leaf: ChildRef) -> Range<usize> {
+        let keyed = KeyedLeaf::read(self.arena.ints(), leaf);
+        let active = triangles.active(id);
+        let held = |&index: &usize| {
+            let slice = TimeSlice { index, of: self.slices };
+            active.intersect(slice.query_times()).is_some()
+                && keyed.holds(triangles.needed_segments(&[id], keyed.segments + 1, slice))
+        };
+        let first = (0..self.slices).find(held).unwrap_or(0);
+        first..(first..self.slices).take_while(held).last().map_or(first, |last| last + 1)
+    }
+
     /// The time slices for which a leaf block has all keys; `0..1` for blocks that have the keys of the whole shutter.
     fn slices_of(&self, leaf: ChildRef) -> Range<usize> {
         if leaf.kind() != Kind::OtherLeaf {
@@ -231,7 +251,7 @@ impl WideTree {
         first..(first..self.slices).take_while(held).last().map_or(first, |last| last + 1)
     }
 
-    /// The statistics of the tree.
+    /// The statistics of the tree, but for what time slices leave out ([`WideTree::left_out`]).
     pub fn statistics<S: WideSource>(&self, set: &S) -> Statistics {
         let Counts { depth, nodes, leaves, references, time_nodes, static_references, .. } = self.counts;
         let duplicates = references - set.len().min(references);

@@ -28,6 +28,7 @@ mod leaf_index;
 mod leaf_lanes;
 mod leaf_measure;
 mod leaf_rewrite;
+mod left_out;
 mod list_boxes;
 mod node_boxes;
 mod refit;

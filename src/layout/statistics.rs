@@ -36,6 +36,9 @@ pub struct Statistics {
     pub static_references: usize,
     /// Temporal splits: nodes that select a child by the time of the query (wide trees).
     pub time_nodes: usize,
+    /// Share of the primitives below temporal splits, each counted once for each time slice, that the slice leaves out since they do not
+    /// exist in it (wide trees). 0 if everything exists all the time.
+    pub left_out: f64,
     /// Subtrees that are built when a query first enters them ([`Policy::Lazy`](crate::Policy::Lazy)); 0 in other trees.
     pub subtrees: usize,
     /// Those of them that are built. Nodes, leaves, references and bytes are those of built subtrees and of the coarse

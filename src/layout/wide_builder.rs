@@ -11,7 +11,7 @@ use super::leaf_block::WideSource;
 use super::wide_node::ChildRef;
 use super::wide_tree::WideTree;
 use super::write::{Nodes, set_children, words_of_nodes, write_blocks, write_node, write_time};
-use crate::bvh::{BinaryNode, ReplacedSubtree};
+use crate::bvh::{BinaryNode, Reference, ReplacedSubtree};
 use crate::error::BuildError;
 use crate::geometry::{LinearBox3, TimeInterval};
 use crate::limits::MAX_TIME_SLICES;
@@ -21,8 +21,8 @@ use crate::primitive::SPHERE_KEY_BYTES;
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES, huge_vec};
 use crate::time::{
-    COST_MODEL, Draft, DraftParams, Region, Reinsertion, SharedLeaves, TimeSlice, any_changes, draft_sample,
-    draft_tree, held_in, is_left_out, prefetch_blocks, primitives, regions, share_of_slices,
+    COST_MODEL, Draft, DraftParams, Region, Reinsertion, SharedLeaves, TimeSlice, any_changes, any_is_left_out,
+    draft_sample, draft_tree, held_in, prefetch_blocks, primitives, regions, share_of_slices,
 };
 use crate::tuning::lazy::NEIGHBOURS;
 use crate::tuning::slices::LEAST_TREELET;
@@ -52,6 +52,8 @@ impl WideTree {
         tree.find_masks(set);
         if tree.leaves_out {
             tree.existing = set.active_intervals();
+        } else if let Some(triangles) = set.triangles().filter(|_| !set.always_active()) {
+            tree.existing = triangles.intervals_of_keys();
         }
         Ok(tree)
     }
@@ -275,8 +277,8 @@ impl WideTree {
     ) -> Result<ChildRef, BuildError> {
         self.presplit |= draft.presplit;
         // A block may be in a slice without some of its primitives, which its box there does not hold.
-        let mut of_blocks = shared.clusters.iter().flat_map(|block| draft.references(block));
-        self.leaves_out |= of_blocks.any(|r| is_left_out(set, r.id(), shared.trees.len()));
+        let of_blocks = shared.clusters.iter().flat_map(|block| draft.references(block)).map(Reference::id);
+        self.leaves_out |= any_is_left_out(set, of_blocks, shared.trees.len());
         let leaves =
             |arena: &mut Arena, of: &[BinaryNode], blocks: &mut [ChildRef]| leaf_blocks(arena, set, draft, of, blocks);
         // Room for everything at once: growing later would copy all leaf blocks.

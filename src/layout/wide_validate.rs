@@ -7,6 +7,7 @@ use super::wide_tree::WideTree;
 use crate::geometry::{Box3, KeyTime};
 use crate::primitive::{PrimitiveSet, Triangles};
 use crate::simd::LANES;
+use crate::time::TimeSlice;
 use glam::Vec3;
 
 /// Times at which a tree is checked; the odd values fall into every time slice and on no boundary.
@@ -22,7 +23,7 @@ impl WideTree {
     pub fn validate<S: WideSource>(&self, set: &S) -> Result<(), ValidationError> {
         let all: Vec<u32> = (0..set.len() as u32).collect();
         self.validate_ids(set, &all)?;
-        // The recorded leaf block of each triangle holds it, and so does the block of each time slice where there are
+        // The recorded leaf block of each triangle holds it, and so does the block of each time slice in which it exists where there are
         // several.
         let triangles = set.triangles();
         for (id, triangles) in triangles.into_iter().flat_map(|t| (0..t.len() as u32).map(move |id| (id, t))) {
@@ -30,8 +31,10 @@ impl WideTree {
                 continue;
             }
             let (first, count) = triangles.entries_of(id, self.slices);
-            for entry in first..first + count {
-                let leaf = self.blocks.get(entry).map(|&leaf| ChildRef(leaf));
+            let times = |index: usize| TimeSlice { index, of: count }.query_times();
+            let exists = |&index: &usize| count == 1 || triangles.active(id).intersect(times(index)).is_some();
+            for slice in (0..count).filter(exists) {
+                let leaf = self.blocks.get(first + slice).map(|&leaf| ChildRef(leaf));
                 if !leaf.and_then(|leaf| self.ids::<S>(leaf)).is_some_and(|ids| ids.contains(&id)) {
                     return Err(ValidationError::References { node: 0 });
                 }

@@ -1,6 +1,6 @@
 //! What is known of each mesh, and which mesh a triangle belongs to.
 
-use crate::geometry::TimeInterval;
+use crate::geometry::{KeyTime, TimeInterval};
 
 /// What is known of a mesh beside its vertices.
 pub(super) struct MeshInfo {
@@ -18,6 +18,14 @@ pub(super) struct MeshInfo {
     pub(super) indices: u64,
     /// The index of its first triangle among those whose vertices are kept in f64, if its own are.
     pub(super) precise: Option<u32>,
+}
+
+impl MeshInfo {
+    /// The motion segments in which the mesh exists, the first and the last.
+    #[inline(always)]
+    pub(super) fn segments_of_life(&self) -> [usize; 2] {
+        [self.active.begin(), self.active.last()].map(|t| KeyTime::new(t, self.keys).segment)
+    }
 }
 
 /// The meshes of some triangles, from which that of any triangle is found.

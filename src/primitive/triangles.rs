@@ -51,6 +51,12 @@ pub(super) struct Vertices {
 }
 
 impl Triangles {
+    /// For each mesh, the interval to which refits of a tree of it are bound by the keys that leaf blocks hold.
+    pub(crate) fn intervals_of_keys(&self) -> Vec<TimeInterval> {
+        let of = |mesh: &MeshInfo| if mesh.keys > 2 { mesh.active } else { TimeInterval::FULL };
+        self.meshes.iter().map(of).collect()
+    }
+
     /// Releases the f32 vertices: from now on there are ids, masks and intervals, but no corners and no bounds.
     pub(crate) fn drop_vertices(&mut self) {
         self.vertices = Vertices::default();
@@ -192,6 +198,24 @@ impl Triangles {
             [self.position(a, 0), self.position(b, 0), self.position(c, 0)],
             [self.position(a, last), self.position(b, last), self.position(c, last)],
         ]
+    }
+
+    /// The motion segments in which a triangle exists, the first and the last: no query needs the keys of others.
+    #[inline(always)]
+    pub(crate) fn segments_of_life(&self, id: u32) -> [usize; 2] {
+        self.mesh(id).segments_of_life()
+    }
+
+    /// The corners at any time, as trees have them that hold only the keys that queries need: where the triangle does not exist, in the
+    /// nearest motion segment in which it does.
+    pub(crate) fn corners_at_any_time(&self, id: u32, t: f32) -> [Vec3; 3] {
+        let mesh = self.mesh(id);
+        if mesh.keys <= 2 {
+            return self.corners(id, t);
+        }
+        let at = KeyTime::within(t, mesh.keys, mesh.segments_of_life());
+        let [a, b] = [at.segment, at.segment + 1].map(|key| self.corners_at_key(id, key));
+        core::array::from_fn(|i| at.position(a[i], b[i]))
     }
 
     /// The corners at time `t`, exactly as queries compute them.

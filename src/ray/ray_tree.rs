@@ -65,9 +65,9 @@ pub struct RayTree<G = Scene> {
 /// The mask of a batch and its filter, which gets the index of a hit's ray.
 pub(super) type InBatch<'a> = Option<Visible<&'a (dyn Fn(usize, &Hit) -> bool + Sync)>>;
 
-impl<G> core::fmt::Debug for RayTree<G> {
+impl<G: Geometry> core::fmt::Debug for RayTree<G> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_struct("RayTree").field("statistics", &self.statistics).finish_non_exhaustive()
+        f.debug_struct("RayTree").field("statistics", &self.statistics()).finish_non_exhaustive()
     }
 }
 
@@ -378,11 +378,12 @@ impl<G: Geometry> RayTree<G> {
     }
 
     /// The sizes and counts of the tree. For a lazy tree, they cover the coarse tree and the subtrees built so far; this
-    /// call visits every subtree.
+    /// call visits every subtree, and all leaf blocks of a tree with temporal splits of what exists for a part of the shutter.
     pub fn statistics(&self) -> Statistics {
         match &self.layout {
             Layout::Lazy(tree) => tree.statistics(&self.geometry),
-            Layout::Wide(_) | Layout::Kd(_) => self.statistics,
+            Layout::Wide(tree) => Statistics { left_out: tree.left_out(&self.geometry), ..self.statistics },
+            Layout::Kd(_) => self.statistics,
         }
     }
 }
@@ -448,7 +449,8 @@ impl RayTree {
     }
 
     /// The corners of a triangle of a mesh at any time, exactly as queries use them. NaN if there is no such triangle. A
-    /// time outside `[0, 1]` extrapolates the motion.
+    /// time outside `[0, 1]` extrapolates the motion. So does one outside the active interval of a mesh of more than two keys, unless it is
+    /// [`precise`](TriangleMesh::precise): a tree holds only the keys around the interval.
     pub fn triangle(&self, mesh: u32, triangle: u32, time: f32) -> [DVec3; 3] {
         match self.geometry.triangles.id(mesh, triangle) {
             Some(id) => {
@@ -457,7 +459,7 @@ impl RayTree {
                 }
                 let corners = match &self.layout {
                     Layout::Wide(tree) => tree.corners(&self.geometry.triangles, id, time),
-                    Layout::Kd(_) | Layout::Lazy(_) => self.geometry.triangles.corners(id, time),
+                    Layout::Kd(_) | Layout::Lazy(_) => self.geometry.triangles.corners_at_any_time(id, time),
                 };
                 corners.map(|p| self.geometry.frame().to_world(p))
             }

@@ -1,7 +1,8 @@
 //! A temporal split with shared leaves: one hierarchy per time slice over the same leaf blocks.
 
 use super::draft::{Draft, prefetch_blocks};
-use super::time_slice::time_slice;
+use super::existence::meet;
+use super::time_slice::{TimeSlice, time_slice};
 use crate::bvh::{BinaryNode, BinaryTree, Collapse, CostModel, Reference, build_binary};
 use crate::geometry::{Box3, LinearBox3, TimeInterval, ULP};
 use crate::parallel;
@@ -32,8 +33,9 @@ impl SharedLeaves {
         let needed = |i: usize| i > 0 && (slices.contains(&i) || slices.contains(&(i - 1)));
         let boundary = |i: usize| if needed(i) { boundary(set, draft, &clusters, i, count) } else { Some(Vec::new()) };
         let boundaries: Option<Vec<Vec<Box3>>> = (0..count).map(boundary).collect();
-        let over: Vec<TimeInterval> = slices.iter().map(|&slice| time_slice(slice, count)).collect();
-        let in_slices = if boundaries.is_none() { bounds_in(set, draft, &clusters, &over) } else { Vec::new() };
+        let of_count: Vec<TimeSlice> = slices.iter().map(|&index| TimeSlice { index, of: count }).collect();
+        let over: Vec<TimeInterval> = of_count.iter().map(|slice| slice.interval()).collect();
+        let in_slices = if boundaries.is_none() { bounds_in(set, draft, &clusters, &of_count) } else { Vec::new() };
         let trees = parallel::map(slices.len(), |nth| {
             let (slice, over) = (slices[nth], over[nth]);
             let bounds = |i: usize| match &boundaries {
@@ -57,21 +59,23 @@ impl SharedLeaves {
 /// Leaf blocks whose bounds are computed by one thread.
 const BLOCKS: usize = 256;
 
-/// The bounds of the leaf blocks over each of some intervals, block by block.
+/// The bounds of the leaf blocks over each of some time slices, block by block.
 fn bounds_in<S: PrimitiveSet>(
     set: &S,
     draft: &Draft,
     clusters: &[BinaryNode],
-    over: &[TimeInterval],
+    slices: &[TimeSlice],
 ) -> Vec<LinearBox3> {
+    let over: Vec<TimeInterval> = slices.iter().map(|slice| slice.interval()).collect();
+    let times: Vec<TimeInterval> = slices.iter().map(|slice| slice.query_times()).collect();
     let mut all = huge_vec_of(LinearBox3::EMPTY, clusters.len() * over.len());
     let mut parts: Vec<_> = clusters.chunks(BLOCKS).zip(all.chunks_mut(BLOCKS * over.len())).collect();
     let needed = over.iter().copied().reduce(TimeInterval::hull).unwrap_or(TimeInterval::FULL);
     parallel::each(&mut parts, |(clusters, bounds)| {
-        let mut intervals = Intervals::new(over);
+        let mut intervals = Intervals::new(&over);
         for (i, (cluster, bounds)) in clusters.iter().zip(bounds.chunks_mut(over.len())).enumerate() {
             prefetch_blocks(set, draft, clusters, i, needed);
-            include_slice_bounds(set, draft.references(cluster), draft, &mut intervals, bounds);
+            include_slice_bounds(set, draft.references(cluster), draft, (&mut intervals, &times), bounds);
         }
     });
     all
@@ -136,12 +140,13 @@ impl Slice {
     }
 }
 
-/// Extends bounds over each of some parts of a draft's time interval by those of references of one kind that exist in it.
+/// Extends bounds over each of some time slices by those of references of one kind that exist in it. The slices are given by the intervals
+/// of their bounds, and by their query times.
 pub(crate) fn include_slice_bounds<S: PrimitiveSet>(
     set: &S,
     references: &[Reference],
     draft: &Draft,
-    over: &mut Intervals<'_>,
+    (over, times): (&mut Intervals<'_>, &[TimeInterval]),
     bounds: &mut [LinearBox3],
 ) {
     if draft.presplit || !set.always_active() {
@@ -150,8 +155,8 @@ pub(crate) fn include_slice_bounds<S: PrimitiveSet>(
             // Shapes, and triangles with more than two keys, may move although they have the same box at both ends of the shutter.
             let is_triangle = || set.corner_bounds(r.id(), draft.over).is_some();
             let fixed = !draft.presplit && !r.moving() && set.leaf_kind(r.id()) == 0 && is_triangle();
-            for (&over, bounds) in over.over.iter().zip(&mut *bounds) {
-                if active.intersect(over).is_some() {
+            for ((&over, &times), bounds) in over.over.iter().zip(times).zip(&mut *bounds) {
+                if meet(active, times) {
                     *bounds = bounds.union(if fixed { r.bounds() } else { slice_bounds(set, r, draft, over) });
                 }
             }

@@ -18,9 +18,10 @@ impl TimeSlice {
         time_slice(self.index, self.of)
     }
 
-    /// Whether something with this active interval exists for any query that looks in the slice.
-    pub fn meets(self, active: TimeInterval) -> bool {
-        active.intersect(self.interval()).is_some()
+    /// The query times that belong to the slice, without the widening of [`TimeSlice::interval`].
+    pub fn query_times(self) -> TimeInterval {
+        let [first, last] = self.times();
+        TimeInterval::half_open(first, last.next_up()).expect("a time slice is not empty")
     }
 
     /// The first and the last query time that belongs to the slice.
@@ -89,6 +90,22 @@ mod tests {
             }
         }
         assert_eq!(TimeSlice { index: 1, of: 4 }.segments(65), [16, 31]);
+    }
+
+    #[test]
+    fn each_query_time_belongs_to_one_slice() {
+        for of in 1..40 {
+            let times: Vec<TimeInterval> = (0..of).map(|index| TimeSlice { index, of }.query_times()).collect();
+            assert!(times.windows(2).all(|pair| pair[0].end_bound() == pair[1].begin()));
+            assert!(times[0].begin() == 0.0 && times[of - 1].end_bound() == TimeInterval::FULL.end_bound());
+            for time in times.iter().flat_map(|t| [t.begin(), t.end_bound().next_down(), t.middle()]) {
+                assert!(times[KeyTime::new(time, of + 1).segment].contains(time));
+            }
+        }
+        // What exists in one quarter is in one of four slices.
+        let quarter = TimeInterval::new(0.25, 0.5).unwrap();
+        let in_slice = |index: usize| quarter.intersect(TimeSlice { index, of: 4 }.query_times()).is_some();
+        assert_eq!([0, 1, 2, 3].map(in_slice), [false, true, false, false]);
     }
 
     #[test]

@@ -8,7 +8,7 @@
 
 use super::draft::Draft;
 use super::slices::{include_slice_bounds, slice_bounds};
-use super::time_slice::time_slice;
+use super::time_slice::TimeSlice;
 use crate::bvh::{Reference, mean_half_area};
 use crate::geometry::{LinearBox3, TimeInterval};
 use crate::limits::MAX_TIME_SLICES;
@@ -53,9 +53,10 @@ fn area_in_slices<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32) -> f32 {
         return 1.0;
     }
     let mut areas = [0.0; 2];
-    let halves = [time_slice(0, 2), time_slice(1, 2)];
+    let halves = [0, 1].map(|index| TimeSlice { index, of: 2 });
+    let (halves, times) = (halves.map(TimeSlice::interval), halves.map(TimeSlice::query_times));
     let mut over = Intervals::new(&halves);
-    add_areas(draft, x, &mut |of| in_halves(set, draft, of, &mut over), &mut areas);
+    add_areas(draft, x, &mut |of| in_halves(set, draft, of, (&mut over, &times)), &mut areas);
     let whole = whole_area(draft, x);
     let relative = |area: f32| if whole > 0.0 { (area / whole).min(1.0) } else { 1.0 };
     let halves = relative(0.5 * (areas[0] + areas[1]));
@@ -65,13 +66,15 @@ fn area_in_slices<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32) -> f32 {
     if halves < MAX_AREA_OF_HALVES || !bent && set.always_active() {
         return halves;
     }
-    let slices: [TimeInterval; SHORT_SLICES] =
-        core::array::from_fn(|i| time_slice((2 * i + 1) * MAX_TIME_SLICES / (2 * SHORT_SLICES), MAX_TIME_SLICES));
+    let index = |i: usize| (2 * i + 1) * MAX_TIME_SLICES / (2 * SHORT_SLICES);
+    let slices: [TimeSlice; SHORT_SLICES] =
+        core::array::from_fn(|i| TimeSlice { index: index(i), of: MAX_TIME_SLICES });
+    let (slices, times) = (slices.map(TimeSlice::interval), slices.map(TimeSlice::query_times));
     let mut areas = [0.0; SHORT_SLICES];
     let mut over = Intervals::new(&slices);
     let mut in_slices = |of: &[Reference]| {
         let mut boxes = [LinearBox3::EMPTY; SHORT_SLICES];
-        include_slice_bounds(set, of, draft, &mut over, &mut boxes);
+        include_slice_bounds(set, of, draft, (&mut over, &times), &mut boxes);
         boxes
     };
     add_areas(draft, x, &mut in_slices, &mut areas);
@@ -107,10 +110,15 @@ fn add_areas<const N: usize>(
 
 /// The bounds of references of one kind for both halves of the shutter. Linear motion of what always exists has one box at mid-shutter for
 /// both.
-fn in_halves<S: PrimitiveSet>(set: &S, draft: &Draft, of: &[Reference], over: &mut Intervals<'_>) -> [LinearBox3; 2] {
+fn in_halves<S: PrimitiveSet>(
+    set: &S,
+    draft: &Draft,
+    of: &[Reference],
+    (over, times): (&mut Intervals<'_>, &[TimeInterval]),
+) -> [LinearBox3; 2] {
     let mut halves = [LinearBox3::EMPTY; 2];
     if !set.always_active() || of.first().is_some_and(|r| set.leaf_kind(r.id()) != 0) {
-        include_slice_bounds(set, of, draft, over, &mut halves);
+        include_slice_bounds(set, of, draft, (over, times), &mut halves);
         return halves;
     }
     for r in of {

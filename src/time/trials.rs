@@ -35,7 +35,7 @@ pub(super) fn decide<S: PrimitiveSet>(
     let mut search = Search { least: samples.least_cost(), most, samples, best: None, limit: MAX_SPLIT_COST };
     let two = search.try_kind(Division::SharedLeaves);
     match search.best {
-        None if two.is_none_or(|two| two > MAX_TWO_SLICES_COST && !set.bent()) => return None,
+        None if two.is_none_or(|two| two > MAX_TWO_SLICES_COST && !gains_in_short_slices(set)) => return None,
         // A tree that exceeds the caches already slows down by more than others when it grows.
         None if draft.references.len() as f32 * BYTES_PER_REFERENCE > CACHED as f32 => search.limit *= MAX_FURTHER_TIME,
         None => {}
@@ -68,8 +68,8 @@ struct Search<'a, S> {
 }
 
 impl<S: PrimitiveSet> Search<'_, S> {
-    /// Tries more and more slices as long as that pays. Motion that turns around gains little in halves of the shutter, so the shortest
-    /// slices are tried then, and twice as long ones. Returns the cost of two slices if they were tried.
+    /// Tries more and more slices as long as that pays. Some sets may gain in short slices only, so the shortest slices are tried then, and
+    /// twice as long ones. Returns the cost of two slices if they were tried.
     fn try_kind(&mut self, kind: fn(usize) -> Division) -> Option<f32> {
         let mut two = None;
         // The first step may fall a little short.
@@ -80,7 +80,7 @@ impl<S: PrimitiveSet> Search<'_, S> {
                 two = Some(cost);
             }
             if time >= last {
-                if count == 2 && self.samples.set.bent() {
+                if count == 2 && gains_in_short_slices(self.samples.set) {
                     for count in [MAX_TIME_SLICES, MAX_TIME_SLICES / 2] {
                         self.try_division(kind(count), count);
                     }
@@ -119,6 +119,12 @@ impl<S: PrimitiveSet> Search<'_, S> {
         let further = if self.samples.set.bent() { 0.0 } else { (1.0 - self.least).max(0.0) };
         self.least + further / (count * count) as f32
     }
+}
+
+/// Whether primitives may gain in short time slices though they gain nothing in halves of the shutter: motion that turns around fills the
+/// same boxes in each half, and what exists for half of the shutter may exist in both.
+fn gains_in_short_slices<S: PrimitiveSet>(set: &S) -> bool {
+    set.bent() || !set.always_active()
 }
 
 /// The factor by which a division multiplies a tree's bytes, if nodes are this share of them, and each slice has a share of the primitives.

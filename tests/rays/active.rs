@@ -106,7 +106,7 @@ fn every_division_equals_brute_force_at_all_times() {
                 let query = ClosestPointQuery::new(ray.origin, ray.time);
                 assert_eq!(tree.closest_point(&query), oracle.closest_point(&query), "{params:?} {query:?}");
             }
-            // Corners at all times, also when the mesh does not exist.
+            // Corners at all times, also when the mesh does not exist; trees agree on how motion goes on then.
             for (i, mesh) in meshes.iter().enumerate() {
                 for (triangle, time) in
                     (0..mesh.len() as u32).step_by(5).zip([0.0, 0.3, 0.5, 0.77, 1.0].into_iter().cycle())
@@ -176,6 +176,102 @@ fn rays_hardly_meet_what_does_not_exist() {
     assert_eq!(counts(Division::Automatic), counts(Division::Whole));
 }
 
+/// Meshes of 17 keys for an eighth of the shutter, which has two of 16 segments, or three.
+#[test]
+fn trees_hold_the_keys_that_meshes_need_while_they_exist() {
+    let mut random = Random(3);
+    let meshes: Vec<TriangleMesh> = (0..40)
+        .map(|i| moved(&closed_sphere(8, 17, 0.1, i), 3.0 * random.vec()))
+        .map(|mesh| mesh.with_active(TimeInterval::new(0.5, 0.625).unwrap()))
+        .collect();
+    let always: Vec<TriangleMesh> = meshes.iter().map(|mesh| mesh.clone().with_active(TimeInterval::FULL)).collect();
+    let bytes = |meshes: &[TriangleMesh], division| {
+        let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
+        let tree = RayTree::build(meshes, &params).unwrap();
+        assert_eq!(tree.validate(), Ok(()));
+        tree.statistics().bytes as f64
+    };
+    for division in
+        [Division::Whole, Division::SharedLeaves(4), Division::SeparateTrees(4), Division::SeparateTrees(16)]
+    {
+        // Three keys of 17; the rest is ids and nodes.
+        let (held, all) = (bytes(&meshes, division), bytes(&always, division));
+        assert!(held < 0.34 * all, "{division:?}: {held} of {all}");
+    }
+}
+
+/// The second of four segments has all times at which the mesh exists.
+#[test]
+fn motion_goes_on_in_the_nearest_segment_in_which_a_mesh_exists() {
+    let at = |key: usize| [0.0, 1.0, 4.0, 9.0, 16.0][key];
+    let corners = [Vec3::ZERO, Vec3::X, Vec3::Y];
+    let keys: Vec<Vec<Vec3>> = (0..5).map(|key| corners.map(|p| p + Vec3::Z * at(key)).to_vec()).collect();
+    let short = TimeInterval::new(0.25, 0.5).unwrap();
+    let meshes = [TriangleMesh::new(vec![[0, 1, 2]], keys).with_active(short), soup(60, 5, 0.1, 0.2, 1)];
+    for params in params().into_iter().chain([BuildParams::paper()]) {
+        let tree = RayTree::build(&meshes, &params).unwrap();
+        for (time, z) in [(0.25, 1.0), (0.375, 2.5), (0.4375, 3.25), (0.5, 4.0), (0.75, 7.0), (1.0, 10.0), (0.0, -2.0)]
+        {
+            let expected = corners.map(|p| (p + Vec3::Z * z).as_dvec3());
+            assert_eq!(tree.triangle(0, 0, time), expected, "{params:?} at {time}");
+        }
+    }
+}
+
+/// Five meshes far from each other: one exists always, each of the others in a quarter of the shutter of its own.
+fn in_quarters(keys: usize) -> Vec<TriangleMesh> {
+    let at = |i: usize| moved(&closed_sphere(4, keys, 0.1, i as u64), Vec3::X * 10.0 * i as f32);
+    let quarter = |i: usize| {
+        let begin = 0.25 * i as f32;
+        at(i).with_active(TimeInterval::new(begin + 0.05, begin + 0.2).unwrap())
+    };
+    (0..4).map(quarter).chain([at(4)]).collect()
+}
+
+#[test]
+fn statistics_say_what_time_slices_leave_out() {
+    let build = |meshes: &[TriangleMesh], params: &BuildParams| RayTree::build(meshes, params).unwrap();
+    let divided = |division| BuildParams::wide(WideParams { division, ..WideParams::default() });
+    let left_out = |keys, division| build(&in_quarters(keys), &divided(division)).statistics().left_out;
+    use Division::*;
+    // Each of four meshes is missing in three of four slices, and in six or seven of eight, of all five.
+    for keys in [1, 2, 5] {
+        assert_eq!(left_out(keys, SharedLeaves(4)), 12.0 / 20.0);
+        assert_eq!(left_out(keys, SeparateTrees(4)), 12.0 / 20.0);
+        assert_eq!(left_out(keys, SeparateTrees(2)), 4.0 / 10.0);
+        assert_eq!(left_out(keys, SharedLeaves(8)), 24.0 / 40.0);
+        assert_eq!(left_out(keys, Whole), 0.0);
+    }
+    // A mesh that exists in one quarter exactly is in one slice of four.
+    let exact: Vec<TriangleMesh> = (0..4)
+        .map(|i| TimeInterval::new(0.25 * i as f32, 0.25 * (i + 1) as f32).unwrap())
+        .zip(in_quarters(2))
+        .map(|(active, mesh)| mesh.with_active(active))
+        .collect();
+    for division in [SharedLeaves(4), SeparateTrees(4)] {
+        assert_eq!(build(&exact, &divided(division)).statistics().left_out, 12.0 / 16.0);
+    }
+    // What exists all the time is in all slices.
+    let always: Vec<TriangleMesh> =
+        in_quarters(2).into_iter().map(|mesh| mesh.with_active(TimeInterval::FULL)).collect();
+    assert_eq!(build(&always, &divided(SharedLeaves(4))).statistics().left_out, 0.0);
+
+    let tree = build(&in_quarters(2), &divided(SeparateTrees(4)));
+    let mut bytes = Vec::new();
+    tree.write_to(&mut bytes).unwrap();
+    assert_eq!(RayTree::read_from(&mut bytes.as_slice()).unwrap().statistics(), tree.statistics());
+
+    // Two subtrees for each mesh, at least, of which each divides the shutter by itself.
+    let wide = WideParams { division: SeparateTrees(4), ..WideParams::default() };
+    let lazy = build(&in_quarters(2), &BuildParams::lazy(LazyParams { subtree: 50, wide }));
+    assert_eq!(lazy.statistics().left_out, 0.0);
+    let along = Ray::new(Vec3::new(-5.0, 0.0, 0.0), Vec3::X);
+    (0..100).for_each(|i| assert!(lazy.closest_hit(&along.at_time(i as f32 / 100.0)).is_some()));
+    let above = Ray::new(Vec3::new(-5.0, 0.05, 0.0), Vec3::X);
+    (0..100).for_each(|i| assert!(lazy.closest_hit(&above.at_time(i as f32 / 100.0)).is_some()));
+    assert!(lazy.statistics().left_out > 0.5, "{:?}", lazy.statistics());
+}
+
 #[test]
 fn refits_keep_to_the_intervals_of_the_build_where_something_was_left_out() {
     let first = meshes(30, 0.3, 6);
@@ -227,7 +323,14 @@ fn refits_keep_to_the_intervals_of_the_build_where_something_was_left_out() {
         |division| RayTree::build(&first, &BuildParams::wide(WideParams { division, ..WideParams::default() }));
     let all: Vec<TriangleMesh> = first.iter().map(|mesh| mesh.clone().with_active(TimeInterval::FULL)).collect();
     let refit = |division| divided(division).unwrap().refit(&all).map(drop);
-    assert_eq!(refit(Division::Whole), Ok(()));
+    // Undivided trees left out the keys of a mesh of more than two.
+    assert_eq!(refit(Division::Whole), Err(RefitError::Active { mesh: 3 }));
+    let straight = |of: &[TriangleMesh]| -> Vec<TriangleMesh> {
+        let few = |mesh: &&TriangleMesh| mesh.keys.len() <= 2;
+        of.iter().filter(few).cloned().collect()
+    };
+    let whole = BuildParams::wide(WideParams { division: Division::Whole, ..WideParams::default() });
+    RayTree::build(&straight(&first), &whole).unwrap().refit(&straight(&all)).unwrap();
     assert_eq!(refit(Division::SharedLeaves(16)), Err(RefitError::Active { mesh: 0 }));
     assert_eq!(refit(Division::SeparateTrees(16)), Err(RefitError::Active { mesh: 0 }));
 }
@@ -280,6 +383,10 @@ fn instances_that_come_and_go_equal_those_that_are_tested_one_by_one() {
         .map(|_| Instance::new(Arc::clone(&tree), place(&mut random)).with_active(interval(0.1, &mut random)))
         .collect();
     let all = InstanceTree::build(instances.clone(), &WideParams::default()).unwrap();
+    // Each exists in one or two sixteenths of the shutter, or three.
+    let params = WideParams { division: Division::SeparateTrees(16), ..WideParams::default() };
+    let left_out = InstanceTree::build(instances.clone(), &params).unwrap().statistics().outermost.left_out;
+    assert!((0.8..0.95).contains(&left_out), "{left_out}");
     let each: Vec<InstanceTree> = instances
         .into_iter()
         .map(|instance| InstanceTree::build(vec![instance], &WideParams::default()).unwrap())
