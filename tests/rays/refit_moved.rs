@@ -31,7 +31,7 @@ fn in_f64(mesh: &TriangleMesh, precise: bool) -> TriangleMesh {
     if precise { mesh.precise() } else { mesh }
 }
 
-/// Many small meshes that share leaf blocks, of all kinds, and a few larger ones.
+/// Many small meshes that share leaf blocks, of all kinds, and a few larger ones. Every third exists for a part of the shutter.
 fn meshes(seed: u64) -> Vec<TriangleMesh> {
     let mut meshes = vec![closed_sphere(12, 1, 0.02, 4), closed_sphere(9, 2, 0.05, 5), closed_sphere(9, 5, 0.05, 6)];
     for i in 0..40 {
@@ -42,6 +42,9 @@ fn meshes(seed: u64) -> Vec<TriangleMesh> {
             2 if i % 3 == 0 => in_f64(&small, false),
             _ => small,
         });
+    }
+    for mesh in meshes.iter_mut().step_by(3) {
+        mesh.active = TimeInterval::new(0.2, 0.6).unwrap();
     }
     meshes
 }
@@ -84,7 +87,8 @@ fn a_tree_that_is_told_what_moved_is_that_of_a_refit_to_all_meshes() {
                 let far = if frame == 5 && i == chosen[0] { 9.0 } else { 0.1 };
                 now[i] = moved(&now[i], far, &mut random).with_mask(1 << (random.unit() * 9.0) as u32);
                 if frame > 8 {
-                    now[i].active = TimeInterval::new(0.1, 0.9).unwrap();
+                    let [begin, end] = if i % 3 == 0 { [0.3, 0.5] } else { [0.1, 0.9] };
+                    now[i].active = TimeInterval::new(begin, end).unwrap();
                 }
             }
             let (refit, to_all) = match (told.refit_moved(&now, &chosen), all.refit(&now)) {
