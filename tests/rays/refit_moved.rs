@@ -99,7 +99,7 @@ fn a_tree_that_is_told_what_moved_is_that_of_a_refit_to_all_meshes() {
             let written = [refit, to_all].map(|refit| (refit.nodes, refit.leaves));
             assert!(written[0] == written[1] || with_shapes && written[0] <= written[1], "{what}: {written:?}");
             // Boxes are larger by their rounding once they are read from the tree.
-            assert!((refit.cost / to_all.cost - 1.0).abs() < 1e-5, "{what}: {refit:?}, {to_all:?}");
+            assert!((refit.cost / to_all.cost - 1.0).abs() < 1e-4, "{what}: {refit:?}, {to_all:?}");
             assert!(refit.nodes > 0 || chosen.is_empty(), "{what}");
             assert_eq!(told.validate(), Ok(()), "{what}");
             assert!(with_shapes || bytes(&told) == bytes(&all), "{what}");
