@@ -186,7 +186,8 @@ impl RayTree {
         let (Layout::Wide(tree), Some(plan), Moved::Some(flags)) = (&self.layout, &self.plan, moved) else {
             return Ok(None);
         };
-        if meshes.len() + 1 != flags.len() || meshes.len() != self.geometry.triangles.mesh_count() {
+        // With another number of meshes there is an error.
+        if meshes.len() != self.geometry.triangles.mesh_count() {
             return Ok(None);
         }
         let beside = tree.beside(&self.geometry, flags, plan);
