@@ -226,9 +226,13 @@ impl Triangles {
             return dispatch(level, KeyRows { words, coordinates, begins, rows: VERTEX_ROWS * leaf.keys });
         }
         let mut changed = 0;
-        for (rows, key) in words.chunks_exact_mut(leaf.key_words()).zip(leaf.first..) {
-            for (lane, &id) in ids.iter().enumerate() {
-                changed |= write_corners(rows, leaf.count, lane, self.corners_at_key(id, key));
+        for (lane, &id) in ids.iter().enumerate() {
+            // Looked up once for all keys.
+            let (stride, corners) = (self.stride(id), self.vertices(id));
+            for (rows, key) in words.chunks_exact_mut(leaf.key_words()).zip(leaf.first..) {
+                let [a, b, c] = corners;
+                let at = |vertex: u32| self.position(vertex, key * stride);
+                changed |= write_corners(rows, leaf.count, lane, [at(a), at(b), at(c)]);
             }
         }
         changed != 0

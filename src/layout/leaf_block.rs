@@ -114,7 +114,7 @@ impl WideSource for Scene {
 
     fn leaf_bounds(&self, words: &[u32], of: MovedLeaf<'_>) -> LinearBox3 {
         match of.ids.first().is_some_and(|&id| self.is_listed(id)) {
-            false => self.triangles.measured(words, of).bounds,
+            false => self.triangles.row_bounds(words, of),
             true => bounds_of(self, of.ids, of.over),
         }
     }

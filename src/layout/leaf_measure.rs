@@ -24,7 +24,7 @@ pub(super) struct Measured {
 impl Triangles {
     /// Measures a block that begins at `words[0]` and has the coordinates of this set.
     pub(super) fn measured(&self, words: &[u32], of: MovedLeaf<'_>) -> Measured {
-        let in_rows = self.measured_rows(words, of);
+        let in_rows = self.measured_rows::<true>(words, of);
         if of.ids.iter().any(|&id| self.is_precise(id)) {
             // Their bounds are larger by their rounding.
             return Measured { bounds: bounds_of(self, of.ids, of.over), ..in_rows };
@@ -32,14 +32,23 @@ impl Triangles {
         in_rows
     }
 
-    fn measured_rows(&self, words: &[u32], of: MovedLeaf<'_>) -> Measured {
+    /// The bounds alone.
+    pub(super) fn row_bounds(&self, words: &[u32], of: MovedLeaf<'_>) -> LinearBox3 {
+        match of.ids.iter().any(|&id| self.is_precise(id)) {
+            true => bounds_of(self, of.ids, of.over),
+            false => self.measured_rows::<false>(words, of).bounds,
+        }
+    }
+
+    /// Without `SIZED`, the sizes are not those of all keys.
+    fn measured_rows<const SIZED: bool>(&self, words: &[u32], of: MovedLeaf<'_>) -> Measured {
         let MovedLeaf { leaf, ids, over, level } = of;
         let n = leaf.len();
         let (shared, keys) = match leaf.kind() {
             Kind::StaticLeaf => (false, 1),
             Kind::SharedStaticLeaf => (true, 1),
             Kind::SharedLeaf => (true, 2),
-            Kind::OtherLeaf => return self.measured_keys(words, of),
+            Kind::OtherLeaf => return self.measured_keys::<SIZED>(words, of),
             _ => (false, 2),
         };
         let rows = keys * if shared { VERTEX_ROWS } else { CORNER_ROWS };
@@ -50,7 +59,7 @@ impl Triangles {
     }
 
     /// For triangles with more than two keys.
-    fn measured_keys(&self, words: &[u32], of: MovedLeaf<'_>) -> Measured {
+    fn measured_keys<const SIZED: bool>(&self, words: &[u32], of: MovedLeaf<'_>) -> Measured {
         let MovedLeaf { ids, over, level, .. } = of;
         let leaf = KeyedLeaf::of(words, of.leaf.len());
         let keys = leaf.segments + 1;
@@ -68,10 +77,11 @@ impl Triangles {
         }
         let (segments, slack) = ([window.begin.segment, window.end.segment], Triangles::slack(keys, 1.0));
         if !segments.iter().all(|&segment| leaf.holds([segment; 2])) {
-            return Measured { bounds: bounds_of(self, ids, over), sizes: leaf.sizes(words, level) };
+            let sizes = if SIZED { leaf.sizes(words, level) } else { 0 };
+            return Measured { bounds: bounds_of(self, ids, over), sizes };
         }
         let (rows, corners) = (leaf.rows_of_keys(words), leaf.corners(&numbers));
-        measured_of(dispatch(level, Bent { rows, corners, window, beyond: &beyond, slack }))
+        measured_of(dispatch(level, Bent::<SIZED> { rows, corners, window, beyond: &beyond, slack }))
     }
 }
 
@@ -223,8 +233,8 @@ fn greatest<S: Simd>(s: S, faces: &[S::F; 12], [size, extent]: [S::F; 2], count:
     to
 }
 
-/// Triangles with more than two keys.
-struct Bent<'a> {
+/// Triangles with more than two keys; unless `SIZED`, their sizes at all keys are not needed.
+struct Bent<'a, const SIZED: bool> {
     /// The rows of all keys.
     rows: RowsOfKeys<'a>,
     corners: Corners<'a>,
@@ -245,7 +255,7 @@ struct Corners<'a> {
     count: usize,
 }
 
-impl Kernel for Bent<'_> {
+impl<const SIZED: bool> Kernel for Bent<'_, SIZED> {
     type Output = Lanes<f32>;
 
     #[inline(always)]
@@ -260,7 +270,10 @@ impl Kernel for Bent<'_> {
         }
         let size = s.max(triangles.size, s.load(beyond));
         let faces = triangles.padded(s, size, slack, first_lanes(corners.count));
-        let [others, extents] = sizes(s, &rows, corners, Some(&window));
+        let [others, extents] = match SIZED {
+            true => sizes(s, &rows, corners, Some(&window)),
+            false => [s.splat(0.0); 2],
+        };
         greatest(s, &faces, [s.max(others, triangles.size), extents], corners.count)
     }
 }

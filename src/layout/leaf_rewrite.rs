@@ -7,14 +7,11 @@ use crate::geometry::LinearBox3;
 use crate::primitive::{Shared, Triangles};
 use crate::simd::{LANES, prefetch};
 
-/// The lines of a block of one key or two that are prefetched: most have twelve rows or fewer, of half a line each.
-const LINES_AHEAD: usize = 6;
-
 impl Triangles {
     /// Prefetches a block that will be rewritten, and its vertices.
     pub(super) fn prefetch_leaf(&self, words: &[u32], leaf: ChildRef, ids: &[u32]) {
         if leaf.kind() != Kind::OtherLeaf {
-            words.chunks(LANES).take(LINES_AHEAD).for_each(|line| prefetch(&line[0]));
+            words[..leaf.kind().leaf_rows() * leaf.len()].chunks(LANES).for_each(|line| prefetch(&line[0]));
             return ids.iter().for_each(|&id| self.prefetch_positions(id));
         }
         let keyed = KeyedLeaf::of(words, leaf.len());

@@ -35,6 +35,7 @@ mod refit;
 mod refit_plan;
 mod root_bounds;
 mod serialize;
+mod shared_blocks;
 mod sphere_leaf;
 mod statistics;
 mod tree_box;

@@ -12,7 +12,8 @@
 use super::leaf_block::{MovedLeaf, WideSource};
 use super::leaf_ids::Ids;
 use super::node_boxes::{BoxRows, MeasuredBoxes};
-use super::refit_plan::{Above, Plan, SharedLeaves, Touched};
+use super::refit_plan::{Above, Plan, Slice, Touched};
+use super::shared_blocks::{SharedBounds, SharedLeaf, SharedLeaves};
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS};
 use super::wide_tree::WideTree;
 use super::write::read_box;
@@ -22,6 +23,7 @@ use crate::parallel;
 use crate::simd::{LANES, Lanes, Mask, SimdLevel, lanes_at, lanes_of, prefetch};
 use crate::time::{COST_MODEL, time_slice};
 use core::ops::Range;
+use core::{array, iter};
 use std::collections::HashMap;
 
 /// The meshes that may have changed since the tree was written.
@@ -93,19 +95,20 @@ impl WideTree {
         let (lists, level) = (self.lists, SimdLevel::best());
         let touched = plan.touched(moved.list().as_deref());
         let places = &plan.places;
-        let mut pass = Pass { set, moved, lists, level, changed: Vec::new(), places, known: Vec::new() };
         let words = self.arena.ints_mut();
-        // Leaf blocks that several hierarchies share come first, since the hierarchies read them.
-        let mut done = pass.shared_leaves(words, &plan.shared, &touched);
+        let mut pass =
+            Pass { set, moved, lists, level, shared: &plan.shared, in_slices: Vec::new(), places, known: Vec::new() };
+        // Leaf blocks that several hierarchies share come first, since the hierarchies need their bounds.
+        let mut done = pass.shared_leaves(words, &touched);
         let units = pass.units(words, plan, &touched);
         pass.known = plan.units.iter().map(|unit| Subtree { bounds: None, cost: unit.cost }).collect();
         for (i, subtree, of_unit) in units {
             (plan.units[i].cost, pass.known[i]) = (subtree.cost, subtree);
             done = done.add(of_unit);
         }
-        let mut place = Place { words, begin: 0, shared: 0..0, shared_words: None, done };
-        for &Above { at, over, shared } in &plan.above {
-            place.shared = shared.map_or(0..0, |shared| plan.shared[shared].words.clone());
+        let mut place = Place { words, begin: 0, slice: None, done };
+        for &Above { at, over, slice } in &plan.above {
+            place.slice = slice;
             let subtree = match at.kind() {
                 Kind::Time => pass.time_node(&mut place, at, over),
                 _ => pass.node(&mut place, at, over),
@@ -145,8 +148,9 @@ struct Pass<'a, S> {
     /// The word at which lists of ids begin.
     lists: usize,
     level: SimdLevel,
-    /// The shared leaf blocks that changed, sorted.
-    changed: Vec<u32>,
+    /// The leaf blocks that slices share, and their results.
+    shared: &'a [SharedLeaves],
+    in_slices: Vec<SharedBounds>,
     places: &'a HashMap<u32, usize>,
     /// The results for the first of the subtrees in `places`, as many as are done.
     known: Vec<Subtree>,
@@ -157,27 +161,15 @@ struct Place<'a> {
     words: &'a mut [u32],
     /// The word of the arena at which the section begins.
     begin: usize,
-    /// The position of the shared leaf blocks, which are written already, and their words if they are not in this section.
-    shared: Range<usize>,
-    shared_words: Option<&'a [u32]>,
+    /// The time slice of its hierarchy. The leaf blocks that slices share are done already, and may be in another section.
+    slice: Option<Slice>,
     done: Done,
 }
 
 impl Place<'_> {
     /// The words of the arena from the begin of a block.
     fn block(&self, at: ChildRef) -> &[u32] {
-        match self.shared_words {
-            Some(words) if self.shared.contains(&at.at()) => &words[at.at() - self.shared.start..],
-            _ => &self.words[at.at() - self.begin..],
-        }
-    }
-
-    /// Prefetches the ids of a leaf block.
-    fn prefetch_ids(&self, leaf: ChildRef) {
-        if leaf != ChildRef::NOTHING && leaf.kind().is_leaf() {
-            let ids = leaf.kind().leaf_rows() * leaf.len();
-            self.block(leaf)[ids..].chunks(LANES).take(2).for_each(|line| prefetch(&line[0]));
-        }
+        &self.words[at.at() - self.begin..]
     }
 
     fn block_mut(&mut self, at: ChildRef) -> &mut [u32] {
@@ -203,56 +195,57 @@ impl InLeaf {
 const TOGETHER: usize = 64;
 
 impl<S: WideSource> Pass<'_, S> {
-    /// Rewrites shared leaf blocks, and records which of them changed.
-    fn shared_leaves(&mut self, words: &mut [u32], shared: &[SharedLeaves], touched: &Touched) -> Done {
+    /// Rewrites shared leaf blocks, and records their bounds.
+    fn shared_leaves(&mut self, words: &mut [u32], touched: &Touched) -> Done {
         let mut done = Done::default();
-        let shared = shared.iter().zip(&touched.shared).filter(|&(_, &touched)| touched);
-        for (SharedLeaves { leaves, words: of_leaves }, _) in shared {
-            let runs: Vec<&[ChildRef]> = leaves.chunks(TOGETHER).collect();
-            let ends = runs.iter().skip(1).map(|run| run[0].at()).chain([of_leaves.end]);
-            let places: Vec<Range<usize>> = runs.iter().zip(ends).map(|(run, end)| run[0].at()..end).collect();
+        for (SharedLeaves { leaves, words: of_leaves, slices, .. }, &touched) in self.shared.iter().zip(&touched.shared)
+        {
+            let mut in_slices = SharedBounds::default();
+            let leaves = if touched { &leaves[..] } else { &[] };
+            let runs: Vec<&[SharedLeaf]> = leaves.chunks(TOGETHER).collect();
+            let ends = runs.iter().skip(1).map(|run| run[0].leaf.at()).chain([of_leaves.end]);
+            let places: Vec<Range<usize>> = runs.iter().zip(ends).map(|(run, end)| run[0].leaf.at()..end).collect();
             let mut tasks: Vec<_> = cut(words, &places).zip(runs).collect();
-            let found = parallel::each(&mut tasks, |(place, run)| {
-                let mut changed = |leaf: ChildRef| {
-                    let held = self.held(place, leaf);
-                    self.rewrite(place, leaf, &held, TimeInterval::FULL).is_some()
-                };
-                let changed: Vec<u32> = run.iter().filter(|&&leaf| changed(leaf)).map(|leaf| leaf.0).collect();
-                (changed, place.done)
-            });
-            for (changed, of_run) in found {
-                self.changed.extend(changed);
-                done = done.add(of_run);
+            for (of_run, done_in_run) in parallel::each(&mut tasks, |(place, run)| {
+                let mut of_run = SharedBounds::default();
+                run.chunks(LANES).for_each(|run| self.shared_run(place, run, *slices, &mut of_run));
+                (of_run, place.done)
+            }) {
+                in_slices.append(of_run);
+                done = done.add(done_in_run);
             }
+            self.in_slices.push(in_slices);
         }
-        self.changed.sort_unstable();
         done
+    }
+
+    /// Rewrites up to sixteen shared leaf blocks.
+    fn shared_run(&self, place: &mut Place<'_>, run: &[SharedLeaf], slices: usize, bounds: &mut SharedBounds) {
+        let leaves = array::from_fn(|i| run.get(i).map_or(ChildRef::NOTHING, |of| of.leaf));
+        self.in_order(place, &leaves, |place, i, held| {
+            let leaf = leaves[i];
+            let mut slices_of = (0..slices).filter(|slice| run[i].slices >> slice & 1 != 0);
+            let over = |slice: usize| time_slice(slice, slices);
+            match slices_of.next().and_then(|first| self.rewrite(place, leaf, held, over(first))) {
+                None => bounds.push(run[i], held.count, []),
+                Some(first) => {
+                    let moved = |slice| self.moved_leaf(leaf, held, over(slice));
+                    let others = slices_of.map(|slice| self.set.leaf_bounds(place.block(leaf), moved(slice)));
+                    bounds.push(run[i], held.count, iter::once(first).chain(others));
+                }
+            }
+        });
     }
 
     /// Refits the units in which something may have changed; returns their numbers, results and work.
     fn units(&self, words: &mut [u32], plan: &Plan, touched: &Touched) -> Vec<(usize, Subtree, Done)> {
-        let units = plan.units.iter().enumerate().filter(|&(i, _)| touched.units[i]);
-        let units = units.map(|(i, unit)| (unit.words.clone(), Some(i), unit.shared));
-        let shared = plan.shared.iter().enumerate().map(|(i, shared)| (shared.words.clone(), None, Some(i)));
-        let mut sections: Vec<(Range<usize>, Option<usize>, Option<usize>)> = units.chain(shared).collect();
-        sections.sort_unstable_by_key(|section| section.0.start);
-        let ranges: Vec<Range<usize>> = sections.iter().map(|section| section.0.clone()).collect();
-        let (mut tasks, mut shared_words) = (Vec::new(), vec![None; plan.shared.len()]);
-        for (place, (_, unit, shared)) in cut(words, &ranges).zip(sections) {
-            match (unit, shared) {
-                (None, Some(shared)) => shared_words[shared] = Some(&*place.words),
-                (Some(unit), _) => tasks.push((place, unit)),
-                (None, None) => {}
-            }
-        }
-        for (place, unit) in &mut tasks {
-            if let Some(shared) = plan.units[*unit].shared {
-                place.shared = plan.shared[shared].words.clone();
-                place.shared_words = shared_words[shared];
-            }
-        }
+        let mut units: Vec<usize> = (0..plan.units.len()).filter(|&i| touched.units[i]).collect();
+        units.sort_unstable_by_key(|&i| plan.units[i].words.start);
+        let ranges: Vec<Range<usize>> = units.iter().map(|&i| plan.units[i].words.clone()).collect();
+        let mut tasks: Vec<_> = cut(words, &ranges).zip(units).collect();
         parallel::each(&mut tasks, |(place, i)| {
             let unit = &plan.units[*i];
+            place.slice = unit.slice;
             (*i, self.node(place, unit.root, unit.over), place.done)
         })
     }
@@ -269,24 +262,12 @@ impl<S: WideSource> Pass<'_, S> {
         let kind = at.kind();
         let rows = if kind == Kind::Node { NODE_ROWS } else { STATIC_NODE_ROWS };
         let children = lanes_at(place.block(at), (rows - 1) * LANES).map(ChildRef);
-        // In large trees leaf blocks come from memory: first their ids, then the vertex numbers of their triangles, and the
-        // coordinates, old and new, while the block before is rewritten.
-        children.iter().for_each(|&child| place.prefetch_ids(child));
-        let held = children.map(|child| self.held_ahead(place, child));
-        if let Some(first) = held.iter().position(|held| held.count > 0) {
-            self.set.prefetch_leaf(place.block(children[first]), children[first], held[first].ids());
-        }
         let (mut boxes, mut visits) = (BoxRows::NONE, [0.0f64; LANES]);
         let (mut cost, mut changed): (f64, Mask) = (0.0, 0);
-        for (lane, child) in children.into_iter().enumerate() {
-            if child == ChildRef::NOTHING {
-                continue;
-            }
+        self.in_order(place, &children, |place, lane, held| {
+            let child = children[lane];
             let bounds = if child.kind().is_leaf() {
-                if let Some(next) = held.get(lane + 1).filter(|next| next.count > 0) {
-                    self.set.prefetch_leaf(place.block(children[lane + 1]), children[lane + 1], next.ids());
-                }
-                let (bounds, visit) = self.leaf(place, child, &held[lane], over);
+                let (bounds, visit) = self.leaf(place, child, held, over);
                 visits[lane] = visit;
                 bounds
             } else {
@@ -305,7 +286,7 @@ impl<S: WideSource> Pass<'_, S> {
                 None => read_box(place.block(at), kind, lane, over),
             };
             boxes.set(lane, &bounds);
-        }
+        });
         if changed != 0 {
             boxes.write(place.block_mut(at), kind, changed, over, self.level);
         }
@@ -328,14 +309,16 @@ impl<S: WideSource> Pass<'_, S> {
         held: &InLeaf,
         over: TimeInterval,
     ) -> (Option<LinearBox3>, f64) {
-        let bounds = match place.shared.contains(&leaf.at()) {
-            true => {
-                let changed = self.changed.binary_search(&leaf.0).is_ok();
-                changed.then(|| self.set.leaf_bounds(place.block(leaf), self.moved_leaf(leaf, held, over)))
-            }
-            false => self.rewrite(place, leaf, held, over),
+        let (bounds, count) = match place.slice.filter(|slice| self.shares(*slice, leaf)) {
+            Some(Slice { shared, index }) => self.in_slices[shared].of(self.shared[shared].number(leaf), index),
+            None => (self.rewrite(place, leaf, held, over), held.count),
         };
-        (bounds, f64::from(COST_MODEL.leaf_of(held.count)))
+        (bounds, f64::from(COST_MODEL.leaf_of(count)))
+    }
+
+    /// Whether a leaf block is one that a slice shares with others.
+    fn shares(&self, slice: Slice, leaf: ChildRef) -> bool {
+        self.shared[slice.shared].have(leaf)
     }
 
     /// Rewrites the coordinates of a leaf block; returns its bounds if any of them changed.
@@ -363,16 +346,39 @@ impl<S: WideSource> Pass<'_, S> {
         held
     }
 
-    /// The primitives of a child that is a leaf block. Their vertex numbers are prefetched.
-    fn held_ahead(&self, place: &Place<'_>, child: ChildRef) -> InLeaf {
-        if child == ChildRef::NOTHING || !child.kind().is_leaf() {
-            return InLeaf::NONE;
+    /// Calls `each` with the number of every block, and with the primitives that it holds if it is a leaf block to be rewritten.
+    ///
+    /// In large trees leaf blocks come from memory: first their ids, then the vertex numbers of their triangles, and the coordinates, old
+    /// and new, while `each` is busy with the block before.
+    #[inline(always)]
+    fn in_order<'a>(
+        &self,
+        place: &mut Place<'a>,
+        blocks: &Lanes<ChildRef>,
+        mut each: impl FnMut(&mut Place<'a>, usize, &InLeaf),
+    ) {
+        let slice = place.slice;
+        let is_read = |block: ChildRef| {
+            block != ChildRef::NOTHING && block.kind().is_leaf() && slice.is_none_or(|slice| !self.shares(slice, block))
+        };
+        for leaf in blocks.iter().copied().filter(|&block| is_read(block)) {
+            let ids = leaf.kind().leaf_rows() * leaf.len();
+            place.block(leaf)[ids..].chunks(LANES).take(2).for_each(|line| prefetch(&line[0]));
         }
-        let held = self.held(place, child);
-        if !place.shared.contains(&child.at()) {
-            held.ids().iter().for_each(|&id| self.set.prefetch(id));
+        let held = blocks.map(|block| if is_read(block) { self.held(place, block) } else { InLeaf::NONE });
+        held.iter().flat_map(InLeaf::ids).for_each(|&id| self.set.prefetch(id));
+        let prefetch = |place: &Place<'_>, lane: usize| {
+            if held[lane].count > 0 {
+                self.set.prefetch_leaf(place.block(blocks[lane]), blocks[lane], held[lane].ids());
+            }
+        };
+        prefetch(place, held.iter().position(|held| held.count > 0).unwrap_or(0));
+        for lane in (0..LANES).filter(|&lane| blocks[lane] != ChildRef::NOTHING) {
+            if held[lane].count > 0 && lane + 1 < LANES {
+                prefetch(place, lane + 1);
+            }
+            each(place, lane, &held[lane]);
         }
-        held
     }
 
     /// The result for a time node above subtrees whose results are known.
@@ -384,6 +390,7 @@ impl<S: WideSource> Pass<'_, S> {
             if slice.kind().is_leaf() {
                 let over = time_slice(i, slices.len());
                 let held = self.held(place, slice);
+                place.slice = place.slice.map(|slice| Slice { index: i, ..slice });
                 let (bounds, visit) = self.leaf(place, slice, &held, over);
                 changed |= bounds.is_some();
                 cost += visit * area(&self.bounds(place, slice, over));
@@ -456,7 +463,7 @@ fn cut<'a>(words: &'a mut [u32], ranges: &[Range<usize>]) -> impl Iterator<Item 
         let (_, behind) = core::mem::take(&mut rest).split_at_mut(range.start - at);
         let (words, behind) = behind.split_at_mut(range.len());
         (rest, at) = (behind, range.end);
-        Place { words, begin: range.start, shared: 0..0, shared_words: None, done: Done::default() }
+        Place { words, begin: range.start, slice: None, done: Done::default() }
     })
 }
 

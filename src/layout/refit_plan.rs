@@ -6,6 +6,7 @@
 use super::keyed_leaf::KeyedLeaf;
 use super::leaf_block::WideSource;
 use super::leaf_ids::Ids;
+use super::shared_blocks::{SharedLeaves, shared_leaves};
 use super::sphere_leaf::SphereLeaf;
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS};
 use super::wide_tree::WideTree;
@@ -22,8 +23,8 @@ pub(crate) struct Unit {
     pub words: Range<usize>,
     /// The time interval of its boxes.
     pub over: TimeInterval,
-    /// The index of its shared leaf blocks, if it has any.
-    pub shared: Option<usize>,
+    /// The time slice with shared leaf blocks that it is in, if any.
+    pub slice: Option<Slice>,
     /// The sum of cost times area when it was last visited.
     pub cost: f64,
 }
@@ -32,13 +33,16 @@ pub(crate) struct Unit {
 pub(crate) struct Above {
     pub at: ChildRef,
     pub over: TimeInterval,
-    pub shared: Option<usize>,
+    pub slice: Option<Slice>,
 }
 
-/// The leaf blocks that the time slices of a time node share, in the order of the arena.
-pub(crate) struct SharedLeaves {
-    pub leaves: Vec<ChildRef>,
-    pub words: Range<usize>,
+/// A time slice whose leaf blocks are shared.
+#[derive(Clone, Copy)]
+pub(crate) struct Slice {
+    /// The index of the leaf blocks that it shares with others.
+    pub shared: usize,
+    /// Its number.
+    pub index: usize,
 }
 
 /// The meshes that have primitives in some parts of a tree.
@@ -133,36 +137,42 @@ impl Plan {
         let (units, shared) = (self.units.len(), self.shared.len());
         match meshes {
             None => Touched { units: vec![true; units], shared: vec![true; shared] },
-            Some(meshes) => Touched {
-                units: self.units_of.of_meshes(meshes, units),
-                shared: self.shared_of.of_meshes(meshes, shared),
-            },
+            Some(meshes) => {
+                let units = self.units_of.of_meshes(meshes, units);
+                let mut shared = self.shared_of.of_meshes(meshes, shared);
+                // A unit reads the results for its shared leaf blocks, though it may be others that changed.
+                for slice in self.units.iter().zip(&units).filter_map(|(unit, &touched)| unit.slice.filter(|_| touched))
+                {
+                    shared[slice.shared] = true;
+                }
+                Touched { units, shared }
+            }
         }
     }
 }
 
 impl<S: WideSource> Exploration<'_, S> {
     /// Makes a subtree a unit, unless it contains units already.
-    fn close(&mut self, root: ChildRef, extent: Extent, over: TimeInterval, shared: Option<usize>) {
+    fn close(&mut self, root: ChildRef, extent: Extent, over: TimeInterval, slice: Option<Slice>) {
         if extent.open && !root.kind().is_leaf() {
             add(&mut self.plan.units_of, &mut self.meshes[extent.meshes], self.plan.units.len());
-            self.plan.units.push(Unit { root, words: extent.begin..extent.end, over, shared, cost: 0.0 });
+            self.plan.units.push(Unit { root, words: extent.begin..extent.end, over, slice, cost: 0.0 });
         }
     }
 
     /// The extent of a subtree. The recursion is as deep as the tree.
-    fn explore(&mut self, at: ChildRef, over: TimeInterval, shared: Option<usize>) -> Extent {
+    fn explore(&mut self, at: ChildRef, over: TimeInterval, slice: Option<Slice>) -> Extent {
         let rows = match at.kind() {
             Kind::Node => NODE_ROWS,
             Kind::StaticNode => STATIC_NODE_ROWS,
             Kind::Time => return self.explore_slices(at, over),
-            _ => return self.leaf(at, shared),
+            _ => return self.leaf(at, slice),
         };
         let (begin, end, first) = (at.at(), at.at() + rows * LANES, self.meshes.len());
         let mut all = Extent { begin, end, lines: rows, meshes: first..first, open: true };
         let mut below = Vec::with_capacity(LANES);
         for child in self.tree.children(at).iter().map(|&child| ChildRef(child)).filter(|&c| c != ChildRef::NOTHING) {
-            let extent = self.explore(child, over, shared);
+            let extent = self.explore(child, over, slice);
             (all.begin, all.end) = (all.begin.min(extent.begin), all.end.max(extent.end));
             all.lines += extent.lines;
             all.open &= extent.open;
@@ -172,8 +182,8 @@ impl<S: WideSource> Exploration<'_, S> {
         // The subtree is contiguous if it has as many lines as its extent.
         all.open &= all.lines <= LINES && all.lines * LANES == all.end - all.begin;
         if !all.open {
-            below.into_iter().for_each(|(child, extent)| self.close(child, extent, over, shared));
-            self.plan.above.push(Above { at, over, shared });
+            below.into_iter().for_each(|(child, extent)| self.close(child, extent, over, slice));
+            self.plan.above.push(Above { at, over, slice });
             // Nothing above is part of a unit.
             self.meshes.truncate(first);
         }
@@ -182,30 +192,28 @@ impl<S: WideSource> Exploration<'_, S> {
 
     fn explore_slices(&mut self, at: ChildRef, over: TimeInterval) -> Extent {
         let slices: Vec<ChildRef> = self.tree.children(at).iter().map(|&slice| ChildRef(slice)).collect();
-        let mut of_all: Vec<ChildRef> = slices.iter().flat_map(|&slice| leaves(self.tree, slice)).collect();
-        let (found, first) = (of_all.len(), self.meshes.len());
-        of_all.sort_unstable_by_key(|leaf| leaf.0);
-        of_all.dedup();
+        let of_slices: Vec<Vec<ChildRef>> = slices.iter().map(|&slice| leaves(self.tree, slice)).collect();
+        let first = self.meshes.len();
         // Slices that share leaf blocks may have no block in common if each lacks what does not exist in it. Then their blocks are
         // treated as their own.
-        let shared = (of_all.len() < found).then(|| {
-            let extents: Vec<Extent> = of_all.iter().map(|&leaf| self.leaf(leaf, None)).collect();
-            let words = extents[0].begin..extents[extents.len() - 1].end;
+        let shared = shared_leaves(&of_slices).map(|leaves| {
+            let end = leaves.iter().fold(0, |_, of| self.leaf(of.leaf, None).end);
             add(&mut self.plan.shared_of, &mut self.meshes[first..], self.plan.shared.len());
-            self.plan.shared.push(SharedLeaves { leaves: of_all, words });
+            self.plan.shared.push(SharedLeaves::new(leaves, end, slices.len()));
             self.plan.shared.len() - 1
         });
+        let numbered = |index: usize| shared.map(|shared| Slice { shared, index });
         for (i, &slice) in slices.iter().enumerate() {
             let over = time_slice(i, slices.len());
-            let extent = self.explore(slice, over, shared);
-            self.close(slice, extent, over, shared);
+            let extent = self.explore(slice, over, numbered(i));
+            self.close(slice, extent, over, numbered(i));
             self.meshes.truncate(first);
         }
-        self.plan.above.push(Above { at, over, shared });
+        self.plan.above.push(Above { at, over, slice: numbered(0) });
         Extent { begin: at.at(), end: at.at() + LANES, lines: 1, meshes: first..first, open: false }
     }
 
-    fn leaf(&mut self, leaf: ChildRef, shared: Option<usize>) -> Extent {
+    fn leaf(&mut self, leaf: ChildRef, slice: Option<Slice>) -> Extent {
         let first = self.meshes.len();
         for &id in self.tree.ids::<S>(leaf).unwrap_or(&[]) {
             let mesh = self.set.mesh_and_primitive(id).0;
@@ -214,7 +222,7 @@ impl<S: WideSource> Exploration<'_, S> {
             }
         }
         let meshes = first..self.meshes.len();
-        if shared.is_some_and(|shared| self.plan.shared[shared].words.contains(&leaf.at())) {
+        if slice.is_some_and(|slice| self.plan.shared[slice.shared].have(leaf)) {
             return Extent { begin: usize::MAX, end: 0, lines: 0, meshes, open: true };
         }
         if meshes.len() > 1 {
