@@ -171,69 +171,88 @@ pub(crate) mod slices {
 
 /// Trees over points: the choice of a structure, and the sizes from which on memory latency matters.
 ///
-/// `cargo bench --bench neighbor_tables`; costs are the least squares of `cargo bench --bench neighbor_tables -- costs`
+/// `cargo bench --bench point_choices` prints means over all kinds of sets; costs are the least squares of `cargo bench --bench neighbor_tables
+/// -- costs`. What is said of other values is how these means change: of builds, and of the counted work of searches. Means of builds repeat
+/// within a few percent. "Fits of the choice" in docs/notes_neighbors.md has what was measured.
 pub(crate) mod points {
-    /// Number of samples; the smallest and the largest number of points of each; points of the set per sampled point.
+    use core::ops::RangeInclusive;
+
+    /// Number of samples; the smallest and the largest number of points of each; points of the set per sampled point. `--kinds motion --points
+    /// 30000,100000`: with bounds half or twice as large builds 1.01 and 1.04, work .998; with 32 and 128 points per sampled one builds 1.1 and
+    /// 1.2, work .999, since more trees are built in vain. (The number of samples is not fitted.)
     pub const SAMPLES: usize = 4;
     pub const SAMPLE: [usize; 2] = [256, 2048];
     pub const SAMPLED: usize = 64;
-    /// The smallest and the largest number of searches in all samples; points of the set per search.
+    /// The smallest and the largest number of searches in all samples; points of the set per search. Half as many: builds .97, work 1.00, but
+    /// single sets 1.12; twice as many: builds 1.06, work 1.00.
     pub const SEARCHES: [usize; 2] = [96, 384];
     pub const SEARCHED: usize = 256;
     /// Cost of a block in nodes: a node has twelve rows and children to be processed, a block has six rows.
     pub const BLOCK_COST: f64 = 0.4;
-    /// The additional cost of a search if all its data come from memory, in nodes. The data are adjacent and prefetched, so
-    /// this does not grow with the work. (26 by least squares on one machine, 54 to 73 on another whose caches are shared; between these, k = 8
-    /// and radius searches together take least. "The cost of memory" in docs/notes_neighbors.md.)
+    /// The additional cost of a search if all its data come from memory, in nodes. The data are adjacent and prefetched, so this does not grow
+    /// with the work. (26 by least squares on one machine, 54 to 73 on another whose caches are shared; between these, k = 8 and radius searches
+    /// together take least. "The cost of memory" in docs/notes_neighbors.md.)
     pub const UNCACHED_COST: f64 = 40.0;
-    /// Bytes of a structure half of which misses the caches: the more trees searches are spread over, the less one finds of
-    /// the data that the one before has fetched. The fit is nearly as good anywhere from half to five times that, with other
-    /// costs.
+    /// Bytes of a structure half of which misses the caches: the more trees searches are spread over, the less one finds of the data that the
+    /// one before has fetched. The fit is nearly as good anywhere from half to five times that, with other costs.
     pub const HALF_UNCACHED_BYTES: f64 = 100e6;
-    /// Bytes of a reference with its share of nodes.
+    /// Bytes of a reference with its share of nodes. (Not fitted: a block of sixteen is 448 bytes long, its share of nodes another 64.)
     pub const REFERENCE_BYTES: f64 = 32.0;
-    /// A structure must cost less than this fraction of a smaller one to be chosen.
+    /// A structure must cost less than this fraction of a smaller one to be chosen. (Not fitted: the choice should cost at most 1.07 times the
+    /// best.) With .9 builds take .91 of the time, work is 1.006.
     pub const MAX_COST: f64 = 0.93;
-    /// The cost of a structure in samples, relative to another one in the whole set, below which a tree of it is built and
-    /// measured. Samples underestimate costs by a few percent.
+    /// The cost of a structure in samples, relative to another one in the whole set, below which a tree of it is built and measured. Samples
+    /// underestimate costs by a few percent. `--kinds motion --points 30000,100000`: with .8 builds .97 and work 1.001, but a single set 1.06;
+    /// with .93 builds 1.1 and work .998.
     pub const MAX_PREDICTED_COST: f64 = 0.87;
-    /// Time slices half as long must cost at most this fraction for still shorter ones to be tried, and so for those of a few fast points to
-    /// be chosen, which take little memory.
+    /// Time slices half as long must cost at most this fraction for still shorter ones to be tried, and so for those of a few fast points to be
+    /// chosen, which take little memory. `--kinds motion --points 30000,100000`: with .95 and 1 the same means; a single set costs 1.04 and
+    /// 1.10.
     pub const MAX_REFINED_COST: f64 = 0.98;
-    /// Time slices that cost less than this fraction of what was expected of them make it doubtful that fewer are too few.
-    pub const CONFIRMED: f64 = 0.9;
-    /// What a search for eight neighbours visits in a tree of points at rest at most, in nodes.
+    /// What a search for eight neighbours visits in a tree of points at rest at most, in nodes; where searches visit
+    /// more, fewer of them are counted. With 8 and 16 the choices are the same.
     pub const MOST_AT_REST: f64 = 12.0;
-    /// Up to so many points, structures are compared by trees of all points instead of samples. Samples of more take less time than trees, and
-    /// only sets of more gain by a tree of their own for fast points (`neighbor_tables builds --points 16000`, and 24000, 30000 and 50000).
-    pub const OWN_TREES: usize = 24 << 10;
-    /// Points with active intervals are compared by trees of all of them in larger sets, too, if at most this share exists at a time: then
-    /// the tree of a time slice is built sooner than samples, and fast points need no tree of their own ("Builds of sets with active intervals" in
-    /// docs/notes_neighbors.md).
-    pub const MAX_EXISTING: f64 = 0.8;
-    /// Such larger sets must be able to afford about this many time slices: in longer ones, fast points need trees of their own. (Not fitted:
-    /// the default budget affords that many, and a test of files, whose points may have two references each, has fast points apart.)
+    /// For so many points, structures are compared by trees of all points instead of samples. Samples of more take less time than trees, and
+    /// only sets of more gain by a tree of their own for fast points: `--kinds motion --points 10000,30000`, up to 4096 only: builds 1.3 at 10
+    /// 000, work 1.002; up to 60 000: builds 1.1 at 30 000, work .996, but 22 instead of 6 and 10 static builds where a few points are fast.
+    /// Where there are fewer, nothing else than one tree gains: `--kinds motion --points 50,64,100,130`.
+    pub const OWN_TREES: RangeInclusive<usize> = 65..=24 << 10;
+    /// Larger sets with active intervals are compared by trees of all points as well, if they can afford about this many time slices: then the
+    /// tree of a time slice is built sooner than samples. In longer ones, fast points need trees of their own. `--kinds active --points
+    /// 30000,100000`: with 4 lives of .9 with 1 % fast points take 28 instead of 8 static builds; with 16 births are tried by samples, builds
+    /// 1.05.
     pub const SHORT_SLICES: f64 = 8.0;
-    /// What is visited in the tree of a time slice grows with this power of the number of its points and of the volume of its boxes. (Least squares
-    /// over trees of 30 kinds of sets, 1000 to 300 000 points, gave .55 to .8 and .61 to .7 for nodes and blocks; with .55 the median of
-    /// expected costs is right. "Builds of sets with active intervals" in docs/notes_neighbors.md.)
+    /// What is visited in the tree of a time slice grows with this power of the number of its points and of the volume of its boxes. (Least
+    /// squares over trees of 30 kinds of sets, 1000 to 300 000 points, gave .55 to .8 and .61 to .7 for nodes and blocks; with .55 the median of
+    /// expected costs is right. "Builds of sets with active intervals" in docs/notes_neighbors.md.) `--kinds active`: with .45 builds .98, work
+    /// 1.002, single sets 1.08; with .65 builds 1.01, work 1.000, single sets 1.05.
     pub const VISITED: f64 = 0.55;
-    /// Of time slices that are predicted to cost nearly the same, the longest are tried: those that the best cost this fraction of; and once some
-    /// have gained, shorter ones only if they are predicted to cost less than this fraction.
+    /// Of time slices that are predicted to cost nearly the same, the longest are tried: those that the best cost this fraction of; and once
+    /// some have gained, shorter ones only if they are predicted to cost less than this fraction. `--kinds motion --points 1000,3000,10000`:
+    /// with .9 builds .9, work 1.025, single sets 1.3; with .99 builds 1.06, work .998.
     pub const NEARLY: f64 = 0.95;
-    /// If the first tree of time slices costs more than so many times what was predicted, longer ones may be as good.
-    pub const OVERESTIMATED: f64 = 1.35;
-    /// A point is fast if it moves farther, relative to its neighbours, than this many times the size of a leaf: the
-    /// one that they share in the middle of the slice, or the median of all leaves if that is smaller. (A point that
-    /// has left the others by then shares a large leaf with few points.)
+    /// If the first tree of time slices costs more than so many times what was predicted, longer ones may be as good. `--kinds motion --points
+    /// 1000,3000,10000`: with 1 work 1.005, with 1.35 1.001; without it points that meet in the middle take 17 to 20 instead of 12 static
+    /// builds, work 1.04 to 1.16.
+    pub const OVERESTIMATED: f64 = 2.0;
+    /// A point is fast if it moves farther, relative to its neighbours, than this many times the size of a leaf: the one that they share in the
+    /// middle of the slice, or the median of all leaves if that is smaller. (A point that has left the others by then shares a large leaf with
+    /// few points.) `--kinds motion --points 30000,100000`: with 1 work .997, but at random motion more points are fast, builds 1.04; with 4
+    /// builds 1.1, work 1.004, sets with fast points 1.17.
     pub const FAST: f32 = 2.0;
-    /// Points are divided by motion instead of position if that costs less than this fraction: it leaves points on the wrong
-    /// side, and nodes overlap more.
+    /// Points are divided by motion instead of position if that costs less than this fraction: it leaves points on the wrong side, and nodes
+    /// overlap more. `--kinds motion --points 10000,100000`: with .75 work 1.002, streams 1.07 and 1.14; with .93 builds 1.04, work .997.
     pub const MAX_MOTION_COST: f64 = 0.85;
-    /// They are not divided along an axis if displacements spread less than this there, in leaves.
+    /// They are not divided along an axis if displacements spread less than this there, in leaves. It saves time only: with .25 and 1 the work
+    /// is the same.
     pub const MIN_MOTION_SPREAD: f64 = 0.5;
-    /// A set is divided into static and moving points if at least this fraction is static.
+    /// A set is divided into static and moving points if at least this fraction is static. With .25 sets half of which streams cost 1.4 times as
+    /// much, with .75 they cost less if they are small, but 40 % fast points among static ones take 20 instead of 10 static builds.
     pub const MIN_STATIC_SHARE: f64 = 0.5;
+    /// They are divided if boxes of all points together are more than so many times as large as those of points at rest. `--only "rest static"`:
+    /// with 1.1 20 and 40 % of points that move by a spacing cost 1.2 to 1.7 times the best; with 1.25 streams cost 1.55; without this, all of
+    /// them do.
+    pub const MAX_TOGETHER: f64 = 1.5;
     /// Bytes of leaves above which most of them miss all caches.
     pub const FAR: usize = 32 << 20;
     /// Bytes of leaves up to which most of them hit a near cache.

@@ -3,6 +3,7 @@
 use super::build::automatic::{moving_layers, plan_for_all};
 use super::build::plan::{Plan, moving_layer, precise_time_slices};
 use super::build::source::{Input, Source};
+use super::build::static_apart::static_apart;
 use super::error::PointError;
 use super::layout::plane_tree::PlaneTree;
 use super::layout::static_tree::StaticTree;
@@ -229,7 +230,9 @@ impl PointTree {
             tree.add(layer, PointLayerKind::Static, len, ALL_STATIC.into());
             return Ok(tree);
         }
-        let separate = count as f64 >= MIN_STATIC_SHARE * len as f64 && params.structure == PointStructure::Automatic;
+        let separate = params.structure == PointStructure::Automatic
+            && count as f64 >= MIN_STATIC_SHARE * len as f64
+            && static_apart(source, params.simd);
         if separate {
             let why = format!("{count} of {len} points are static");
             let layer = Layer::Static(source.static_tree(count, (0..len).filter(|&i| is_static[i]), &share(count)));

@@ -388,7 +388,7 @@ fn an_estimate_does_not_count_points_of_another_layer() {
     let mut rng = Rng(31);
     let mut point = |i: u32| {
         let p = rng.vec();
-        if i < 6000 { MovingPoint::fixed(p) } else { MovingPoint::new(p, p + rng.vec() * 1e-3) }
+        if i < 6000 { MovingPoint::fixed(p) } else { MovingPoint::new(p, p + rng.vec()) }
     };
     let points: Vec<MovingPoint> = (0..9000).map(&mut point).collect();
     for simd in SimdLevel::available() {

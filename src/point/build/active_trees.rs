@@ -14,19 +14,19 @@ use super::source::Source;
 use crate::point::leaf_order::fast_points::order_at;
 use crate::point::search::layers::Layer;
 use crate::progress::Progress;
-use crate::simd::{MovingPointBlock, SimdLevel};
-use crate::tuning::points::{MAX_COST, MAX_EXISTING, OWN_TREES, SHORT_SLICES, VISITED};
+use crate::simd::{LANES, MovingPointBlock, SimdLevel};
+use crate::tuning::points::{MAX_COST, OWN_TREES, SHORT_SLICES, VISITED};
 
 /// Whether the structure for so many points, at least one, is chosen by trees of slices.
 pub(in crate::point) fn by_active_trees(source: &Source, points: &[u32], max_references: f32) -> bool {
     // Between several keys, the number of references does not say how many points exist.
-    if source.all_persist() || source.keys > 2 {
+    if source.all_persist() || source.keys > 2 || points.len() <= LANES {
         return false;
     }
     let exist: f64 = points.iter().map(|&point| source.active(point as usize).fine_duration()).sum();
     let n = points.len() as f64;
     let affordable = n + SHORT_SLICES * exist <= f64::from(max_references) * n;
-    points.len() <= OWN_TREES || exist <= MAX_EXISTING * n && affordable
+    points.len() <= *OWN_TREES.end() || affordable
 }
 
 /// Begins the cheapest layer for all points; and the reason for its plan.

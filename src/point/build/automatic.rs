@@ -21,8 +21,7 @@ use crate::progress::Progress;
 use crate::simd::{LANES, SimdLevel};
 use crate::tuning::points::{MAX_COST, MAX_PREDICTED_COST, MAX_REFINED_COST};
 
-/// So many points fit below one bottom node. No structure makes searches among them much cheaper, and trials would cost many times as
-/// much as the tree.
+/// So many points fit below one bottom node. Trials would cost many times as much as the tree.
 const FEW: usize = LANES * LANES;
 
 const WHY_FEW: &str = "so few points fit below one node";
@@ -35,12 +34,12 @@ pub(in crate::point) fn moving_layers(
     simd: SimdLevel,
     progress: &Progress,
 ) -> Vec<Chosen> {
+    if let Some((layer, why)) = by_whole_trees(source, points, max_references, simd, progress) {
+        return vec![layer.finish(why, progress)];
+    }
     if points.len() <= FEW {
         let layer = PartialLayer::new(source, points, Plan::Boxes(1), progress);
         return vec![layer.finish(WHY_FEW.to_string(), progress)];
-    }
-    if let Some((layer, why)) = by_whole_trees(source, points, max_references, simd, progress) {
-        return vec![layer.finish(why, progress)];
     }
     let mut trials = Trials::new(source, points, max_references, simd);
     let (mut fast, mut slow, mut ready) = (Vec::new(), Vec::new(), None);
@@ -99,11 +98,11 @@ pub(in crate::point) fn plan_for_all(
     simd: SimdLevel,
     progress: &Progress,
 ) -> (Plan, String) {
-    if points.len() <= FEW {
-        return (Plan::Boxes(1), WHY_FEW.to_string());
-    }
     if let Some((layer, why)) = by_whole_trees(source, points, max_references, simd, progress) {
         return (layer.plan, why);
+    }
+    if points.len() <= FEW {
+        return (Plan::Boxes(1), WHY_FEW.to_string());
     }
     let mut trials = Trials::new(source, points, max_references, simd);
     trials.try_one_tree();

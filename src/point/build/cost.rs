@@ -11,12 +11,17 @@ use crate::point::search::candidates::Candidates;
 use crate::point::search::counted_search::{CountedSearch, search_counted};
 use crate::point::search::layers::Layer;
 use crate::simd::{Lanes, Mask, SimdLevel};
-use crate::tuning::points::{BLOCK_COST, HALF_UNCACHED_BYTES, REFERENCE_BYTES, SEARCHED, SEARCHES, UNCACHED_COST};
+use crate::tuning::points::{
+    BLOCK_COST, HALF_UNCACHED_BYTES, MOST_AT_REST, REFERENCE_BYTES, SEARCHED, SEARCHES, UNCACHED_COST,
+};
 use core::iter;
 use glam::Vec3;
 
 /// The largest number of time slices of a segment that is tried.
 pub(in crate::point) const FINEST: usize = 32;
+
+/// Searches are counted in so many parts, evenly spread over all, until they have visited enough.
+const PARTS: usize = 4;
 
 /// What a search for eight neighbours visits, on average.
 #[derive(Clone, Copy)]
@@ -34,23 +39,31 @@ impl Visits {
         simd: SimdLevel,
     ) -> Visits {
         let mut candidates = Candidates::default();
-        let (mut nodes, mut blocks) = (0, 0);
-        for (i, (ends, interval)) in points.iter().enumerate() {
-            // Times in an order that is independent of the positions.
-            let fraction = ((i * 89) % points.len()) as f32 / points.len() as f32;
-            let time = interval.begin() + interval.duration() * fraction;
-            let layers: Vec<_> = layers.iter().map(|layer| (core::slice::from_ref(*layer), time)).collect();
-            let [open, close] = ends.map(Vec3::from_array);
-            let point = KeyTime::new(time, slice.keys).position(open, close);
-            let all = |_: &Lanes<u32>, mask: Mask| mask;
-            let search =
-                CountedSearch { layers: &layers, point, k: 8, bound: f32::MAX, shrink: 1.0, keep: KeepLanes(&all) };
-            let work = search_counted(simd, &search, &mut candidates);
-            nodes += work.nodes;
-            blocks += work.blocks;
+        let (mut visited, mut done) = (Visits { nodes: 0.0, blocks: 0.0 }, 0);
+        let count = points.len();
+        for part in 0..PARTS {
+            for (i, (ends, interval)) in points.iter().enumerate().skip(part).step_by(PARTS) {
+                // Times in an order that is independent of the positions.
+                let fraction = ((i * 89) % count) as f32 / count as f32;
+                let time = interval.begin() + interval.duration() * fraction;
+                let layers: Vec<_> = layers.iter().map(|layer| (core::slice::from_ref(*layer), time)).collect();
+                let [open, close] = ends.map(Vec3::from_array);
+                let point = KeyTime::new(time, slice.keys).position(open, close);
+                let all = |_: &Lanes<u32>, mask: Mask| mask;
+                let search =
+                    CountedSearch { layers: &layers, point, k: 8, bound: f32::MAX, shrink: 1.0, keep: KeepLanes(&all) };
+                let work = search_counted(simd, &search, &mut candidates);
+                visited.nodes += work.nodes as f64;
+                visited.blocks += work.blocks as f64;
+                done += 1;
+            }
+            // Fewer searches show that a structure is bad, and take long in it.
+            if visited.cost() >= MOST_AT_REST * count as f64 {
+                break;
+            }
         }
-        let count = points.len() as f64;
-        Visits { nodes: nodes as f64 / count, blocks: blocks as f64 / count }
+        let done = done as f64;
+        Visits { nodes: visited.nodes / done, blocks: visited.blocks / done }
     }
 
     /// Those of searches at some of the points of a set that exist in a time slice, while they do.

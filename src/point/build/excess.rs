@@ -27,8 +27,13 @@ pub(in crate::point) struct Excess {
 impl Excess {
     /// Whether that of one tree for each segment between keys, of so many references in all, is so small that time slices could not gain enough.
     pub(in crate::point) fn is_small(&self, references: usize) -> bool {
-        let one_tree = MOST_AT_REST * self.leaves.max(self.nodes).max(self.above) + memory_cost(references);
+        let one_tree = MOST_AT_REST * self.largest() + memory_cost(references);
         MOST_AT_REST + memory_cost(2 * references) >= MAX_COST * one_tree
+    }
+
+    /// That of the level with the largest.
+    pub(in crate::point) fn largest(&self) -> f64 {
+        self.leaves.max(self.nodes).max(self.above)
     }
 
     /// What is visited in these boxes, if so much is visited in boxes that exceed those at rest by `other`.

@@ -10,4 +10,5 @@ pub(super) mod plan;
 mod sample;
 mod slice_points;
 pub(super) mod source;
+pub(super) mod static_apart;
 mod trials;

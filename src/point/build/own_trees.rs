@@ -20,7 +20,7 @@ use core::iter;
 
 /// Whether the structure for so many points is chosen by their own trees.
 pub(in crate::point) fn by_own_trees(source: &Source, points: &[u32]) -> bool {
-    source.all_persist() && points.len() <= OWN_TREES
+    source.all_persist() && OWN_TREES.contains(&points.len())
 }
 
 /// Begins the cheapest layer for all points; and the reason for its plan.

@@ -20,7 +20,7 @@ use crate::point::leaf_order::widest_axis::include;
 use crate::point::search::layers::Layer;
 use crate::progress::Progress;
 use crate::simd::{Item, LANES, SimdLevel};
-use crate::tuning::points::{CONFIRMED, MAX_COST, MAX_PREDICTED_COST, MAX_REFINED_COST};
+use crate::tuning::points::{MAX_COST, MAX_PREDICTED_COST, MAX_REFINED_COST};
 use core::iter;
 use std::borrow::Cow;
 
@@ -160,7 +160,7 @@ impl<'a> Trials<'a> {
             slices *= 2;
         }
         // Where few points cause most of the work, it decreases faster than expected.
-        let limit = CONFIRMED * self.expected(1, linear)(guess);
+        let limit = MAX_COST * self.expected(1, linear)(guess);
         let mut slices = if self.tried(guess).is_some_and(|cost| cost < limit) { guess / 2 } else { 1 };
         while slices > 1 {
             let samples = self.sampler.samples(slices, None, false);
@@ -266,8 +266,11 @@ impl<'a> Trials<'a> {
             let samples = self.sampler.samples(halved, None, false);
             self.add(&samples, Plan::Boxes(halved), None)
         });
-        // Samples did not see what makes this one expensive, so they may not see what makes the next one expensive either.
-        (predicted < limit).then(|| Plan::Boxes(self.guess(slices, cost).max(halved)))
+        // Samples did not see what makes this one expensive, so they may not see what makes the next one expensive either. Where points meet in
+        // the middle of this slice, half of it costs less than the shortest ones are expected to.
+        let (guess, expected) = (self.guess(slices, cost).max(halved), self.expected(slices, cost));
+        let meet = predicted < expected(guess) * MAX_COST;
+        (predicted < limit).then_some(Plan::Boxes(if meet { halved } else { guess }))
     }
 
     /// Raises the work at rest to what follows from the costs of longer and shorter time slices in the whole set, if trees are not divided by
