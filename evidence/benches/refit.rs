@@ -10,7 +10,7 @@ mod clock;
 
 use clap::Parser;
 use mbkd::glam::Vec3;
-use mbkd::{BuildParams, Counters, Ray, RayTree, TriangleMesh};
+use mbkd::{BuildParams, Counters, Keys, Ray, RayTree, TriangleMesh};
 use mbkd_evidence::lcg::Lcg;
 use mbkd_scenes as scene;
 use std::error::Error;
@@ -49,11 +49,18 @@ struct Row {
     moving: fn(usize) -> usize,
 }
 
-const ROWS: [Row; 6] = [
+const ROWS: [Row; 8] = [
     Row { name: "hall, running figure", frame: |n, i| running(n, 2, i), triangles: 300_000, moving: |_| 5 },
     Row { name: "hall, running figure, 17 keys", frame: |n, i| running(n, 17, i), triangles: 300_000, moving: |_| 5 },
     Row { name: "running figure alone", frame: |n, i| alone(n, 2, i), triangles: 300_000, moving: |_| 0 },
     Row { name: "running figure alone, 17 keys", frame: |n, i| alone(n, 17, i), triangles: 100_000, moving: |_| 0 },
+    Row {
+        name: "turning rock, 17 keys",
+        frame: |n, i| bent(scene::turning(n, 17), i),
+        triangles: 60_000,
+        moving: |_| 0,
+    },
+    Row { name: "tornado", frame: |n, i| bent(scene::tornado(n), i), triangles: 100_000, moving: |_| 0 },
     Row { name: "static hall, moving cube", frame: beside_cube, triangles: 1_000_000, moving: |meshes| meshes - 1 },
     Row { name: "cubes, one moves", frame: cubes, triangles: 600_000, moving: |meshes| meshes - 1 },
 ];
@@ -71,6 +78,17 @@ fn alone(triangles: usize, keys: usize, frame: usize) -> scene::Scene {
         Vec3::new(0.25, 0.9, 2.1 + 0.06 * frame as f32 - 3.6),
         0.8,
     ));
+    scene
+}
+
+/// A scene of which everything moves, bent a little more from frame to frame.
+fn bent(mut scene: scene::Scene, frame: usize) -> scene::Scene {
+    let by = 0.001 * frame as f32;
+    for mesh in &mut scene.meshes {
+        if let Keys::F32(keys) = &mut mesh.keys {
+            keys.iter_mut().flatten().for_each(|p| *p += by * Vec3::new(p.y.sin(), p.z.sin(), p.x.sin()));
+        }
+    }
     scene
 }
 
