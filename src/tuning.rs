@@ -213,8 +213,8 @@ pub(crate) mod points {
     /// more, fewer of them are counted. With 8 and 16 the choices are the same.
     pub const MOST_AT_REST: f64 = 12.0;
     /// For so many points, structures are compared by trees of all points instead of samples. Samples of more take less time than trees, and
-    /// only sets of more gain by a tree of their own for fast points: `--kinds motion --points 10000,30000`, up to 4096 only: builds 1.3 at 10
-    /// 000, work 1.002; up to 60 000: builds 1.1 at 30 000, work .996, but 22 instead of 6 and 10 static builds where a few points are fast.
+    /// only sets of more gain by a tree of their own for fast points. `--kinds motion --points 10000,30000`: up to 4096 only, builds 1.3 at
+    /// 10 000 points, work 1.002; up to 60 000, builds 1.1 at 30 000, work .996, but 22 instead of 6 and 10 static builds where a few are fast.
     /// Where there are fewer, nothing else than one tree gains: `--kinds motion --points 50,64,100,130`.
     pub const OWN_TREES: RangeInclusive<usize> = 65..=24 << 10;
     /// Larger sets with active intervals are compared by trees of all points as well, if they can afford about this many time slices: then the

@@ -310,7 +310,10 @@ impl<S: WideSource> Pass<'_, S> {
         over: TimeInterval,
     ) -> (Option<LinearBox3>, f64) {
         let (bounds, count) = match place.slice.filter(|slice| self.shares(*slice, leaf)) {
-            Some(Slice { shared, index }) => self.in_slices[shared].of(self.shared[shared].number(leaf), index),
+            // Nodes above units are visited even if nothing below them was. They are in the same section as the blocks.
+            Some(Slice { shared, index }) => self.in_slices[shared]
+                .of(self.shared[shared].number(leaf), index)
+                .unwrap_or_else(|| (None, self.held(place, leaf).count)),
             None => (self.rewrite(place, leaf, held, over), held.count),
         };
         (bounds, f64::from(COST_MODEL.leaf_of(count)))

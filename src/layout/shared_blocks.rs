@@ -98,11 +98,12 @@ impl SharedBounds {
         self.bounds.extend(other.bounds);
     }
 
-    /// The bounds of the block of some number in one of its slices if it changed, and the number of its primitives.
-    pub fn of(&self, number: usize, slice: usize) -> (Option<LinearBox3>, usize) {
-        let Visited { primitives, slices, bounds } = self.visited[number];
+    /// The bounds of the block of some number in one of its slices if it changed, and the number of its primitives; `None` if no block was
+    /// visited.
+    pub fn of(&self, number: usize, slice: usize) -> Option<(Option<LinearBox3>, usize)> {
+        let Visited { primitives, slices, bounds } = *self.visited.get(number)?;
         let before = (slices & ((1 << slice) - 1)).count_ones() as usize;
-        (bounds.map(|first| self.bounds[first as usize + before]), primitives as usize)
+        Some((bounds.map(|first| self.bounds[first as usize + before]), primitives as usize))
     }
 }
 
@@ -144,7 +145,8 @@ mod tests {
         others.push(of(0b110), 6, []);
         others.push(of(1), 7, [cube(3.0)]);
         all.append(others);
-        assert_eq!([all.of(0, 0), all.of(0, 2)], [(Some(cube(1.0)), 5), (Some(cube(2.0)), 5)]);
-        assert_eq!([all.of(1, 1), all.of(2, 0)], [(None, 6), (Some(cube(3.0)), 7)]);
+        assert_eq!([all.of(0, 0), all.of(0, 2)], [(Some(cube(1.0)), 5), (Some(cube(2.0)), 5)].map(Some));
+        assert_eq!([all.of(1, 1), all.of(2, 0)], [(None, 6), (Some(cube(3.0)), 7)].map(Some));
+        assert_eq!(SharedBounds::default().of(0, 0), None);
     }
 }

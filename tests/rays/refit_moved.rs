@@ -117,6 +117,24 @@ fn a_tree_that_is_told_what_moved_is_that_of_a_refit_to_all_meshes() {
     }
 }
 
+/// Large enough for nodes above the subtrees that are skipped, some of which have leaf blocks as children.
+#[test]
+fn a_refit_of_nothing_leaves_the_tree_as_it_is() {
+    let now = [closed_sphere(60, 2, 0.2, 1), closed_sphere(60, 5, 0.2, 2)];
+    for division in [Division::Whole, Division::SharedLeaves(8), Division::SharedLeaves(3), Division::SeparateTrees(3)]
+    {
+        let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
+        let mut tree = RayTree::build(&now, &params).unwrap();
+        let before = bytes(&tree);
+        for moved in [&[][..], &[0], &[1], &[]] {
+            let refit = tree.refit_moved(&now, moved).unwrap();
+            assert_eq!((refit.nodes, refit.leaves), (0, 0), "{division:?}, {moved:?}");
+            assert!((refit.cost - 1.0).abs() < 1e-6, "{division:?}, {moved:?}: {refit:?}");
+            assert!(bytes(&tree) == before, "{division:?}, {moved:?}");
+        }
+    }
+}
+
 #[test]
 fn what_stays_is_not_read_but_for_what_shares_a_leaf_block_with_what_moves() {
     let spoiled = |mesh: &TriangleMesh| {
