@@ -8,7 +8,7 @@
 
 use super::keyed_leaf::KeyedRows;
 use super::leaf_block::WideSource;
-use super::wide_node::ChildRef;
+use super::wide_node::{ChildRef, MOST_ARENA_BYTES};
 use super::wide_tree::WideTree;
 use super::write::{Nodes, set_children, words_of_nodes, write_blocks, write_node, write_time};
 use crate::bvh::{BinaryNode, Reference, ReplacedSubtree};
@@ -110,23 +110,23 @@ impl WideTree {
         budget: usize,
         progress: &Progress,
     ) -> Result<WideTree, BuildError> {
-        let mut tree = WideTree::unlimited(set, ids, params, progress)?;
-        // The estimates of the choices were too low: try again with less, the last time without pre-splitting and
-        // temporal splits.
+        let primitives = ids.iter().map(|ids| ids.len()).sum();
+        let mut wide = params.wide;
         for attempt in 0..ATTEMPTS {
-            let bytes = tree.arena.bytes();
-            if bytes <= budget || params.wide.division.is_forced() {
-                return Ok(tree);
-            }
-            drop(tree);
-            let less = params.wide.bytes_per_primitive * 0.8 * (budget as f32 / bytes as f32);
-            let wide = match attempt + 1 < ATTEMPTS {
-                true => WideParams { bytes_per_primitive: less, ..params.wide },
-                false => WideParams { max_references: 1.0, division: Division::Whole, ..params.wide },
+            let built = WideTree::unlimited(set, ids, &DraftParams { wide, ..*params }, progress);
+            let bytes = match &built {
+                Ok(tree) => Some(tree.arena.bytes()),
+                // More than an arena holds.
+                Err(BuildError::TooLargeTree) => None,
+                Err(_) => return built,
             };
-            tree = WideTree::unlimited(set, ids, &DraftParams { wide, ..*params }, progress)?;
+            if bytes.is_some_and(|bytes| bytes <= budget) || params.wide.division.is_forced() {
+                return built;
+            }
+            drop(built);
+            wide = with_less(wide, bytes.map(|bytes| budget as f32 / bytes as f32), primitives, attempt);
         }
-        Ok(tree)
+        WideTree::unlimited(set, ids, &DraftParams { wide, ..*params }, progress)
     }
 
     /// Builds over triangles and listed primitives without a limit.
@@ -327,6 +327,19 @@ impl WideTree {
 /// Further builds that are tried if a tree is larger than allowed.
 const ATTEMPTS: usize = 2;
 
+/// The parameters after an attempt that took too much memory: the estimates of the choices were too low. The last attempt is without
+/// pre-splitting and temporal splits. `share` is the share of the tree's bytes that is allowed, if these are known.
+fn with_less(wide: WideParams, share: Option<f32>, primitives: usize, attempt: usize) -> WideParams {
+    if attempt + 1 == ATTEMPTS {
+        return WideParams { max_references: 1.0, division: Division::Whole, ..wide };
+    }
+    let most = match share {
+        Some(share) => share * wide.bytes_per_primitive,
+        None => 0.5 * wide.bytes_per_primitive.min(MOST_ARENA_BYTES as f32 / primitives as f32),
+    };
+    WideParams { bytes_per_primitive: 0.8 * most, ..wide }
+}
+
 /// Bytes that every tree may use in addition: the nodes of tiny trees are mostly empty.
 const LEAST_BYTES: usize = 8192;
 
@@ -407,4 +420,22 @@ fn distinct(ids: &mut [u32]) -> &[u32] {
         }
     }
     &ids[..n]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn after_a_tree_that_is_too_large_less_is_allowed_and_at_last_nothing() {
+        let given = WideParams { bytes_per_primitive: 1000.0, ..WideParams::default() };
+        let half = with_less(given, Some(0.5), 100, 0);
+        assert_eq!((half.bytes_per_primitive, half.division), (400.0, Division::Automatic));
+        // Ten million primitives have 215 bytes each in an arena.
+        let less = with_less(given, None, 10_000_000, 0);
+        assert!((80.0..90.0).contains(&less.bytes_per_primitive), "{less:?}");
+        assert_eq!(with_less(given, None, 100, 0).bytes_per_primitive, 400.0);
+        let last = with_less(given, None, 10_000_000, ATTEMPTS - 1);
+        assert_eq!((last.max_references, last.division), (1.0, Division::Whole));
+    }
 }

@@ -133,6 +133,7 @@ pub(crate) struct ChildRef(pub u32);
 
 /// Bits of the index of a cache line: an arena holds at most 2 GiB.
 const LINE_BITS: u32 = 25;
+pub(crate) const MOST_ARENA_BYTES: usize = (4 * LANES) << LINE_BITS;
 
 impl ChildRef {
     /// No child; never visited.
