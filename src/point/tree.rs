@@ -230,9 +230,7 @@ impl PointTree {
             tree.add(layer, PointLayerKind::Static, len, ALL_STATIC.into());
             return Ok(tree);
         }
-        let separate = params.structure == PointStructure::Automatic
-            && count as f64 >= MIN_STATIC_SHARE * len as f64
-            && static_apart(source, params.simd);
+        let separate = params.structure == PointStructure::Automatic && static_apart(source, count, params.simd);
         if separate {
             let why = format!("{count} of {len} points are static");
             let layer = Layer::Static(source.static_tree(count, (0..len).filter(|&i| is_static[i]), &share(count)));

@@ -1,7 +1,8 @@
 //! Whether static points have a tree of their own.
 //!
-//! A search visits both trees then, which takes a quarter to two thirds more nodes and blocks than one tree in which all points are nearly at
-//! rest. So it is only done where motion makes the boxes of all points together clearly larger.
+//! Where few points move, their tree is small, and the static points take the memory and the visits that they would take without them. Where
+//! many move, a search visits two trees, which takes a quarter to two thirds more nodes and blocks than one tree in which all points
+//! are nearly at rest. Then it is only done if motion makes the boxes of all points together clearly larger.
 
 use super::excess::{Excess, excess, leaves_of};
 use super::plan::middle_slice;
@@ -11,11 +12,15 @@ use super::source::Source;
 use crate::point::leaf_order::fast_points::order_at;
 use crate::point::leaf_order::moving_reference::References;
 use crate::simd::SimdLevel;
-use crate::tuning::points::{MAX_TOGETHER, SAMPLE, SAMPLES};
+use crate::tuning::points::{MAX_TOGETHER, MIN_STATIC_SHARE, MOSTLY_STATIC, SAMPLE, SAMPLES};
 
-/// Whether the static points of a set, which are many, are better put into a tree of their own.
-pub(in crate::point) fn static_apart(source: &Source, simd: SimdLevel) -> bool {
-    if !source.all_persist() {
+/// Whether the static points of a set, so many of all, are better put into a tree of their own.
+pub(in crate::point) fn static_apart(source: &Source, static_points: usize, simd: SimdLevel) -> bool {
+    let share = static_points as f64 / source.len as f64;
+    if share < MIN_STATIC_SHARE {
+        return false;
+    }
+    if share >= MOSTLY_STATIC || !source.all_persist() {
         return true;
     }
     let all: Vec<u32> = (0..source.len as u32).collect();
