@@ -3,8 +3,8 @@
 use crate::support::{Cloud, KINDS, Rng, cloud};
 use core::ops::ControlFlow;
 use mbkd::{
-    MovingPoint, Neighbor, NeighborBuffer, PointArrays, PointLayerKind, PointParams, PointStructure, PointTree,
-    SimdLevel, TimeInterval, glam::Vec3,
+    MovingPoint, Neighbor, NeighborBuffer, PointArrays, PointLayerKind, PointLayerStatistics, PointParams,
+    PointStructure, PointTree, SimdLevel, TimeInterval, glam::Vec3,
 };
 
 const STRUCTURES: [PointStructure; 5] = [
@@ -378,6 +378,35 @@ fn static_sets_have_the_static_structure() {
         let statistics = build(&cloud, structure, SimdLevel::best()).statistics().clone();
         assert_eq!((statistics.layers.len(), statistics.layers[0].kind), (1, PointLayerKind::Static), "{statistics}");
         assert_eq!(statistics.references_per_point(), 1.0);
+    }
+}
+
+/// Unless so many move, by so little, that one tree is better.
+#[test]
+fn static_points_take_the_bytes_and_nodes_that_they_take_without_points_that_move() {
+    const ALL: usize = 5000;
+    let layers =
+        |points: &[MovingPoint]| PointTree::build(points, &PointParams::default()).unwrap().statistics().layers.clone();
+    // The spacing is .12.
+    for (moving, far, apart) in [
+        (1, 0.12, true),
+        (100, 0.12, true),
+        (500, 0.12, true),
+        (100, 3.0, true),
+        (2000, 3.0, true),
+        (2000, 0.12, false),
+    ] {
+        let mut rng = Rng(43);
+        let mut point = |i: usize| {
+            let p = rng.vec();
+            if i < moving { MovingPoint::new(p, p + rng.vec() * far) } else { MovingPoint::fixed(p) }
+        };
+        let points: Vec<MovingPoint> = (0..ALL).map(&mut point).collect();
+        let (together, alone) = (layers(&points), layers(&points[moving..]));
+        let what = format!("{moving} move by {far}: {together:?}");
+        assert_eq!(together[0].kind == PointLayerKind::Static, apart, "{what}");
+        let size = |of: &PointLayerStatistics| (of.points, of.references, of.nodes, of.bytes);
+        assert!(!apart || size(&together[0]) == size(&alone[0]), "{what}, {alone:?}");
     }
 }
 
