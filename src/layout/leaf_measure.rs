@@ -10,7 +10,7 @@ use super::keyed_leaf::KeyedLeaf;
 use super::leaf_block::{MovedLeaf, bounds_of};
 use super::wide_node::{CORNER_ROWS, Kind, Sizes, VERTEX_ROWS};
 use crate::geometry::{KeyTime, LinearBox3, TimeInterval};
-use crate::primitive::{Faces, RowsOfKeys, Triangles, Window, at_corners, bounds_of_faces};
+use crate::primitive::{Faces, RowsOfKeys, Shared, Triangles, Window, at_corners, bounds_of_faces};
 use crate::simd::{
     Kernel, LANES, Lanes, Rows, Simd, SimdLevel, as_floats, dispatch, first_lanes, greatest_of_each, lanes_of,
 };
@@ -64,10 +64,19 @@ impl Triangles {
         let leaf = KeyedLeaf::of(words, of.leaf.len());
         let keys = leaf.segments + 1;
         let window = Window::new(over, keys);
-        let numbers = leaf.numbers(words);
+        let (numbers, slack) = (leaf.numbers(words), Triangles::slack(keys, 1.0));
+        let corners = leaf.corners(&numbers);
+        let held = leaf.first..leaf.first + leaf.keys;
+        if ![window.begin.segment, window.end.segment].iter().all(|&segment| leaf.holds([segment; 2])) {
+            // The block of a time slice lacks a key next to it, since only roundings of its boxes reach there.
+            let sizes = if SIZED { leaf.sizes(words, level) } else { 0 };
+            let (around, words) = self.around(words, &leaf, ids, &window, level);
+            let rows = around.rows_of_keys(&words);
+            let bent = Bent::<false> { rows, corners, window, beyond: &[0.0; LANES], slack };
+            return Measured { sizes, ..measured_of(dispatch(level, bent)) };
+        }
         // The largest coordinates at the keys around the interval that the block does not hold.
         let mut beyond = [0.0f32; LANES];
-        let held = leaf.first..leaf.first + leaf.keys;
         for key in window.around.clone().filter(|key| !held.contains(key)) {
             for (size, &id) in beyond.iter_mut().zip(ids) {
                 for corner in self.corners_at_key(id, key) {
@@ -75,13 +84,25 @@ impl Triangles {
                 }
             }
         }
-        let (segments, slack) = ([window.begin.segment, window.end.segment], Triangles::slack(keys, 1.0));
-        if !segments.iter().all(|&segment| leaf.holds([segment; 2])) {
-            let sizes = if SIZED { leaf.sizes(words, level) } else { 0 };
-            return Measured { bounds: bounds_of(self, ids, over), sizes };
-        }
-        let (rows, corners) = (leaf.rows_of_keys(words), leaf.corners(&numbers));
+        let rows = leaf.rows_of_keys(words);
         measured_of(dispatch(level, Bent::<SIZED> { rows, corners, window, beyond: &beyond, slack }))
+    }
+
+    /// A block of the same triangles with all keys within and around an interval, of which only the rows are written.
+    fn around(
+        &self,
+        words: &[u32],
+        leaf: &KeyedLeaf,
+        ids: &[u32],
+        window: &Window,
+        level: SimdLevel,
+    ) -> (KeyedLeaf, Vec<u32>) {
+        let (first, last) = (*window.around.start(), *window.around.end());
+        let around = KeyedLeaf { first, keys: last + 1 - first, ..*leaf };
+        let shared = leaf.shared.then(|| Shared::again(self, ids, &words[leaf.vertices()..], leaf.width));
+        let mut rows = vec![0; around.words()];
+        self.fill_keyed(&mut rows, &around, ids, shared.as_ref(), level);
+        (around, rows)
     }
 }
 
