@@ -1,9 +1,10 @@
 //! The choice of a structure for points with active intervals, by trees of the whole set.
 //!
-//! The shorter time slices are, the fewer points exist in one of them, and the sooner its tree is built. So the first is that of the
-//! shortest slices, at a time with as many points before it as behind it, and the work of searches in it is counted. What longer slices
-//! cost is expected by the numbers of their points, and by how much larger the boxes of that tree would be ([`super::excess`]). Of those
-//! that promise to be chosen the first tree is built and measured, too.
+//! The shorter time slices are, the fewer points exist in one of them, and the sooner its tree is built. So the first trees are those of
+//! the shortest slices, at the times with a quarter and three quarters of the points before them, and the work of searches in them is counted:
+//! points that burst apart are far from each other most of the time, but not at first. What longer slices cost is expected by the numbers of
+//! their points, and by how much larger the boxes of these trees would be ([`super::excess`]). Of those that promise to be chosen such trees
+//! are built and measured, too.
 
 use super::cost::{ReferenceCounts, Visits, memory_cost};
 use super::excess::{Excess, excess, leaves_of};
@@ -15,7 +16,7 @@ use crate::point::leaf_order::fast_points::order_at;
 use crate::point::search::layers::Layer;
 use crate::progress::Progress;
 use crate::simd::{LANES, MovingPointBlock, SimdLevel};
-use crate::tuning::points::{MAX_COST, OWN_TREES, SHORT_SLICES, VISITED};
+use crate::tuning::points::{MAX_COST, MOST_ALIKE, OWN_TREES, SHORT_SLICES, VISITED};
 
 /// Whether the structure for so many points, at least one, is chosen by trees of slices.
 pub(in crate::point) fn by_active_trees(source: &Source, points: &[u32], max_references: f32) -> bool {
@@ -39,17 +40,20 @@ pub(in crate::point) fn layer_by_active_trees<'a>(
 ) -> (PartialLayer<'a>, String) {
     let counts = ReferenceCounts::of(source, points);
     let slices = counts.affordable(max_references);
-    let middle = counts.middle;
-    let begin = |slices: usize| PartialLayer::at(source, points, Plan::Boxes(slices), middle, progress);
+    let quarters = counts.quarters;
+    let begin = |slices: usize, time: f32| PartialLayer::at(source, points, Plan::Boxes(slices), time, progress);
     let mut next = slices.last().copied();
     let mut trees = Trees { counts, slices, simd, tried: Vec::new() };
     while let Some(slices) = next {
-        trees.measure(source, begin(slices));
+        let [time, later] = quarters;
+        let layer = begin(slices, time);
+        let other = (!layer.holds(later) && trees.may_differ(slices)).then(|| begin(slices, later));
+        trees.measure(source, layer, other);
         next = trees.next().filter(|_| !progress.cancelled());
     }
     let costs = trees.tried.iter().map(|tried| format!("{} {:.1}", name(tried.layer.plan), tried.cost));
     let costs = costs.collect::<Vec<_>>().join(", ");
-    let layer = trees.chosen().unwrap_or_else(|| begin(1));
+    let layer = trees.chosen().unwrap_or_else(|| begin(1, 0.5));
     let why = format!("chosen from searches in the whole set: {} (costs: {costs})", name(layer.plan));
     (layer, why)
 }
@@ -63,11 +67,16 @@ struct Trees<'a> {
     tried: Vec<Tried<'a>>,
 }
 
-/// A layer, and what searches in its tree visit.
+/// A layer, and what searches in its trees visit.
 struct Tried<'a> {
     layer: PartialLayer<'a>,
-    visits: Visits,
+    trees: Vec<Measured>,
     cost: f64,
+}
+
+/// What searches in the tree of a time slice visit.
+struct Measured {
+    visits: Visits,
     /// How much larger boxes would be for the motion of points, with each affordable number of time slices.
     sizes: Vec<Excess>,
 }
@@ -79,8 +88,18 @@ impl Tried<'_> {
 }
 
 impl<'a> Trees<'a> {
-    /// Counts the work of searches.
-    fn measure(&mut self, source: &'a Source, layer: PartialLayer<'a>) {
+    /// Counts the work of searches in the tree of a layer, and in that of another time slice.
+    fn measure(&mut self, source: &'a Source, layer: PartialLayer<'a>, other: Option<PartialLayer<'a>>) {
+        let trees: Vec<Measured> = [&layer].into_iter().chain(&other).map(|of| self.measured(source, of)).collect();
+        let cost = mean(trees.iter().map(|tree| tree.visits)) + self.memory_cost(layer.plan.time_slices());
+        let layer = match other {
+            Some(other) => layer.and(other),
+            None => layer,
+        };
+        self.tried.push(Tried { layer, trees, cost });
+    }
+
+    fn measured(&self, source: &Source, layer: &PartialLayer) -> Measured {
         let slice = *layer.slice();
         let middle = slice.middle_phase();
         let sizes = |leaves: &[MovingPointBlock]| excess(leaves, middle as f32, &self.slices, self.simd);
@@ -92,9 +111,7 @@ impl<'a> Trees<'a> {
                 sizes(&leaves_of(&references, &order_at(&references, middle)))
             }
         };
-        let (visits, slices) = (layer.visits(self.simd), layer.plan.time_slices());
-        let cost = visits.cost() + self.memory_cost(slices);
-        self.tried.push(Tried { layer, visits, cost, sizes });
+        Measured { visits: layer.visits(self.simd), sizes }
     }
 
     /// The cost of the memory of so many time slices: beside a reference there are its interval and that of its point.
@@ -102,21 +119,38 @@ impl<'a> Trees<'a> {
         memory_cost(self.counts.with(slices) * 3 / 2)
     }
 
-    /// The measured cost of so many time slices, or what is expected by the tree of the number nearest to it.
-    fn expected(&self, slices: usize) -> f64 {
-        let level = |slices: usize| slices.ilog2() as usize;
-        let nearest = self.tried.iter().min_by_key(|tried| level(tried.slices()).abs_diff(level(slices)));
-        nearest.map_or(f64::INFINITY, |Tried { layer, visits, cost, sizes }| {
-            let now = layer.plan.time_slices();
-            if now == slices {
-                return *cost;
-            }
-            // Searches pass by points that do not exist at their time, and visit larger boxes.
-            let [in_slice, in_now] = [slices, now].map(|slices| self.counts.with(slices) as f64 / slices as f64);
+    /// The one of the trees tried whose number of time slices is nearest.
+    fn nearest(&self, slices: usize) -> Option<&Tried<'a>> {
+        self.tried.iter().min_by_key(|tried| level(tried.slices()).abs_diff(level(slices)))
+    }
+
+    /// What searches in trees of so many time slices visit at the times of the trees of another number, as is expected by those.
+    fn visits(&self, slices: usize, tried: &Tried) -> impl ExactSizeIterator<Item = Visits> {
+        let now = tried.slices();
+        // Searches pass by points that do not exist at their time, and visit larger boxes.
+        let [in_slice, in_now] = [slices, now].map(|slices| self.counts.with(slices) as f64 / slices as f64);
+        tried.trees.iter().map(move |Measured { visits, sizes }| {
             let ([of_slice, of_now], more) = ([slices, now].map(|slices| sizes[level(slices)]), in_slice / in_now);
             let nodes = visits.nodes * (more * of_slice.nodes / of_now.nodes).powf(VISITED);
             let blocks = visits.blocks * (more * of_slice.leaves / of_now.leaves).powf(VISITED);
-            Visits { nodes, blocks }.cost() + self.memory_cost(slices)
+            Visits { nodes, blocks }
+        })
+    }
+
+    /// The measured cost of so many time slices, or what is expected by the trees of the number nearest to it.
+    fn expected(&self, slices: usize) -> f64 {
+        self.nearest(slices).map_or(f64::INFINITY, |tried| match tried.slices() == slices {
+            true => tried.cost,
+            false => mean(self.visits(slices, tried)) + self.memory_cost(slices),
+        })
+    }
+
+    /// Whether searches may cost much more at one of the two times, so that trees of both are needed.
+    fn may_differ(&self, slices: usize) -> bool {
+        self.nearest(slices).is_none_or(|tried| {
+            let costs = self.visits(slices, tried).map(Visits::cost);
+            let [least, most] = costs.fold([f64::INFINITY, 0.0f64], |[a, b], cost| [a.min(cost), b.max(cost)]);
+            least < MOST_ALIKE * most
         })
     }
 
@@ -133,4 +167,14 @@ impl<'a> Trees<'a> {
         let cheap = self.tried.into_iter().filter(|tried| tried.cost * MAX_COST <= least);
         cheap.min_by_key(Tried::slices).map(|tried| tried.layer)
     }
+}
+
+fn level(slices: usize) -> usize {
+    slices.ilog2() as usize
+}
+
+/// The mean cost.
+fn mean(of: impl ExactSizeIterator<Item = Visits>) -> f64 {
+    let count = of.len() as f64;
+    of.map(Visits::cost).sum::<f64>() / count
 }

@@ -110,13 +110,13 @@ pub(in crate::point) struct ReferenceCounts {
     points: usize,
     /// Those with 1, 2, 4 time slices and so on, up to [`FINEST`]; empty if each point is in all trees.
     counts: Vec<usize>,
-    /// A time with about as many references before it as behind it.
-    pub(in crate::point) middle: f32,
+    /// Times with about a quarter of the references before the first one and behind the second one.
+    pub(in crate::point) quarters: [f32; 2],
 }
 
 impl ReferenceCounts {
     pub(in crate::point) fn of(source: &Source, points: &[u32]) -> ReferenceCounts {
-        let (mut counts, mut middle) = (Vec::new(), 0.5);
+        let (mut counts, mut quarters) = (Vec::new(), [0.25, 0.75]);
         if !source.all_persist() && source.keys <= 2 {
             let mut all = [0; FINEST.ilog2() as usize + 1];
             let (mut first, mut behind) = ([0; FINEST], [0; FINEST + 1]);
@@ -130,15 +130,19 @@ impl ReferenceCounts {
             }
             counts.extend(all);
             let (mut exist, mut before) = (0, 0);
-            let is_half = |slice: &usize| {
-                exist = exist + first[*slice] - behind[*slice];
+            let references_before = first.iter().zip(behind).map(|(first, behind)| {
+                exist = exist + first - behind;
                 before += exist;
-                2 * before >= all[FINEST.ilog2() as usize]
-            };
-            let slice = (0..FINEST).find(is_half).unwrap_or(FINEST / 2);
-            middle = (slice as f32 + 0.5) / FINEST as f32;
+                before
+            });
+            let references_before: Vec<usize> = references_before.collect();
+            quarters = [1, 3].map(|quarters| {
+                let part = quarters * all[FINEST.ilog2() as usize] / 4;
+                let slice = references_before.partition_point(|&before| before < part);
+                (slice as f32 + 0.5) / FINEST as f32
+            });
         }
-        ReferenceCounts { points: points.len(), counts, middle }
+        ReferenceCounts { points: points.len(), counts, quarters }
     }
 
     /// That with this many time slices, a power of two.

@@ -1,4 +1,4 @@
-//! Layers of which one tree is built, for its searches to be counted before the others are.
+//! Layers of which one tree or two are built, for their searches to be counted before the others are.
 
 use super::cost::Visits;
 use super::plan::{Plan, time_slices, tree};
@@ -20,7 +20,7 @@ pub(in crate::point) struct Chosen {
     pub(in crate::point) why: String,
 }
 
-/// A layer of which one tree is built.
+/// A layer of which one tree is built, or two.
 pub(in crate::point) struct PartialLayer<'a> {
     source: &'a Source,
     pub(in crate::point) points: &'a [u32],
@@ -31,6 +31,8 @@ pub(in crate::point) struct PartialLayer<'a> {
     pub(in crate::point) tree: Layer,
     /// Whether that tree is known to divide points by motion as well as by position.
     pub(in crate::point) by_motion: bool,
+    /// The tree of another time slice, and the index of that.
+    other: Option<(usize, Layer)>,
 }
 
 impl<'a> PartialLayer<'a> {
@@ -53,11 +55,11 @@ impl<'a> PartialLayer<'a> {
         progress: &Progress,
     ) -> PartialLayer<'a> {
         let slices = time_slices(source.keys, plan.time_slices());
-        let at = slices.partition_point(|slice| slice.interval.end_bound() <= time);
+        let at = index_of(&slices, time);
         let existing = points_of_slice(source, points, &slices[at]);
         // Counted as progress once it is known whether it is used.
         let WithoutFast { tree, by_motion, .. } = tree(source, &existing, &slices[at], &progress.subtask(0.0));
-        PartialLayer { source, points, plan, slices, at, tree: Layer::Moving(vec![tree]), by_motion }
+        PartialLayer { source, points, plan, slices, at, tree: Layer::Moving(vec![tree]), by_motion, other: None }
     }
 
     /// The same as [`PartialLayer::new`] with that tree.
@@ -69,7 +71,27 @@ impl<'a> PartialLayer<'a> {
     ) -> PartialLayer<'a> {
         let slices = time_slices(source.keys, plan.time_slices());
         let at = slices.len() / 2;
-        PartialLayer { source, points, plan, slices, at, tree: Layer::Moving(vec![tree]), by_motion: false }
+        PartialLayer {
+            source,
+            points,
+            plan,
+            slices,
+            at,
+            tree: Layer::Moving(vec![tree]),
+            by_motion: false,
+            other: None,
+        }
+    }
+
+    /// Whether the tree that is built is that of the time slice that holds a time.
+    pub(in crate::point) fn holds(&self, time: f32) -> bool {
+        self.at == index_of(&self.slices, time)
+    }
+
+    /// Adds the tree of another one with the same plan for the same points.
+    pub(in crate::point) fn and(mut self, other: PartialLayer<'a>) -> PartialLayer<'a> {
+        self.other = Some((other.at, other.tree));
+        self
     }
 
     pub(in crate::point) fn slice(&self) -> &TimeSlice {
@@ -88,18 +110,30 @@ impl<'a> PartialLayer<'a> {
             share.finished(1.0);
             return Chosen { layer: self.tree, plan: self.plan, points: self.points.len(), why };
         }
-        let mut ready = if let Layer::Moving(trees) = self.tree { trees } else { Vec::new() };
-        let existing = points_of_slices(self.source, self.points, &self.slices);
-        let tree_of = |(i, (slice, existing)): (usize, (&TimeSlice, Cow<[u32]>))| match ready.pop_if(|_| i == self.at) {
-            Some(tree) => {
-                share.finished(1.0);
-                tree
+        let mut ready: Vec<(usize, MovingTree)> = Vec::new();
+        for (at, tree) in [(self.at, self.tree)].into_iter().chain(self.other) {
+            if let Layer::Moving(trees) = tree {
+                ready.extend(trees.into_iter().map(|tree| (at, tree)));
             }
-            None => tree(self.source, &existing, slice, &share).tree,
-        };
+        }
+        let existing = points_of_slices(self.source, self.points, &self.slices);
+        let tree_of =
+            |(i, (slice, existing)): (usize, (&TimeSlice, Cow<[u32]>))| match ready.iter().position(|&(at, _)| at == i)
+            {
+                Some(place) => {
+                    share.finished(1.0);
+                    ready.swap_remove(place).1
+                }
+                None => tree(self.source, &existing, slice, &share).tree,
+            };
         let layer = Layer::Moving(self.slices.iter().zip(existing).enumerate().map(tree_of).collect());
         Chosen { layer, plan: self.plan, points: self.points.len(), why }
     }
+}
+
+/// The index of the time slice that holds a time.
+fn index_of(slices: &[TimeSlice], time: f32) -> usize {
+    slices.partition_point(|slice| slice.interval.end_bound() <= time)
 }
 
 pub(in crate::point) fn name(plan: Plan) -> String {
