@@ -137,8 +137,8 @@ impl ReferenceCounts {
             });
             let references_before: Vec<usize> = references_before.collect();
             quarters = [1, 3].map(|quarters| {
-                let part = quarters * all[FINEST.ilog2() as usize] / 4;
-                let slice = references_before.partition_point(|&before| before < part);
+                let part = quarters * all[FINEST.ilog2() as usize];
+                let slice = references_before.partition_point(|&before| 4 * before < part);
                 (slice as f32 + 0.5) / FINEST as f32
             });
         }

@@ -139,9 +139,12 @@ mod tests {
                 let counts = ReferenceCounts::of(&source, &some);
                 assert_eq!(counts.with(per_segment), count);
                 if per_segment == FINEST {
-                    let at = slices.iter().position(|slice| slice.interval.contains(counts.middle)).unwrap();
-                    let before = found[..at].iter().map(|points| points.len()).sum::<usize>();
-                    assert!(2 * before < count && count <= 2 * (before + found[at].len()), "{before} of {count}");
+                    for (time, quarters) in counts.quarters.into_iter().zip([1, 3]) {
+                        let at = slices.iter().position(|slice| slice.interval.contains(time)).unwrap();
+                        let before = found[..at].iter().map(|points| points.len()).sum::<usize>();
+                        let until = before + found[at].len();
+                        assert!(4 * before < quarters * count && quarters * count <= 4 * until, "{before} of {count}");
+                    }
                 }
             }
         }
