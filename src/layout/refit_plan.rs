@@ -255,8 +255,9 @@ fn leaves(tree: &WideTree, of: ChildRef) -> Vec<ChildRef> {
 
 impl WideTree {
     /// The triangles of other meshes whose vertices a refit reads if these meshes move: those in the leaf blocks that it rewrites, and in
-    /// the few leaf blocks that are the whole tree or a whole time slice, since these have no box in a node.
-    pub fn beside<S: WideSource>(&self, set: &S, moved: &[bool], plan: &Plan) -> Vec<u32> {
+    /// the few leaf blocks that are the whole tree or a whole time slice, since these have no box in a node. `None` if there are more than
+    /// `most`.
+    pub fn beside<S: WideSource>(&self, set: &S, moved: &[bool], plan: &Plan, most: usize) -> Option<Vec<u32>> {
         let list = (0..).zip(moved).filter(|&(_, &moved)| moved).map(|(mesh, _)| mesh);
         let list: Vec<u32> = list.collect();
         let touched = plan.mixed_of.of_meshes(&list, plan.mixed.len());
@@ -266,11 +267,17 @@ impl WideTree {
         let whole = slices.chain([self.root]).filter(|&child| child != ChildRef::NOTHING && child.kind().is_leaf());
         let ids = mixed.chain(whole).flat_map(|leaf| self.ids::<S>(leaf).unwrap_or(&[])).copied();
         // A triangle may be in several blocks.
-        let mut beside: Vec<u32> =
-            ids.filter(|&id| !set.is_listed(id) && !moved[set.mesh_and_primitive(id).0 as usize]).collect();
+        let (mut found, mut beside) = (vec![false; set.len()], Vec::new());
+        for id in ids.filter(|&id| !set.is_listed(id) && !moved[set.mesh_and_primitive(id).0 as usize]) {
+            if !core::mem::replace(&mut found[id as usize], true) {
+                if beside.len() == most {
+                    return None;
+                }
+                beside.push(id);
+            }
+        }
         beside.sort_unstable();
-        beside.dedup();
-        beside
+        Some(beside)
     }
 
     /// Number of words of a leaf block.

@@ -190,12 +190,10 @@ impl RayTree {
         if meshes.len() != self.geometry.triangles.mesh_count() {
             return Ok(None);
         }
-        let beside = tree.beside(&self.geometry, flags, plan);
         let of_moved: usize = meshes.iter().zip(flags).filter(|&(_, &moved)| moved).map(|(mesh, _)| mesh.len()).sum();
         // If most vertices are needed, it is faster to read all.
-        if 2 * (of_moved + beside.len()) > self.geometry.len() {
-            return Ok(None);
-        }
+        let Some(most) = (self.geometry.len() / 2).checked_sub(of_moved) else { return Ok(None) };
+        let Some(beside) = tree.beside(&self.geometry, flags, plan, most) else { return Ok(None) };
         let masks = self.geometry.masks();
         if !self.geometry.move_meshes(meshes, flags, &beside)? {
             return Ok(None);

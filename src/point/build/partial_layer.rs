@@ -58,7 +58,8 @@ impl<'a> PartialLayer<'a> {
         let at = index_of(&slices, time);
         let existing = points_of_slice(source, points, &slices[at]);
         // Counted as progress once it is known whether it is used.
-        let WithoutFast { tree, by_motion, .. } = tree(source, &existing, &slices[at], &progress.subtask(0.0));
+        let WithoutFast { tree, by_motion, .. } =
+            tree(source, &existing, &slices[at], &mut Vec::new(), &progress.subtask(0.0));
         PartialLayer { source, points, plan, slices, at, tree: Layer::Moving(vec![tree]), by_motion, other: None }
     }
 
@@ -117,6 +118,7 @@ impl<'a> PartialLayer<'a> {
             }
         }
         let existing = points_of_slices(self.source, self.points, &self.slices);
+        let mut more = Vec::new();
         let tree_of =
             |(i, (slice, existing)): (usize, (&TimeSlice, Cow<[u32]>))| match ready.iter().position(|&(at, _)| at == i)
             {
@@ -124,7 +126,7 @@ impl<'a> PartialLayer<'a> {
                     share.finished(1.0);
                     ready.swap_remove(place).1
                 }
-                None => tree(self.source, &existing, slice, &share).tree,
+                None => tree(self.source, &existing, slice, &mut more, &share).tree,
             };
         let layer = Layer::Moving(self.slices.iter().zip(existing).enumerate().map(tree_of).collect());
         Chosen { layer, plan: self.plan, points: self.points.len(), why }

@@ -8,6 +8,8 @@ use crate::point::layout::plane_tree::PlaneTree;
 use crate::point::leaf_order::moving_reference::{TimeSlice, exact_phase};
 use crate::point::search::layers::Layer;
 use crate::progress::Progress;
+use crate::simd::PointBlock;
+use std::borrow::Cow;
 
 /// How moving points are put into trees.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -85,9 +87,16 @@ fn slices_between(
     })
 }
 
-/// The tree of points that all exist during a time slice. Once `progress` is cancelled, it is empty.
-pub(in crate::point) fn tree(source: &Source, existing: &[u32], slice: &TimeSlice, progress: &Progress) -> WithoutFast {
-    tree_without_fast(source, existing, slice, None, None, progress)
+/// The tree of points that all exist during a time slice. Trees that are built one after the other share the memory `more`. Once `progress`
+/// is cancelled, it is empty.
+pub(in crate::point) fn tree(
+    source: &Source,
+    existing: &[u32],
+    slice: &TimeSlice,
+    more: &mut Vec<PointBlock>,
+    progress: &Progress,
+) -> WithoutFast {
+    tree_without_fast(source, existing, slice, (None, more), None, progress)
 }
 
 /// The same without fast points, if the longest side of a leaf of usual size is given, and their numbers in the set. Where all points
@@ -96,7 +105,7 @@ fn tree_without_fast(
     source: &Source,
     existing: &[u32],
     slice: &TimeSlice,
-    placed: Option<Placed>,
+    (placed, more): (Option<Placed>, &mut Vec<PointBlock>),
     leaf_size: Option<f32>,
     progress: &Progress,
 ) -> WithoutFast {
@@ -104,10 +113,10 @@ fn tree_without_fast(
     if source.all_persist() {
         let references = SlicePoints::<false>::new(source, existing, slice);
         let placed = placed.unwrap_or_else(|| Placed::new(&references, slice));
-        return MovingTree::build_without_fast(&references, placed, *slice, leaf_size, progress);
+        return MovingTree::build_without_fast(&references, placed, *slice, leaf_size, more, progress);
     }
     let references = SlicePoints::<true>::new(source, existing, slice);
-    MovingTree::build_without_fast(&references, Placed::new(&references, slice), *slice, leaf_size, progress)
+    MovingTree::build_without_fast(&references, Placed::new(&references, slice), *slice, leaf_size, more, progress)
 }
 
 /// The tree of one time slice between the keys in the middle; see [`tree_without_fast`]. It counts as progress once it is known
@@ -121,7 +130,7 @@ pub(in crate::point) fn linear_tree(
 ) -> WithoutFast {
     let slice = middle_slice(source.keys);
     let existing = points_of_slice(source, points, &slice);
-    tree_without_fast(source, &existing, &slice, placed, leaf_size, &progress.subtask(0.0))
+    tree_without_fast(source, &existing, &slice, (placed, &mut Vec::new()), leaf_size, &progress.subtask(0.0))
 }
 
 /// Builds a moving layer of some of the points.
@@ -131,8 +140,10 @@ pub(in crate::point) fn moving_layer(source: &Source, points: &[u32], plan: Plan
     match plan {
         Plan::Boxes(_) => {
             let existing = points_of_slices(source, points, &slices);
-            let trees = slices.iter().zip(existing).map(|(slice, points)| tree(source, &points, slice, &progress).tree);
-            Layer::Moving(trees.collect())
+            let mut more = Vec::new();
+            let tree =
+                |(slice, points): (&TimeSlice, Cow<[u32]>)| tree(source, &points, slice, &mut more, &progress).tree;
+            Layer::Moving(slices.iter().zip(existing).map(tree).collect())
         }
         Plan::Planes(most) => {
             let planes = |slice: &TimeSlice| {

@@ -15,7 +15,7 @@ use crate::point::leaf_order::moving_reference::{MovingReference, References, Ti
 use crate::point::leaf_order::order::{Displacements, ORDERING, order_rows};
 use crate::point::leaf_order::point_rows::{NO_POINT, PointRows};
 use crate::progress::Progress;
-use crate::simd::{LANES, Lanes, Mask, Simd, WordBlock, huge_vec_of, prefetch};
+use crate::simd::{LANES, Lanes, Mask, PointBlock, Simd, WordBlock, huge_vec_of, prefetch};
 
 /// Points that move or have an active interval, in a 16-ary tree for one time slice.
 #[derive(Clone)]
@@ -67,23 +67,24 @@ impl MovingTree {
         slice: TimeSlice,
         progress: &Progress,
     ) -> MovingTree {
-        MovingTree::build_without_fast(references, Placed::new(references, &slice), slice, None, progress).tree
+        let placed = Placed::new(references, &slice);
+        MovingTree::build_without_fast(references, placed, slice, None, &mut Vec::new(), progress).tree
     }
 
     /// The same without references that are fast ([`fast_points`](crate::point::leaf_order::fast_points)), if the longest side of a leaf of usual
-    /// size is given. Their lanes are empty, the shape of the tree is that with them.
+    /// size is given. Their lanes are empty, the shape of the tree is that with them. Trees that are built one after the other share the memory `more`.
     pub(in crate::point) fn build_without_fast<R: References + ?Sized>(
         references: &R,
         placed: Placed,
         slice: TimeSlice,
         without_fast: Option<f32>,
+        more: &mut Vec<PointBlock>,
         progress: &Progress,
     ) -> WithoutFast {
         // Points are put in order in the memory of the blocks that they end up in, and as much besides as they need.
         let Placed { mut blocks, count } = placed;
-        let mut more = PointRows::memory(count);
         let from = PointRows::in_blocks(&mut blocks, count);
-        let mut rows = PointRows::in_blocks(&mut more, count);
+        let mut rows = PointRows::in_memory(more, count);
         let phases = (slice.phases[1] - slice.phases[0]) as f32;
         let displacements = |numbers: &[u32], to: &mut [[f32; 3]]| {
             let points = numbers.iter().zip(to).enumerate();

@@ -278,7 +278,7 @@ mod tests {
     fn split(references: &[MovingReference], slice: &TimeSlice) -> (MovingTree, Vec<u32>, Vec<u32>) {
         let leaf_size = Some(Fast::of(references, slice, slice.middle_phase()).leaf_size);
         let (placed, progress) = (Placed::new(references, slice), Progress::new(None));
-        let built = MovingTree::build_without_fast(references, placed, *slice, leaf_size, &progress);
+        let built = MovingTree::build_without_fast(references, placed, *slice, leaf_size, &mut Vec::new(), &progress);
         let WithoutFast { mut tree, mut fast, .. } = built;
         let mut left: Vec<u32> = tree.leaves.ids_in_order().map(|id| *id).collect();
         left.sort_unstable();

@@ -28,6 +28,15 @@ impl<'a> PointRows<'a> {
         PointBlock::zeroed(count.div_ceil(LANES))
     }
 
+    /// Room for `count` points in memory that grows if it is not enough.
+    pub(in crate::point) fn in_memory(memory: &'a mut Vec<PointBlock>, count: usize) -> PointRows<'a> {
+        let blocks = count.div_ceil(LANES);
+        if memory.len() < blocks {
+            *memory = PointRows::memory(count);
+        }
+        PointRows::in_blocks(&mut memory[..blocks], count)
+    }
+
     pub(in crate::point) fn len(&self) -> usize {
         self.index.len()
     }
