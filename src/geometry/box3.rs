@@ -6,6 +6,9 @@ use glam::Vec3;
 /// Half the spacing of f32 numbers just below 1: the unit all rounding bounds of this crate count in.
 pub(crate) const ULP: f32 = f32::EPSILON * 0.5;
 
+/// The square of this length, 2^-60, is a normal number by far: those of much smaller ones are rounded by more than their own bits.
+pub(crate) const LEAST_SQUARED: f32 = 1.0 / (1u64 << 60) as f32;
+
 /// How far, per axis, an accepted hit may lie from its primitive as the kernel interpolates it, plus the error of the
 /// slab test that finds it: in ULP of the primitive's largest coordinate and of the origin's, whatever the
 /// unit. The first part is in the boxes of a tree, the second in each ray.

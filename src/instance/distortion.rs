@@ -39,11 +39,15 @@ impl Distortion {
     }
 
     /// The bounds for matrices between two, with interpolated entries; `None` if one of them is singular, or too nearly
-    /// to exclude it.
+    /// to exclude it. Those of matrices that are distorted too much may be too small, but are above [`MAX_DEVIATION`].
     pub fn between(first: DMat3, last: DMat3) -> Option<Distortion> {
         let mut all = Distortion { rows: row_sums(first).max(row_sums(last)), ..Distortion::NONE };
-        let mut stack = vec![(first, last, 0)];
+        let (mut stack, mut parts) = (vec![(first, last, 0)], 0);
         while let Some((first, last, depth)) = stack.pop() {
+            parts += 1;
+            if parts > MANY_PARTS && all.skeel > MAX_DEVIATION {
+                break;
+            }
             let middle = first * 0.5 + last * 0.5;
             match Distortion::around(middle, last * 0.5 - first * 0.5) {
                 Around::Known(part) => all = all.max(part),
@@ -89,6 +93,13 @@ impl Distortion {
 /// as when an object shrinks to a millionth; where all matrices are singular, the first part of the greatest depth ends the search.
 const DEPTH: u32 = 40;
 
+/// The greatest rounding of a ray in an instance, in ULP of distances: 2^18. Boxes then still grow by less than the width of the scene.
+pub(super) const MAX_DEVIATION: f64 = 262144.0;
+
+/// Where a matrix is nearly singular for some time, the number of parts grows with its condition. After so many it is enough to know that
+/// it is distorted too much. (Through a singular matrix there are some hundred, at which the depth ends the search.)
+const MANY_PARTS: usize = 4096;
+
 enum Around {
     Known(Distortion),
     /// The matrix changes too much for the bound.
@@ -123,6 +134,18 @@ mod tests {
         assert!(still(shear).unwrap().skeel > 500.0);
         assert_eq!(still(DMat3::ZERO), None);
         assert_eq!(still(DMat3::from_cols(DVec3::X, DVec3::X, DVec3::Z)), None);
+    }
+
+    #[test]
+    fn nearly_singular_paths_end_soon() {
+        for s in [1e6, 1e8, 1e12] {
+            let first = DMat3::from_cols(DVec3::X, DVec3::new(s, 1.0, 0.0), DVec3::Z);
+            let last = DMat3::from_cols(DVec3::Y, DVec3::new(0.0, s, 1.0), DVec3::X);
+            let bound = Distortion::between(first, last);
+            assert!(bound.is_none_or(|bound| bound.skeel > MAX_DEVIATION), "{s}: {bound:?}");
+        }
+        let half_turn = DMat3::from_axis_angle(DVec3::new(0.48, 0.6, 0.64), core::f64::consts::PI);
+        assert_eq!(Distortion::between(DMat3::IDENTITY, half_turn), None);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Instances as the build of the wide tree sees them: a set of boxes, one per leaf.
 
 use super::bounds::{ROUNDING, grow};
-use super::distortion::Distortion;
+use super::distortion::{Distortion, MAX_DEVIATION};
 use super::error::InstanceError;
 use super::extent::Extent;
 use super::motion::{Motion, Motions};
@@ -49,9 +49,6 @@ pub(super) struct Placements {
     /// The greatest distance between a point of the scene and the origin of a ray near it.
     width: f64,
 }
-
-/// The greatest [`Slack::per_distance`]: 2^18. Boxes then still grow by less than the width of the scene.
-const MAX_DEVIATION: f64 = 262144.0;
 
 /// Distances within which origins count as near, in sizes of the scene.
 const NEAR: f64 = 3.0;

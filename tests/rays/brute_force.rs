@@ -361,3 +361,34 @@ fn all_hits_stops_when_told() {
         assert!(flow.is_break() && seen == 3, "{seen}");
     }
 }
+
+/// Triangles that move within a line: between the keys their corners are in it only up to rounding, and a weight that is nothing but rounding
+/// would put a hit anywhere on the line.
+#[test]
+fn triangles_in_a_line_are_hit_only_where_a_ray_meets_it() {
+    let mut random = Random(32);
+    for _ in 0..300 {
+        // Without rounding, so that corners at the keys are exactly in a line.
+        let line = Vec3::from([(); 3].map(|()| random.below(4) as f32));
+        let mut on_line = || (0..3).map(|_| line * (random.below(4096) as f32 / 2048.0)).collect::<Vec<Vec3>>();
+        let (mut open, mut close) = (on_line(), on_line());
+        for i in 0..16 {
+            let other = [Vec3::ZERO, Vec3::Y, Vec3::Z].map(|p| p + Vec3::X * (4.0 + i as f32));
+            open.extend(other);
+            close.extend(other);
+        }
+        let indices = (0..17).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let meshes = [TriangleMesh::new(indices, vec![open, close])];
+        let oracle = BruteForce::new(&meshes).unwrap();
+        for params in variants() {
+            let tree = RayTree::build(&meshes, &params).unwrap();
+            for i in 0..40 {
+                let place = line.as_dvec3() * f64::from(random.unit() * 2.0);
+                let direction = random.vec();
+                let origin = if i % 2 == 0 { place } else { place - direction.as_dvec3() };
+                let ray = Ray::new(origin, direction).at_time(random.unit()).between(0.01, f32::INFINITY);
+                assert_eq!(difference(&tree, &oracle, &ray), None, "{params:?}");
+            }
+        }
+    }
+}

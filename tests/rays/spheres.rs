@@ -2,10 +2,10 @@
 
 use crate::common::{Random, difference, variants};
 use mbkd::baseline::BruteForce;
-use mbkd::glam::DVec3;
+use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
     BuildParams, ClosestPointQuery, Counters, Division, Instance, InstanceTree, Intersection, LazyParams, LinearBounds,
-    MovingSphere, Pose, Primitive, Ray, RayTree, Shape, SimdLevel, TimeInterval, WideParams,
+    MovingSphere, Pose, Primitive, Ray, RayTree, Shape, SimdLevel, TimeInterval, TriangleMesh, WideParams,
 };
 use std::sync::Arc;
 
@@ -256,4 +256,34 @@ fn spheres_in_instances_and_lazy_trees_equal_brute_force() {
         assert_eq!(instances.closest_hit(ray).map(|hit| hit.hit), oracle.closest_hit(ray));
     }
     assert!(rays.iter().filter(|ray| oracle.any_hit(ray)).count() > 100);
+}
+
+/// Spheres whose squares are not normal numbers in f32, beside a scene of the size 1.
+#[test]
+fn spheres_far_smaller_than_the_scene_equal_brute_force() {
+    let far = [TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::X, Vec3::X + Vec3::Y, Vec3::X + Vec3::Z])];
+    let mut random = Random(31);
+    let mut hits = 0;
+    for size in [1e-17f32, 1e-19, 1e-20, 1e-22, 1e-24, 1e-30] {
+        for _ in 0..20 {
+            let mut place = || (random.vec() * size).as_dvec3();
+            let balls: Vec<_> = (0..8).map(|_| MovingSphere::fixed(place(), f64::from(size) * 0.5)).collect();
+            let shapes = || balls.iter().cloned().map(Shape::from).collect();
+            let oracle = BruteForce::of_scene(&far, shapes()).unwrap();
+            let mut tree = RayTree::of_scene(&far, shapes(), &BuildParams::default()).unwrap();
+            for level in SimdLevel::available() {
+                tree = tree.with_simd(level);
+                for i in 0..20 {
+                    let (origin, target) = (random.vec() * size, random.vec() * size);
+                    let direction = (target - origin) * if i % 2 == 0 { 1.0 } else { 1.0 / size };
+                    let ray = Ray::new(origin, direction);
+                    hits += oracle.all_hits(&ray).len();
+                    assert_eq!(difference(&tree, &oracle, &ray), None, "{size}, {level}");
+                    let query = ClosestPointQuery::new(origin.as_dvec3() * 2.0, 0.0);
+                    assert_eq!(tree.closest_point(&query), oracle.closest_point(&query), "{size}, {level}");
+                }
+            }
+        }
+    }
+    assert!(hits > 1000, "{hits}");
 }

@@ -28,7 +28,7 @@
 use super::nearest_first::{Leaves, NearestFirst};
 use super::point_query::{Candidate, PlacedQuery, Query};
 use super::triangle_bound::TriangleBound;
-use crate::geometry::{KeyTime, ULP};
+use crate::geometry::{KeyTime, LEAST_SQUARED, ULP};
 use crate::layout::{
     Between, ChildRef, CornerLanes, ListBoxes, NODE_ROWS, SPHERE_ROWS, STATIC_NODE_ROWS, SphereLeaf, WideSource,
     WideTree, block_sizes, sphere_row,
@@ -284,7 +284,8 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
     ///
     /// Distances in f32 are too large by less than the margin. Let `m` be the size of the block plus the largest coordinate of the query point,
     /// and `u` an ULP: each coordinate of a center relative to the point is off by 6um, which moves the distance by 11um; the roundings of
-    /// squares, sum and root by 7um at most; the radius is off by 4um. To this comes the error that the block states.
+    /// squares, sum and root by 7um at most; the radius is off by 4um. To this comes the error that the block states, and that of squares which
+    /// are not normal numbers ([`LEAST_SQUARED`]).
     #[inline(always)]
     fn spheres<S: Simd>(&mut self, s: S, leaf: ChildRef, spheres: SphereLeaf) {
         let (query, arena) = (self.best.query, &self.tree.arena);
@@ -302,7 +303,7 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
             }
         };
         let (size, error) = block_sizes(spheres.sizes);
-        let margin = s.splat(24.0 * ULP * (size + from.abs().max_element()) + error);
+        let margin = s.splat(24.0 * ULP * (size + from.abs().max_element()) + error + LEAST_SQUARED);
         let away = s.sqrt(x * x + y * y + z * z) - radius;
         // From very far away, squares overflow, and nothing is ruled out.
         let none = s.splat(0.0);

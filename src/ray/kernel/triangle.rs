@@ -8,8 +8,12 @@
 //! never has the wrong sign, only sometimes a zero that should not be one; zeros are recomputed with 106 bits. So signs
 //! are exact, the test is watertight, and nothing is hit outside of the sheared triangle.
 //!
+//! The weights of the corners are edge functions as well. If the products of one cancel to less than [`CANCELLED`] of them, all three are
+//! recomputed with 106 bits: otherwise the rounding of products, 2^-52 of them, might be more than the weights, and a triangle whose
+//! corners are nearly in a line could be hit far away from the ray. So weights are off by less than 2^-30 of their sum.
+//!
 //! The sheared triangle differs from the true one by some 2^-53 of `|corner| + |origin|`. `t` is a weighted mean of the
-//! corners' depths, so it belongs to a point of the triangle that the ray passes within that distance. Boxes that hold
+//! corners' depths, so it belongs to a point of the triangle that the ray passes within that distance and 2^-30 of the triangle's size. Boxes that hold
 //! the triangle and are padded by more never cull an accepted hit, not even of a triangle split into sub-references:
 //! the point is in one of them.
 //!
@@ -48,13 +52,16 @@ impl TreeRay<'_> {
         let x = along(s, corners[0] - s.splat_d(ox), z, dx, dz);
         let y = along(s, corners[1] - s.splat_d(oy), z, dy, dz);
         // Of corners a, b and c the edge functions c x b, a x c and b x a, in lanes.
-        let mut edges = s.rotate_right(x) * s.rotate_left(y) - s.rotate_right(y) * s.rotate_left(x);
+        let product = s.rotate_right(x) * s.rotate_left(y);
+        let mut edges = product - s.rotate_right(y) * s.rotate_left(x);
         let signs = Signs::of(s, edges);
         // Signs are exact but for zeros, which count as both: a miss needs no more bits.
         if signs.are_mixed() {
             return None;
         }
-        if signs.zero() != 0 {
+        let magnitude = |x: S::D| s.max_d(x, s.splat_d(0.0) - x);
+        // Zeros are among them.
+        if s.le_d(magnitude(edges), magnitude(product) * s.splat_d(CANCELLED)) & ALL != 0 {
             edges = s.load_d(&exact_edges(s.lanes_d(x), s.lanes_d(y)));
             let signs = Signs::of(s, edges);
             if (signs.zero() == ALL) | signs.are_mixed() {
@@ -85,6 +92,9 @@ impl TreeRay<'_> {
         self.decide(Portable, sheared, [Portable.load_d(&x), Portable.load_d(&y), Portable.load_d(&z)], limit)
     }
 }
+
+/// An edge function that is less than this fraction of its products is recomputed with more bits.
+const CANCELLED: f64 = 1.0 / (1 << 20) as f64;
 
 /// Lanes of the three edge functions.
 const ALL: Mask = 0b111;
@@ -209,6 +219,30 @@ mod tests {
             without += usize::from(edges.iter().any(|&e| e < 0.0) && edges.iter().any(|&e| e > 0.0));
         }
         assert!(hits > 50_000 && without > 1000, "{without} of {hits}");
+    }
+
+    #[test]
+    fn triangles_nearly_in_a_line_are_hit_where_the_ray_is() {
+        let mut random = Random(21);
+        let mut next = || f64::from(random.signed());
+        let (mut hits, mut far) = (0, 0);
+        for i in 0..300_000 {
+            // Three points of a line, rounded to f64, and a ray from another point of it or to one.
+            let (from, along) = (DVec3::new(next(), next(), next()), DVec3::new(next(), next(), next()));
+            let on_line = |by: f64| from + along * by;
+            let corners = [on_line(next()), on_line(next()), on_line(next())];
+            let (place, other) = (on_line(next()), DVec3::new(next(), next(), next()));
+            let original =
+                if i % 2 == 0 { Ray::new(place, other.as_vec3()) } else { Ray::new(other, (place - other).as_vec3()) };
+            let Some(ray) = TreeRay::new(&original, &Frame::WORLD) else { continue };
+            let Some(hit) = ray.decide_one(&Sheared::new(&ray), corners, f32::INFINITY) else { continue };
+            let [a, b, c] = corners;
+            let point = a + (b - a) * f64::from(hit.u) + (c - a) * f64::from(hit.v);
+            let on_ray = original.origin + original.dir.as_dvec3() * f64::from(hit.t);
+            hits += 1;
+            far += u32::from((point - on_ray).length() > 1e-6 * (1.0 + on_ray.length()));
+        }
+        assert!(hits > 100 && far == 0, "{far} of {hits}");
     }
 
     #[test]

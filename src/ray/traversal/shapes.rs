@@ -19,13 +19,15 @@
 //! - The depth of the foot is off by 4um for `z`, by 10um for `X` and `Y` (`|sx| + |sy|` is at most .71 of `|e|^2`), and by 4um for the sums;
 //!   the reciprocal of the direction puts a distance off by 2u of it, and the rounding of `t` by 2u as well, where no distance that matters is
 //!   greater than 2m. Together this is less than the four deviations by which distances are moved.
+//! - Squares of numbers below 2^-63 are not rounded by u of themselves, but by up to 2^-150. The radius is enlarged by 2^-60 more
+//!   ([`LEAST_SQUARED`]), in units of tree space, whose scenes have about the size of 1. Then its square is at least 2^-120, of which 16u are far more.
 //! - A hit is certain if all of this, the other way round, does not prevent it.
 
 use super::candidates::{Candidates, several};
 use super::collect::{Collect, Found};
 use super::intersect::RaySource;
 use super::traverser::Traverser;
-use crate::geometry::{KeyTime, ULP};
+use crate::geometry::{KeyTime, LEAST_SQUARED, ULP};
 use crate::layout::{
     Between, ChildRef, ListBoxes, NODE_ROWS, SPHERE_ROWS, STATIC_NODE_ROWS, SphereLeaf, block_sizes, sphere_row,
 };
@@ -172,7 +174,7 @@ fn spheres_met<S: Simd, C: Collect, const MOVING: bool>(
     let w = s.negated_mul_add(sx, y, sy * x);
     let aside = s.mul_add(w, w, s.mul_add(y, y, x * x));
     let length = 1.0 + of.sx * of.sx + of.sy * of.sy;
-    let off = 2.0 * deviation(size, ray.slack);
+    let off = 2.0 * deviation(size, ray.slack) + LEAST_SQUARED;
     let reach = radius + s.splat(off + error);
     let inside = reach * reach * s.splat(length * (1.0 + 16.0 * ULP)) - aside;
     // Comparisons with NaN are false, so such a sphere is kept.
