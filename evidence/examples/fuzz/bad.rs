@@ -201,7 +201,8 @@ fn bad_points(random: &mut Random) -> Outcome {
         let _ = tree.neighbor_lists_swept_into(random.interval(), radius, &mut EncounterLists::new());
         let photons = [Photon::at_time(q, r, radius, time), Photon::at_time(Vec3::ONE, Vec3::Z, 1.0, 0.5)];
         if let Ok(map) = PhotonMap::build(&photons, &GatherParams { window: number, ..GatherParams::default() }) {
-            let query = GatherQuery::new(r, q, time).radius(radius).window(number).cosine(radius).nearest(random.below(3));
+            let query =
+                GatherQuery::new(r, q, time).radius(radius).window(number).cosine(radius).nearest(random.below(3));
             let _ = map.gather(&query, &mut GatherScratch::new());
         }
     }

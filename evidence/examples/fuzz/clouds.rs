@@ -157,7 +157,8 @@ impl Cloud {
     /// A place near the points, often one of them.
     pub fn query(&self, random: &mut Random, time: f32) -> DVec3 {
         let i = random.below(self.len());
-        let member = if self.len() == 0 || time.is_nan() { self.places.offset } else { self.at(i, time.clamp(0.0, 1.0)) };
+        let member =
+            if self.len() == 0 || time.is_nan() { self.places.offset } else { self.at(i, time.clamp(0.0, 1.0)) };
         let far = random.pick(&[0.0, 1e-7, 1e-3, 0.1, 1.0, 3.0]);
         let q = member + random.vec() * self.places.scale * far;
         if self.double { q } else { q.as_vec3().as_dvec3() }

@@ -127,7 +127,9 @@ fn photons(random: &mut Random, cloud: &Cloud, clock: usize) -> Vec<Photon<f32>>
             0 => PhotonTime::At(time),
             1 => {
                 let begin = 0.9 * time;
-                PhotonTime::During(TimeInterval::new(begin, begin + 0.02 + 0.08 * random.unit()).unwrap_or(TimeInterval::FULL))
+                PhotonTime::During(
+                    TimeInterval::new(begin, begin + 0.02 + 0.08 * random.unit()).unwrap_or(TimeInterval::FULL),
+                )
             }
             _ => PhotonTime::Carried { time, velocity },
         };
@@ -148,12 +150,8 @@ pub fn case(random: &mut Random) -> Outcome {
     let photons = photons(random, &cloud, clock);
     let window = random.pick(&[0.3, 0.05, 0.01, 2.0]);
     let point = params(random);
-    let params = GatherParams {
-        window,
-        neighbors: random.pick(&[1, 50, 5000]),
-        structure: point.structure,
-        simd: point.simd,
-    };
+    let params =
+        GatherParams { window, neighbors: random.pick(&[1, 50, 5000]), structure: point.structure, simd: point.simd };
     let what = format!("{} photons, clock {clock}, {params:?}", photons.len());
     let map = PhotonMap::build(&photons, &params).map_err(|error| format!("{what}: {error}"))?;
     let mut scratch = GatherScratch::new();
@@ -195,13 +193,7 @@ pub fn case(random: &mut Random) -> Outcome {
     visible(random, &photons, &cloud, &params, &what)
 }
 
-fn visible(
-    random: &mut Random,
-    photons: &[Photon<f32>],
-    cloud: &Cloud,
-    params: &GatherParams,
-    what: &str,
-) -> Outcome {
+fn visible(random: &mut Random, photons: &[Photon<f32>], cloud: &Cloud, params: &GatherParams, what: &str) -> Outcome {
     let scale = cloud.places.scale as f32;
     let radius = |random: &mut Random| scale * random.unit() * random.pick(&[0.0, 0.03, 0.3, 1.0]);
     let seen = |p: &Photon<f32>| VisiblePoint { position: p.position, time: random.time(), radius: radius(random) };

@@ -127,7 +127,8 @@ impl Placed {
         for (i, (_, brute)) in (0u32..).zip(&self.instances) {
             let of_this: Vec<_> = match brute {
                 Brute::Tree(of) if of.meshes.iter().map(|mesh| mesh.1).sum::<usize>() <= most => {
-                    let names = (0u32..).zip(&of.meshes).flat_map(|(mesh, (_, n))| (0..*n as u32).map(move |j| (mesh, j)));
+                    let names =
+                        (0u32..).zip(&of.meshes).flat_map(|(mesh, (_, n))| (0..*n as u32).map(move |j| (mesh, j)));
                     names.map(|(mesh, primitive)| (vec![i], mesh, primitive)).collect()
                 }
                 Brute::Tree(_) => return None,
@@ -153,7 +154,8 @@ impl Placed {
     ) -> Outcome {
         let mut best: Option<InstancePoint> = None;
         for (path, mesh, primitive) in primitives {
-            let only = |p: &InstancePoint| p.path[..] == path[..] && (p.near.mesh, p.near.primitive) == (*mesh, *primitive);
+            let only =
+                |p: &InstancePoint| p.path[..] == path[..] && (p.near.mesh, p.near.primitive) == (*mesh, *primitive);
             let near = self.tree.closest_point_filtered(query, u32::MAX, only);
             if near.is_some_and(|near| best.is_none_or(|best| near.near.distance < best.near.distance)) {
                 best = near;
@@ -221,7 +223,8 @@ fn prototype(random: &mut Random, level: SimdLevel) -> Result<Option<(InstanceOf
         tree => tree.map_err(|error| format!("{params:?}: {error}"))?.with_simd(level),
     };
     let brute = BruteForce::of_scene(&scene.meshes, scene.shapes()).map_err(|error| error.to_string())?;
-    let meshes = scene.meshes.iter().map(|mesh| (mesh.mask, mesh.len())).chain([(u32::MAX, scene.balls.len())]).collect();
+    let meshes =
+        scene.meshes.iter().map(|mesh| (mesh.mask, mesh.len())).chain([(u32::MAX, scene.balls.len())]).collect();
     let leaf = Leaf { brute, meshes };
     Ok(Some((InstanceOf::Tree(Arc::new(tree)), Brute::Tree(Arc::new(leaf)), scene.places.scale)))
 }

@@ -5,9 +5,7 @@ use crate::clouds::{Cloud, params};
 use crate::compare::Outcome;
 use crate::random::Random;
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{
-    Encounter, EncounterLists, ListError, NeighborCsr, PointError, PointStructure, PointTree, Radii,
-};
+use mbkd::{Encounter, EncounterLists, ListError, NeighborCsr, PointError, PointStructure, PointTree, Radii};
 
 /// A neighbour: id, squared distance, displacement.
 type Entry = (u32, u32, [u32; 3]);
@@ -216,7 +214,14 @@ fn radii(random: &mut Random, count: usize, radius: f32) -> Vec<f32> {
 }
 
 /// Lists around positions.
-fn check_positions(random: &mut Random, tree: &PointTree, cloud: &Cloud, time: f32, radius: f32, what: &str) -> Outcome {
+fn check_positions(
+    random: &mut Random,
+    tree: &PointTree,
+    cloud: &Cloud,
+    time: f32,
+    radius: f32,
+    what: &str,
+) -> Outcome {
     let queries: Vec<Vec3> = (0..random.below(60)).map(|_| cloud.query(random, time).as_vec3()).collect();
     let own = radii(random, queries.len(), radius);
     let each = random.one_in(2);
@@ -226,7 +231,9 @@ fn check_positions(random: &mut Random, tree: &PointTree, cloud: &Cloud, time: f
     same!(result, Ok(()), "{what}: around {} positions", queries.len());
     for (i, &q) in queries.iter().enumerate() {
         let radius = if each { own[i] } else { radius };
-        let mut expected: Vec<(u32, u32)> = cloud.sorted(q.as_dvec3(), time).iter()
+        let mut expected: Vec<(u32, u32)> = cloud
+            .sorted(q.as_dvec3(), time)
+            .iter()
             .filter(|n| n.distance_squared <= radius * radius)
             .map(|n| (n.id, n.distance_squared.to_bits()))
             .collect();
@@ -265,7 +272,11 @@ pub fn case(random: &mut Random) -> Outcome {
             let length = scale * random.pick(&[0.2, 0.9, 1.7, 2.5, 8.0]);
             (!double && length > 1e-30 && random.one_in(3)).then_some(length)
         });
-        let mixed = if other { Radii::Larger { own: &own, others: &others } } else { Radii::Larger { own: &own, others: &own } };
+        let mixed = if other {
+            Radii::Larger { own: &own, others: &others }
+        } else {
+            Radii::Larger { own: &own, others: &own }
+        };
         let request = Request {
             time: random.time(),
             radii: match random.below(3) {

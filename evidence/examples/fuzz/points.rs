@@ -6,7 +6,9 @@ use crate::compare::Outcome;
 use crate::random::Random;
 use core::ops::ControlFlow;
 use mbkd::glam::DVec3;
-use mbkd::{Aabb, Approach, Neighbor, NeighborBuffer, PointError, PointLayerKind, PointStructure, PointTree, TreePoint, Visitor};
+use mbkd::{
+    Aabb, Approach, Neighbor, NeighborBuffer, PointError, PointLayerKind, PointStructure, PointTree, TreePoint, Visitor,
+};
 
 fn in_order(mut found: Vec<Neighbor>) -> Vec<Neighbor> {
     found.sort_by(|a, b| a.distance_squared.total_cmp(&b.distance_squared).then(a.id.cmp(&b.id)));
@@ -107,8 +109,11 @@ fn check_visitor(tree: &PointTree, cloud: &Cloud, time: f32, what: &str) -> Outc
     // A k-d tree may be a single leaf, which has no box.
     let cells = tree.statistics().layers.iter().any(|layer| matches!(layer.kind, PointLayerKind::Mbkd { .. }));
     ensure!(cells || !all.outside, "{what}: a point is in no box at {time}");
-    let mut found: Vec<(u32, [u64; 3])> =
-        all.found.iter().map(|p| (p.id, (p.position - tree.origin()).to_array().map(|x| (x + 0.0).to_bits()))).collect();
+    let mut found: Vec<(u32, [u64; 3])> = all
+        .found
+        .iter()
+        .map(|p| (p.id, (p.position - tree.origin()).to_array().map(|x| (x + 0.0).to_bits())))
+        .collect();
     found.sort_unstable();
     found.dedup();
     let exist = (0..cloud.len()).filter(|&i| cloud.active[i].contains(time));

@@ -8,7 +8,8 @@ use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    BuildParams, ClosestPoint, ClosestPointQuery, FileError, Geometry, Hit, Keys, Policy, Ray, RayTree, RefitError, SimdLevel,
+    BuildParams, ClosestPoint, ClosestPointQuery, FileError, Geometry, Hit, Keys, Policy, Ray, RayTree, RefitError,
+    SimdLevel,
 };
 
 /// A ray that is critical in some way, towards something in the scene.
@@ -195,7 +196,8 @@ pub fn case(random: &mut Random) -> Outcome {
     if scene.meshes.is_empty() && random.one_in(2) {
         return own_primitives(random, &scene);
     }
-    let oracle = BruteForce::of_scene(&scene.meshes, scene.shapes()).map_err(|error| format!("brute force: {error}"))?;
+    let oracle =
+        BruteForce::of_scene(&scene.meshes, scene.shapes()).map_err(|error| format!("brute force: {error}"))?;
     let queries = Queries::new(random, &scene, &oracle, if scene.len() > 3000 { 15 } else { 40 });
     let answers = Answers::of_brute_force(&oracle, &queries);
     let mut first: Option<RayTree> = None;
@@ -227,13 +229,7 @@ fn valid<G: Geometry>(scene: &Scene, tree: &RayTree<G>, params: &BuildParams, wh
 }
 
 /// Corners of triangles are the same in every tree.
-fn same_triangles(
-    random: &mut Random,
-    scene: &Scene,
-    tree: &RayTree,
-    other: Option<&RayTree>,
-    what: &str,
-) -> Outcome {
+fn same_triangles(random: &mut Random, scene: &Scene, tree: &RayTree, other: Option<&RayTree>, what: &str) -> Outcome {
     let Some(other) = other else { return Ok(()) };
     for (i, mesh) in scene.meshes.iter().enumerate().filter(|(_, mesh)| !mesh.is_empty()) {
         let (triangle, time) = (random.below(mesh.len()) as u32, random.time());
@@ -325,7 +321,8 @@ fn refused(random: &mut Random, now: &Scene, tree: &mut RayTree, what: &str) -> 
     if bad == now.meshes {
         return Ok(());
     }
-    let result = if random.one_in(2) { tree.refit_moved(&bad, &[i.min(bad.len().saturating_sub(1))]) } else { tree.refit(&bad) };
+    let result =
+        if random.one_in(2) { tree.refit_moved(&bad, &[i.min(bad.len().saturating_sub(1))]) } else { tree.refit(&bad) };
     ensure!(result.is_err(), "{what}: bad meshes were taken: {result:?}");
     Ok(())
 }
