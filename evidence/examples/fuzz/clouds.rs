@@ -28,7 +28,7 @@ impl Cloud {
         let mut place = |key: usize, i: usize| {
             let phase = key as f64 / (keys.max(2) - 1) as f64;
             match style {
-                _ if i % fast != 0 => start[i],
+                _ if !i.is_multiple_of(fast) => start[i],
                 0 => start[i] + shift * phase,
                 1 => start[i] + [shift, -shift, DVec3::new(shift.y, shift.z, 0.0)][i % 3] * phase,
                 // All are in one place once.

@@ -1,6 +1,7 @@
 //! Trees of rays: closest, any and all hits, masks, filters, batches and closest points of several trees over one scene against
 //! brute force; refits from frame to frame against brute force over the frame; files against the trees that were written.
 
+use crate::POOLS;
 use crate::compare::{Outcome, bits, point_bits};
 use crate::random::{Random, direction};
 use crate::scenes::{Blob, Scene, is_documented, params};
@@ -8,8 +9,8 @@ use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    BuildParams, ClosestPoint, ClosestPointQuery, FileError, Geometry, Hit, Keys, Policy, Ray, RayTree, RefitError,
-    SimdLevel,
+    Aabb, BuildError, BuildParams, ClosestPoint, ClosestPointQuery, FileError, Geometry, Hit, Keys, Policy, Ray,
+    RayTree, RefitError, SimdLevel, TreePrimitive, Visitor,
 };
 
 /// A ray that is critical in some way, towards something in the scene.
@@ -214,6 +215,7 @@ pub fn case(random: &mut Random) -> Outcome {
         answers.check(&tree, &queries, &what)?;
         valid(&scene, &tree, &params, &format!("{what}, after queries"))?;
         same_triangles(random, &scene, &tree, first.as_ref(), &what)?;
+        visits_all(random, &scene, &tree, &what)?;
         same_in_file(&scene, &tree, &params, &answers, &queries, &what)?;
         first = Some(frames(random, &scene, tree, &what)?);
     }
@@ -241,6 +243,30 @@ fn same_triangles(random: &mut Random, scene: &Scene, tree: &RayTree, other: Opt
     Ok(())
 }
 
+/// Sees all primitives.
+struct Everything(Vec<(u32, u32)>);
+
+impl Visitor<TreePrimitive> for Everything {
+    fn enter(&mut self, _: &Aabb) -> Option<f32> {
+        Some(0.0)
+    }
+
+    fn visit(&mut self, item: TreePrimitive) -> ControlFlow<()> {
+        self.0.push((item.mesh, item.primitive));
+        ControlFlow::Continue(())
+    }
+}
+
+/// A visitor that enters everything sees what exists at the time.
+fn visits_all(random: &mut Random, scene: &Scene, tree: &RayTree, what: &str) -> Outcome {
+    let (time, mut all) = (random.time(), Everything(Vec::new()));
+    ensure!(tree.traverse(time, &mut all).is_continue(), "{what}: traverse at {time}");
+    all.0.sort_unstable();
+    all.0.dedup();
+    same_lists!(all.0, scene.exist_at(time), "{what}: visited at {time}");
+    Ok(())
+}
+
 /// A tree that is written and read has the same answers, and is written the same again.
 fn same_in_file(
     scene: &Scene,
@@ -261,6 +287,16 @@ fn same_in_file(
     answers.check(&read, queries, &format!("{what}, from a file"))?;
     read.write_to(&mut again).map_err(|error| format!("{what}: write again: {error}"))?;
     ensure!(bytes == again, "{what}: written, read and written: other bytes");
+    // Smaller trees are built on one thread anyway.
+    if scene.len() < 500 {
+        return Ok(());
+    }
+    let [one, two] = [0, 1].map(|i| {
+        let mut bytes = Vec::new();
+        let tree = POOLS[i].install(|| RayTree::of_scene(&scene.meshes, scene.shapes(), params));
+        tree.is_ok_and(|tree| tree.write_to(&mut bytes).is_ok()).then_some(bytes)
+    });
+    ensure!(one == two, "{what}: other bytes on two threads than on one");
     Ok(())
 }
 
@@ -282,7 +318,9 @@ fn frames(random: &mut Random, scene: &Scene, mut tree: RayTree, what: &str) -> 
         match result {
             Ok(_) => now = next,
             Err(RefitError::Policy | RefitError::Lazy) => break,
-            Err(RefitError::Keys { .. } | RefitError::Active { .. }) => {}
+            Err(
+                RefitError::Keys { .. } | RefitError::Active { .. } | RefitError::Input(BuildError::TooLarge { .. }),
+            ) => {}
             Err(_) => return Err(what),
         }
         // Input that is refused leaves the tree as it is.

@@ -174,6 +174,14 @@ impl Scene {
         self.balls.len() + self.meshes.iter().map(TriangleMesh::len).sum::<usize>()
     }
 
+    /// The meshes and indices of all primitives that exist at a time, in order.
+    pub fn exist_at(&self, time: f32) -> Vec<(u32, u32)> {
+        let meshes = (0u32..).zip(&self.meshes).filter(|(_, mesh)| mesh.active.contains(time));
+        let triangles = meshes.flat_map(|(i, mesh)| (0..mesh.len() as u32).map(move |triangle| (i, triangle)));
+        let balls = (0u32..).zip(&self.balls).filter(|(_, (ball, _))| ball.active.contains(time));
+        triangles.chain(balls.map(|(i, _)| (self.meshes.len() as u32, i))).collect()
+    }
+
     pub fn shapes(&self) -> Vec<Shape> {
         let shape = |(ball, own): &(MovingSphere, bool)| {
             if *own { Shape::own(Blob(ball.clone())) } else { Shape::from(ball.clone()) }
