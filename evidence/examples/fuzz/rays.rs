@@ -283,10 +283,11 @@ fn same_in_file(
         Err(FileError::Lazy) if matches!(params.policy, Policy::Lazy(_)) => return Ok(()),
         Err(error) => return Err(format!("{what}: write: {error}")),
     }
-    let read = RayTree::read_from(&mut bytes.as_slice()).map_err(|error| format!("{what}: read: {error}"))?;
+    let mut read = RayTree::read_from(&mut bytes.as_slice()).map_err(|error| format!("{what}: read: {error}"))?;
     answers.check(&read, queries, &format!("{what}, from a file"))?;
     read.write_to(&mut again).map_err(|error| format!("{what}: write again: {error}"))?;
     ensure!(bytes == again, "{what}: written, read and written: other bytes");
+    ensure!(read.refit(&scene.meshes).is_err(), "{what}: a tree of a file was refitted");
     // Smaller trees are built on one thread anyway.
     if scene.len() < 500 {
         return Ok(());
