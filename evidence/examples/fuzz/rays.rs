@@ -80,7 +80,9 @@ impl Queries {
             let step = random.pick(&[0.0, 1e-3, 0.05]) * first.dir.length();
             let beside = |i: u32| Vec3::new((i % 8) as f32 * step, (i / 8) as f32 * step, 0.0);
             let time = |random: &mut Random| if random.one_in(2) { first.time } else { random.time() };
-            rays.extend((0..72).map(|i| Ray { dir: first.dir + beside(i), time: time(random), ..first }));
+            // More than one task of a batch.
+            let many = if count < 40 { 72 } else { random.pick(&[72, 72, 72, 300]) };
+            rays.extend((0..many).map(|i| Ray { dir: first.dir + beside(i), time: time(random), ..first }));
         }
         let mut points: Vec<_> = (0..count / 2).map(|_| closest_point_query(random, scene)).collect();
         for i in 0..points.len() / 3 {
