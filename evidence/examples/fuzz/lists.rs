@@ -1,0 +1,308 @@
+//! Neighbour lists of whole sets against comparing all pairs: at a time with all options, around positions, and over an interval;
+//! and that lists with a skin hold as long as they say.
+
+use crate::clouds::{Cloud, params};
+use crate::compare::Outcome;
+use crate::random::Random;
+use mbkd::glam::{DVec3, Vec3};
+use mbkd::{Encounter, EncounterLists, ListError, NeighborCsr, PointError, PointStructure, PointTree, Radii};
+
+/// A neighbour: id, squared distance, displacement.
+type Entry = (u32, u32, [u32; 3]);
+
+/// The parameters of lists at a time.
+#[derive(Clone, Debug)]
+struct Request<'a> {
+    time: f32,
+    radii: Radii<'a>,
+    periods: [Option<f32>; 3],
+    once: bool,
+    other: bool,
+    displacements: bool,
+}
+
+impl Request<'_> {
+    fn bound(&self, own: u32, other: u32) -> f32 {
+        let square = |r: f32| (r * r).min(f32::MAX);
+        match self.radii {
+            Radii::Equal(radius) => square(radius),
+            Radii::Own(of) => square(of[own as usize]),
+            Radii::Larger { own: of, others } => square(of[own as usize]).max(square(others[other as usize])),
+        }
+    }
+
+    /// All lists by id.
+    fn expected(&self, own: &Cloud, among: &Cloud) -> Vec<Vec<Entry>> {
+        let mut lists = vec![Vec::new(); own.len()];
+        let places: Vec<DVec3> = (0..among.len()).map(|j| among.at(j, self.time)).collect();
+        for i in (0..own.len()).filter(|&i| own.active[i].contains(self.time)) {
+            let (p, id) = (own.at(i, self.time), own.ids[i]);
+            for (j, place) in places.iter().enumerate().filter(|(j, _)| among.active[*j].contains(self.time)) {
+                let other = among.ids[j];
+                let d: Vec3 = place.as_vec3() - p.as_vec3();
+                let near = [0, 1, 2].map(|axis| match self.periods[axis] {
+                    Some(length) => d[axis] - (d[axis] * (1.0 / length)).round_ties_even() * length,
+                    None => d[axis],
+                });
+                let in_f32 = (near[0] * near[0] + near[1] * near[1]) + near[2] * near[2];
+                let squared = if own.double { own.squared(*place, p) } else { in_f32 };
+                let wanted = if self.once { other > id } else { self.other || other != id };
+                if wanted && squared <= self.bound(id, other) {
+                    let near = if self.displacements { near.map(|x| (x + 0.0).to_bits()) } else { [0; 3] };
+                    lists[id as usize].push((other, squared.to_bits(), near));
+                }
+            }
+        }
+        lists.iter_mut().for_each(|list| list.sort_unstable());
+        lists
+    }
+
+    fn check(&self, trees: [&PointTree; 2], expected: &[Vec<Entry>], what: &str) -> Outcome {
+        let mut query = trees[0].neighbor_lists(self.time, self.radii).periodic(self.periods);
+        query = if self.once { query.pairs_once() } else { query };
+        query = if self.other { query.among(trees[1]) } else { query };
+        let mut lists = NeighborCsr::new();
+        let all = query.rows_by_id().sorted().with_distances();
+        let all = if self.displacements { all.with_displacements() } else { all };
+        match all.run(&mut lists) {
+            // The faces of boxes may reach farther than points.
+            Err(ListError::FarFromPeriod { .. }) if self.periods.iter().any(Option::is_some) => return Ok(()),
+            result => same!(result, Ok(()), "{what}: {self:?}"),
+        }
+        same!(lists.len(), expected.len(), "{what}: {self:?}: lists");
+        for (i, list) in expected.iter().enumerate() {
+            let [x, y, z] = lists.displacements();
+            let moved = |n: usize| if x.is_empty() { [0; 3] } else { [x[n], y[n], z[n]].map(|x| (x + 0.0).to_bits()) };
+            let entry = |n: usize| (lists.ids()[n], lists.distances_squared()[n].to_bits(), moved(n));
+            let found: Vec<Entry> = (lists.offsets()[i]..lists.offsets()[i + 1]).map(entry).collect();
+            same_lists!(found, list, "{what}: {self:?}: list {i}");
+        }
+        same!(query.run(&mut lists), Ok(()), "{what}: {self:?}");
+        let mut count = 0;
+        for (id, row) in lists.iter() {
+            let mut row = row.to_vec();
+            row.sort_unstable();
+            let ids: Vec<u32> = expected[id as usize].iter().map(|entry| entry.0).collect();
+            same_lists!(row, ids, "{what}: {self:?}: unsorted list of {id}");
+            count += row.len();
+        }
+        same!(count, expected.iter().map(Vec::len).sum::<usize>(), "{what}: {self:?}: neighbours in all");
+        Ok(())
+    }
+}
+
+/// The encounter of two points, one segment between keys after the other, in f64.
+fn meet(cloud: &Cloud, [i, j]: [usize; 2], times: [f64; 2], square: f64) -> Option<Encounter> {
+    let segments = cloud.segments() as f64;
+    let mut all: Option<Encounter> = None;
+    for segment in 0..cloud.segments() {
+        let ends = [segment as f64 / segments, (segment + 1) as f64 / segments];
+        let intervals = [i, j].map(|k| cloud.active[k]);
+        let begin = intervals.iter().fold(times[0].max(ends[0]), |t, active| t.max(active.begin().into()));
+        let end = intervals.iter().fold(times[1].min(ends[1]), |t, active| t.min(active.end().into()));
+        // Where something begins at a key, only the motion after it counts.
+        if begin > end || (begin >= ends[1] && segment + 1 < cloud.segments()) {
+            continue;
+        }
+        let over = |time: f64| intervals.iter().any(|active| active.end() < 1.0 && time >= active.end().into());
+        let place = |k: usize, time: f64| {
+            let phase = (time * segments - segment as f64).clamp(0.0, 1.0);
+            cloud.key(segment, k) + (cloud.key(segment + 1, k) - cloud.key(segment, k)) * phase
+        };
+        let dot = |a: DVec3, b: DVec3| (a.x * b.x + a.y * b.y) + a.z * b.z;
+        let (first, last) = (place(j, begin) - place(i, begin), place(j, end) - place(i, end));
+        let displacement = last - first;
+        let (speed, approach) = (dot(displacement, displacement), -dot(first, displacement));
+        let w = if speed > 0.0 { (approach / speed).clamp(0.0, 1.0) } else { 0.0 };
+        let nearest = first + displacement * w;
+        let distance = dot(nearest, nearest);
+        if distance > square {
+            continue;
+        }
+        let outside = dot(first, first) - square;
+        let root = (approach * approach - speed * outside).max(0.0).sqrt();
+        let enter = if outside <= 0.0 { 0.0 } else { (outside / (approach + root)).clamp(0.0, w) };
+        let leave = if dot(last, last) <= square { 1.0 } else { ((approach + root) / speed).clamp(w, 1.0) };
+        let time = |w: f64| (begin + (end - begin) * w) as f32;
+        if over(begin + (end - begin) * enter) {
+            continue;
+        }
+        let (enter, leave, closest, distance_squared) = (time(enter), time(leave), time(w), distance as f32);
+        let all = all.get_or_insert(Encounter { id: cloud.ids[j], enter, leave, closest, distance_squared });
+        if (distance_squared, closest) < (all.distance_squared, all.closest) {
+            (all.distance_squared, all.closest) = (distance_squared, closest);
+        }
+        (all.enter, all.leave) = (all.enter.min(enter), all.leave.max(leave));
+    }
+    all
+}
+
+fn check_swept(random: &mut Random, trees: &[(PointTree, String)], cloud: &Cloud, radius: f32) -> Outcome {
+    let interval = random.interval();
+    let times = [interval.begin(), interval.end()].map(f64::from);
+    let square = f64::from(radius) * f64::from(radius);
+    let mut expected = vec![Vec::new(); cloud.len()];
+    for i in 0..cloud.len() {
+        let others = (0..cloud.len()).filter(|&j| j != i);
+        let row: Vec<Encounter> = others.filter_map(|j| meet(cloud, [i, j], times, square)).collect();
+        expected[cloud.ids[i] as usize] = row;
+    }
+    expected.iter_mut().for_each(|row| row.sort_unstable_by_key(|e| e.id));
+    let mut first: Option<Vec<Option<Vec<Encounter>>>> = None;
+    for (tree, what) in trees {
+        let mut lists = EncounterLists::new();
+        let result = tree.neighbor_lists_swept_into(interval, radius, &mut lists);
+        same!(result, Ok(()), "{what}: swept over {interval:?}, {radius}");
+        let mut rows = vec![None; cloud.len()];
+        for (id, row) in lists.iter() {
+            let mut row = row.to_vec();
+            row.sort_unstable_by_key(|e| e.id);
+            ensure!(rows[id as usize].replace(row).is_none(), "{what}: two lists of {id}, swept over {interval:?}");
+        }
+        let first = first.get_or_insert_with(|| rows.clone());
+        for (i, (row, other)) in rows.iter().zip(first).enumerate() {
+            let [row, other] = [row, other].map(|row| row.as_deref().unwrap_or_default());
+            same_lists!(row, other, "{what}: {i} swept over {interval:?} within {radius}, other than {}", trees[0].1);
+        }
+        // An active interval that ends with the float next to a key that is no float may end with the key.
+        let exact = cloud.segments().is_power_of_two();
+        for (i, (row, expected)) in rows.iter().zip(&expected).enumerate().filter(|_| exact) {
+            let row = row.as_deref().unwrap_or_default();
+            same_lists!(row, expected, "{what}: {i} swept over {interval:?} within {radius}");
+        }
+    }
+    Ok(())
+}
+
+/// Until the time that is certified, no pair within the radius is missing.
+fn check_skin(random: &mut Random, tree: &PointTree, cloud: &Cloud, radius: f32, what: &str) -> Outcome {
+    let (time, until) = (random.time(), random.time());
+    let (time, until) = (time.min(until), time.max(until));
+    let skin = radius * random.pick(&[0.0, 0.01, 0.3, 2.0]);
+    let mut lists = NeighborCsr::new();
+    let what = format!("{what}: from {time} to {until} within {radius}, skin {skin}");
+    let good = tree.neighbor_lists_with_skin(time, radius, skin, until, &mut lists);
+    let good = good.map_err(|error| format!("{what}: {error}"))?;
+    ensure!((time..=until).contains(&good), "{what}: certified until {good}");
+    let mut listed = vec![false; cloud.len() * cloud.len()];
+    for (id, row) in lists.iter() {
+        row.iter().for_each(|&other| listed[id as usize * cloud.len() + other as usize] = true);
+    }
+    for _ in 0..6 {
+        let at = random.pick(&[time, good.next_down(), time + (good - time) * random_part(good)]);
+        if at < time || at >= good {
+            continue;
+        }
+        for i in (0..cloud.len()).filter(|&i| cloud.active[i].contains(at)) {
+            for j in (0..i).filter(|&j| cloud.active[j].contains(at)) {
+                let missing = !listed[cloud.ids[i] as usize * cloud.len() + cloud.ids[j] as usize];
+                let near = cloud.squared(cloud.at(i, at), cloud.at(j, at)) <= radius * radius;
+                ensure!(!(missing && near), "{what}: certified until {good}, {i} and {j} are missing at {at}");
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Some number in [0, 1) that depends on another.
+fn random_part(of: f32) -> f32 {
+    Random::new(u64::from(of.to_bits())).unit()
+}
+
+fn radii(random: &mut Random, count: usize, radius: f32) -> Vec<f32> {
+    (0..count).map(|_| radius * random.pick(&[0.0, 0.1, 0.5, 1.0, 2.0])).collect()
+}
+
+/// Lists around positions.
+fn check_positions(
+    random: &mut Random,
+    tree: &PointTree,
+    cloud: &Cloud,
+    time: f32,
+    radius: f32,
+    what: &str,
+) -> Outcome {
+    let queries: Vec<Vec3> = (0..random.below(60)).map(|_| cloud.query(random, time).as_vec3()).collect();
+    let own = radii(random, queries.len(), radius);
+    let each = random.one_in(2);
+    let mut lists = NeighborCsr::new();
+    let query = if each { Radii::Own(&own) } else { Radii::Equal(radius) };
+    let result = tree.within_lists(&queries, time, query).with_distances().in_order().run(&mut lists);
+    same!(result, Ok(()), "{what}: around {} positions", queries.len());
+    for (i, &q) in queries.iter().enumerate() {
+        let radius = if each { own[i] } else { radius };
+        let mut expected: Vec<(u32, u32)> = cloud
+            .sorted(q.as_dvec3(), time)
+            .iter()
+            .filter(|n| n.distance_squared <= radius * radius)
+            .map(|n| (n.id, n.distance_squared.to_bits()))
+            .collect();
+        let of = lists.offsets()[i]..lists.offsets()[i + 1];
+        let mut found: Vec<(u32, u32)> = of.map(|n| (lists.ids()[n], lists.distances_squared()[n].to_bits())).collect();
+        expected.sort_unstable();
+        found.sort_unstable();
+        same_lists!(found, expected, "{what}: around {q} at {time} within {radius}");
+    }
+    Ok(())
+}
+
+pub fn case(random: &mut Random) -> Outcome {
+    let double = random.one_in(5);
+    let most = random.pick(&[50, 200, 600]);
+    let clouds = [Cloud::random(random, most, double), Cloud::random(random, 150, double)];
+    let mut trees = Vec::new();
+    for _ in 0..2 {
+        let params = params(random);
+        let pair = [clouds[0].tree(&params), clouds[1].tree(&params)];
+        let refused = |tree: &Result<PointTree, PointError>| matches!(tree, Err(PointError::Parameter { .. }));
+        if double && params.structure == PointStructure::Mbkd && pair.iter().any(refused) {
+            continue;
+        }
+        let [own, other] = pair;
+        let name = |error| format!("{params:?}: {error}");
+        let what = format!("{} points, {} keys, {params:?}", clouds[0].len(), clouds[0].segments() + 1);
+        trees.push(([own.map_err(name)?, other.map_err(name)?], what));
+    }
+    let scale = clouds[0].places.scale as f32;
+    let radius = scale * random.pick(&[0.0, 1e-3, 0.03, 0.1, 0.1, 0.3, 3.0, 1e19]);
+    let (own, others) = (radii(random, clouds[0].len(), radius), radii(random, clouds[1].len(), radius));
+    for _ in 0..3 {
+        let other = random.one_in(3);
+        let periods = [0; 3].map(|_| {
+            let length = scale * random.pick(&[0.2, 0.9, 1.7, 2.5, 8.0]);
+            (!double && length > 1e-30 && random.one_in(3)).then_some(length)
+        });
+        let mixed = if other {
+            Radii::Larger { own: &own, others: &others }
+        } else {
+            Radii::Larger { own: &own, others: &own }
+        };
+        let request = Request {
+            time: random.time(),
+            radii: match random.below(3) {
+                0 => Radii::Own(&own),
+                1 if !double => mixed,
+                _ => Radii::Equal(radius),
+            },
+            periods: if random.one_in(2) { periods } else { [None; 3] },
+            once: random.one_in(3),
+            other,
+            displacements: !double && random.one_in(2),
+        };
+        let expected = request.expected(&clouds[0], &clouds[usize::from(other)]);
+        for (pair, what) in &trees {
+            request.check([&pair[0], &pair[1]], &expected, what)?;
+            if !double {
+                check_positions(random, &pair[0], &clouds[0], request.time, radius, what)?;
+            }
+        }
+    }
+    if !double && clouds[0].len() < 250 {
+        let all: Vec<(PointTree, String)> = trees.into_iter().map(|([own, _], what)| (own, what)).collect();
+        check_swept(random, &all, &clouds[0], radius.min(1e18))?;
+        for (tree, what) in &all {
+            check_skin(random, tree, &clouds[0], radius.min(1e18), what)?;
+        }
+    }
+    Ok(())
+}
