@@ -1,7 +1,8 @@
 //! Random combinations of everything that the library accepts, against brute force.
 //!
-//! `cargo run --release -p mbkd-evidence --example fuzz -- --seconds 60` runs cases until the time is over; each has a seed
-//! of its own, which counts up from `--seed`. A failure prints the command that repeats it. A panic is a failure.
+//! `cargo run --release -p mbkd-evidence --features fuzz --example fuzz -- --seconds 60` runs cases until the time is
+//! over; each has a seed of its own, which counts up from `--seed`. A failure prints the options that repeat it. A panic is
+//! a failure.
 
 #[macro_use]
 mod compare;
