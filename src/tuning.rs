@@ -228,7 +228,7 @@ pub(crate) mod points {
     /// 1.002, single sets 1.08; with .65 builds 1.01, work 1.000, single sets 1.05.
     pub const VISITED: f64 = 0.55;
     /// Points with active intervals are searched at two times in the shortest time slices that are tried. Of longer ones the trees of both are
-    /// built if the lower cost is expected to be less than this fraction of the higher one. `--kinds active`: with 1 builds 1.02, work 1.001.
+    /// built if the lower cost is expected to be less than this fraction of the higher one. `--kinds active`: with 1 builds 1.03 to 1.05, work 1.001.
     pub const MOST_ALIKE: f64 = 0.8;
     /// Of time slices that are predicted to cost nearly the same, the longest are tried: those that the best cost this fraction of; and once
     /// some have gained, shorter ones only if they are predicted to cost less than this fraction. `--kinds motion --points 1000,3000,10000`:

@@ -2,23 +2,19 @@
 
 use mbkd::TimeInterval;
 use mbkd::glam::{DVec3, Vec3};
+use mbkd_evidence::accuracy;
 
-/// A small generator (splitmix64).
-pub struct Random(u64);
+/// The generator of the accuracy tables, with other numbers made of it.
+pub struct Random(accuracy::Random);
 
 impl Random {
     pub fn new(seed: u64) -> Random {
-        let mut random = Random(seed ^ 0x6a09_e667_f3bc_c908);
         // Neighbouring seeds are neighbours in the sequence otherwise.
-        Random(random.bits())
+        Random(accuracy::Random(accuracy::Random(seed ^ 0x6a09_e667_f3bc_c908).bits()))
     }
 
     pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        self.0.bits()
     }
 
     /// In [0, 1), of 24 bits.
