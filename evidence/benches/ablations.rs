@@ -1,12 +1,11 @@
-//! The paper's ablations as one table (section 3.1.1 of the paper, measured on the procedural scenes): duplicates with
-//! time-weighted and with plain counts, traversal steps and intersections with planes chosen at times 0, 0.5 and 1; and
-//! two choices of this crate: whether propagated references contribute to SAH, and moving planes.
+//! The paper's ablations ([`mbkd_evidence::ablations`]) as one table.
 //!
 //! `cargo bench --bench ablations > ablations.md`
 
 use clap::Parser;
-use mbkd::{BuildParams, Counters, KdParams, Ray, RayTree};
-use mbkd_scenes::{self as scene, Scene};
+use mbkd::KdParams;
+use mbkd_evidence::ablations::{Row, measure, rays, variants};
+use mbkd_scenes as scene;
 
 #[derive(Parser)]
 #[command(about = "Writes the paper's ablation table as Markdown to standard output")]
@@ -31,45 +30,6 @@ struct Args {
     bench: bool,
 }
 
-/// The counts of one tree.
-#[derive(Clone, Copy)]
-struct Row {
-    references: f64,
-    duplicates: f64,
-    steps: f64,
-    tests: f64,
-}
-
-/// Camera rays with times distributed over the shutter: a fixed pattern, the same for every tree.
-fn rays(scene: &Scene, side: u32) -> Vec<Ray> {
-    let mut rays = Vec::new();
-    for y in 0..side {
-        for x in 0..side {
-            // The golden ratio separates the times of neighbouring pixels.
-            let time = ((x * 7 + y * 13) as f32 * 0.618_034).fract();
-            let at = |i: u32| (i as f32 + 0.5) / side as f32;
-            rays.push(scene.camera.ray(at(x), at(y), 1.0, time));
-        }
-    }
-    rays
-}
-
-fn measure(scene: &Scene, rays: &[Ray], params: &BuildParams) -> Result<Row, mbkd::BuildError> {
-    let tree = RayTree::build(&scene.meshes, params)?;
-    let mut counters = Counters::default();
-    for ray in rays {
-        tree.closest_hit_observed(ray, &mut counters);
-    }
-    let statistics = tree.statistics();
-    let n = rays.len() as f64;
-    Ok(Row {
-        references: statistics.references_per_primitive(),
-        duplicates: 100.0 * statistics.duplicates,
-        steps: counters.steps() as f64 / n,
-        tests: counters.primitive_tests as f64 / n,
-    })
-}
-
 /// By how many percent `a` is less than `b`.
 fn less(a: f64, b: f64) -> f64 {
     if b > 0.0 { 100.0 * (1.0 - a / b) } else { 0.0 }
@@ -78,14 +38,7 @@ fn less(a: f64, b: f64) -> f64 {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let args = Args::parse();
     let paper = KdParams { max_references: args.references, max_depth: args.depth, ..KdParams::paper() };
-    let variants: [(&str, KdParams); 6] = [
-        ("the paper's tree", paper),
-        ("plain counts", KdParams { time_weighted: false, ..paper }),
-        ("planes at t = 0", KdParams { plane_time: 0.0, ..paper }),
-        ("planes at t = 1", KdParams { plane_time: 1.0, ..paper }),
-        ("propagated references do not vote", KdParams { propagated_vote: false, ..paper }),
-        ("moving planes", KdParams { moving_planes: true, ..paper }),
-    ];
+    let variants = variants(paper);
     println!("About {} triangles per scene, {} camera rays.\n", args.triangles, args.side * args.side);
     println!("| scene | variant | references per triangle | duplicates % | steps per ray | tests per ray |");
     println!("|---|---|---|---|---|---|");
@@ -96,14 +49,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             format!("no scene `{name}`; there are {}", known.join(", "))
         })?;
         let scene = (recipe.make)(args.triangles);
-        let rays = rays(&scene, args.side);
+        let rays = rays(args.side, |x, y, time| scene.camera.ray(x, y, 1.0, time));
         let mut rows = Vec::new();
         for (variant, params) in &variants {
-            let row = measure(&scene, &rays, &BuildParams::kd(*params))?;
-            println!(
-                "| {name} | {variant} | {:.2} | {:.1} | {:.1} | {:.1} |",
-                row.references, row.duplicates, row.steps, row.tests
-            );
+            let row = measure(&scene.meshes, &rays, *params)?;
+            println!("{}", row.cells(name, variant));
             rows.push(row);
         }
         let ends = |value: fn(&Row) -> f64| 0.5 * (value(&rows[2]) + value(&rows[3]));

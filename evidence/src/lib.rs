@@ -1,5 +1,6 @@
 //! Shared code of the measurements of `mbkd`: exact arithmetic, peers, timing. Never published.
 
+pub mod ablations;
 pub mod accuracy;
 pub mod lcg;
 pub mod oracle;

@@ -1,6 +1,7 @@
 //! Ray trees of every layout are restored bit for bit, and hostile files are rejected or give arbitrary answers without a panic.
 
-use super::support::{Blob, HEADER, Random, mutate, rounds, seal};
+use super::blob::Blob;
+use super::support::{HEADER, Random, mutate, rounds, seal};
 use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{

@@ -1,11 +1,8 @@
 //! An independent implementation of the checksum of files, mutations of files, and random numbers.
 
-#[path = "../support/blob.rs"]
-mod blob;
 #[path = "../support/random.rs"]
 mod random;
 
-pub use blob::Blob;
 pub use random::Random;
 
 /// Bytes of the header, and the offsets of the length and the checksum in it.

@@ -139,6 +139,36 @@ fn every_query_equals_brute_force() {
 }
 
 /// The product of such a time and the number of segments is rounded to the number of a key in f32, from either side.
+/// Sets whose points move on straight lines equal those of two keys, up to the rounding of f64.
+#[test]
+fn keys_of_linear_motion_cost_nothing() {
+    let mut rng = Rng(31);
+    let cloud = Cloud::new(900, 2, (1.0, 1e5, 0.2), false, &mut rng);
+    let sampled = |keys: usize, by: f64| -> Cloud {
+        let at = |key: usize, i: usize| {
+            let (a, b) = (cloud.keys[0][i], cloud.keys[1][i]);
+            let off = if key == 1 && i == 500 { by } else { 0.0 };
+            if key + 1 == keys { b } else { a + (b - a) * (key as f64 / (keys - 1) as f64) + off }
+        };
+        let keys = (0..keys).map(|key| (0..cloud.keys[0].len()).map(|i| at(key, i)).collect());
+        Cloud { keys: keys.collect(), active: cloud.active.clone() }
+    };
+    for structure in STRUCTURES {
+        let of = |cloud: &Cloud| cloud.tree(structure, SimdLevel::best()).unwrap();
+        let two = of(&cloud);
+        for keys in [3, 9, 65] {
+            let tree = of(&sampled(keys, 0.0));
+            assert_eq!(tree.statistics().layers, two.statistics().layers, "{keys} keys, {structure:?}");
+            for _ in 0..100 {
+                let (q, time) = (cloud.keys[0][rng.bits() as usize % 900], rng.unit());
+                let [a, b] = [&two, &tree].map(|tree| tree.nearest_n(q, time, 5));
+                assert_eq!(a, b, "{keys} keys, {structure:?}");
+            }
+            assert_ne!(of(&sampled(keys, 1e-9)).statistics().layers, two.statistics().layers);
+        }
+    }
+}
+
 #[test]
 fn times_a_rounding_beside_keys_are_exact() {
     let mut rng = Rng(29);

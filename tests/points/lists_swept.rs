@@ -1,57 +1,23 @@
 //! Lists over an interval and lists with a skin against comparing all pairs, at all times at which they change.
 
+use crate::encounter::Pair;
 use crate::lists::{STRUCTURES, build};
 use crate::support::{Cloud, KINDS, Rng, cloud};
 use mbkd::{
     Encounter, EncounterLists, ListError, MovingPoint, NeighborCsr, PointParams, PointStructure, PointTree, SimdLevel,
-    TimeInterval, certified_duration, glam::DVec3, glam::Vec3,
+    TimeInterval, certified_duration, glam::Vec3,
 };
 
-/// The encounter of two points, one segment between keys after the other, in f64.
+/// The encounter of two points, by comparing them.
 pub fn meet(cloud: &Cloud, (i, j): (usize, usize), times: [f64; 2], square: f64) -> Option<Encounter> {
-    let segments = (cloud.keys.len().max(2) - 1) as f64;
-    let mut all: Option<Encounter> = None;
-    for segment in 0..segments as usize {
-        let ends = [segment as f64 / segments, (segment + 1) as f64 / segments];
-        let intervals = [i, j].map(|k| cloud.active[k]);
-        let begin = intervals.iter().fold(times[0].max(ends[0]), |t, active| t.max(active.begin().into()));
-        let end = intervals.iter().fold(times[1].min(ends[1]), |t, active| t.min(active.end().into()));
-        if begin > end {
-            continue;
-        }
-        let over = |time: f64| intervals.iter().any(|active| active.end() < 1.0 && time >= active.end().into());
-        let place = |k: usize, time: f64| {
-            let key = |number: usize| cloud.keys[number.min(cloud.keys.len() - 1)][k].as_dvec3();
-            let phase = (time * segments - segment as f64).clamp(0.0, 1.0);
-            key(segment) + (key(segment + 1) - key(segment)) * phase
-        };
-        let dot = |a: DVec3, b: DVec3| (a.x * b.x + a.y * b.y) + a.z * b.z;
-        let (first, last) = (place(j, begin) - place(i, begin), place(j, end) - place(i, end));
-        let displacement = last - first;
-        let (speed, approach) = (dot(displacement, displacement), -dot(first, displacement));
-        let w = if speed > 0.0 { (approach / speed).clamp(0.0, 1.0) } else { 0.0 };
-        let nearest = first + displacement * w;
-        let distance = dot(nearest, nearest);
-        if distance > square {
-            continue;
-        }
-        let outside = dot(first, first) - square;
-        let root = (approach * approach - speed * outside).max(0.0).sqrt();
-        let enter = if outside <= 0.0 { 0.0 } else { (outside / (approach + root)).clamp(0.0, w) };
-        let leave = if dot(last, last) <= square { 1.0 } else { ((approach + root) / speed).clamp(w, 1.0) };
-        let time = |w: f64| (begin + (end - begin) * w) as f32;
-        if over(begin + (end - begin) * enter) {
-            continue;
-        }
-        let (enter, leave, closest) = (time(enter), time(leave), time(w));
-        let distance_squared = distance as f32;
-        let all = all.get_or_insert(Encounter { id: j as u32, enter, leave, closest, distance_squared });
-        if (distance_squared, closest) < (all.distance_squared, all.closest) {
-            (all.distance_squared, all.closest) = (distance_squared, closest);
-        }
-        (all.enter, all.leave) = (all.enter.min(enter), all.leave.max(leave));
-    }
-    all
+    let key = |number: usize| &cloud.keys[number.min(cloud.keys.len() - 1)];
+    let pair = Pair {
+        id: j as u32,
+        segments: cloud.keys.len().max(2) - 1,
+        keys: &|number| [i, j].map(|k| key(number)[k].as_dvec3()),
+        active: [i, j].map(|k| cloud.active[k]),
+    };
+    pair.meet(times, square)
 }
 
 pub fn meet_all(cloud: &Cloud, interval: TimeInterval, radius: f32) -> Vec<Vec<Encounter>> {

@@ -4,10 +4,15 @@
 mod api;
 mod approximate;
 mod double;
+#[cfg(feature = "rayon")]
+#[path = "../support/encounter.rs"]
+mod encounter;
 mod exact;
 mod far_away;
 mod fickle;
 mod gather;
+#[path = "../support/gather_case.rs"]
+mod gather_case;
 mod gather_theory;
 #[cfg(feature = "rayon")]
 mod lists;

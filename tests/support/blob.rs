@@ -4,7 +4,7 @@ use mbkd::glam::DVec3;
 use mbkd::{Intersection, LinearBounds, MovingSphere, Primitive, Ray, SurfacePoint, TimeInterval};
 
 /// A sphere that does not say that it is one, so that leaf blocks list it with its box.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub struct Blob(pub MovingSphere);
 
 impl Primitive for Blob {
@@ -18,5 +18,9 @@ impl Primitive for Blob {
 
     fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
         self.0.closest_point(point, time)
+    }
+
+    fn active(&self) -> TimeInterval {
+        self.0.active()
     }
 }

@@ -2,119 +2,40 @@
 
 use crate::clouds::{Cloud, params};
 use crate::compare::Outcome;
+use crate::gather_case::GatherCase;
 use crate::random::Random;
 use mbkd::TimeInterval;
 use mbkd::glam::Vec3;
 use mbkd::point::{
-    GatherError, GatherParams, GatherQuery, GatherScratch, Gathered, Kernel, Photon, PhotonMap, PhotonTime,
-    VisiblePoint, VisiblePoints,
+    GatherError, GatherParams, GatherScratch, Gathered, Kernel, Photon, PhotonMap, PhotonTime, VisiblePoint,
+    VisiblePoints,
 };
-
-/// A query with public fields.
-#[derive(Clone, Copy, Debug)]
-struct Gather {
-    at: Vec3,
-    normal: Vec3,
-    time: f32,
-    k: Option<usize>,
-    radius: f32,
-    window: f32,
-    cosine: Option<f32>,
-    thickness: Option<f32>,
-    kernels: [Kernel; 2],
-    odd_only: bool,
-}
-
-fn odd(id: u32) -> bool {
-    id % 2 == 1
-}
 
 fn squared(d: Vec3) -> f32 {
     (d.x * d.x + d.y * d.y) + d.z * d.z
 }
 
-impl Gather {
-    fn random(random: &mut Random, photons: &[Photon<f32>], window: f32) -> Gather {
-        let mut at = || photons.get(random.below(photons.len())).map_or(Vec3::ZERO, |p| p.position);
-        let (here, there) = (at(), at());
-        let scale = here.distance(there);
-        let radius = (scale * random.pick(&[0.2, 1.0, 3.0])).min(1e18);
-        let bounded = radius > 1e-15 && random.one_in(2);
-        let radius = if bounded { radius } else { f32::INFINITY };
-        let k = random.pick(&[None, Some(1), Some(5), Some(17), Some(1000)]);
-        let between = here + (there - here) * random.signed() as f32;
-        Gather {
-            at: if random.one_in(3) { here } else { between.clamp(Vec3::splat(-1e18), Vec3::splat(1e18)) },
-            normal: random.vec().as_vec3().normalize_or(Vec3::Z),
-            time: random.time(),
-            k: if bounded { k } else { k.or(Some(8)) },
-            radius,
-            window: window * random.pick(&[1.0, 0.5, 0.1]),
-            cosine: random.one_in(3).then(|| random.signed() as f32),
-            thickness: random.one_in(3).then(|| scale * random.unit()),
-            kernels: [0; 2].map(|_| random.pick(&Kernel::ALL)),
-            odd_only: random.one_in(4),
-        }
-    }
-
-    fn query(&self) -> GatherQuery<'static> {
-        let mut query = GatherQuery::new(self.at, self.normal, self.time).radius(self.radius).window(self.window);
-        query = query.kernels(self.kernels[0], self.kernels[1]);
-        query = self.k.map_or(query, |k| query.nearest(k));
-        query = self.cosine.map_or(query, |cosine| query.cosine(cosine));
-        query = self.thickness.map_or(query, |thickness| query.thickness(thickness));
-        if self.odd_only { query.filter(&odd) } else { query }
-    }
-
-    /// The answer by comparing all photons, and the photons with their weights.
-    fn of_all(&self, photons: &[Photon<f32>]) -> (Gathered<f32>, Vec<(u32, f32)>) {
-        let mut near = Vec::new();
-        for (id, photon) in (0u32..).zip(photons) {
-            let (seen, at) = match photon.time {
-                PhotonTime::At(stamp) => ((stamp - self.time).abs() <= self.window, photon.position),
-                PhotonTime::During(active) => (active.contains(self.time), photon.position),
-                PhotonTime::Carried { time, velocity } => {
-                    let open = photon.position - velocity * time;
-                    let (close, t) = (photon.position + velocity * (1.0 - time), self.time);
-                    let at = if t < 0.5 { open + (close - open) * t } else { close + (close - open) * (t - 1.0) };
-                    ((time - self.time).abs() <= self.window, if open == close { open } else { at })
-                }
-            };
-            let d = at - self.at;
-            let passes = self.cosine.is_none_or(|least| photon.normal.dot(self.normal) >= least)
-                && self.thickness.is_none_or(|most| d.dot(self.normal).abs() <= most)
-                && (!self.odd_only || odd(id));
-            if seen && passes && squared(d) <= (self.radius * self.radius).min(f32::MAX) {
-                near.push((squared(d), id));
-            }
-        }
-        near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let k = self.k.unwrap_or(usize::MAX);
-        let rim = match near.get(k) {
-            Some(next) => Some(next.0),
-            None if self.radius == f32::INFINITY => near.pop().map(|last| last.0),
-            None => None,
-        };
-        near.truncate(k);
-        let own = (self.radius, (self.radius * self.radius).min(f32::MAX));
-        let (radius, square) = rim.map_or(own, |rim| (rim.sqrt(), rim));
-        let [space, clock] = self.kernels;
-        let duration = clock.over_time(self.time.into(), self.window.into(), 0.0, 1.0) as f32;
-        let per_area = (1.0 / space.over_disc(radius.into())) as f32;
-        let weigh = |&(distance, id): &(f32, u32)| {
-            let in_time = match photons[id as usize].time {
-                PhotonTime::At(time) | PhotonTime::Carried { time, .. } => {
-                    let x = (time - self.time) / self.window;
-                    clock.weight(x * x) * (1.0 / duration)
-                }
-                PhotonTime::During(active) => 1.0 / active.duration(),
-            };
-            (id, space.weight(distance / square) * in_time * per_area)
-        };
-        let weights: Vec<_> = near.iter().map(weigh).collect();
-        let density = weights.iter().fold(0.0, |sum, &(id, weight)| sum + photons[id as usize].flux * weight);
-        let reached = self.k.is_some_and(|k| near.len() >= k);
-        (Gathered { density, radius, window: self.window, duration, count: near.len(), reached }, weights)
+/// A query of photons, sometimes where one of them is.
+fn any_case(random: &mut Random, photons: &[Photon<f32>], window: f32) -> GatherCase {
+    let mut at = || photons.get(random.below(photons.len())).map_or(Vec3::ZERO, |p| p.position);
+    let (here, there) = (at(), at());
+    let scale = here.distance(there);
+    let radius = (scale * random.pick(&[0.2, 1.0, 3.0])).min(1e18);
+    let bounded = radius > 1e-15 && random.one_in(2);
+    let radius = if bounded { radius } else { f32::INFINITY };
+    let k = random.pick(&[None, Some(1), Some(5), Some(17), Some(1000)]);
+    let between = here + (there - here) * random.signed() as f32;
+    GatherCase {
+        at: if random.one_in(3) { here } else { between.clamp(Vec3::splat(-1e18), Vec3::splat(1e18)) },
+        normal: random.vec().as_vec3().normalize_or(Vec3::Z),
+        time: random.time(),
+        k: if bounded { k } else { k.or(Some(8)) },
+        radius,
+        window: window * random.pick(&[1.0, 0.5, 0.1]),
+        cosine: random.one_in(3).then(|| random.signed() as f32),
+        thickness: random.one_in(3).then(|| scale * random.unit()),
+        kernels: [0; 2].map(|_| random.pick(&Kernel::ALL)),
+        odd_only: random.one_in(4),
     }
 }
 
@@ -157,8 +78,8 @@ pub fn case(random: &mut Random) -> Outcome {
     let mut scratch = GatherScratch::new();
     let (mut queries, mut expected) = (Vec::new(), Vec::new());
     for _ in 0..12 {
-        let case = Gather::random(random, &photons, window);
-        let (all, weights) = case.of_all(&photons);
+        let case = any_case(random, &photons, window);
+        let (all, weights) = case.brute(&photons);
         let answer = map.gather(&case.query(), &mut scratch);
         if all.count > 0 && (1.0 / case.kernels[0].over_disc(all.radius.into())) as f32 == f32::INFINITY {
             same!(answer.as_ref().err(), Some(&GatherError::NoArea), "{what}: {case:?}");
@@ -176,7 +97,7 @@ pub fn case(random: &mut Random) -> Outcome {
     let batch = map.gather_batch(&queries).map_err(|error| format!("{what}: batch: {error}"))?;
     same_lists!(batch.iter().map(bits).collect::<Vec<_>>(), expected, "{what}: batch");
     if clock == 0 {
-        let (q, k) = (Gather::random(random, &photons, window), random.below(80));
+        let (q, k) = (any_case(random, &photons, window), random.below(80));
         let speed = random.pick(&[0.0, 0.1, 1.0, 30.0, 1e18]);
         let metric = |photon: &Photon<f32>| match photon.time {
             PhotonTime::At(time) => squared(photon.position - q.at) + ((time - q.time).abs() * speed).powi(2),

@@ -3,6 +3,7 @@
 
 use crate::clouds::{Cloud, params};
 use crate::compare::Outcome;
+use crate::encounter::Pair;
 use crate::random::Random;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{Encounter, EncounterLists, ListError, NeighborCsr, PointError, PointStructure, PointTree, Radii};
@@ -91,50 +92,15 @@ impl Request<'_> {
     }
 }
 
-/// The encounter of two points, one segment between keys after the other, in f64.
+/// The encounter of two points, by comparing them.
 fn meet(cloud: &Cloud, [i, j]: [usize; 2], times: [f64; 2], square: f64) -> Option<Encounter> {
-    let segments = cloud.segments() as f64;
-    let mut all: Option<Encounter> = None;
-    for segment in 0..cloud.segments() {
-        let ends = [segment as f64 / segments, (segment + 1) as f64 / segments];
-        let intervals = [i, j].map(|k| cloud.active[k]);
-        let begin = intervals.iter().fold(times[0].max(ends[0]), |t, active| t.max(active.begin().into()));
-        let end = intervals.iter().fold(times[1].min(ends[1]), |t, active| t.min(active.end().into()));
-        // Where something begins at a key, only the motion after it counts.
-        if begin > end || (begin >= ends[1] && segment + 1 < cloud.segments()) {
-            continue;
-        }
-        let over = |time: f64| intervals.iter().any(|active| active.end() < 1.0 && time >= active.end().into());
-        let place = |k: usize, time: f64| {
-            let phase = (time * segments - segment as f64).clamp(0.0, 1.0);
-            cloud.key(segment, k) + (cloud.key(segment + 1, k) - cloud.key(segment, k)) * phase
-        };
-        let dot = |a: DVec3, b: DVec3| (a.x * b.x + a.y * b.y) + a.z * b.z;
-        let (first, last) = (place(j, begin) - place(i, begin), place(j, end) - place(i, end));
-        let displacement = last - first;
-        let (speed, approach) = (dot(displacement, displacement), -dot(first, displacement));
-        let w = if speed > 0.0 { (approach / speed).clamp(0.0, 1.0) } else { 0.0 };
-        let nearest = first + displacement * w;
-        let distance = dot(nearest, nearest);
-        if distance > square {
-            continue;
-        }
-        let outside = dot(first, first) - square;
-        let root = (approach * approach - speed * outside).max(0.0).sqrt();
-        let enter = if outside <= 0.0 { 0.0 } else { (outside / (approach + root)).clamp(0.0, w) };
-        let leave = if dot(last, last) <= square { 1.0 } else { ((approach + root) / speed).clamp(w, 1.0) };
-        let time = |w: f64| (begin + (end - begin) * w) as f32;
-        if over(begin + (end - begin) * enter) {
-            continue;
-        }
-        let (enter, leave, closest, distance_squared) = (time(enter), time(leave), time(w), distance as f32);
-        let all = all.get_or_insert(Encounter { id: cloud.ids[j], enter, leave, closest, distance_squared });
-        if (distance_squared, closest) < (all.distance_squared, all.closest) {
-            (all.distance_squared, all.closest) = (distance_squared, closest);
-        }
-        (all.enter, all.leave) = (all.enter.min(enter), all.leave.max(leave));
-    }
-    all
+    let pair = Pair {
+        id: cloud.ids[j],
+        segments: cloud.segments(),
+        keys: &|segment| [i, j].map(|k| cloud.key(segment, k)),
+        active: [i, j].map(|k| cloud.active[k]),
+    };
+    pair.meet(times, square)
 }
 
 /// Encounters of points that meet, whose least distance is nothing but rounding: then it is not compared, nor when it is reached.

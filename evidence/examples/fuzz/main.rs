@@ -7,8 +7,14 @@
 #[macro_use]
 mod compare;
 mod bad;
+#[path = "../../../tests/support/blob.rs"]
+mod blob;
 mod clouds;
+#[path = "../../../tests/support/encounter.rs"]
+mod encounter;
 mod gather;
+#[path = "../../../tests/support/gather_case.rs"]
+mod gather_case;
 mod instances;
 mod lists;
 mod points;

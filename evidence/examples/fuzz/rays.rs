@@ -2,9 +2,10 @@
 //! brute force; refits from frame to frame against brute force over the frame; files against the trees that were written.
 
 use crate::POOLS;
+use crate::blob::Blob;
 use crate::compare::{Outcome, bits, point_bits};
 use crate::random::{Random, direction};
-use crate::scenes::{Blob, Scene, is_documented, params};
+use crate::scenes::{Scene, is_documented, params};
 use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};

@@ -1,5 +1,6 @@
 //! What the measurements rest on: the oracle, the structures of others, accuracy, counted work, files.
 
+mod ablations;
 mod accuracy;
 mod exr;
 mod kiddo;

@@ -1,0 +1,62 @@
+//! Encounters of two points by plain arithmetic.
+
+use mbkd::{Encounter, TimeInterval, glam::DVec3};
+
+/// Two points with evenly spaced keys.
+pub struct Pair<'a> {
+    /// Of the second one, for the encounter.
+    pub id: u32,
+    pub segments: usize,
+    /// Their positions at a key.
+    pub keys: &'a dyn Fn(usize) -> [DVec3; 2],
+    pub active: [TimeInterval; 2],
+}
+
+impl Pair<'_> {
+    /// The encounter within an interval and the root of `square`, one segment between keys after the other, in f64.
+    pub fn meet(&self, times: [f64; 2], square: f64) -> Option<Encounter> {
+        let segments = self.segments as f64;
+        let mut all: Option<Encounter> = None;
+        for segment in 0..self.segments {
+            let ends = [segment as f64 / segments, (segment + 1) as f64 / segments];
+            let begin = self.active.iter().fold(times[0].max(ends[0]), |t, active| t.max(active.begin().into()));
+            let end = self.active.iter().fold(times[1].min(ends[1]), |t, active| t.min(active.end().into()));
+            // Where something begins at a key, only the motion after it counts.
+            if begin > end || (begin >= ends[1] && segment + 1 < self.segments) {
+                continue;
+            }
+            let over =
+                |time: f64| self.active.iter().any(|active| active.end() < 1.0 && time >= f64::from(active.end()));
+            let keys = [segment, segment + 1].map(self.keys);
+            let place = |k: usize, time: f64| {
+                let phase = (time * segments - segment as f64).clamp(0.0, 1.0);
+                keys[0][k] + (keys[1][k] - keys[0][k]) * phase
+            };
+            let dot = |a: DVec3, b: DVec3| (a.x * b.x + a.y * b.y) + a.z * b.z;
+            let (first, last) = (place(1, begin) - place(0, begin), place(1, end) - place(0, end));
+            let displacement = last - first;
+            let (speed, approach) = (dot(displacement, displacement), -dot(first, displacement));
+            let w = if speed > 0.0 { (approach / speed).clamp(0.0, 1.0) } else { 0.0 };
+            let nearest = first + displacement * w;
+            let distance = dot(nearest, nearest);
+            if distance > square {
+                continue;
+            }
+            let outside = dot(first, first) - square;
+            let root = (approach * approach - speed * outside).max(0.0).sqrt();
+            let enter = if outside <= 0.0 { 0.0 } else { (outside / (approach + root)).clamp(0.0, w) };
+            let leave = if dot(last, last) <= square { 1.0 } else { ((approach + root) / speed).clamp(w, 1.0) };
+            let time = |w: f64| (begin + (end - begin) * w) as f32;
+            if over(begin + (end - begin) * enter) {
+                continue;
+            }
+            let (enter, leave, closest, distance_squared) = (time(enter), time(leave), time(w), distance as f32);
+            let all = all.get_or_insert(Encounter { id: self.id, enter, leave, closest, distance_squared });
+            if (distance_squared, closest) < (all.distance_squared, all.closest) {
+                (all.distance_squared, all.closest) = (distance_squared, closest);
+            }
+            (all.enter, all.leave) = (all.enter.min(enter), all.leave.max(leave));
+        }
+        all
+    }
+}
