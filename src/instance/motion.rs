@@ -8,6 +8,7 @@ use super::distortion::Distortion;
 use super::error::InstanceError;
 use super::transform::{Pose, Transform};
 use crate::geometry::Ray;
+use crate::primitive::widest_step;
 use crate::simd::{Portable, Simd, THREE, magnitude, vector, vector_lanes};
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 
@@ -74,6 +75,18 @@ impl KeyPhase {
     }
 }
 
+/// The keys that are not on straight lines between others, and the effect on rounding errors of these as well; all keys if that
+/// is not known.
+fn without_straight_keys(keys: &[DAffine3], distortion: Distortion) -> (Vec<DAffine3>, Distortion) {
+    let step = widest_step(keys.len(), |key| keys[key].to_cols_array());
+    let kept: Vec<DAffine3> = keys.iter().step_by(step).copied().collect();
+    let between = |pair: &[DAffine3]| Distortion::between(pair[0].matrix3, pair[1].matrix3);
+    match kept.windows(2).try_fold(distortion, |all, pair| Some(all.max(between(pair)?))) {
+        Some(all) => (kept, all),
+        None => (keys.to_vec(), distortion),
+    }
+}
+
 /// Interpolates from the nearer of two keys, so that both are met exactly.
 #[inline]
 fn lerp(a: DVec3, b: DVec3, w: f64) -> DVec3 {
@@ -110,8 +123,9 @@ impl Motions {
             let between = Distortion::between(pair[0].matrix3, pair[1].matrix3);
             distortion = distortion.max(between.ok_or(InstanceError::SingularBetween { instance, key })?);
         }
-        self.matrices.extend(keys.iter().map(|key| Columns::new(key.matrix3, key.translation)));
-        Ok((Motion::Matrices { first, keys: keys.len() as u32 }, distortion))
+        let (kept, distortion) = without_straight_keys(keys, distortion);
+        self.matrices.extend(kept.iter().map(|key| Columns::new(key.matrix3, key.translation)));
+        Ok((Motion::Matrices { first, keys: kept.len() as u32 }, distortion))
     }
 
     fn add_poses(&mut self, keys: &[Pose], instance: usize) -> Result<(Motion, Distortion), InstanceError> {
@@ -390,6 +404,32 @@ mod tests {
                     let there = matrix.transform_point3(local.point(t));
                     assert!(there.abs_diff_eq(ray.point(t), 1e-5), "{there} {}", ray.point(t));
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn matrices_on_a_line_keep_two_keys_and_those_on_several_their_bends() {
+        let ends: Vec<DAffine3> = [(0.3, 2.0), (0.9, 1.5), (0.2, 1.0)]
+            .map(|(angle, size)| pose(DVec3::Y, angle, size, DVec3::new(angle, size, 7.0)).matrix())
+            .to_vec();
+        let sampled = |lines: usize, by: f64| -> Vec<DAffine3> {
+            let step = 64 / lines;
+            let at = |key: usize| {
+                let (segment, w) = (key / step, (key % step) as f64 / step as f64);
+                let [from, to] = [segment, segment + 1].map(|key| ends[key.min(2)].to_cols_array());
+                let mut at = DAffine3::from_cols_array(&core::array::from_fn(|i| from[i] * (1.0 - w) + to[i] * w));
+                at.translation.y += if key == 20 { by } else { 0.0 };
+                at
+            };
+            (0..=64).map(at).collect()
+        };
+        for (lines, by, kept) in [(1, 0.0, 2), (2, 0.0, 3), (1, 1e-12, 65)] {
+            let (given, mut motions) = (sampled(lines, by), Motions::default());
+            let (motion, _) = motions.add(&given.clone().into(), 0).unwrap();
+            assert_eq!(motions.matrices.len(), kept, "{lines} lines, off by {by}");
+            for (key, given) in given.iter().enumerate() {
+                assert!(motions.matrix(&motion, key as f64 / 64.0).abs_diff_eq(*given, 1e-14));
             }
         }
     }

@@ -132,7 +132,8 @@ const SAMPLES: usize = 64;
 impl KeyedRows {
     /// For a tree whose leaf blocks hold the primitives `ids` of a set.
     pub fn of<S: WideSource>(set: &S, ids: &[u32], slices: usize) -> KeyedRows {
-        let kinds = ids.iter().step_by(ids.len() / SAMPLES + 1).map(|&id| set.leaf_kind(id));
+        let sampled = ids.iter().step_by(ids.len() / SAMPLES + 1).filter(|&&id| set.sphere(id).is_none());
+        let kinds = sampled.map(|&id| set.leaf_kind(id));
         let mut keys: Vec<u32> = kinds.filter(|&keys| keys > 2).collect();
         keys.sort_unstable();
         let most = keys.chunk_by(|a, b| a == b).max_by_key(|same| same.len());

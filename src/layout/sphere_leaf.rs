@@ -6,16 +6,18 @@
 //! | 1 | number of keys of each sphere; 0 if the block only lists ids, and then it ends here. With boxes ([`super::list_boxes`]) no number of keys |
 //! | 3 | first key in the block; number of keys in it, and in the topmost bit whether the caller's numbers are in f64; sizes |
 //! | rows of n | for each key in the block: x, y and z of the centers, and the radii, in tree space |
+//! | n | if there are more than two keys: the number of keys that each sphere has itself |
 //! | 4 n or 8 n | for each key in the block, sphere by sphere: the same as the caller gave them, in f32 if no bit is lost, otherwise in f64 |
 //!
-//! Queries use the rows to rule out spheres; what is left is decided by the caller's numbers. So nothing of the caller's shapes is read, which
+//! Queries use the rows to rule out spheres; what is left is decided by the caller's numbers. A block is made for spheres with one number of keys
+//! (one at rest may be among those of two); after a refit some may have fewer, between which the rows are interpolated. So nothing of the caller's shapes is read, which
 //! would have to be fetched from three places. The header also has the greatest error of the rows: as in other blocks, sizes are the exponents of
 //! two powers of two. No coordinate and no radius is larger than the first. At any time, the distance of centers from those of [`MovingSphere::at`]
 //! and the difference of radii are together at most the second, but for roundings of f32.
 
 use super::list_boxes::{Boxed, ListBoxes, MOVING};
 use super::wide_node::{ChildRef, Kind, Sizes};
-use crate::geometry::{Frame, ULP};
+use crate::geometry::{Frame, KeyTime, ULP};
 use crate::primitive::{MovingSphere, PrimitiveSet, SPHERE_ROUNDING};
 use crate::simd::Arena;
 use crate::time::TimeSlice;
@@ -69,10 +71,47 @@ impl SphereLeaf {
         n + HEADER + key * SPHERE_ROWS * n
     }
 
+    /// The offset of the numbers of keys that spheres have themselves.
+    #[inline(always)]
+    fn own_keys(&self, n: usize) -> usize {
+        n + HEADER + self.held * SPHERE_ROWS * n
+    }
+
     /// The offset of the caller's numbers.
     #[inline(always)]
     fn given(&self, n: usize) -> usize {
-        n + HEADER + self.held * SPHERE_ROWS * n
+        self.own_keys(n) + if self.keys > 2 { n } else { 0 }
+    }
+
+    /// How many segments of the block one of a sphere with this many keys takes, the first of its keys in the block, and their number.
+    #[inline(always)]
+    fn own_range(&self, own: usize) -> (usize, usize, usize) {
+        if own <= 1 || self.keys <= 2 {
+            return (1, 0, self.held);
+        }
+        let step = (self.keys - 1) / (own - 1);
+        let (first, last) = (self.first / step, (self.first + self.held - 2) / step + 1);
+        (step, first, last + 1 - first)
+    }
+
+    /// The keys of a sphere that are in the block.
+    fn keys_of<'a>(&self, sphere: &'a MovingSphere) -> &'a [(DVec3, f64)] {
+        let (_, first, held) = self.own_range(sphere.keys.len());
+        &sphere.keys[first..][..held.min(sphere.keys.len() - first)]
+    }
+
+    /// Whether a sphere with this many keys can be in the block.
+    fn fits(&self, own: usize) -> bool {
+        match own {
+            0 => false,
+            1 => true,
+            _ => self.keys > 1 && (self.keys - 1).is_multiple_of(own - 1),
+        }
+    }
+
+    /// Whether all spheres of a block of `n` ids can be in it.
+    pub fn is_valid(&self, words: &[u32], n: usize) -> bool {
+        self.keys <= 2 || words[self.own_keys(n)..][..n].iter().all(|&own| self.fits(own as usize))
     }
 
     /// The number of words of a sphere at a key, as the caller gave it.
@@ -100,12 +139,14 @@ impl SphereLeaf {
             };
             Some((DVec3::new(x, y, z), radius))
         };
-        if self.keys == 1 {
+        let own = if self.keys > 2 { words[self.own_keys(n) + lane] as usize } else { self.keys };
+        if own == 1 {
             let only = key(0)?;
             return Some(MovingSphere::between(only, only, 0.0));
         }
-        let (segment, w) = MovingSphere::segment_at(time, self.keys);
-        let segment = segment.checked_sub(self.first).filter(|segment| segment + 1 < self.held)?;
+        let (_, first, held) = self.own_range(own);
+        let (segment, w) = MovingSphere::segment_at(time, own);
+        let segment = segment.checked_sub(first).filter(|segment| segment + 1 < held)?;
         Some(MovingSphere::between(key(segment)?, key(segment + 1)?, w))
     }
 
@@ -123,16 +164,20 @@ impl SphereLeaf {
     /// The rows of some shapes in a time slice, without their sizes; `None` if they are to be listed only: not all are spheres, or of different
     /// numbers of keys above one.
     fn for_shapes<S: PrimitiveSet + ?Sized>(set: &S, ids: &[u32], slice: TimeSlice) -> Option<SphereLeaf> {
-        let keys = |id: &u32| set.sphere(*id).map_or(0, |sphere| sphere.keys.len());
-        let most = ids.iter().map(keys).max().unwrap_or(0);
-        // A sphere at rest has the same place at all keys.
-        if most == 0 || ids.iter().map(keys).any(|keys| keys != most && keys != 1) {
-            return None;
+        let keys = ids.iter().map(|&id| set.sphere(id).map_or(0, |sphere| sphere.keys.len())).max().unwrap_or(0);
+        let [first, last] = if keys > 2 { needed_segments(set, ids, keys, slice) } else { [0, 0] };
+        let held = if keys > 2 { last + 2 - first } else { keys };
+        SphereLeaf { keys, first, held, fine: false, sizes: 0 }.with(set, ids)
+    }
+
+    /// The same rows for some shapes; `None` if not all are spheres that fit.
+    fn with<S: PrimitiveSet + ?Sized>(self, set: &S, ids: &[u32]) -> Option<SphereLeaf> {
+        let mut fine = false;
+        for &id in ids {
+            let sphere = set.sphere(id).filter(|sphere| self.fits(sphere.keys.len()))?;
+            fine |= !self.keys_of(sphere).iter().all(is_in_f32);
         }
-        let [first, last] = if most > 2 { slice.segments(most) } else { [0, 0] };
-        let held = if most > 2 { last + 2 - first } else { most };
-        let fine = ids.iter().filter_map(|&id| set.sphere(id)).any(|sphere| !is_in_f32(sphere));
-        Some(SphereLeaf { keys: most, first, held, fine, sizes: 0 })
+        Some(SphereLeaf { fine, ..self })
     }
 
     /// Writes the header and the rows; `false` if a sphere is too far away or too large.
@@ -141,19 +186,29 @@ impl SphereLeaf {
         let (mut size, mut error) = (0.0, 0.0);
         let (front, rows) = words[..self.words(n)].split_at_mut(n + HEADER);
         let (rows, given) = rows.split_at_mut(self.held * SPHERE_ROWS * n);
+        let (own_keys, given) = given.split_at_mut(self.given(n) - self.own_keys(n));
         for (lane, &id) in ids.iter().enumerate() {
             let Some(sphere) = set.sphere(id) else { return false };
-            let Some(of) = Measured::of(sphere, set.frame()) else { return false };
+            let last = sphere.keys.len() - 1;
+            let Some(of) = Measured::of(self.keys_of(sphere), last, set.frame()) else { return false };
             (size, error) = (of.size.max(size), of.error.max(error));
+            let (step, own_first, _) = self.own_range(sphere.keys.len());
+            if let Some(own) = own_keys.get_mut(lane) {
+                *own = sphere.keys.len() as u32;
+            }
             let keys = rows.chunks_exact_mut(SPHERE_ROWS * n).zip(given.chunks_exact_mut(self.given_words() * n));
             for (key, (rows, given)) in keys.enumerate() {
-                let (center, radius) = sphere.keys[(self.first + key).min(sphere.keys.len() - 1)];
+                let (before, inner) = ((self.first + key) / step, (self.first + key) % step);
+                let [before, after] = [before, before + 1].map(|key| sphere.keys[key.min(last)]);
+                let (center, radius) = MovingSphere::between(before, after, inner as f64 / step as f64);
                 let at = set.frame().fine_point(center);
-                let in_tree = [at.x, at.y, at.z, radius.abs() * set.frame().scale];
-                let as_given = [center.x, center.y, center.z, radius];
+                let in_tree = [at.x, at.y, at.z, radius * set.frame().scale];
                 for (row, x) in in_tree.into_iter().enumerate() {
                     rows[row * n + lane] = (x as f32).to_bits();
                 }
+                // There may be fewer than keys of the block.
+                let (center, radius) = sphere.keys[(own_first + key).min(last)];
+                let as_given = [center.x, center.y, center.z, radius];
                 let given = &mut given[lane * self.given_words()..];
                 if self.fine {
                     for (words, x) in given.as_chunks_mut().0.iter_mut().zip(as_given) {
@@ -171,11 +226,23 @@ impl SphereLeaf {
     }
 }
 
-/// Whether f32 has all numbers of a sphere.
-fn is_in_f32(sphere: &MovingSphere) -> bool {
-    let all =
-        |&(center, radius): &(DVec3, f64)| center.as_vec3().as_dvec3() == center && f64::from(radius as f32) == radius;
-    sphere.keys.iter().all(all)
+/// The first and the last segment between keys of some spheres in which one of them exists within a time slice.
+fn needed_segments<S: PrimitiveSet + ?Sized>(set: &S, ids: &[u32], keys: usize, slice: TimeSlice) -> [usize; 2] {
+    let [first, last] = slice.segments(keys);
+    if set.always_active() {
+        return [first, last];
+    }
+    let of_life = ids.iter().map(|&id| {
+        let active = set.active(id);
+        [active.begin(), active.last()].map(|t| KeyTime::new(t, keys).segment)
+    });
+    let [begin, end] = of_life.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]).unwrap_or([first, last]);
+    [begin.clamp(first, last), end.clamp(first, last)]
+}
+
+/// Whether f32 has all numbers of a sphere at a key.
+fn is_in_f32(&(center, radius): &(DVec3, f64)) -> bool {
+    center.as_vec3().as_dvec3() == center && f64::from(radius as f32) == radius
 }
 
 /// The size of a sphere in tree space, and the error of its rows.
@@ -185,11 +252,11 @@ struct Measured {
 }
 
 impl Measured {
-    /// `None` for a sphere that is only listed.
-    fn of(sphere: &MovingSphere, frame: &Frame) -> Option<Measured> {
+    /// Between some keys of a sphere that has `segments` segments; `None` if it is only listed.
+    fn of(keys: &[(DVec3, f64)], segments: usize, frame: &Frame) -> Option<Measured> {
         let (mut size, mut world, mut step) = (0.0f64, 0.0f64, 0.0f64);
         let mut before = None;
-        for &(center, radius) in &sphere.keys {
+        for &(center, radius) in keys {
             let at = frame.fine_point(center);
             let place = [at.x, at.y, at.z, radius.abs() * frame.scale];
             for x in place {
@@ -205,8 +272,8 @@ impl Measured {
             before = Some(here);
         }
         // A query's place between keys is rounded in f32: by an ULP of the number of segments, at most.
-        let segments = sphere.keys.len() as f64;
-        Some(Measured { size, error: SPHERE_ROUNDING * world * frame.scale + segments * f64::from(ULP) * step })
+        let rounding = (segments + 1) as f64 * f64::from(ULP);
+        Some(Measured { size, error: SPHERE_ROUNDING * world * frame.scale + rounding * step })
     }
 }
 
@@ -245,13 +312,12 @@ pub(super) fn write_shapes<S: PrimitiveSet + ?Sized>(
     ChildRef::new(Kind::OtherLeaf, at, n)
 }
 
-/// Rewrites a block of shapes with these ids that begins at `words[0]`. If shapes are no longer spheres, have another number of keys, or no room
-/// for their bits, the block only lists them from then on.
+/// Rewrites a block of shapes with these ids that begins at `words[0]`. If shapes are no longer spheres, have keys that the block does not, or no
+/// room for their bits, the block only lists them from then on.
 pub(super) fn rewrite_shapes<S: PrimitiveSet + ?Sized>(set: &S, words: &mut [u32], ids: &[u32]) {
     let Some(leaf) = SphereLeaf::of(words, ids.len()) else { return Boxed::rewrite(set, words, ids) };
-    let now = SphereLeaf::for_shapes(set, ids, TimeSlice::WHOLE);
-    let same = now.is_some_and(|now| (now.keys == leaf.keys || now.keys == 1) && (leaf.fine || !now.fine));
-    if !(same && leaf.write(set, ids, words)) {
+    let fits = leaf.with(set, ids).is_some_and(|now| leaf.fine || !now.fine);
+    if !(fits && leaf.write(set, ids, words)) {
         words[ids.len()] = 0;
     }
 }
@@ -259,7 +325,6 @@ pub(super) fn rewrite_shapes<S: PrimitiveSet + ?Sized>(set: &S, words: &mut [u32
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::KeyTime;
     use crate::layout::{Between, block_sizes, sphere_row};
     use crate::primitive::{Primitive, Shapes};
     use crate::random::Random;
@@ -351,8 +416,54 @@ mod tests {
 
     #[test]
     fn rows_of_many_keys_are_off_by_no_more_than_the_stated_error_and_would_be_without_the_steps() {
-        assert!(off(|ball, frame| Measured::of(ball, frame).expect("near").error) <= 1.0);
+        assert!(off(|ball, frame| Measured::of(&ball.keys, 299, frame).expect("near").error) <= 1.0);
         assert!(off(|_, _| SPHERE_ROUNDING) > 10.0, "an error that nothing needs");
+    }
+
+    #[test]
+    fn blocks_hold_spheres_with_fewer_keys_that_the_keys_of_the_block_refine() {
+        let of =
+            |keys: usize, seed: u64| Shapes::new(spheres(1, keys, seed)).expect("valid spheres").shapes()[0].clone();
+        let before: Vec<MovingSphere> = (0..5).map(|i| of(13, i)).collect();
+        let mixed: Vec<MovingSphere> =
+            [1, 2, 3, 7, 13].into_iter().zip(5..).map(|(keys, seed)| of(keys, seed)).collect();
+        let [before, now] = [before, mixed.clone()].map(|of| Shapes::new(of).expect("valid spheres"));
+        let (mut random, ids) = (Random(4), [0, 1, 2, 3, 4]);
+        let mut found = 0;
+        for slices in [1, 4, 5] {
+            for index in 0..slices {
+                let slice = TimeSlice { index, of: slices };
+                let mut words = block(&before, slice);
+                rewrite_shapes(&now, &mut words, &ids);
+                let leaf = SphereLeaf::of(&words, 5).expect("a block of spheres");
+                assert!(leaf.is_valid(&words, 5));
+                let [first, last] = slice.times();
+                for time in [first, last].into_iter().chain((0..40).map(|_| first + (last - first) * random.unit())) {
+                    for (lane, ball) in mixed.iter().enumerate() {
+                        let Some(at) = leaf.at(&words, 5, lane, time) else { continue };
+                        found += 1;
+                        assert_eq!(at, ball.at(time));
+                        let rows = leaf.rows(5, KeyTime::new(time, 13).segment);
+                        let rows = Rows::new(&crate::simd::as_floats(&words)[rows..], 5, 2 * SPHERE_ROWS);
+                        let row = |row: usize| {
+                            let between = Between::new(KeyTime::new(time, 13));
+                            Portable.lane(sphere_row::<_, true>(Portable, &rows, between, row, 0.0), lane)
+                        };
+                        let center = now.frame().fine_point(at.0);
+                        let off = (DVec3::new(row(0).into(), row(1).into(), row(2).into()) - center).length();
+                        assert!(off <= f64::from(block_sizes(leaf.sizes).1) + 16.0 * f64::from(ULP), "{off}");
+                    }
+                }
+            }
+        }
+        assert!(found > 1900, "{found}");
+        for wrong in [0, 6, 14, u32::MAX] {
+            let mut words = block(&before, TimeSlice::WHOLE);
+            let leaf = SphereLeaf::of(&words, 5).expect("a block of spheres");
+            let at = leaf.own_keys(5);
+            words[at] = wrong;
+            assert!(!leaf.is_valid(&words, 5), "{wrong} keys of 13");
+        }
     }
 
     #[test]
@@ -360,7 +471,7 @@ mod tests {
         let set = |keys: usize| Shapes::new(spheres(5, keys, 1)).expect("valid spheres");
         let ids = [0, 1, 2, 3, 4];
         for (before, after, held) in
-            [(2, 2, true), (2, 1, true), (1, 2, false), (9, 9, true), (9, 1, true), (9, 2, false)]
+            [(2, 2, true), (2, 1, true), (1, 2, false), (9, 9, true), (9, 1, true), (9, 2, true), (9, 4, false)]
         {
             let mut words = block(&set(before), TimeSlice::WHOLE);
             rewrite_shapes(&set(after), &mut words, &ids);

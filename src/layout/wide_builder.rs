@@ -52,8 +52,11 @@ impl WideTree {
         tree.find_masks(set);
         if tree.leaves_out {
             tree.existing = set.active_intervals();
-        } else if let Some(triangles) = set.triangles().filter(|_| !set.always_active()) {
-            tree.existing = triangles.intervals_of_keys();
+        } else if !set.always_active() {
+            tree.existing = set.intervals_of_keys();
+            if tree.existing.iter().all(|&of| of == TimeInterval::FULL) {
+                tree.existing = Vec::new();
+            }
         }
         Ok(tree)
     }

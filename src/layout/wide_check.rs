@@ -143,9 +143,10 @@ impl<S: WideSource> Leaves<'_, S> {
     fn check_spheres(&self, block: &[u32], n: usize) -> Result<(), FileError> {
         let whole = SphereLeaf::words_of_list(block, n).is_some();
         require(whole, "a list of shapes extends beyond the tree")?;
-        let Some(SphereLeaf { keys, first, held, .. }) = SphereLeaf::of(block, n) else { return Ok(()) };
+        let Some(leaf) = SphereLeaf::of(block, n) else { return Ok(()) };
+        let SphereLeaf { keys, first, held, .. } = leaf;
         let fine = keys <= MOST_SEGMENTS && (keys.min(2)..=keys).contains(&held) && first <= keys - held;
-        require(fine, "the range of keys of a block of spheres is invalid")
+        require(fine && leaf.is_valid(block, n), "the range of keys of a block of spheres is invalid")
     }
 
     /// Checks the triangles of a block with shared vertices, whose vertex numbers begin at a word of the block.

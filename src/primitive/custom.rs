@@ -10,6 +10,7 @@ use super::window::Intervals;
 use crate::error::BuildError;
 use crate::geometry::{Aabb, Box3, CornerBounds, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
 use crate::limits::MAX_COORDINATE;
+use crate::parallel::{self, CHUNK};
 use crate::simd::{LANES, prefetch};
 use core::sync::atomic::{AtomicU32, Ordering};
 use glam::DVec3;
@@ -113,6 +114,12 @@ pub trait Primitive: Send + Sync {
     fn as_sphere(&self) -> Option<&MovingSphere> {
         None
     }
+
+    /// Drops what the motion does not need. A tree, and brute force, call this once when they take the primitive, before anything else.
+    ///
+    /// A [`MovingSphere`] drops keys on the straight lines between others. A primitive with a sphere of its own
+    /// ([`Primitive::as_sphere`]) best calls this method of it: queries read all keys that remain. The default changes nothing.
+    fn merge_keys(&mut self) {}
 }
 
 /// A set of primitives in tree space: the interface for builders and queries.
@@ -130,6 +137,10 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     /// The active interval of each mesh and, after these, of each shape.
     fn active_intervals(&self) -> Vec<TimeInterval> {
         (0..self.len() as u32).map(|id| self.active(id)).collect()
+    }
+    /// For each mesh and, after these, each shape, the interval to which refits of a tree are bound by the keys that leaf blocks hold.
+    fn intervals_of_keys(&self) -> Vec<TimeInterval> {
+        Vec::new()
     }
     /// Linear bounds over an interval. They contain all hits of the kernel, up to the rounding that grows with the ray's
     /// distance; the slack of traversals covers that.
@@ -162,6 +173,10 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     fn leaf_kind(&self, id: u32) -> u32 {
         let _ = id;
         0
+    }
+    /// Whether primitives are of more than one kind.
+    fn kinds_differ(&self) -> bool {
+        self.bent()
     }
     /// Whether the memory of a leaf block for these primitives of one kind is reasonable.
     fn fits_block(&self, ids: &[u32]) -> bool {
@@ -249,6 +264,8 @@ pub struct Shapes<P> {
     active: Vec<TimeInterval>,
     /// The bytes of spheres' keys in leaf blocks.
     key_bytes: usize,
+    /// Whether spheres have different numbers of keys above two.
+    kinds_differ: bool,
     frame: Frame,
     /// The box that holds all shapes at all times.
     swept: Aabb,
@@ -304,9 +321,25 @@ impl ShapesExtent {
     }
 }
 
+/// The kind of leaf block for a shape: a sphere of more than two keys shares one with those of as many.
+fn kind(shape: &impl Primitive) -> u32 {
+    match shape.as_sphere() {
+        Some(sphere) if sphere.keys.len() > 2 => sphere.keys.len() as u32,
+        _ => 0,
+    }
+}
+
+/// The same shapes without the keys that they do not need.
+pub(super) fn with_merged_keys<P: Primitive>(mut shapes: Vec<P>) -> Vec<P> {
+    let mut parts: Vec<_> = shapes.chunks_mut(CHUNK).collect();
+    parallel::each(&mut parts, |part| part.iter_mut().for_each(P::merge_keys));
+    shapes
+}
+
 impl<P: Primitive> Shapes<P> {
     /// A set of shapes, after checking their bounds over their whole intervals.
     pub(crate) fn new(shapes: Vec<P>) -> Result<Shapes<P>, BuildError> {
+        let shapes = with_merged_keys(shapes);
         let extent = ShapesExtent::of(&shapes)?;
         let frame = Frame::around(extent.swept);
         Ok(Shapes::within(shapes, extent, frame))
@@ -316,7 +349,9 @@ impl<P: Primitive> Shapes<P> {
     pub(crate) fn within(shapes: Vec<P>, extent: ShapesExtent, frame: Frame) -> Shapes<P> {
         let keys = shapes.iter().filter_map(|shape| Some(shape.as_sphere()?.keys.len()));
         let key_bytes = keys.sum::<usize>() * SPHERE_KEY_BYTES;
-        Shapes { shapes, active: extent.active, key_bytes, frame, swept: extent.swept, bad: AtomicU32::new(NONE) }
+        let kinds_differ = shapes.iter().any(|shape| kind(shape) != kind(&shapes[0]));
+        let ShapesExtent { active, swept } = extent;
+        Shapes { shapes, active, key_bytes, kinds_differ, frame, swept, bad: AtomicU32::new(NONE) }
     }
 
     /// Active intervals as bounds; empty if all shapes exist throughout the shutter.
@@ -324,7 +359,7 @@ impl<P: Primitive> Shapes<P> {
         self.active.iter().map(|active| active.to_bounds()).collect()
     }
 
-    /// The shapes as they were given.
+    /// The shapes as they were given, after [`Primitive::merge_keys`].
     pub(crate) fn shapes(&self) -> &[P] {
         &self.shapes
     }
@@ -359,6 +394,11 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
         self.active.is_empty()
     }
 
+    fn intervals_of_keys(&self) -> Vec<TimeInterval> {
+        let of = |id: u32| if self.leaf_kind(id) > 2 { self.active(id) } else { TimeInterval::FULL };
+        (0..self.shapes.len() as u32).map(of).collect()
+    }
+
     /// For a primitive with contradictory bounds the bounds of all primitives: these hold its first bounds.
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {
         let outward = |b: Aabb| self.frame.outward(b);
@@ -373,6 +413,14 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
             return bounds;
         }
         LinearBox3 { begin: everything(), end: everything() }
+    }
+
+    fn leaf_kind(&self, id: u32) -> u32 {
+        kind(&self.shapes[id as usize])
+    }
+
+    fn kinds_differ(&self) -> bool {
+        self.kinds_differ
     }
 
     fn sphere(&self, id: u32) -> Option<&MovingSphere> {

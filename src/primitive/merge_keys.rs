@@ -4,9 +4,10 @@
 //! or the first and the last; one if all of them are equal. The whole mesh keeps the same keys, so that triangles which
 //! share a vertex still compute the same numbers for it; the same holds for a whole set of points, which has one tree for each segment.
 //!
-//! The rule, with u = 2^-24: every coordinate of a key that is dropped lies within 4u of the line between the kept keys around it,
-//! relative to the larger coordinate of these two. This is what rounding does to a straight motion that a program samples in
-//! f32: `a (1 - w) + b w` is off by up to 3u, `a + (b - a) w` by up to 5u if signs differ, mostly less than 2u.
+//! The rule, with u = 2^-24 for positions in f32 and 2^-53 for those in f64: every coordinate of a key that is dropped lies within
+//! 4u of the line between the kept keys around it, relative to the larger coordinate of these two. This is what rounding does to a
+//! straight motion that a program samples: `a (1 - w) + b w` is off by up to 3u, `a + (b - a) w` by up to 5u if signs differ, mostly
+//! less than 2u. The line itself is computed in f64, which rounds by 3 * 2^-53: so numbers in f64 lie within 7u.
 //!
 //! The distance of the merged motion from the given one: both are linear between given keys, so their distance is greatest at one of
 //! those: 4u. With n keys interpolation itself may err by (4 + 2 (n - 1))u, and with those that are kept by at least 4u less. So
@@ -14,26 +15,35 @@
 
 use crate::geometry::ULP;
 use crate::parallel;
+use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
 use core::ops::Range;
-use glam::Vec3;
 
-/// The number of keys that are kept of `keys`; `at` is the position of a vertex (or point) at a key. `(keys - 1) / (kept -
-/// 1)` given segments become one.
+/// What numbers that a program computes in f32, or in f64, are rounded by.
+pub(crate) const SINGLE: f64 = ULP as f64;
+pub(crate) const DOUBLE: f64 = 0.5 * f64::EPSILON;
+
+/// The number of keys that are kept of `keys`. `read` writes the coordinates of some vertices (or points) at a key, which are rounded by
+/// `ulp`. `(keys - 1) / (kept - 1)` given segments become one.
 ///
 /// Takes one pass over all positions if keys are merged, and usually much less otherwise.
-pub(crate) fn kept_keys(keys: usize, vertices: usize, at: impl Fn(usize, usize) -> Vec3 + Sync) -> usize {
-    if keys < 2 || all_equal(keys, vertices, &at) {
+pub(crate) fn kept_keys(
+    keys: usize,
+    vertices: usize,
+    ulp: f64,
+    read: impl Fn(usize, Range<usize>, &mut [f64]) + Sync,
+) -> usize {
+    if keys < 2 || all_equal(keys, vertices, &read) {
         return keys.min(1);
     }
     let segments = keys - 1;
     // A vertex that needs some keys usually needs others too.
     let mut bent = 0..0;
     for kept in (1..=segments / 2).filter(|&kept| segments.is_multiple_of(kept)) {
-        let grid = Grid { segments, step: segments / kept };
-        if grid.first_bent(bent.clone(), &at).is_some() {
+        let grid = Grid { segments, step: segments / kept, ulp };
+        if grid.first_bent(bent.clone(), &read).is_some() {
             continue;
         }
-        let found = parallel::parts(vertices, |range| grid.first_bent(range, &at));
+        let found = parallel::parts(vertices, |range| grid.first_bent(range, &read));
         match found.flatten().next() {
             Some(vertex) => bent = vertex..vertex + 1,
             None => return kept + 1,
@@ -53,11 +63,32 @@ pub(super) fn given_key(given: usize, kept: usize, key: usize) -> usize {
     (key * (segments(given) / segments(kept))).min(given - 1)
 }
 
+/// Number of vertices that are compared together at all keys: their positions at kept keys stay in the cache.
+const BATCH: usize = 256;
+
+/// The coordinates of a batch at one key.
+type Coordinates = [f64; 3 * BATCH];
+
+/// The ranges of a batch that make up some vertices.
+fn batches(vertices: Range<usize>) -> impl Iterator<Item = Range<usize>> {
+    vertices.clone().step_by(BATCH).map(move |begin| begin..vertices.end.min(begin + BATCH))
+}
+
 /// Whether all keys are equal.
-pub(super) fn all_equal<P: PartialEq>(keys: usize, vertices: usize, at: &(impl Fn(usize, usize) -> P + Sync)) -> bool {
-    let differs = |mut of: Range<usize>| of.any(|v| (1..keys).any(|key| at(key, v) != at(0, v)));
+fn all_equal(keys: usize, vertices: usize, read: &(impl Fn(usize, Range<usize>, &mut [f64]) + Sync)) -> bool {
+    let differs = |of: Range<usize>| {
+        let mut at: [Coordinates; 2] = [[0.0; 3 * BATCH]; 2];
+        batches(of).any(|some| {
+            let [first, other] = at.each_mut().map(|at| &mut at[..3 * some.len()]);
+            read(0, some.clone(), first);
+            (1..keys).any(|key| {
+                read(key, some.clone(), other);
+                first != other
+            })
+        })
+    };
     // Usually the first few vertices differ.
-    let few = vertices.min(64);
+    let few = vertices.min(BATCH / 4);
     !differs(0..few) && !parallel::parts(vertices, differs).any(|differs| differs)
 }
 
@@ -66,23 +97,26 @@ pub(super) fn all_equal<P: PartialEq>(keys: usize, vertices: usize, at: &(impl F
 struct Grid {
     segments: usize,
     step: usize,
+    ulp: f64,
 }
 
-/// Number of vertices that are tested together at all keys: their positions at kept keys stay in the cache.
-const BATCH: usize = 256;
-
 impl Grid {
-    /// The first vertex among these that leaves the lines between kept keys.
-    fn first_bent(self, vertices: Range<usize>, at: &(impl Fn(usize, usize) -> Vec3 + Sync)) -> Option<usize> {
-        let Grid { segments, step } = self;
-        for begin in vertices.clone().step_by(BATCH) {
-            let some = begin..vertices.end.min(begin + BATCH);
+    /// The first batch with a vertex that leaves the lines between kept keys, and this vertex.
+    fn first_bent(self, vertices: Range<usize>, read: &impl Fn(usize, Range<usize>, &mut [f64])) -> Option<usize> {
+        let Grid { segments, step, ulp } = self;
+        let level = SimdLevel::best();
+        let mut at: [Coordinates; 3] = [[0.0; 3 * BATCH]; 3];
+        for some in batches(vertices) {
+            let [begin, end, inner] = at.each_mut().map(|at| &mut at[..3 * some.len()]);
             for first in (0..segments).step_by(step) {
-                for inner in 1..step {
-                    let w = inner as f64 / step as f64;
-                    let bent = |v: &usize| !on_line(at(first + inner, *v), at(first, *v), at(first + step, *v), w);
-                    if let Some(vertex) = some.clone().find(bent) {
-                        return Some(vertex);
+                read(first, some.clone(), begin);
+                read(first + step, some.clone(), end);
+                for key in 1..step {
+                    read(first + key, some.clone(), inner);
+                    let w = key as f64 / step as f64;
+                    if dispatch(level, OffLine { inner, begin, end, w, ulp }) {
+                        let at = |i: &usize| !on_line(inner[*i], [begin[*i], end[*i]], w, ulp);
+                        return (0..inner.len()).find(at).map(|coordinate| some.start + coordinate / 3);
                     }
                 }
             }
@@ -91,22 +125,52 @@ impl Grid {
     }
 }
 
+/// Whether any of some coordinates is not on its line; compiled for each instruction set.
+struct OffLine<'a> {
+    inner: &'a [f64],
+    begin: &'a [f64],
+    end: &'a [f64],
+    w: f64,
+    ulp: f64,
+}
+
+impl Kernel for OffLine<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) -> bool {
+        let lines = self.begin.iter().zip(self.end);
+        self.inner.iter().zip(lines).fold(false, |off, (&p, (&a, &b))| off | !on_line(p, [a, b], self.w, self.ulp))
+    }
+}
+
+/// Of the keys of a single thing, given by some numbers in f64, every how many are kept: all others lie on the lines between these.
+pub(crate) fn widest_step<const N: usize>(keys: usize, numbers: impl Fn(usize) -> [f64; N]) -> usize {
+    let segments = keys.saturating_sub(1);
+    let is_straight = |step: usize| {
+        (step..keys).step_by(step).all(|last| {
+            let (begin, end) = (numbers(last - step), numbers(last));
+            (1..step).all(|key| {
+                let (inner, w) = (numbers(last - step + key), key as f64 / step as f64);
+                (0..N).all(|i| on_line(inner[i], [begin[i], end[i]], w, DOUBLE))
+            })
+        })
+    };
+    let mut steps = (1..=segments / 2).filter(|&kept| segments.is_multiple_of(kept)).map(|kept| segments / kept);
+    steps.find(|&step| is_straight(step)).unwrap_or(1)
+}
+
 /// Whether `p` lies on the line from `a` to `b` at the fraction `w`, up to 4u.
 #[inline(always)]
-fn on_line(p: Vec3, a: Vec3, b: Vec3, w: f64) -> bool {
-    let size = a.abs().max(b.abs());
-    // In f32 this errs by 3u: both weights and products, and the sum, are rounded.
-    let line = a * (1.0 - w) as f32 + b * w as f32;
-    (p - line).abs().cmple(size * ULP).all() || {
-        let line = a.as_dvec3() * (1.0 - w) + b.as_dvec3() * w;
-        (p.as_dvec3() - line).abs().cmple(size.as_dvec3() * f64::from(4.0 * ULP)).all()
-    }
+fn on_line(p: f64, [a, b]: [f64; 2], w: f64, ulp: f64) -> bool {
+    (p - (a * (1.0 - w) + b * w)).abs() <= a.abs().max(b.abs()) * (4.0 * ulp)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::random::Random;
+    use glam::Vec3;
 
     /// Kept keys of vertices that go through random places at `places` keys, sampled at `keys` keys, and moved by
     /// `off` of their coordinate at one of the inner keys.
@@ -115,7 +179,7 @@ mod tests {
         let vertices = 1000;
         let path: Vec<Vec<Vec3>> = (0..places).map(|_| (0..vertices).map(|_| random.vec()).collect()).collect();
         let step = if places > 1 { (keys - 1) / (places - 1) } else { usize::MAX };
-        kept_keys(keys, vertices, |key, v| {
+        let at = |key: usize, v: usize| {
             let (segment, inner) = (key / step, key % step);
             let p = path[segment][v];
             if inner == 0 || places == 1 {
@@ -124,6 +188,9 @@ mod tests {
             let q = path[segment + 1][v];
             let p = p.lerp(q, inner as f32 / step as f32);
             if v == 700 && key == 1 { p * (1.0 + off) } else { p }
+        };
+        kept_keys(keys, vertices, SINGLE, |key, of, out| {
+            of.zip(out.as_chunks_mut().0).for_each(|(v, out)| *out = at(key, v).as_dvec3().to_array());
         })
     }
 
@@ -135,7 +202,7 @@ mod tests {
         }
         assert_eq!((kept(3, 9, 0.0), kept(3, 65, 0.0), kept(5, 9, 0.0), kept(9, 9, 0.0)), (3, 3, 5, 9));
         // The given keys must refine the kept ones.
-        assert_eq!((kept(4, 10, 0.0), kept(4, 4, 0.0), kept_keys(0, 3, |_, _| Vec3::ZERO)), (4, 4, 0));
+        assert_eq!((kept(4, 10, 0.0), kept(4, 4, 0.0), kept_keys(0, 3, SINGLE, |_, _, _| ())), (4, 4, 0));
     }
 
     #[test]
@@ -155,7 +222,7 @@ mod tests {
             let size = f64::from(a.abs().max(b.abs()));
             let p = (exact + size * f64::from(random.signed() * 8.0 * ULP)) as f32;
             let off = (f64::from(p) - exact).abs() / (size * f64::from(ULP));
-            let taken = on_line(Vec3::splat(p), Vec3::splat(a), Vec3::splat(b), w);
+            let taken = on_line(p.into(), [a.into(), b.into()], w, SINGLE);
             assert!(taken == (off <= 4.0) || (off - 4.0).abs() < 1e-6, "{off}");
             merged += u32::from(taken);
             far += u32::from(!taken);

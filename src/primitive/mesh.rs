@@ -1,6 +1,6 @@
 //! Triangle meshes whose vertices move.
 
-use super::merge_keys::{all_equal, kept_keys};
+use super::merge_keys::{DOUBLE, SINGLE, kept_keys};
 use crate::error::BuildError;
 use crate::geometry::{Aabb, Box3, Frame, TimeInterval};
 use crate::limits::MAX_COORDINATE;
@@ -132,7 +132,8 @@ impl TriangleMesh {
     /// to 2 cm, two machines 1e7 m apart only to 20 m: for these one tree each, placed in an
     /// [`InstanceTree`](crate::InstanceTree) without a transform, is as exact and far faster.
     ///
-    /// Triangles are tested one by one. Keys on straight lines between others are not merged, unless all keys are equal.
+    /// Triangles are tested one by one. Redundant keys are dropped here as well, where all vertices stay within 7 * 2^-53, relative to the
+    /// coordinate, of the lines between those that are kept.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::{DVec3, Vec3}};
@@ -208,20 +209,20 @@ impl TriangleMesh {
         }
     }
 
-    /// The number of keys after merging ([`super::merge_keys`]): of f32 coordinates as given, of f64 coordinates
-    /// as stored. If f64 is kept, keys are merged only if all are equal.
+    /// The number of keys after merging ([`super::merge_keys`]): of coordinates as given, or as stored if f64 is not kept.
     pub(super) fn kept_keys(&self, frame: Frame) -> usize {
         let (keys, vertices) = (self.keys.len(), self.keys.vertices(0));
         match &self.keys {
-            Keys::F32(at) => kept_keys(keys, vertices, |key, v| at[key][v]),
-            Keys::F64(at) => kept_keys(keys, vertices, |key, v| frame.point(at[key][v])),
-            Keys::Precise(at) => {
-                if all_equal(keys, vertices, &|key, v| at[key][v]) {
-                    1
-                } else {
-                    keys
-                }
-            }
+            Keys::F32(at) => kept_keys(keys, vertices, SINGLE, |key, of, out| {
+                out.iter_mut().zip(as_coordinates(&at[key][of])).for_each(|(out, &x)| *out = x.into());
+            }),
+            Keys::F64(at) => kept_keys(keys, vertices, SINGLE, |key, of, out| {
+                let stored = at[key][of].iter().map(|&p| frame.point(p).as_dvec3().to_array());
+                out.as_chunks_mut().0.iter_mut().zip(stored).for_each(|(out, p)| *out = p);
+            }),
+            Keys::Precise(at) => kept_keys(keys, vertices, DOUBLE, |key, of, out| {
+                out.as_chunks_mut().0.iter_mut().zip(&at[key][of]).for_each(|(out, p)| *out = p.to_array());
+            }),
         }
     }
 

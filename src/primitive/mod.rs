@@ -32,7 +32,7 @@ pub use check::{PrimitiveError, check_primitive};
 pub use custom::{Primitive, Shapes};
 pub(crate) use custom::{PrimitiveSet, SPHERE_KEY_BYTES};
 pub use intersection::{Intersection, SurfacePoint};
-pub(crate) use merge_keys::kept_keys;
+pub(crate) use merge_keys::{DOUBLE, SINGLE, kept_keys, widest_step};
 pub use mesh::{Keys, TriangleMesh};
 pub use points::{MovingPoint, PointArrays, PointColumns, PointSet, Position};
 pub use scene::{Scene, Shape};

@@ -90,6 +90,23 @@ mod tests {
     }
 
     #[test]
+    fn keys_on_lines_are_dropped_up_to_the_rounding_of_f64() {
+        let mut random = Random(4);
+        let [open, close]: [Vec<DVec3>; 2] = core::array::from_fn(|_| (0..300).map(|_| 5e6 + random.dvec()).collect());
+        let sampled = |by: f64| {
+            let key = |key: usize| {
+                let w = key as f64 / 64.0;
+                let at = |i: usize| open[i] + (close[i] - open[i]) * w + if key == 20 && i == 150 { by } else { 0.0 };
+                (0..300).map(at).collect()
+            };
+            TriangleMesh::new(vec![[0, 1, 2]], (0..65).map(key).collect::<Vec<Vec<DVec3>>>()).precise()
+        };
+        for (by, kept) in [(0.0, 2), (2e-9, 2), (1e-8, 65)] {
+            assert_eq!(Triangles::new(&[sampled(by)]).unwrap().keys(0), kept, "off by {by}");
+        }
+    }
+
+    #[test]
     fn every_bit_is_kept_and_equal_keys_are_one() {
         let mut random = Random(3);
         for around in [0.0, 1e-9, 5e6] {

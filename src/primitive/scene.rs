@@ -1,6 +1,6 @@
 //! Scenes of meshes, spheres and caller-defined primitives.
 
-use super::custom::{Primitive, PrimitiveSet, Shapes, ShapesExtent, include_each};
+use super::custom::{Primitive, PrimitiveSet, Shapes, ShapesExtent, include_each, with_merged_keys};
 use super::intersection::{Intersection, SurfacePoint};
 use super::mesh::TriangleMesh;
 use super::sphere::MovingSphere;
@@ -75,6 +75,13 @@ impl Primitive for Shape {
             Shape::Own(own) => own.as_sphere(),
         }
     }
+
+    fn merge_keys(&mut self) {
+        match self {
+            Shape::Sphere(sphere) => sphere.merge_keys(),
+            Shape::Own(own) => own.merge_keys(),
+        }
+    }
 }
 
 /// Triangle meshes and other shapes in one tree space, as a [`RayTree`](crate::RayTree) holds them.
@@ -93,6 +100,7 @@ pub struct Scene {
 impl Scene {
     /// Checks all primitives and maps them to one tree space.
     pub(crate) fn new(meshes: &[TriangleMesh], shapes: Vec<Shape>) -> Result<Scene, BuildError> {
+        let shapes = with_merged_keys(shapes);
         let extent = ShapesExtent::of(&shapes)?;
         let triangles = Triangles::with_bounds(meshes, extent.swept)?;
         Scene::of(triangles, shapes, extent)
@@ -101,6 +109,7 @@ impl Scene {
     /// The same scene with other positions of the meshes and, if given, other shapes. After an error this scene is
     /// unchanged.
     pub(crate) fn again(&mut self, meshes: &[TriangleMesh], shapes: Option<Vec<Shape>>) -> Result<Scene, RefitError> {
+        let shapes = shapes.map(with_merged_keys);
         let extent = ShapesExtent::of(shapes.as_deref().unwrap_or(self.shapes.shapes())).map_err(RefitError::Input)?;
         if let Some(found) = shapes.as_ref().map(Vec::len).filter(|&found| found != self.shapes.len()) {
             return Err(RefitError::Shapes { expected: self.shapes.len(), found });
@@ -169,6 +178,12 @@ impl PrimitiveSet for Scene {
     fn active_intervals(&self) -> Vec<TimeInterval> {
         let mut intervals = self.triangles.active_intervals();
         intervals.extend(self.shapes.active_intervals());
+        intervals
+    }
+
+    fn intervals_of_keys(&self) -> Vec<TimeInterval> {
+        let mut intervals = self.triangles.intervals_of_keys();
+        intervals.extend(self.shapes.intervals_of_keys());
         intervals
     }
 
@@ -275,8 +290,12 @@ impl PrimitiveSet for Scene {
     fn leaf_kind(&self, id: u32) -> u32 {
         match self.shape(id) {
             None => self.triangles.leaf_kind(id),
-            Some(_) => 0,
+            Some(shape) => self.shapes.leaf_kind(shape),
         }
+    }
+
+    fn kinds_differ(&self) -> bool {
+        self.triangles.kinds_differ() || self.shapes.kinds_differ()
     }
 
     fn fits_block(&self, ids: &[u32]) -> bool {

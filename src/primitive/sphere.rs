@@ -1,6 +1,7 @@
 //! Moving spheres: their motion, their bounds and their intersection with rays.
 
 use super::intersection::Intersection;
+use super::merge_keys::widest_step;
 use crate::geometry::{Aabb, LinearBounds, Ray, TimeInterval};
 use glam::{DVec3, Vec3};
 
@@ -12,6 +13,10 @@ pub(crate) const SPHERE_ROUNDING: f64 = 1e-9;
 ///
 /// A negative radius counts as its absolute value; a sphere without keys is a point at zero that
 /// nothing hits.
+///
+/// Redundant keys cost nothing but the time to find them: a tree keeps every second, third, … key if all others lie on the lines
+/// between these, within 7 * 2^-53 relative to the coordinate ([`Primitive::merge_keys`](super::Primitive::merge_keys)). So a straight
+/// motion may be given with any number of keys. (Two remain in any case, so that a tree of spheres at rest can be refitted.)
 ///
 /// ```
 /// use mbkd::glam::{DVec3, Vec3};
@@ -44,6 +49,17 @@ impl MovingSphere {
     /// The sphere with an active interval.
     pub fn with_active(self, active: TimeInterval) -> MovingSphere {
         MovingSphere { active, ..self }
+    }
+
+    /// Drops the keys on straight lines between others, but for two. The others are spaced evenly again.
+    pub(super) fn drop_redundant_keys(&mut self) {
+        let step = widest_step(self.keys.len(), |key| {
+            let (center, radius) = self.keys[key];
+            [center.x, center.y, center.z, radius.abs()]
+        });
+        if step > 1 {
+            self.keys = self.keys.iter().step_by(step).copied().collect();
+        }
     }
 
     /// Center and radius at a time in [0, 1].
@@ -124,7 +140,8 @@ impl MovingSphere {
     pub(super) fn padded_bounds(&self, over: TimeInterval, padding: f64) -> LinearBounds {
         let mut bounds = LinearBounds { begin: self.bounds_at(over.begin()), end: self.bounds_at(over.end()) };
         let segments = self.keys.len().max(1) - 1;
-        for key in 1..segments {
+        let place = |time: f32| f64::from(time) * segments as f64;
+        for key in (place(over.begin()) as usize).max(1)..(place(over.end()).ceil() as usize).min(segments) {
             let time = key as f64 / segments as f64;
             let w = (time - f64::from(over.begin())) / over.fine_duration();
             if 0.0 < w && w < 1.0 {

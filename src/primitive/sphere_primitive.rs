@@ -39,6 +39,10 @@ impl Primitive for MovingSphere {
     fn as_sphere(&self) -> Option<&MovingSphere> {
         Some(self)
     }
+
+    fn merge_keys(&mut self) {
+        self.drop_redundant_keys();
+    }
 }
 
 #[cfg(test)]
@@ -93,6 +97,65 @@ mod tests {
     #[test]
     fn bounds_over_a_part_of_the_shutter_hold_the_keys_inside() {
         assert_eq!(keys_outside(|ball, over| ball.bounds(over)), 0);
+    }
+
+    /// A sphere that goes through random places at `places` keys, sampled at `keys` keys.
+    fn sampled(places: usize, keys: usize, random: &mut Random) -> MovingSphere {
+        let path = MovingSphere::new((0..places).map(|_| (random.dvec(), random.dvec().x)).collect());
+        let step = (keys - 1).checked_div(places - 1).unwrap_or(usize::MAX);
+        let at = |key: usize| {
+            let (before, after) = (path.keys[key / step], path.keys[(key / step + 1).min(places - 1)]);
+            MovingSphere::between(before, after, (key % step) as f64 / step as f64)
+        };
+        MovingSphere::new((0..keys).map(at).collect())
+    }
+
+    #[test]
+    fn straight_motion_keeps_two_keys_and_piecewise_straight_motion_its_bends() {
+        let mut random = Random(12);
+        for (places, keys, kept) in [
+            (1, 1, 1),
+            (1, 2, 2),
+            (1, 65, 2),
+            (2, 2, 2),
+            (2, 9, 2),
+            (2, 65, 2),
+            (3, 9, 3),
+            (5, 65, 5),
+            (4, 10, 4),
+            (9, 9, 9),
+        ] {
+            for _ in 0..50 {
+                let given = sampled(places, keys, &mut random);
+                let mut merged = given.clone();
+                merged.merge_keys();
+                assert_eq!(merged.keys.len(), kept, "{places} places at {keys} keys");
+                for time in (0..=64).map(|i| i as f32 / 64.0) {
+                    let ((center, radius), (expected, expected_radius)) = (merged.at(time), given.at(time));
+                    let off = (center - expected).abs().max_element().max((radius - expected_radius).abs());
+                    assert!(off <= 12.0 * f64::EPSILON, "off by {off}");
+                }
+            }
+        }
+        let mut none = MovingSphere::new(Vec::new());
+        none.merge_keys();
+        assert_eq!(none.keys, []);
+    }
+
+    #[test]
+    fn a_key_beside_the_line_is_kept() {
+        let mut random = Random(13);
+        for (by, kept) in [(1e-16, 2), (1e-14, 65)] {
+            // Relative to the larger end.
+            let mut ball = sampled(2, 65, &mut random);
+            let size = ball.keys[0].0.y.abs().max(ball.keys[64].0.y.abs());
+            ball.keys[20].0.y += by * size;
+            ball.merge_keys();
+            assert_eq!(ball.keys.len(), kept);
+        }
+        let mut growing = MovingSphere::new(vec![(DVec3::ZERO, 1.0), (DVec3::ZERO, 2.0), (DVec3::ZERO, 1.0)]);
+        growing.merge_keys();
+        assert_eq!(growing.keys.len(), 3);
     }
 
     #[test]

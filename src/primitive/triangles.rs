@@ -51,12 +51,6 @@ pub(super) struct Vertices {
 }
 
 impl Triangles {
-    /// For each mesh, the interval to which refits of a tree of it are bound by the keys that leaf blocks hold.
-    pub(crate) fn intervals_of_keys(&self) -> Vec<TimeInterval> {
-        let of = |mesh: &MeshInfo| if mesh.keys > 2 { mesh.active } else { TimeInterval::FULL };
-        self.meshes.iter().map(of).collect()
-    }
-
     /// Releases the f32 vertices: from now on there are ids, masks and intervals, but no corners and no bounds.
     pub(crate) fn drop_vertices(&mut self) {
         self.vertices = Vertices::default();
@@ -320,6 +314,11 @@ impl PrimitiveSet for Triangles {
 
     fn always_active(&self) -> bool {
         self.always_active
+    }
+
+    fn intervals_of_keys(&self) -> Vec<TimeInterval> {
+        let of = |mesh: &MeshInfo| if mesh.keys > 2 { mesh.active } else { TimeInterval::FULL };
+        self.meshes.iter().map(of).collect()
     }
 
     fn active_intervals(&self) -> Vec<TimeInterval> {

@@ -29,6 +29,8 @@ trait AnyShapes: Send + Sync {
     fn intersect(&self, id: u32, ray: &TreeRay, sheared: &Sheared) -> Option<SetHit>;
     fn first_within(&self, ids: &[u32], query: &Query, limit: f32) -> Option<(usize, Candidate)>;
     fn sphere(&self, id: u32) -> Option<&MovingSphere>;
+    fn intervals_of_keys(&self) -> Vec<TimeInterval>;
+    fn leaf_kind(&self, id: u32) -> u32;
     fn further_key_bytes(&self) -> usize;
 }
 
@@ -57,6 +59,12 @@ impl<P: Primitive> AnyShapes for Shapes<P> {
     fn sphere(&self, id: u32) -> Option<&MovingSphere> {
         PrimitiveSet::sphere(self, id)
     }
+    fn intervals_of_keys(&self) -> Vec<TimeInterval> {
+        PrimitiveSet::intervals_of_keys(self)
+    }
+    fn leaf_kind(&self, id: u32) -> u32 {
+        PrimitiveSet::leaf_kind(self, id)
+    }
     fn further_key_bytes(&self) -> usize {
         PrimitiveSet::further_key_bytes(self)
     }
@@ -68,11 +76,13 @@ pub(super) struct ErasedShapes<'a> {
     // Copied here so that reading it needs no dynamic call.
     frame: &'a Frame,
     always_active: bool,
+    kinds_differ: bool,
 }
 
 impl ErasedShapes<'_> {
     fn of<P: Primitive>(shapes: &Shapes<P>) -> ErasedShapes<'_> {
-        ErasedShapes { frame: shapes.frame(), always_active: shapes.always_active(), shapes }
+        let (always_active, kinds_differ) = (shapes.always_active(), shapes.kinds_differ());
+        ErasedShapes { frame: shapes.frame(), always_active, kinds_differ, shapes }
     }
 }
 
@@ -90,12 +100,24 @@ impl PrimitiveSet for ErasedShapes<'_> {
         self.always_active
     }
 
+    fn intervals_of_keys(&self) -> Vec<TimeInterval> {
+        self.shapes.intervals_of_keys()
+    }
+
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {
         self.shapes.bounds(id, over)
     }
 
     fn sphere(&self, id: u32) -> Option<&MovingSphere> {
         self.shapes.sphere(id)
+    }
+
+    fn leaf_kind(&self, id: u32) -> u32 {
+        self.shapes.leaf_kind(id)
+    }
+
+    fn kinds_differ(&self) -> bool {
+        self.kinds_differ
     }
 
     fn further_key_bytes(&self) -> usize {

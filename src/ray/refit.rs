@@ -92,8 +92,8 @@ impl RayTree {
     /// The meshes must have the triangles that the tree was built of; positions, [`active`](TriangleMesh::active) and
     /// [`mask`](TriangleMesh::mask) may differ, and so may the number of keys, as long as the number of keys after
     /// merging redundant ones is the same. Shapes beside the meshes stay as they are. A tree with temporal splits may
-    /// have left out what did not exist in a time slice when it was built, and any tree leaves out the keys of a mesh with more
-    /// than two at times when it did not exist; then active intervals may become shorter, but no longer than they were.
+    /// have left out what did not exist in a time slice when it was built, and any tree leaves out the keys of a mesh or sphere with
+    /// more than two at times when it did not exist; then active intervals may become shorter, but no longer than they were.
     ///
     /// The tree keeps its structure, which groups primitives that were near each other when it was built. So rays
     /// become slower as the motion goes on, and [`Refit::cost`] estimates by how much. If nothing moved, the tree does

@@ -100,7 +100,7 @@ impl Draft {
     /// Joins leaf blocks that are no neighbours, if that pays and all primitives are of one kind.
     fn join_leaves<S: PrimitiveSet>(&mut self, set: &S) {
         let cost_model = CostModel { most: set.per_leaf().min(self.cost_model.most), ..self.cost_model };
-        if !set.bent()
+        if !set.kinds_differ()
             && let Some(better) = join_leaves(&self.binary, &self.collapse, &mut self.references, &cost_model)
         {
             self.binary = better;
@@ -291,7 +291,7 @@ fn draft_with<S: PrimitiveSet>(
     reinsertion: Reinsertion,
 ) -> Draft {
     let kind = |id: u32| set.leaf_kind(id);
-    let kinds: Option<&LeafKind<'_>> = if set.bent() { Some(&kind) } else { None };
+    let kinds: Option<&LeafKind<'_>> = if set.kinds_differ() { Some(&kind) } else { None };
     let per_leaf = set.per_leaf();
     let [stop, overlapping] = [*BINARY_LEAF.start(), *BINARY_LEAF.end()].map(|most| most.min(per_leaf));
     // A node above them would cost as much as one block of all of them.
@@ -338,7 +338,7 @@ fn collapse<S: PrimitiveSet>(
     cost_model: CostModel,
 ) -> Collapse {
     let kind = |id: u32| set.leaf_kind(id);
-    let kinds: Option<&LeafKind<'_>> = if set.bent() { Some(&kind) } else { None };
+    let kinds: Option<&LeafKind<'_>> = if set.kinds_differ() { Some(&kind) } else { None };
     let per_leaf = set.per_leaf();
     Collapse::new(binary, cost_model, |node| {
         if node.count as usize > per_leaf {

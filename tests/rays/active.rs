@@ -356,6 +356,45 @@ fn what_a_box_does_not_hold_cannot_come_back_by_a_refit_either() {
 }
 
 #[test]
+fn spheres_of_many_keys_take_only_those_of_their_active_interval() {
+    let balls = |active: TimeInterval| -> Vec<MovingSphere> {
+        let mut random = Random(5);
+        let ball = |_| {
+            let mut at = random.vec().as_dvec3();
+            let mut key = |_| {
+                at += random.vec().as_dvec3() * 0.02;
+                (at, 0.05)
+            };
+            MovingSphere::new((0..65).map(&mut key).collect()).with_active(active)
+        };
+        (0..600).map(ball).collect()
+    };
+    let short = TimeInterval::new(0.3, 0.4).unwrap();
+    for division in [Division::Whole, Division::SharedLeaves(2), Division::SeparateTrees(2)] {
+        let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
+        let build = |active: TimeInterval| RayTree::of_primitives(balls(active), &params).unwrap();
+        let (mut tree, whole) = (build(short), build(TimeInterval::FULL));
+        let (bytes, of_whole) = (tree.statistics().bytes, whole.statistics().bytes);
+        assert!(bytes * 4 < of_whole, "{bytes} of {of_whole} bytes, {division:?}");
+        let shorter = TimeInterval::new(0.32, 0.35).unwrap();
+        for active in [short, shorter] {
+            tree.refit_primitives(balls(active)).unwrap();
+            let (brute, mut random) = (BruteForce::of_primitives(balls(active)).unwrap(), Random(6));
+            let (mut hits, mut before) = (0, 0);
+            for _ in 0..2000 {
+                let ray = random_ray(&mut random, 1.0).at_time(0.25 + 0.2 * random.unit());
+                assert_eq!(difference(&tree, &brute, &ray), None, "{division:?}, {active:?}");
+                hits += usize::from(tree.any_hit(&ray));
+                before += usize::from(tree.any_hit(&ray.at_time(active.begin().next_down())));
+            }
+            assert!(hits > 50 && before == 0, "{hits} hits, {before} before");
+        }
+        let longer = TimeInterval::new(0.3, 0.5).unwrap();
+        assert_eq!(tree.refit_primitives(balls(longer)), Err(RefitError::Active { mesh: 0 }));
+    }
+}
+
+#[test]
 fn spheres_that_a_tree_left_out_cannot_come_back_by_a_refit() {
     let balls = |life: f32| -> Vec<MovingSphere> {
         let ball = |i: i32| MovingSphere::fixed(DVec3::X * f64::from(i), 0.4);

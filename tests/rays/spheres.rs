@@ -5,7 +5,7 @@ use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
     BuildParams, ClosestPointQuery, Counters, Division, Instance, InstanceTree, Intersection, LazyParams, LinearBounds,
-    MovingSphere, Pose, Primitive, Ray, RayTree, Shape, SimdLevel, TimeInterval, TriangleMesh, WideParams,
+    MovingSphere, Pose, Primitive, Ray, RayTree, Shape, SimdLevel, Statistics, TimeInterval, TriangleMesh, WideParams,
 };
 use std::sync::Arc;
 
@@ -142,6 +142,50 @@ fn closest_points_equal_brute_force() {
     }
 }
 
+/// The same way from the first key to the last, with this many keys on a line.
+fn straightened(ball: &MovingSphere, keys: usize) -> MovingSphere {
+    let (Some(&first), Some(&last)) = (ball.keys.first(), ball.keys.last()) else { return ball.clone() };
+    let at = |key: usize| {
+        let w = key as f64 / (keys - 1) as f64;
+        (first.0 + (last.0 - first.0) * w, first.1.abs() + (last.1.abs() - first.1.abs()) * w)
+    };
+    let path = (0..keys - 1).map(at).chain([(last.0, last.1.abs())]);
+    MovingSphere::new(path.collect()).with_active(ball.active)
+}
+
+#[test]
+fn straight_motion_costs_the_same_with_any_number_of_keys() {
+    let balls = spheres(PLAIN, 3);
+    for params in params() {
+        let of = |keys: usize| {
+            let shapes = balls.iter().map(|ball| straightened(ball, keys).into()).collect();
+            RayTree::of_scene(&[], shapes, &params).unwrap()
+        };
+        for keys in [3, 9, 65] {
+            let (two, many) = (of(2), of(keys));
+            let untimed = |s: Statistics| Statistics { duplication_time: 0.0, propagation_time: 0.0, ..s };
+            assert_eq!(untimed(many.statistics()), untimed(two.statistics()), "{keys} keys, {params:?}");
+            for ray in rays(PLAIN, &balls, 300, 9) {
+                let (mut a, mut b) = (Counters::default(), Counters::default());
+                assert_eq!(two.closest_hit_observed(&ray, &mut a), many.closest_hit_observed(&ray, &mut b));
+                assert_eq!(a, b);
+            }
+        }
+    }
+}
+
+#[test]
+fn spheres_with_few_keys_do_not_take_those_of_their_neighbours() {
+    let of = |keys: &'static [usize]| {
+        let balls = spheres(Kind { count: 2000, keys, ..PLAIN }, 8);
+        let params = BuildParams::wide(WideParams { division: Division::Whole, ..WideParams::default() });
+        RayTree::of_primitives(balls, &params).unwrap().statistics().bytes
+    };
+    // One in ten moves on a curve.
+    let (mixed, [still, bent]) = (of(&[1, 1, 1, 1, 1, 65, 1, 1, 1, 1]), [of(&[1]), of(&[65])]);
+    assert!(mixed < still * 9 / 10 + bent / 10 * 2, "{mixed} bytes, {still} at rest, {bent} on curves");
+}
+
 /// Frame by frame, spheres move, gain and lose keys, and become other shapes.
 #[test]
 fn refitted_trees_equal_brute_force_whatever_becomes_of_spheres() {
@@ -151,7 +195,11 @@ fn refitted_trees_equal_brute_force_whatever_becomes_of_spheres() {
         for first in [PLAIN, Kind { keys: &[9], ..PLAIN }] {
             let mut tree = RayTree::of_primitives(spheres(first, 1), &params).unwrap();
             for (frame, kind) in frames.into_iter().chain([first]).enumerate() {
-                let balls = spheres(kind, 2 + frame as u64);
+                let mut balls = spheres(kind, 2 + frame as u64);
+                // Some need fewer keys than they have.
+                for ball in balls.iter_mut().skip(frame).step_by(3).filter(|ball| ball.keys.len() > 2) {
+                    *ball = straightened(ball, ball.keys.len());
+                }
                 tree.refit_primitives(balls.clone()).unwrap();
                 let oracle = BruteForce::of_primitives(balls.clone()).unwrap();
                 for ray in rays(kind, &balls, 150, frame as u64) {

@@ -57,7 +57,7 @@ impl Cloud {
             if let Some(first) = cloud.keys[0].first_mut() {
                 first.x += places.scale * 1.000_000_1e-5;
             }
-            cloud.kept = cloud.keys.len();
+            cloud.kept = cloud.kept_keys();
         } else {
             cloud.round(DVec3::ZERO);
         }
@@ -71,20 +71,20 @@ impl Cloud {
         self.kept = self.kept_keys();
     }
 
-    /// The rule of [`mbkd::PointArrays`] in f32: keys on lines between every second, third, … are dropped, up to 4 times 2^-24.
+    /// The rule of [`mbkd::PointArrays`]: keys on lines between every second, third, … are dropped, up to 4 times 2^-24, or 2^-53 in f64.
     fn kept_keys(&self) -> usize {
         let keys = &self.keys;
         if keys.iter().all(|key| *key == keys[0]) {
             return 1;
         }
-        let segments = keys.len() - 1;
+        let (segments, ulp) = (keys.len() - 1, if self.double { 0.5 * f64::EPSILON } else { 0.5f64.powi(24) });
         let straight = |kept: usize| {
             let step = segments / kept;
             (0..segments).all(|key| {
                 let (first, w) = (key / step * step, (key % step) as f64 / step as f64);
                 (0..self.len()).all(|i| {
                     let (a, b) = (keys[first][i], keys[first + step][i]);
-                    let size = a.abs().max(b.abs()) * (4.0 / f64::from(1 << 24));
+                    let size = a.abs().max(b.abs()) * (4.0 * ulp);
                     (keys[key][i] - (a * (1.0 - w) + b * w)).abs().cmple(size).all()
                 })
             })

@@ -1,33 +1,12 @@
 //! Random scenes of meshes, spheres and shapes of the caller's, how they move from frame to frame, and build parameters.
 
+use crate::blob::Blob;
 use crate::random::{Places, Random};
 use mbkd::glam::{DQuat, DVec3};
 use mbkd::{
-    BuildError, BuildParams, Division, Intersection, KdParams, Keys, LazyParams, LinearBounds, MovingSphere, Primitive,
-    Ray, Shape, SurfacePoint, TimeInterval, TriangleMesh, WideParams,
+    BuildError, BuildParams, Division, KdParams, Keys, LazyParams, MovingSphere, Shape, TimeInterval, TriangleMesh,
+    WideParams,
 };
-
-/// A sphere that does not say that it is one, so that it is tested like a shape of unknown type.
-#[derive(Clone, Debug)]
-pub struct Blob(pub MovingSphere);
-
-impl Primitive for Blob {
-    fn bounds(&self, over: TimeInterval) -> LinearBounds {
-        self.0.bounds(over)
-    }
-
-    fn intersect(&self, ray: &Ray) -> Option<Intersection> {
-        self.0.intersect(ray)
-    }
-
-    fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
-        self.0.closest_point(point, time)
-    }
-
-    fn active(&self) -> TimeInterval {
-        self.0.active()
-    }
-}
 
 /// Meshes, and spheres of which some are hidden in shapes of the caller's.
 #[derive(Clone, Debug)]
@@ -137,11 +116,12 @@ fn mesh(random: &mut Random, places: &Places, n: usize) -> TriangleMesh {
 }
 
 fn ball(random: &mut Random, places: &Places) -> MovingSphere {
-    let keys = random.pick(&[1, 1, 2, 2, 3, 9]);
+    let keys = random.pick(&[1, 1, 2, 2, 3, 9, 17]);
+    let bends = random.pick(&[1, 2, keys]);
     let (at, by) = (places.place(random), random.vec() * places.scale * random.pick(&[0.0, 0.1, 2.0]));
     let radius = places.scale * random.pick(&[0.0, 1e-3, 0.05, 0.05, 0.3, 2.0, -0.1]);
     let swell = random.pick(&[0.0, 0.0, 1.0, -2.0]);
-    let key = |i: usize| (at + by * i as f64 / keys as f64, radius + radius * swell * (i % 3) as f64);
+    let key = |i: usize| (at + by * i as f64 / keys as f64, radius + radius * swell * (i * bends / keys % 3) as f64);
     let active = if random.one_in(5) { random.interval() } else { TimeInterval::FULL };
     MovingSphere::new((0..keys).map(key).collect()).with_active(active)
 }

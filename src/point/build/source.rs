@@ -7,7 +7,7 @@ use crate::point::error::PointError;
 use crate::point::layout::static_tree::StaticTree;
 use crate::point::leaf_order::moving_reference::{MovingReference, TimeSlice};
 use crate::point::leaf_order::point_rows::PointRows;
-use crate::primitive::{PointSet, kept_keys};
+use crate::primitive::{DOUBLE, PointSet, SINGLE, kept_keys};
 use crate::progress::Progress;
 use crate::simd::{Item, PointBlock, huge_vec, prefetch};
 use core::sync::atomic::{AtomicUsize, Ordering};
@@ -51,13 +51,19 @@ impl Source {
         let (origin, mut positions, mut exact) =
             if P::WIDE { relative(points, len, keys)? } else { narrow(points, len, keys)? };
         let plain = !not_plain && is_plain(points, len);
-        if !exact.is_empty() && (round_to_f32 || keys > 1 || !plain) {
-            positions = exact.iter().map(|at| (*at - origin).as_vec3().to_array()).collect();
-        }
-        if round_to_f32 {
+        let rounded = |exact: &[DVec3]| exact.iter().map(|at| (*at - origin).as_vec3().to_array()).collect();
+        if round_to_f32 && !exact.is_empty() {
+            positions = rounded(&exact);
             exact = Vec::new();
         }
-        let keys = if exact.is_empty() { merge_keys(&mut positions, len, keys) } else { keys };
+        let keys = if exact.is_empty() {
+            merge_keys(&mut positions, (len, keys), SINGLE, |at| at.map(f64::from))
+        } else {
+            merge_keys(&mut exact, (len, keys), DOUBLE, |at| at.to_array())
+        };
+        if !exact.is_empty() && (keys > 1 || !plain) {
+            positions = rounded(&exact);
+        }
         let mut active = Vec::new();
         let mut ids = Vec::new();
         for point in 0..if plain { 0 } else { len } {
@@ -346,12 +352,20 @@ fn relative<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result
     Ok((origin, Vec::new(), wide))
 }
 
-/// Drops keys on the straight lines between others; returns how many are kept. (Static points are found later, one by one.)
-fn merge_keys(positions: &mut Vec<[f32; 3]>, len: usize, keys: usize) -> usize {
+/// Drops keys on the straight lines between others, of positions that are rounded by `ulp`; returns how many are kept. (Static points are
+/// found later, one by one.)
+fn merge_keys<P: Copy + Sync>(
+    positions: &mut Vec<P>,
+    (len, keys): (usize, usize),
+    ulp: f64,
+    coordinates: impl Fn(P) -> [f64; 3] + Sync,
+) -> usize {
     if keys <= 2 || len == 0 {
         return keys;
     }
-    let kept = kept_keys(keys, len, |key, point| positions[point * keys + key].into());
+    let kept = kept_keys(keys, len, ulp, |key, of, out| {
+        of.zip(out.as_chunks_mut().0).for_each(|(point, out)| *out = coordinates(positions[point * keys + key]));
+    });
     if kept == keys {
         return keys;
     }
