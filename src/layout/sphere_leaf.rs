@@ -9,8 +9,10 @@
 //! | n | if there are more than two keys: the number of keys that each sphere has itself |
 //! | 4 n or 8 n | for each key in the block, sphere by sphere: the same as the caller gave them, in f32 if no bit is lost, otherwise in f64 |
 //!
-//! Queries use the rows to rule out spheres; what is left is decided by the caller's numbers. A block is made for spheres with one number of keys
-//! (one at rest may be among those of two); after a refit some may have fewer, between which the rows are interpolated. So nothing of the caller's shapes is read, which
+//! A block is made for spheres with one number of keys, or with one and two. After a refit some may have fewer, between which the rows are
+//! interpolated.
+//!
+//! Queries use the rows to rule out spheres; what is left is decided by the caller's numbers. So nothing of the caller's shapes is read, which
 //! would have to be fetched from three places. The header also has the greatest error of the rows: as in other blocks, sizes are the exponents of
 //! two powers of two. No coordinate and no radius is larger than the first. At any time, the distance of centers from those of [`MovingSphere::at`]
 //! and the difference of radii are together at most the second, but for roundings of f32.
@@ -83,7 +85,8 @@ impl SphereLeaf {
         self.own_keys(n) + if self.keys > 2 { n } else { 0 }
     }
 
-    /// How many segments of the block one of a sphere with this many keys takes, the first of its keys in the block, and their number.
+    /// Of a sphere with this many keys: the number of the block's segments in one of its own, the first of its keys in the block, and how
+    /// many there are.
     #[inline(always)]
     fn own_range(&self, own: usize) -> (usize, usize, usize) {
         if own <= 1 || self.keys <= 2 {
@@ -161,8 +164,8 @@ impl SphereLeaf {
         (end <= words.len()).then_some(end)
     }
 
-    /// The rows of some shapes in a time slice, without their sizes; `None` if they are to be listed only: not all are spheres, or of different
-    /// numbers of keys above one.
+    /// The rows of some shapes in a time slice, without their sizes; `None` if they are to be listed only: not all are spheres, or one has keys
+    /// between those of another.
     fn for_shapes<S: PrimitiveSet + ?Sized>(set: &S, ids: &[u32], slice: TimeSlice) -> Option<SphereLeaf> {
         let keys = ids.iter().map(|&id| set.sphere(id).map_or(0, |sphere| sphere.keys.len())).max().unwrap_or(0);
         let [first, last] = if keys > 2 { needed_segments(set, ids, keys, slice) } else { [0, 0] };
@@ -206,7 +209,7 @@ impl SphereLeaf {
                 for (row, x) in in_tree.into_iter().enumerate() {
                     rows[row * n + lane] = (x as f32).to_bits();
                 }
-                // There may be fewer than keys of the block.
+                // There may be fewer of them than keys in the block.
                 let (center, radius) = sphere.keys[(own_first + key).min(last)];
                 let as_given = [center.x, center.y, center.z, radius];
                 let given = &mut given[lane * self.given_words()..];

@@ -103,9 +103,10 @@ fn meet(cloud: &Cloud, [i, j]: [usize; 2], times: [f64; 2], square: f64) -> Opti
     pair.meet(times, square)
 }
 
-/// Encounters of points that meet, whose least distance is nothing but rounding: then it is not compared, nor when it is reached.
+/// Encounters without the least distance of points that nearly meet, and without its time: there the rounding of positions in f64
+/// changes bits of f32.
 fn without_noise(row: &[Encounter], scale: f32) -> Vec<Encounter> {
-    let noise = (scale * 1e-14).powi(2);
+    let noise = (scale * 1e-8).powi(2);
     let known = |e: &Encounter| match e.distance_squared <= noise {
         true => Encounter { distance_squared: 0.0, closest: 0.0, ..*e },
         false => *e,
