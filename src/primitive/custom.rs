@@ -119,6 +119,15 @@ pub trait Primitive: Send + Sync {
     ///
     /// A [`MovingSphere`] drops keys on the straight lines between others. A primitive with a sphere of its own
     /// ([`Primitive::as_sphere`]) best calls this method of it: queries read all keys that remain. The default changes nothing.
+    ///
+    /// ```
+    /// use mbkd::{MovingSphere, Primitive, glam::DVec3};
+    /// // Straight ahead, then back again, given at 65 keys.
+    /// let x = |key: i32| f64::from(32 - (key - 32).abs());
+    /// let mut ball = MovingSphere::new((0..65).map(|key| (DVec3::X * x(key), 1.0)).collect());
+    /// ball.merge_keys();
+    /// assert_eq!(ball.keys, [(DVec3::ZERO, 1.0), (DVec3::X * 32.0, 1.0), (DVec3::ZERO, 1.0)]);
+    /// ```
     fn merge_keys(&mut self) {}
 }
 
