@@ -10,8 +10,10 @@
 mod clock;
 
 use clap::Parser;
-use mbkd::glam::Vec3;
-use mbkd::{BuildError, BuildParams, Counters, Division, Keys, Ray, RayTree, TriangleMesh, WideParams};
+use mbkd::glam::{DVec3, Vec3};
+use mbkd::{
+    BuildError, BuildParams, Counters, Division, Keys, MovingSphere, Ray, RayTree, Shape, TriangleMesh, WideParams,
+};
 use mbkd_evidence::lcg::Lcg;
 use mbkd_scenes as scene;
 use std::hint::black_box;
@@ -36,34 +38,85 @@ struct Args {
     bench: bool,
 }
 
+/// What a tree is built of, and where rays come from.
+struct Content {
+    meshes: Vec<TriangleMesh>,
+    spheres: Vec<MovingSphere>,
+    camera: scene::Camera,
+}
+
+impl From<scene::Scene> for Content {
+    fn from(of: scene::Scene) -> Content {
+        Content { meshes: of.meshes, spheres: Vec::new(), camera: of.camera }
+    }
+}
+
 /// A scene at several numbers of keys, the first of them 2.
 struct Row {
     name: &'static str,
     keys: &'static [usize],
-    make: fn(f32, usize) -> scene::Scene,
+    make: fn(f32, usize) -> Content,
 }
 
-const ROWS: [Row; 3] = [
+const ROWS: [Row; 7] = [
     Row {
         name: "hall, straight motion, 300 000",
         keys: &[2, 9, 65],
-        make: |scale, keys| {
-            let mut hall = scene::hall((300_000.0 * scale) as usize);
-            hall.meshes.iter_mut().for_each(|mesh| *mesh = sampled(mesh, keys));
-            hall
-        },
+        make: |scale, keys| with_each(scene::hall((300_000.0 * scale) as usize), |mesh| sampled(mesh, keys)),
+    },
+    Row {
+        name: "debris, straight motion, 200 000",
+        keys: &[2, 9, 65],
+        make: |scale, keys| with_each(debris((200_000.0 * scale) as usize), |mesh| sampled(mesh, keys)),
+    },
+    Row {
+        name: "debris in f64, straight motion, 200 000",
+        keys: &[2, 9, 65],
+        make: |scale, keys| with_each(debris((200_000.0 * scale) as usize), |mesh| sampled_in_f64(mesh, keys)),
+    },
+    Row {
+        name: "spheres, straight motion, 50 000",
+        keys: &[2, 9, 65],
+        make: |scale, keys| spheres((50_000.0 * scale) as usize, keys, |t| t),
+    },
+    Row {
+        name: "spheres, to and fro, 50 000",
+        keys: &[2, 9, 65],
+        make: |scale, keys| spheres((50_000.0 * scale) as usize, keys, |t| (6.0 * t).sin()),
     },
     Row {
         name: "turning rock, 60 000",
         keys: &[2, 5, 17, 65],
-        make: |scale, keys| scene::turning((60_000.0 * scale) as usize, keys),
+        make: |scale, keys| scene::turning((60_000.0 * scale) as usize, keys).into(),
     },
     Row {
         name: "hall, walking figure, 300 000",
         keys: &[2, 17],
-        make: |scale, keys| scene::walking((300_000.0 * scale) as usize, keys),
+        make: |scale, keys| scene::walking((300_000.0 * scale) as usize, keys).into(),
     },
 ];
+
+fn debris(triangles: usize) -> scene::Scene {
+    (scene::find("debris").expect("a scene of the catalogue").make)(triangles)
+}
+
+fn with_each(mut of: scene::Scene, change: impl Fn(&TriangleMesh) -> TriangleMesh) -> Content {
+    of.meshes.iter_mut().for_each(|mesh| *mesh = change(mesh));
+    of.into()
+}
+
+/// Spheres in a cube, each of which goes its own way as a function of time says.
+fn spheres(count: usize, keys: usize, way: fn(f64) -> f64) -> Content {
+    let mut random = Lcg(5);
+    let mut number = || f64::from(2.0 * random.unit() - 1.0);
+    let mut sphere = |_| {
+        let [at, along] = [1.0, 0.1].map(|size| size * DVec3::new(number(), number(), number()));
+        let radius = 0.02 + 0.01 * number();
+        MovingSphere::new((0..keys).map(|key| (at + along * way(key as f64 / (keys - 1) as f64), radius)).collect())
+    };
+    let camera = scene::Camera::fixed(scene::View::new(Vec3::new(3.0, 2.0, 4.0), Vec3::ZERO, 0.6));
+    Content { meshes: Vec::new(), spheres: (0..count).map(&mut sphere).collect(), camera }
+}
 
 /// The linear motion of a mesh at more keys; static meshes are unchanged.
 fn sampled(mesh: &TriangleMesh, keys: usize) -> TriangleMesh {
@@ -73,21 +126,33 @@ fn sampled(mesh: &TriangleMesh, keys: usize) -> TriangleMesh {
     TriangleMesh { keys: (0..keys).map(at).collect::<Vec<Vec<Vec3>>>().into(), ..mesh.clone() }
 }
 
+/// The same in f64, which is kept.
+fn sampled_in_f64(mesh: &TriangleMesh, keys: usize) -> TriangleMesh {
+    let Keys::F32(at) = &mesh.keys else { return mesh.clone() };
+    let [a, b] = [at.first(), at.last()].map(|key| key.expect("a key"));
+    let at = |key: usize| {
+        let w = key as f64 / (keys - 1) as f64;
+        a.iter().zip(b).map(|(a, b)| a.as_dvec3() + (b.as_dvec3() - a.as_dvec3()) * w).collect()
+    };
+    TriangleMesh { keys: (0..keys).map(at).collect::<Vec<Vec<DVec3>>>().into(), ..mesh.clone() }.precise()
+}
+
 struct Tree {
     keys: usize,
     whole: bool,
-    meshes: Vec<TriangleMesh>,
+    content: Content,
     tree: RayTree,
     build: Vec<f64>,
     rays: Vec<f64>,
 }
 
 impl Tree {
-    fn build(meshes: &[TriangleMesh], whole: bool) -> Result<(RayTree, f64), BuildError> {
+    fn build(of: &Content, whole: bool) -> Result<(RayTree, f64), BuildError> {
+        let shapes = of.spheres.iter().cloned().map(Shape::from).collect();
         let division = if whole { Division::Whole } else { Division::Automatic };
         let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
         let start = clock::seconds();
-        let tree = RayTree::build(meshes, &params)?;
+        let tree = RayTree::of_scene(&of.meshes, shapes, &params)?;
         Ok((tree, clock::seconds() - start))
     }
 }
@@ -96,7 +161,7 @@ fn main() -> Result<(), BuildError> {
     let args = Args::parse();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("one thread");
     println!(
-        "| scene | keys | kept | static | time nodes | bytes per triangle | of the vertices | build, ms | ns per ray | blocks per ray \
+        "| scene | keys | kept | static | time nodes | bytes per primitive | of the vertices | build, ms | ns per ray | blocks per ray \
          | build / 2 keys | rays / 2 keys |\n|---|---|---|---|---|---|---|---|---|---|---|---|"
     );
     for row in ROWS.iter().filter(|row| row.name.contains(&args.only)) {
@@ -106,21 +171,20 @@ fn main() -> Result<(), BuildError> {
 }
 
 fn measure(args: &Args, row: &Row) -> Result<(), BuildError> {
-    let scene = (row.make)(args.scale, 2);
+    let camera = (row.make)(args.scale, 2).camera;
     let mut trees = Vec::new();
     for &keys in row.keys {
         for whole in [false, true] {
-            let meshes = (row.make)(args.scale, keys).meshes;
-            let tree = Tree::build(&meshes, whole)?.0;
-            trees.push(Tree { keys, whole, meshes, tree, build: vec![], rays: vec![] });
+            let content = (row.make)(args.scale, keys);
+            let tree = Tree::build(&content, whole)?.0;
+            trees.push(Tree { keys, whole, content, tree, build: vec![], rays: vec![] });
         }
     }
     let mut random = Lcg(1);
-    let rays: Vec<Ray> =
-        (0..args.rays).map(|_| scene.camera.ray(random.unit(), random.unit(), 1.0, random.unit())).collect();
+    let rays: Vec<Ray> = (0..args.rays).map(|_| camera.ray(random.unit(), random.unit(), 1.0, random.unit())).collect();
     for _ in 0..args.runs {
         for of in &mut trees {
-            of.build.push(Tree::build(&of.meshes, of.whole)?.1);
+            of.build.push(Tree::build(&of.content, of.whole)?.1);
         }
         for of in &mut trees {
             for round in 0..2 {
@@ -138,16 +202,18 @@ fn measure(args: &Args, row: &Row) -> Result<(), BuildError> {
         let mut counters = Counters::default();
         rays.iter().for_each(|ray| _ = of.tree.closest_hit_observed(ray, &mut counters));
         let s = of.tree.statistics();
+        // Spheres have none.
+        let vertices = (s.kept_positions.max(1) * size_of::<Vec3>()) as f64;
         println!(
             "| {}{} | {} | {:.0} % | {:.0} % | {} | {:.0} | {:.2} | {:.1} | {:.0} | {:.2} | {:.2} | {:.2} |",
             row.name,
             if of.whole { ", whole" } else { "" },
             of.keys,
-            100.0 * s.kept_positions as f64 / s.positions as f64,
+            100.0 * s.kept_positions as f64 / s.positions.max(1) as f64,
             100.0 * s.static_references as f64 / s.references as f64,
             s.time_nodes,
             s.bytes as f64 / s.primitives as f64,
-            s.bytes as f64 / (s.kept_positions * size_of::<Vec3>()) as f64,
+            if s.kept_positions > 0 { s.bytes as f64 / vertices } else { 0.0 },
             median(of.build.clone()) * 1e3,
             median(of.rays.clone()) * 1e9,
             (counters.nodes + counters.leaves) as f64 / rays.len() as f64,

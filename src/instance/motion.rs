@@ -78,7 +78,7 @@ impl KeyPhase {
 /// The keys that are not on straight lines between others, and the effect on rounding errors of these as well; all keys if that
 /// is not known.
 fn without_straight_keys(keys: &[DAffine3], distortion: Distortion) -> (Vec<DAffine3>, Distortion) {
-    let step = widest_step(keys.len(), |key| keys[key].to_cols_array());
+    let step = widest_step(keys.len(), false, |key| keys[key].to_cols_array());
     let kept: Vec<DAffine3> = keys.iter().step_by(step).copied().collect();
     let between = |pair: &[DAffine3]| Distortion::between(pair[0].matrix3, pair[1].matrix3);
     match kept.windows(2).try_fold(distortion, |all, pair| Some(all.max(between(pair)?))) {

@@ -144,15 +144,25 @@ impl Kernel for OffLine<'_> {
     }
 }
 
-/// Of the keys of a single thing, given by some numbers in f64, every how many are kept: all others lie on the lines between these.
-pub(crate) fn widest_step<const N: usize>(keys: usize, numbers: impl Fn(usize) -> [f64; N]) -> usize {
+/// Of the keys of a single thing, given by some numbers, every how many are kept: all others lie on the lines between these. Numbers that
+/// f32 has at all keys count as f32 ones if `single`.
+pub(crate) fn widest_step<const N: usize>(keys: usize, single: bool, numbers: impl Fn(usize) -> [f64; N]) -> usize {
     let segments = keys.saturating_sub(1);
+    if segments < 2 {
+        return 1;
+    }
+    let mut ulps = [if single { SINGLE } else { DOUBLE }; N];
+    for (i, x) in (0..keys).flat_map(|key| (0..N).zip(numbers(key))) {
+        if f64::from(x as f32) != x {
+            ulps[i] = DOUBLE;
+        }
+    }
     let is_straight = |step: usize| {
         (step..keys).step_by(step).all(|last| {
             let (begin, end) = (numbers(last - step), numbers(last));
             (1..step).all(|key| {
                 let (inner, w) = (numbers(last - step + key), key as f64 / step as f64);
-                (0..N).all(|i| on_line(inner[i], [begin[i], end[i]], w, DOUBLE))
+                (0..N).all(|i| on_line(inner[i], [begin[i], end[i]], w, ulps[i]))
             })
         })
     };

@@ -15,8 +15,8 @@ pub(crate) const SPHERE_ROUNDING: f64 = 1e-9;
 /// nothing hits.
 ///
 /// Redundant keys cost nothing but the time to find them: a tree keeps every second, third, … key if all others lie on the lines
-/// between these, within 7 * 2^-53 relative to the coordinate ([`Primitive::merge_keys`](super::Primitive::merge_keys)). So a straight
-/// motion may be given with any number of keys. (Two remain in any case, so that a tree of spheres at rest can be refitted.)
+/// between these ([`Primitive::merge_keys`](super::Primitive::merge_keys)): within 7 * 2^-53 relative to the coordinate, or within 2^-22 if
+/// f32 has this coordinate at all keys, as it then probably was computed in f32. So a straight motion may be given with any number of keys. (Two remain in any case, so that a tree of spheres at rest can be refitted.)
 ///
 /// ```
 /// use mbkd::glam::{DVec3, Vec3};
@@ -53,7 +53,7 @@ impl MovingSphere {
 
     /// Drops the keys on straight lines between others, but for two. The others are spaced evenly again.
     pub(super) fn drop_redundant_keys(&mut self) {
-        let step = widest_step(self.keys.len(), |key| {
+        let step = widest_step(self.keys.len(), true, |key| {
             let (center, radius) = self.keys[key];
             [center.x, center.y, center.z, radius.abs()]
         });

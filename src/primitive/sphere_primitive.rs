@@ -153,6 +153,16 @@ mod tests {
             ball.merge_keys();
             assert_eq!(ball.keys.len(), kept);
         }
+        // In f32.
+        for (by, kept) in [(0.0, 2), (1e-5, 65)] {
+            let mut ball = sampled(2, 65, &mut random);
+            for (center, radius) in &mut ball.keys {
+                (*center, *radius) = (center.as_vec3().as_dvec3(), 0.05);
+            }
+            ball.keys[20].0.y = f64::from((ball.keys[20].0.y + by) as f32);
+            ball.merge_keys();
+            assert_eq!(ball.keys.len(), kept);
+        }
         let mut growing = MovingSphere::new(vec![(DVec3::ZERO, 1.0), (DVec3::ZERO, 2.0), (DVec3::ZERO, 1.0)]);
         growing.merge_keys();
         assert_eq!(growing.keys.len(), 3);
