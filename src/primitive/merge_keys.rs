@@ -7,7 +7,7 @@
 //! The rule, with u = 2^-24 for positions in f32 and 2^-53 for those in f64: every coordinate of a key that is dropped lies within
 //! 4u of the line between the kept keys around it, relative to the larger coordinate of these two. This is what rounding does to a
 //! straight motion that a program samples: `a (1 - w) + b w` is off by up to 3u, `a + (b - a) w` by up to 5u if signs differ, mostly
-//! less than 2u. The line itself is computed in f64, which rounds by 3 * 2^-53: so numbers in f64 lie within 7u.
+//! less than 2u. The line itself is computed in f64, which errs by less than 4 * 2^-53: so numbers in f64 lie within 8u = 2^-50.
 //!
 //! The distance of the merged motion from the given one: both are linear between given keys, so their distance is greatest at one of
 //! those: 4u. With n keys interpolation itself may err by (4 + 2 (n - 1))u, and with those that are kept by at least 4u less. So

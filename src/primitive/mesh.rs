@@ -132,7 +132,7 @@ impl TriangleMesh {
     /// to 2 cm, two machines 1e7 m apart only to 20 m: for these one tree each, placed in an
     /// [`InstanceTree`](crate::InstanceTree) without a transform, is as exact and far faster.
     ///
-    /// Triangles are tested one by one. Redundant keys are dropped here as well, where all vertices stay within 7 * 2^-53, relative to the
+    /// Triangles are tested one by one. Redundant keys are dropped here as well, where all vertices stay within 2^-50, relative to the
     /// coordinate, of the lines between those that are kept.
     ///
     /// ```

@@ -154,6 +154,19 @@ impl RayTree {
 
     /// [`RayTree::refit`] of a tree with spheres and custom primitives, as many as before ([`RayTree::of_scene`]).
     ///
+    /// Spheres may have other keys. If some need keys that their leaf block does not have ([`Primitive::merge_keys`]), those of the block are
+    /// tested one by one from then on, which is slower; a new build tests them together again.
+    ///
+    /// ```
+    /// use mbkd::glam::{DVec3, Vec3};
+    /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree, Shape};
+    /// let ball = |z: f64| vec![Shape::from(MovingSphere::fixed(DVec3::new(0.0, 0.0, z), 1.0))];
+    /// let mut tree = RayTree::of_scene(&[], ball(0.0), &BuildParams::default())?;
+    /// tree.refit_with_shapes(&[], ball(3.0)).unwrap();
+    /// assert_eq!(tree.closest_hit(&Ray::new(Vec3::new(0.0, 0.0, 9.0), Vec3::NEG_Z)).unwrap().t, 5.0);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    ///
     /// # Errors
     /// As [`RayTree::refit`]; [`RefitError::Shapes`] for another number of shapes.
     pub fn refit_with_shapes(&mut self, meshes: &[TriangleMesh], shapes: Vec<Shape>) -> Result<Refit, RefitError> {

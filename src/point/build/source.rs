@@ -48,19 +48,21 @@ impl Source {
         not_plain: bool,
         round_to_f32: bool,
     ) -> Result<Source, PointError> {
-        let (origin, mut positions, mut exact) =
-            if P::WIDE { relative(points, len, keys)? } else { narrow(points, len, keys)? };
+        let (mut keys, origin, mut positions, mut exact) = match P::WIDE {
+            true => relative(points, len, keys)?,
+            false => narrow(points, len, keys)?,
+        };
         let plain = !not_plain && is_plain(points, len);
         let rounded = |exact: &[DVec3]| exact.iter().map(|at| (*at - origin).as_vec3().to_array()).collect();
         if round_to_f32 && !exact.is_empty() {
             positions = rounded(&exact);
             exact = Vec::new();
         }
-        let keys = if exact.is_empty() {
-            merge_keys(&mut positions, (len, keys), SINGLE, |at| at.map(f64::from))
-        } else {
-            merge_keys(&mut exact, (len, keys), DOUBLE, |at| at.to_array())
-        };
+        if P::WIDE && exact.is_empty() {
+            keys = merge_keys(&mut positions, (len, keys), SINGLE, |at| at.map(f64::from));
+        } else if P::WIDE {
+            keys = merge_keys(&mut exact, (len, keys), DOUBLE, |at| at.to_array());
+        }
         if !exact.is_empty() && (keys > 1 || !plain) {
             positions = rounded(&exact);
         }
@@ -304,23 +306,41 @@ impl<'a, P: PointSet + ?Sized> Reader<'a, P> {
     }
 }
 
-/// The origin, positions relative to it, and positions in f64 where these say more.
-type Read = (DVec3, Vec<[f32; 3]>, Vec<DVec3>);
+/// The number of keys, the origin, positions relative to it, and positions in f64 where these say more.
+type Read = (usize, DVec3, Vec<[f32; 3]>, Vec<DVec3>);
 
-/// Positions of a set of f32 ones, bit for bit.
-fn narrow<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<Read, PointError> {
-    let reader = Reader::new(points, keys);
+/// Positions of a set of f32 ones, bit for bit, at the keys that are not on straight lines between others.
+///
+/// Of the others none is wrong: what is on such a line is neither NaN nor infinite, nor larger than both ends but for rounding.
+fn narrow<P: PointSet + ?Sized>(points: &P, len: usize, given: usize) -> Result<Read, PointError> {
+    let keys = kept_of(len, given, SINGLE, |point, key| points.position(point, key).to_array());
+    let (reader, step) = (Reader::new(points, given), step(given, keys));
     let positions = if keys == 2 {
         let mut pairs = huge_vec(len);
-        parallel::fill(&mut pairs, len, |point| [reader.read(point, 0), reader.read(point, 1)]);
+        parallel::fill(&mut pairs, len, |point| [0, step].map(|key| reader.read(point, key)));
         pairs.into_flattened()
     } else {
         let mut positions = huge_vec(len * keys);
-        parallel::fill(&mut positions, len * keys, |i| reader.read(i / keys, i % keys));
+        parallel::fill(&mut positions, len * keys, |i| reader.read(i / keys, i % keys * step));
         positions
     };
     reader.finish()?;
-    Ok((DVec3::ZERO, positions, Vec::new()))
+    Ok((keys, DVec3::ZERO, positions, Vec::new()))
+}
+
+/// The number of keys that are kept of the given ones. (Static points of two keys are found later, one by one.)
+fn kept_of(len: usize, given: usize, ulp: f64, at: impl Fn(usize, usize) -> [f64; 3] + Sync) -> usize {
+    if given <= 2 || len == 0 {
+        return given;
+    }
+    kept_keys(given, len, ulp, |key, of, out| {
+        of.zip(out.as_chunks_mut().0).for_each(|(point, out)| *out = at(point, key));
+    })
+}
+
+/// How many given segments between keys become one.
+fn step(given: usize, kept: usize) -> usize {
+    if kept > 1 { (given - 1) / (kept - 1) } else { 0 }
 }
 
 /// Positions of a set of f64 ones relative to their middle, and as they were given. Where all are f32 numbers around zero,
@@ -342,34 +362,28 @@ fn relative<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result
     // Where zero is far from the set, query points would lose more by being f32 numbers than relative to its middle.
     let around_zero = lo.cmple(DVec3::ZERO).all() && hi.cmpge(DVec3::ZERO).all();
     if wide.is_empty() || (around_zero && wide.iter().all(single)) {
-        return narrow_of(&wide, keys);
+        return Ok((keys, DVec3::ZERO, narrow_of(&wide, keys)?, Vec::new()));
     }
     let origin = lo * 0.5 + hi * 0.5;
     // Subtraction and rounding are monotone, so all others fit between these.
     if !(fits(lo - origin) && fits(hi - origin)) {
         wide.iter().enumerate().try_for_each(|(i, at)| checked(*at - origin, i / keys, i % keys).map(|_| ()))?;
     }
-    Ok((origin, Vec::new(), wide))
+    Ok((keys, origin, Vec::new(), wide))
 }
 
-/// Drops keys on the straight lines between others, of positions that are rounded by `ulp`; returns how many are kept. (Static points are
-/// found later, one by one.)
+/// Drops keys on the straight lines between others, of positions that are rounded by `ulp`; returns how many are kept.
 fn merge_keys<P: Copy + Sync>(
     positions: &mut Vec<P>,
     (len, keys): (usize, usize),
     ulp: f64,
     coordinates: impl Fn(P) -> [f64; 3] + Sync,
 ) -> usize {
-    if keys <= 2 || len == 0 {
-        return keys;
-    }
-    let kept = kept_keys(keys, len, ulp, |key, of, out| {
-        of.zip(out.as_chunks_mut().0).for_each(|(point, out)| *out = coordinates(positions[point * keys + key]));
-    });
+    let kept = kept_of(len, keys, ulp, |point, key| coordinates(positions[point * keys + key]));
     if kept == keys {
         return keys;
     }
-    let step = if kept > 1 { (keys - 1) / (kept - 1) } else { 0 };
+    let step = step(keys, kept);
     // A position is never written before it was read.
     for i in 0..kept * len {
         positions[i] = positions[i / kept * keys + i % kept * step];
@@ -380,10 +394,9 @@ fn merge_keys<P: Copy + Sync>(
 }
 
 /// f64 positions that are f32 numbers.
-fn narrow_of(wide: &[DVec3], keys: usize) -> Result<Read, PointError> {
+fn narrow_of(wide: &[DVec3], keys: usize) -> Result<Vec<[f32; 3]>, PointError> {
     let position = |(i, at): (usize, &DVec3)| Ok(checked(*at, i / keys, i % keys)?.as_vec3().to_array());
-    let positions = wide.iter().enumerate().map(position).collect::<Result<_, PointError>>()?;
-    Ok((DVec3::ZERO, positions, Vec::new()))
+    wide.iter().enumerate().map(position).collect()
 }
 
 /// Whether a position is finite and not too large.
