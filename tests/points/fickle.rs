@@ -82,7 +82,7 @@ fn contradictions_never_panic() {
     for kind in KINDS {
         for moves in [false, true] {
             for structure in [Automatic, Linear, TimeSlices(3), Mbkd] {
-                for after in [0, 1, 2, 3, 1000, 9003, 12_500, 20_000, 40_000] {
+                for after in [0, 1, 2, 3, 1000, 9003, 12_500, 20_000, 40_000, 60_000] {
                     let set = Set { kind, moves, calls: AtomicUsize::new(0), after };
                     let params = PointParams { structure, ..PointParams::default() };
                     match PointTree::build(&set, &params) {

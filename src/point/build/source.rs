@@ -317,7 +317,7 @@ fn narrow<P: PointSet + ?Sized>(points: &P, len: usize, given: usize) -> Result<
     let (reader, step) = (Reader::new(points, given), step(given, keys));
     let positions = if keys == 2 {
         let mut pairs = huge_vec(len);
-        parallel::fill(&mut pairs, len, |point| [0, step].map(|key| reader.read(point, key)));
+        parallel::fill(&mut pairs, len, |point| [reader.read(point, 0), reader.read(point, step)]);
         pairs.into_flattened()
     } else {
         let mut positions = huge_vec(len * keys);
