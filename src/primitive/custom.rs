@@ -183,7 +183,7 @@ pub(crate) trait PrimitiveSet: Send + Sync {
         let _ = id;
         0
     }
-    /// Whether primitives are of more than one kind.
+    /// Whether primitives may be of more than one kind.
     fn kinds_differ(&self) -> bool {
         self.bent()
     }
