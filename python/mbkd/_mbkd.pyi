@@ -67,6 +67,7 @@ class Rays:
     def __new__(
         cls,
         meshes: Sequence[tuple[Sequence[_Floats], NDArray[np.uint32], Sequence[float], int]],
+        spheres: tuple[Sequence[_F64], Sequence[_F64], _F32 | None],
         workers: int,
         progress: _Progress,
     ) -> Rays: ...

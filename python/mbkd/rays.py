@@ -1,4 +1,4 @@
-"""Ray queries and nearest points on triangle meshes with moving vertices."""
+"""Ray queries and nearest points on triangle meshes and spheres that move."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mbkd
-from ._arrays import interval, keys_of, per_query
+from ._arrays import floats, interval, keys_of, per_query
 from ._traced import EVERYTHING, Hits, Progress, Traced, ends, mask_of
 
 
 class RayTree(Traced[Hits]):
     """A tree of triangle meshes with vertices that may move, for ray queries and nearest points at any time.
+
+    `RayTree.from_meshes` makes a tree of several meshes and of spheres.
 
     Parameters
     ----------
@@ -60,7 +62,7 @@ class RayTree(Traced[Hits]):
         workers: int = 1,
         progress: Progress | None = None,
     ) -> None:
-        self._tree = _mbkd.Rays([_mesh(vertices, faces, active, EVERYTHING)], workers, progress)
+        self._tree = _mbkd.Rays([_mesh(vertices, faces, active, EVERYTHING)], NO_SPHERES, workers, progress)
 
     @classmethod
     def from_meshes(
@@ -69,13 +71,38 @@ class RayTree(Traced[Hits]):
         *,
         active: Sequence[Sequence[float]] | None = None,
         masks: Sequence[int] | None = None,
+        spheres: tuple[ArrayLike, ArrayLike] | None = None,
+        spheres_active: ArrayLike | None = None,
         workers: int = 1,
         progress: Progress | None = None,
     ) -> RayTree:
-        """Build a tree of several meshes, given as pairs (vertices, faces).
+        """Build a tree of several meshes, and of spheres, whose centers and radii may move.
 
-        `active` has the interval in which each mesh exists. `masks` has 32 bits for each mesh: a query sees the mesh if
-        their masks share a bit.
+        Parameters
+        ----------
+        meshes : sequence of pairs (vertices, faces)
+            Each as for `RayTree`. May be empty.
+        active : sequence of (begin, end), optional
+            The interval in which each mesh exists.
+        masks : sequence of int, optional
+            32 bits for each mesh: a query sees the mesh if their masks share a bit. Every query with a mask that is not 0
+            sees the spheres.
+        spheres : (centers, radii), optional
+            Centers (n, 3), or (K, n, 3) at K keys spaced evenly over the shutter; radii (n,), (K, n), or one number. Both are
+            used in float64. A hit on a sphere has the number of meshes as its `mesh`, the index of the sphere as its
+            `triangle`, and the x and y of the unit normal as `u` and `v`.
+        spheres_active : (n, 2), optional
+            The interval in which each sphere exists.
+        workers, progress
+            As for `RayTree`.
+
+        Examples
+        --------
+        >>> from mbkd import RayTree
+        >>> centers = [[[0, 0, 0]], [[0, 0, 4]]]                        # one sphere at two keys
+        >>> tree = RayTree.from_meshes([], spheres=(centers, [[1], [2]]))
+        >>> tree.closest_hits([0, 0, 10], [0, 0, -1], time=0.5).t       # the center is at 2 and the radius 1.5
+        array([6.5], dtype=float32)
         """
         active = [(0.0, 1.0)] * len(meshes) if active is None else active
         masks = [EVERYTHING] * len(meshes) if masks is None else masks
@@ -85,7 +112,10 @@ class RayTree(Traced[Hits]):
             if not isinstance(mesh, (tuple, list)) or len(mesh) != 2:
                 raise TypeError(f"mesh {i} must be a pair (vertices, faces), not {type(mesh).__name__}")
         checked = [_mesh(*mesh, between, mask) for mesh, between, mask in zip(meshes, active, masks)]
-        return cls._of(_mbkd.Rays(checked, workers, progress))
+        if spheres is None and spheres_active is not None:
+            raise ValueError("spheres_active without spheres")
+        balls = NO_SPHERES if spheres is None else _spheres(spheres, spheres_active)
+        return cls._of(_mbkd.Rays(checked, balls, workers, progress))
 
     def save(self, path: str | os.PathLike) -> None:
         """Write the tree to a file. `RayTree.load` reads it, in Python and in Rust, on any machine."""
@@ -207,6 +237,30 @@ class RayTree(Traced[Hits]):
 def _restored(bytes_of_file: bytes) -> RayTree:
     """Restores a pickled tree."""
     return RayTree._of(_mbkd.Rays.from_bytes(bytes_of_file))
+
+
+NO_SPHERES: tuple = ([], [], None)
+
+
+def _spheres(spheres: tuple[ArrayLike, ArrayLike], active: ArrayLike | None) -> tuple:
+    if not isinstance(spheres, (tuple, list)) or len(spheres) != 2:
+        raise TypeError(f"spheres must be a pair (centers, radii), not {type(spheres).__name__}")
+    centers, radii = floats(spheres[0], "centers").astype(np.float64), floats(spheres[1], "radii").astype(np.float64)
+    if centers.ndim not in (2, 3) or centers.shape[-1] != 3 or centers.ndim == 3 and not len(centers):
+        raise ValueError(f"centers must have the shape (n, 3) or (K, n, 3), not {centers.shape}")
+    # Centers that stay where they are have as many keys as radii that change.
+    keys = max(len(array) if array.ndim == most else 1 for array, most in ((centers, 3), (radii, 2)))
+    count = centers.shape[-2]
+    try:
+        centers, radii = np.broadcast_to(centers, (keys, count, 3)), np.broadcast_to(radii, (keys, count))
+    except ValueError:
+        raise ValueError(f"radii of the shape {radii.shape} for centers of the shape {centers.shape}") from None
+    if active is not None:
+        active = floats(active, "spheres_active").astype(np.float32)
+        if active.shape != (count, 2):
+            raise ValueError(f"spheres_active must have the shape ({count}, 2), not {active.shape}")
+        active = np.ascontiguousarray(active)
+    return [np.ascontiguousarray(c) for c in centers], [np.ascontiguousarray(r) for r in radii], active
 
 
 def _mesh(vertices: ArrayLike, faces: ArrayLike, active: Sequence[float], mask: int) -> tuple:

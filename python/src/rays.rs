@@ -1,13 +1,13 @@
 //! The tree of meshes: ray queries and nearest points.
 
-use crate::arrays::{PerQuery, Places, Positions, rows, slice, value_error};
+use crate::arrays::{PerQuery, Places, Positions, intervals, rows, slice, value_error};
 use crate::files::{error_at, from_bytes, to_bytes};
 use crate::threads::{long, poll_python, pool};
 use crate::traced::{
     Hits, NOTHING, PointArrays, RayArrays, RaySlices, Report, all, columns, each, nearest, on_surface, positions,
 };
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{BuildParams, ClosestPointQuery, Hit, Keys, Ray, RayTree, TimeInterval, TriangleMesh};
+use mbkd::{BuildParams, ClosestPointQuery, Hit, Keys, MovingSphere, Ray, RayTree, Shape, TimeInterval, TriangleMesh};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -30,14 +30,27 @@ pub struct Rays {
 /// A mesh as arrays: positions (V, 3) at its keys, vertex indices (F, 3), active interval, and mask.
 type MeshArrays<'py> = (Vec<Bound<'py, PyAny>>, PyReadonlyArray2<'py, u32>, [f32; 2], u32);
 
+/// Spheres as arrays: centers (n, 3) and radii (n,) at their keys, and active intervals (n, 2), or none if all exist throughout.
+type SphereArrays<'py> =
+    (Vec<PyReadonlyArray2<'py, f64>>, Vec<PyReadonlyArray1<'py, f64>>, Option<PyReadonlyArray2<'py, f32>>);
+
 #[pymethods]
 impl Rays {
     /// `meshes`: for each mesh the positions (V, 3) at its keys, the vertex indices (F, 3), the active interval and the mask.
+    /// `spheres`: centers and radii at their keys, and active intervals.
     #[new]
-    fn new(py: Python<'_>, meshes: Vec<MeshArrays<'_>>, workers: isize, progress: Option<Py<PyAny>>) -> PyResult<Rays> {
+    fn new(
+        py: Python<'_>,
+        meshes: Vec<MeshArrays<'_>>,
+        spheres: SphereArrays<'_>,
+        workers: isize,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Rays> {
         let meshes = meshes.iter().map(mesh).collect::<PyResult<Vec<_>>>()?;
+        let shapes = shapes(&spheres)?;
         let build = long(py, workers, progress.as_ref(), |control| {
-            RayTree::build_with_progress(&meshes, &BuildParams::default(), &|done| control.report(done))
+            let report = |done| control.report(done);
+            RayTree::of_scene_with_progress(&meshes, shapes, &BuildParams::default(), &report)
         })?;
         Ok(Rays { tree: Arc::new(build.map_err(value_error)?) })
     }
@@ -214,6 +227,24 @@ impl Rays {
         }
         Ok(())
     }
+}
+
+/// Makes spheres of the library from centers and radii at keys, and active intervals.
+fn shapes((centers, radii, active): &SphereArrays<'_>) -> PyResult<Vec<Shape>> {
+    let centers = centers.iter().map(rows).collect::<PyResult<Vec<_>>>()?;
+    let radii = radii.iter().map(slice).collect::<PyResult<Vec<_>>>()?;
+    let count = centers.first().map_or(0, |key| key.len());
+    let active = active.as_ref().map(|active| intervals(slice(active)?.as_chunks().0)).transpose()?;
+    let lengths = centers.iter().map(|key| key.len()).chain(radii.iter().map(|key| key.len()));
+    if centers.len() != radii.len() || lengths.chain(active.iter().map(Vec::len)).any(|length| length != count) {
+        return Err(PyValueError::new_err("spheres have centers, radii and active intervals of different numbers"));
+    }
+    let shape = |i: usize| {
+        let keys = centers.iter().zip(&radii).map(|(centers, radii)| (DVec3::from(centers[i]), radii[i])).collect();
+        let active = active.as_ref().map_or(TimeInterval::FULL, |active| active[i]);
+        Shape::from(MovingSphere::new(keys).with_active(active))
+    };
+    Ok((0..count).map(shape).collect())
 }
 
 /// Makes a mesh of the library from positions at keys, vertex indices, active interval and mask.

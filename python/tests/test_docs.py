@@ -19,12 +19,14 @@ def test_snippets_of_the_guide_run():
         "directions": [0, 0, -1],
         "points": [[0.0, 0, 3], [1, 1, 1]],
         "times": [0.0, 0.5],
+        "centers": np.float64([[0.2, 0.2, 3], [9, 9, 9]]),
+        "radii": 0.5,
     }
     snippets = re.findall(r"```python\n(.*?)```", GUIDE.read_text(), re.DOTALL)
     assert len(snippets) >= 2
     for snippet in snippets:
         exec(compile(snippet, str(GUIDE), "exec"), names)
-    assert names["hits"].triangle.tolist() == [0, -1]
+    assert names["hits"].triangle.tolist() == [0, -1] and names["hits"].mesh.tolist() == [0, -1]
     assert len(names["lists"]) == 100_000
 
 

@@ -1,5 +1,7 @@
 """Rays and nearest points against brute force with numpy."""
 
+import pickle
+
 import numpy as np
 import pytest
 from mbkd import RayTree
@@ -108,7 +110,65 @@ def test_closest_points():
     np.testing.assert_array_equal(near >= 0, distance <= np.float32(0.01))
 
 
+def test_spheres_are_hit_where_brute_force_hits_them():
+    n, keys = 200, 3
+    centers, radii = RNG.random((keys, n, 3)), RNG.uniform(0.01, 0.1, (keys, n))
+    active = np.sort(RNG.random((n, 2)), axis=1)
+    tree = RayTree.from_meshes([(OPEN, FACES)], masks=[1], spheres=(centers, radii), spheres_active=active)
+    hits = tree.closest_hits(ORIGINS, DIRECTIONS, time=TIMES, mask=2)  # the mesh is hidden
+    found = 0
+    for ray, time in enumerate(TIMES.astype(np.float64)):
+        segment = min(int(time * (keys - 1)), keys - 2)
+        w = time * (keys - 1) - segment
+        center = centers[segment] * (1 - w) + centers[segment + 1] * w
+        radius = radii[segment] * (1 - w) + radii[segment + 1] * w
+        d = DIRECTIONS[ray].astype(np.float64)
+        middle = (center - ORIGINS[ray]) @ d / (d @ d)
+        inside = radius**2 - ((ORIGINS[ray] + middle[:, None] * d - center) ** 2).sum(1)
+        if np.abs(inside).min() < 1e-9 or np.abs(active - time).min() < 1e-6:
+            continue  # a grazing ray
+        exists = (active[:, 0] <= time) & (time <= active[:, 1])
+        t = np.where((inside > 0) & exists, middle - np.sqrt(np.maximum(inside, 0) / (d @ d)), np.inf)
+        if np.isfinite(t).any():
+            ball = np.argmin(t)
+            found += 1
+            assert (hits.mesh[ray], hits.triangle[ray]) == (1, ball)
+            np.testing.assert_allclose(hits.t[ray], t[ball], rtol=1e-5)
+            normal = (ORIGINS[ray] + t[ball] * d - center[ball]) / radius[ball]
+            np.testing.assert_allclose([hits.u[ray], hits.v[ray]], normal[:2], atol=1e-3)
+        else:
+            assert hits.triangle[ray] == -1
+    assert 20 < found < 180
+    both = tree.closest_hits(ORIGINS, DIRECTIONS, time=TIMES)
+    assert {0, 1} <= set(both.mesh)
+    again = pickle.loads(pickle.dumps(tree)).closest_hits(ORIGINS, DIRECTIONS, time=TIMES)
+    np.testing.assert_array_equal(again.triangle, both.triangle)
+
+
+def test_numbers_of_keys_of_spheres_may_differ_from_those_of_their_radii():
+    for centers, radii in (
+        ([[0, 0, 0]], [[1], [2]]),
+        ([[[0, 0, 0]], [[0, 0, 0]]], [[1], [2]]),
+        ([[[0, 0, -0.5]], [[0, 0, 0.5]]], 1.5),
+        ([[[0, 0, -0.5]], [[0, 0, 0.5]]], [1.5]),
+    ):
+        tree = RayTree.from_meshes([], spheres=(centers, radii))
+        np.testing.assert_allclose(tree.closest_hits([0, 0, 9], [0, 0, -1], time=0.5).t, 7.5)
+    none = RayTree.from_meshes([], spheres=(np.empty((0, 3)), 1))
+    assert not none.intersects_any(ORIGINS, DIRECTIONS).any()
+
+
 WRONG = [
+    (lambda: RayTree.from_meshes([], spheres=OPEN), TypeError, "pair"),
+    (lambda: RayTree.from_meshes([], spheres=(OPEN, [1, 2])), ValueError, "radii"),
+    (lambda: RayTree.from_meshes([], spheres=(OPEN, np.ones((2, 3, 4)))), ValueError, "radii"),
+    (lambda: RayTree.from_meshes([], spheres=(OPEN[:, :2], 1)), ValueError, "centers"),
+    (lambda: RayTree.from_meshes([], spheres=([["a"] * 3], 1)), TypeError, "numbers"),
+    (lambda: RayTree.from_meshes([], spheres=([[0, np.nan, 0]], 1)), ValueError, "shape 0|primitive 0|sphere 0"),
+    (lambda: RayTree.from_meshes([], spheres=([[0, 0, 0]], np.inf)), ValueError, "shape 0|primitive 0|sphere 0"),
+    (lambda: RayTree.from_meshes([], spheres=([[0, 0, 0]], 1), spheres_active=[0, 1]), ValueError, "spheres_active"),
+    (lambda: RayTree.from_meshes([], spheres=([[0, 0, 0]], 1), spheres_active=[[1, 0]]), ValueError, "interval"),
+    (lambda: RayTree.from_meshes([], spheres_active=[[0, 1]]), ValueError, "spheres"),
     (lambda: RayTree(OPEN[:2], [[0, 1, 2]]), ValueError, "vertex 2"),
     (lambda: RayTree(OPEN, [[0, 1, -2]]), ValueError, "indices"),
     (lambda: RayTree(OPEN, [[0, 1]]), ValueError, "shape"),

@@ -431,8 +431,7 @@ impl RayTree {
     /// # Errors
     /// As [`RayTree::build`] and [`RayTree::of_primitives`].
     pub fn of_scene(meshes: &[TriangleMesh], shapes: Vec<Shape>, params: &BuildParams) -> Result<RayTree, BuildError> {
-        let primitives = shapes.len() + meshes.iter().map(TriangleMesh::len).sum::<usize>();
-        parallel::entered(primitives, || RayTree::of(Scene::new(meshes, shapes)?, params, &Progress::new(None)))
+        of_scene(meshes, shapes, params, None)
     }
 
     /// [`RayTree::build`] that calls `progress` from time to time with the finished fraction (0 to 1), from any of its
@@ -442,10 +441,17 @@ impl RayTree {
         params: &BuildParams,
         progress: Callback<'_>,
     ) -> Result<RayTree, BuildError> {
-        let triangles = meshes.iter().map(TriangleMesh::len).sum();
-        parallel::entered(triangles, || {
-            RayTree::of(Scene::new(meshes, Vec::new())?, params, &Progress::new(Some(progress)))
-        })
+        of_scene(meshes, Vec::new(), params, Some(progress))
+    }
+
+    /// [`RayTree::of_scene`] that calls `progress` as [`RayTree::build_with_progress`] does.
+    pub fn of_scene_with_progress(
+        meshes: &[TriangleMesh],
+        shapes: Vec<Shape>,
+        params: &BuildParams,
+        progress: Callback<'_>,
+    ) -> Result<RayTree, BuildError> {
+        of_scene(meshes, shapes, params, Some(progress))
     }
 
     /// The corners of a triangle of a mesh at any time, exactly as queries use them. NaN if there is no such triangle. A
@@ -493,13 +499,42 @@ impl<P: Primitive> RayTree<Shapes<P>> {
     /// # Errors
     /// [`BuildError::BadBounds`] for a primitive whose bounds are not finite; an error for parameters out of range.
     pub fn of_primitives(primitives: Vec<P>, params: &BuildParams) -> Result<RayTree<Shapes<P>>, BuildError> {
-        parallel::entered(primitives.len(), || RayTree::of(Shapes::new(primitives)?, params, &Progress::new(None)))
+        of_primitives(primitives, params, None)
+    }
+
+    /// [`RayTree::of_primitives`] that calls `progress` as [`RayTree::build_with_progress`] does.
+    pub fn of_primitives_with_progress(
+        primitives: Vec<P>,
+        params: &BuildParams,
+        progress: Callback<'_>,
+    ) -> Result<RayTree<Shapes<P>>, BuildError> {
+        of_primitives(primitives, params, Some(progress))
     }
 
     /// The primitives that were given to the build.
     pub fn primitives(&self) -> &[P] {
         self.geometry.shapes()
     }
+}
+
+/// A tree of a scene, on one thread if it is small.
+fn of_scene(
+    meshes: &[TriangleMesh],
+    shapes: Vec<Shape>,
+    params: &BuildParams,
+    progress: Option<Callback<'_>>,
+) -> Result<RayTree, BuildError> {
+    let primitives = shapes.len() + meshes.iter().map(TriangleMesh::len).sum::<usize>();
+    parallel::entered(primitives, || RayTree::of(Scene::new(meshes, shapes)?, params, &Progress::new(progress)))
+}
+
+/// A tree of custom primitives, on one thread if there are few.
+fn of_primitives<P: Primitive>(
+    primitives: Vec<P>,
+    params: &BuildParams,
+    progress: Option<Callback<'_>>,
+) -> Result<RayTree<Shapes<P>>, BuildError> {
+    parallel::entered(primitives.len(), || RayTree::of(Shapes::new(primitives)?, params, &Progress::new(progress)))
 }
 
 #[cfg(test)]

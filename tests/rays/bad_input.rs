@@ -7,7 +7,7 @@ use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
     Aabb, BuildError, BuildParams, Intersection, KdParams, LinearBounds, MovingSphere, Policy, Primitive, Ray, RayTree,
-    TimeInterval, TriangleMesh, WideParams,
+    Shape, TimeInterval, TriangleMesh, WideParams,
 };
 
 fn build(mesh: TriangleMesh) -> Result<RayTree, BuildError> {
@@ -417,6 +417,25 @@ fn progress_and_cancelling() {
         assert!(statistics.references >= mesh.len() || statistics.subtrees > 0);
         let stop = |_| ControlFlow::Break(());
         let error = RayTree::build_with_progress(std::slice::from_ref(&mesh), &params, &stop).unwrap_err();
+        assert_eq!(error, BuildError::Cancelled);
+
+        let balls =
+            |i: usize| MovingSphere::new(vec![(DVec3::splat(i as f64), 0.7), (DVec3::splat(i as f64 + 0.5), 0.4)]);
+        let shapes = || (0..3000).map(|i| balls(i).into()).collect::<Vec<Shape>>();
+        let meshes = std::slice::from_ref(&mesh);
+        for meshes in [meshes, &[]] {
+            *last.lock().unwrap() = 0.0;
+            let tree = RayTree::of_scene_with_progress(meshes, shapes(), &params, &watch).unwrap();
+            assert!(*last.lock().unwrap() > 0.9, "{params:?}");
+            assert_eq!(tree.shapes().len(), 3000);
+            let error = RayTree::of_scene_with_progress(meshes, shapes(), &params, &stop).unwrap_err();
+            assert_eq!(error, BuildError::Cancelled);
+        }
+        *last.lock().unwrap() = 0.0;
+        let balls = || (0..3000).map(balls).collect::<Vec<_>>();
+        let tree = RayTree::of_primitives_with_progress(balls(), &params, &watch).unwrap();
+        assert!(*last.lock().unwrap() > 0.9 && tree.primitives().len() == 3000, "{params:?}");
+        let error = RayTree::of_primitives_with_progress(balls(), &params, &stop).unwrap_err();
         assert_eq!(error, BuildError::Cancelled);
     }
 }

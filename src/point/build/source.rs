@@ -48,24 +48,25 @@ impl Source {
         not_plain: bool,
         round_to_f32: bool,
     ) -> Result<Source, PointError> {
-        let (mut keys, origin, mut positions, mut exact) = match P::WIDE {
-            true => relative(points, len, keys)?,
-            false => narrow(points, len, keys)?,
-        };
         let plain = !not_plain && is_plain(points, len);
-        let rounded = |exact: &[DVec3]| exact.iter().map(|at| (*at - origin).as_vec3().to_array()).collect();
-        if round_to_f32 && !exact.is_empty() {
-            positions = rounded(&exact);
-            exact = Vec::new();
-        }
-        if P::WIDE && exact.is_empty() {
-            keys = merge_keys(&mut positions, (len, keys), SINGLE, |at| at.map(f64::from));
-        } else if P::WIDE {
-            keys = merge_keys(&mut exact, (len, keys), DOUBLE, |at| at.to_array());
-        }
-        if !exact.is_empty() && (keys > 1 || !plain) {
-            positions = rounded(&exact);
-        }
+        let (origin, precise) = if P::WIDE { origin_of(points, len, keys)? } else { (DVec3::ZERO, false) };
+        let reader = Reader::new(points, keys, origin);
+        let (mut positions, mut exact) = (Vec::new(), Vec::new());
+        // Keys that a straight motion does not need are dropped before anything is copied: what is copied is small.
+        let keys = if precise && !round_to_f32 {
+            let keys = kept_of(len, keys, DOUBLE, |point, key| points.position(point, key).to_array());
+            exact = reader.copy(len, keys, |point, key| reader.read_exact(point, key));
+            if keys > 1 || !plain {
+                positions = exact.iter().map(|at| (*at - origin).as_vec3().to_array()).collect();
+            }
+            keys
+        } else {
+            let keys =
+                kept_of(len, keys, SINGLE, |point, key| reader.relative(point, key).as_vec3().as_dvec3().to_array());
+            positions = reader.copy(len, keys, |point, key| reader.read(point, key));
+            keys
+        };
+        reader.finish()?;
         let mut active = Vec::new();
         let mut ids = Vec::new();
         for point in 0..if plain { 0 } else { len } {
@@ -236,7 +237,7 @@ impl Input {
         if !(may_be_static && is_plain(points, len)) {
             return Source::of(points, (len, keys), may_be_static, round_to_f32).map(Input::Other);
         }
-        let (mut blocks, reader) = (StaticTree::room(len), Reader::new(points, keys));
+        let (mut blocks, reader) = (StaticTree::room(len), Reader::new(points, keys, DVec3::ZERO));
         let mut chunks = PointRows::in_blocks(&mut blocks, len).chunks(CHUNK);
         parallel::each(&mut chunks, |(first, rows)| {
             rows.take((*first..len).map(|point| Item { at: reader.read(point, 0), index: point as u32 }));
@@ -271,61 +272,107 @@ fn is_plain<P: PointSet + ?Sized>(points: &P, len: usize) -> bool {
     all.into_iter().all(|plain| plain)
 }
 
-/// Reads f32 positions and remembers the first that is wrong, so that the loop which reads is as fast as a copy.
+/// What positions of an f64 set are relative to, and whether they say more than f32 ones would. That is the middle of all,
+/// or zero where they are f32 numbers around it.
+fn origin_of<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<(DVec3, bool), PointError> {
+    let ranges = parallel::chunks(len, |range| {
+        let (mut lo, mut hi, mut single) = (DVec3::INFINITY, DVec3::NEG_INFINITY, true);
+        for point in range {
+            for key in 0..keys {
+                let at = points.position(point, key);
+                if !at.is_finite() {
+                    return Err(PointError::NonFinite { point, key });
+                }
+                (lo, hi) = (lo.min(at), hi.max(at));
+                single &= at.as_vec3().as_dvec3() == at;
+            }
+        }
+        Ok((lo, hi, single))
+    });
+    let (mut lo, mut hi, mut single) = (DVec3::INFINITY, DVec3::NEG_INFINITY, true);
+    for range in ranges {
+        let (low, high, all) = range?;
+        (lo, hi, single) = (lo.min(low), hi.max(high), single & all);
+    }
+    // Where zero is far from the set, query points would lose more by being f32 numbers than relative to its middle.
+    let around_zero = lo.cmple(DVec3::ZERO).all() && hi.cmpge(DVec3::ZERO).all();
+    let small = len == 0 || (around_zero && single);
+    Ok(if small { (DVec3::ZERO, false) } else { (lo * 0.5 + hi * 0.5, true) })
+}
+
+/// Reads positions and remembers the first that is wrong, so that the loop which reads is as fast as a copy.
 struct Reader<'a, P: ?Sized> {
     points: &'a P,
-    keys: usize,
+    /// Number of keys that are given.
+    given: usize,
+    /// What positions are relative to.
+    origin: DVec3,
     /// Number of the first wrong position, where those of a point are numbered one behind the other.
     wrong: AtomicUsize,
 }
 
 impl<'a, P: PointSet + ?Sized> Reader<'a, P> {
-    fn new(points: &'a P, keys: usize) -> Reader<'a, P> {
-        Reader { points, keys, wrong: AtomicUsize::new(usize::MAX) }
+    fn new(points: &'a P, given: usize, origin: DVec3) -> Reader<'a, P> {
+        Reader { points, given, origin, wrong: AtomicUsize::new(usize::MAX) }
     }
 
+    /// A position relative to the origin.
+    #[inline(always)]
+    fn relative(&self, point: usize, key: usize) -> DVec3 {
+        let at = self.points.position(point, key);
+        if P::WIDE { at - self.origin } else { at }
+    }
+
+    /// A position in f32, relative to the origin.
     #[inline(always)]
     fn read(&self, point: usize, key: usize) -> [f32; 3] {
-        let at = self.points.position(point, key);
-        if !fits(at) {
-            self.wrong.fetch_min(point * self.keys + key, Ordering::Relaxed);
-        }
+        let at = self.relative(point, key);
+        self.note(at, point, key);
         at.as_vec3().to_array()
+    }
+
+    /// A position as it is given.
+    #[inline(always)]
+    fn read_exact(&self, point: usize, key: usize) -> DVec3 {
+        let at = self.points.position(point, key);
+        self.note(at - self.origin, point, key);
+        at
+    }
+
+    /// Remembers a relative position if it is wrong.
+    #[inline(always)]
+    fn note(&self, relative: DVec3, point: usize, key: usize) {
+        if !fits(relative) {
+            self.wrong.fetch_min(point * self.given + key, Ordering::Relaxed);
+        }
+    }
+
+    /// The positions of all points at the keys that are kept, those of a point side by side.
+    ///
+    /// Of the others none is wrong: what is on a line between those is neither infinite, nor larger than both but for rounding.
+    fn copy<T: Copy + Send>(&self, len: usize, keys: usize, read: impl Fn(usize, usize) -> T + Sync) -> Vec<T> {
+        let step = if keys > 1 { (self.given - 1) / (keys - 1) } else { 0 };
+        if keys == 2 {
+            let mut pairs = huge_vec(len);
+            parallel::fill(&mut pairs, len, |point| [read(point, 0), read(point, step)]);
+            return pairs.into_flattened();
+        }
+        let mut positions = huge_vec(len * keys);
+        parallel::fill(&mut positions, len * keys, |i| read(i / keys, i % keys * step));
+        positions
     }
 
     /// An error for the first wrong position.
     fn finish(self) -> Result<(), PointError> {
-        let wrong = self.wrong.into_inner();
+        let wrong = self.wrong.load(Ordering::Relaxed);
         if wrong == usize::MAX {
             return Ok(());
         }
-        let (point, key) = (wrong / self.keys, wrong % self.keys);
+        let (point, key) = (wrong / self.given, wrong % self.given);
         // A set that answers differently when asked again is wrong all the same.
-        checked(self.points.position(point, key), point, key)?;
+        checked(self.relative(point, key), point, key)?;
         Err(PointError::NonFinite { point, key })
     }
-}
-
-/// The number of keys, the origin, positions relative to it, and positions in f64 where these say more.
-type Read = (usize, DVec3, Vec<[f32; 3]>, Vec<DVec3>);
-
-/// Positions of a set of f32 ones, bit for bit, at the keys that are not on straight lines between others.
-///
-/// Of the others none is wrong: what is on such a line is neither NaN nor infinite, nor larger than both ends but for rounding.
-fn narrow<P: PointSet + ?Sized>(points: &P, len: usize, given: usize) -> Result<Read, PointError> {
-    let keys = kept_of(len, given, SINGLE, |point, key| points.position(point, key).to_array());
-    let (reader, step) = (Reader::new(points, given), step(given, keys));
-    let positions = if keys == 2 {
-        let mut pairs = huge_vec(len);
-        parallel::fill(&mut pairs, len, |point| [reader.read(point, 0), reader.read(point, step)]);
-        pairs.into_flattened()
-    } else {
-        let mut positions = huge_vec(len * keys);
-        parallel::fill(&mut positions, len * keys, |i| reader.read(i / keys, i % keys * step));
-        positions
-    };
-    reader.finish()?;
-    Ok((keys, DVec3::ZERO, positions, Vec::new()))
 }
 
 /// The number of keys that are kept of the given ones. (Static points of two keys are found later, one by one.)
@@ -336,67 +383,6 @@ fn kept_of(len: usize, given: usize, ulp: f64, at: impl Fn(usize, usize) -> [f64
     kept_keys(given, len, ulp, |key, of, out| {
         of.zip(out.as_chunks_mut().0).for_each(|(point, out)| *out = at(point, key));
     })
-}
-
-/// How many given segments between keys become one.
-fn step(given: usize, kept: usize) -> usize {
-    if kept > 1 { (given - 1) / (kept - 1) } else { 0 }
-}
-
-/// Positions of a set of f64 ones relative to their middle, and as they were given. Where all are f32 numbers around zero,
-/// they are taken as such; otherwise relative positions are left to the caller, who may need none.
-fn relative<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<Read, PointError> {
-    let mut wide = Vec::with_capacity(len * keys);
-    let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for point in 0..len {
-        for key in 0..keys {
-            let at = points.position(point, key);
-            if !at.is_finite() {
-                return Err(PointError::NonFinite { point, key });
-            }
-            (lo, hi) = (lo.min(at), hi.max(at));
-            wide.push(at);
-        }
-    }
-    let single = |at: &DVec3| at.as_vec3().as_dvec3() == *at;
-    // Where zero is far from the set, query points would lose more by being f32 numbers than relative to its middle.
-    let around_zero = lo.cmple(DVec3::ZERO).all() && hi.cmpge(DVec3::ZERO).all();
-    if wide.is_empty() || (around_zero && wide.iter().all(single)) {
-        return Ok((keys, DVec3::ZERO, narrow_of(&wide, keys)?, Vec::new()));
-    }
-    let origin = lo * 0.5 + hi * 0.5;
-    // Subtraction and rounding are monotone, so all others fit between these.
-    if !(fits(lo - origin) && fits(hi - origin)) {
-        wide.iter().enumerate().try_for_each(|(i, at)| checked(*at - origin, i / keys, i % keys).map(|_| ()))?;
-    }
-    Ok((keys, origin, Vec::new(), wide))
-}
-
-/// Drops keys on the straight lines between others, of positions that are rounded by `ulp`; returns how many are kept.
-fn merge_keys<P: Copy + Sync>(
-    positions: &mut Vec<P>,
-    (len, keys): (usize, usize),
-    ulp: f64,
-    coordinates: impl Fn(P) -> [f64; 3] + Sync,
-) -> usize {
-    let kept = kept_of(len, keys, ulp, |point, key| coordinates(positions[point * keys + key]));
-    if kept == keys {
-        return keys;
-    }
-    let step = step(keys, kept);
-    // A position is never written before it was read.
-    for i in 0..kept * len {
-        positions[i] = positions[i / kept * keys + i % kept * step];
-    }
-    positions.truncate(kept * len);
-    positions.shrink_to_fit();
-    kept
-}
-
-/// f64 positions that are f32 numbers.
-fn narrow_of(wide: &[DVec3], keys: usize) -> Result<Vec<[f32; 3]>, PointError> {
-    let position = |(i, at): (usize, &DVec3)| Ok(checked(*at, i / keys, i % keys)?.as_vec3().to_array());
-    wide.iter().enumerate().map(position).collect()
 }
 
 /// Whether a position is finite and not too large.
