@@ -124,7 +124,7 @@ impl fmt::Display for BuildError {
             BuildError::BadBounds { primitive } => {
                 write!(
                     f,
-                    "primitive {primitive}: its bounds are NaN, infinite, inverted or beyond {:e}",
+                    "primitive (or shape) {primitive}: its bounds are NaN, infinite, inverted or beyond {:e}",
                     MAX_COORDINATE as f32
                 )
             }
@@ -243,7 +243,10 @@ impl fmt::Display for RefitError {
                 )
             }
             RefitError::Active { mesh } => {
-                write!(f, "mesh {mesh} exists at times for which the tree left it out: build it again")
+                write!(
+                    f,
+                    "mesh {mesh} (or a shape, where there is no such mesh) exists at times that the tree left out: build it again"
+                )
             }
             RefitError::NoMesh { mesh, meshes } => {
                 write!(f, "mesh {mesh} is named as moved, but there are only {meshes}")

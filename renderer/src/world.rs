@@ -6,7 +6,7 @@ use crate::materials::Surface;
 use crate::sampling::Sampler;
 use crate::stage::{LEVELS, Things};
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{BuildError, BuildParams, Hit, Keys, MovingSphere, Observer, Ray, RayTree, Shape, Statistics, TriangleMesh};
+use mbkd::{BuildError, BuildParams, Hit, MovingSphere, Observer, Ray, RayTree, Shape, Statistics};
 use mbkd_scenes::FlakeSphere;
 use std::f32::consts::PI;
 
@@ -19,14 +19,14 @@ pub struct World {
     colors: Vec<Vec3>,
     /// The lamps that shadow rays sample.
     pub(crate) lamps: Lamps,
-    /// The distance by which points are lifted off a surface before the next ray starts, relative to the distances
-    /// involved.
-    lift: f32,
 }
+
+/// Shadow rays end this share of their length before the lamp.
+const BEFORE_LAMP: f32 = 1.0 - 1e-5;
 
 /// A point on a surface.
 pub struct Point {
-    /// Its position, lifted off the surface towards the ray's origin.
+    /// Its position, just off the surface on the side of the ray's origin.
     pub position: DVec3,
     /// Unit normal for shading, on the side of the ray's origin.
     pub normal: Vec3,
@@ -71,13 +71,11 @@ impl World {
     pub fn build(things: &Things, params: &BuildParams) -> Result<World, BuildError> {
         let Things { meshes, surfaces, spheres, colors } = things;
         let colors = if colors.is_empty() { &LEVELS[..] } else { colors };
-        let lift = 4e-6 * meshes.iter().map(extent).fold(0.0, f32::max);
         Ok(World {
             tree: RayTree::of_scene(meshes, spheres.iter().map(moving).collect(), params)?,
             surfaces: surfaces.iter().cloned().zip(meshes.iter().map(|mesh| mesh.indices.clone())).collect(),
             lamps: Lamps::new(meshes, surfaces),
             colors: spheres.iter().map(|sphere| colors[sphere.level as usize % colors.len()]).collect(),
-            lift: if spheres.is_empty() { lift } else { lift.max(1e-5) },
         })
     }
 
@@ -109,8 +107,7 @@ impl World {
                 (normal, normal, self.colors[hit.primitive as usize])
             }
         };
-        let lift = self.lift(hit.t * ray.dir.length());
-        Point { position: at + flat.as_dvec3() * f64::from(lift), normal, color, gloss, emission }
+        Point { position: self.tree.secondary_ray(ray, hit, flat).origin, normal, color, gloss, emission }
     }
 
     /// Samples a point on a lamp: its shadow ray, and the light it sends if unoccluded; `None` without lamps.
@@ -122,8 +119,7 @@ impl World {
         let sight = Sight::new(from.position, place, corners, self.lamps.chance(mesh, primitive));
         let (surface, indices) = &self.surfaces[mesh as usize];
         let emission = surface.emission_at(&Hit { t: 0.0, u, v, mesh, primitive }, indices[primitive as usize]);
-        let free = sight.distance as f32 - self.lift(sight.distance as f32);
-        let ray = Ray::new(from.position, sight.dir).at_time(time).between(0.0, free.max(0.0));
+        let ray = Ray::new(from.position, sight.dir).at_time(time).between(0.0, sight.distance as f32 * BEFORE_LAMP);
         Some((sight, ray, emission))
     }
 
@@ -131,11 +127,6 @@ impl World {
     pub fn lamp_density(&self, ray: &Ray, hit: &Hit) -> f32 {
         let chance = self.lamps.chance(hit.mesh, hit.primitive);
         Sight::new(ray.origin, ray.point(hit.t), self.tree.vertices(hit, ray.time), chance).density
-    }
-
-    /// The distance by which points are lifted off a surface at this distance.
-    fn lift(&self, distance: f32) -> f32 {
-        self.lift + 2e-6 * distance
     }
 
     /// The outward normal of the sphere that was hit.
@@ -149,16 +140,6 @@ impl World {
     /// The statistics of the tree.
     pub fn statistics(&self) -> Statistics {
         self.tree.statistics()
-    }
-}
-
-/// The largest coordinate of a mesh.
-fn extent(mesh: &TriangleMesh) -> f32 {
-    match &mesh.keys {
-        Keys::F32(keys) => keys.iter().flatten().fold(0.0, |most, p| p.abs().max_element().max(most)),
-        Keys::F64(keys) | Keys::Precise(keys) => {
-            keys.iter().flatten().fold(0.0, |most, p| p.abs().max_element().max(most)) as f32
-        }
     }
 }
 

@@ -31,11 +31,15 @@ impl Distortion {
         }
     }
 
-    /// The bounds for poses: rows of a rotation have length 1, so a row of rotation and scale sums up to at most the
+    /// The bounds for poses at a key: rows of a rotation have length 1, so a row of rotation and scale sums up to at most the
     /// length of the scale, and `|R| |R^T|` to at most 3.
-    pub fn of_scale(least: DVec3, greatest: DVec3) -> Distortion {
-        let norm = 3.0 * greatest.max_element() / least.min_element();
-        Distortion { skeel: 3.0, norm, rows: DVec3::splat(greatest.length()) }
+    ///
+    /// They hold between two keys as well if they hold at both: the scale of an axis is linear there and keeps its sign, so that its
+    /// square is convex, and the ratio of two of them is monotone.
+    pub fn of_scale(scale: DVec3) -> Distortion {
+        let scale = scale.abs();
+        let norm = 3.0 * scale.max_element() / scale.min_element();
+        Distortion { skeel: 3.0, norm, rows: DVec3::splat(scale.length()) }
     }
 
     /// The bounds for matrices between two, with interpolated entries; `None` if one of them is singular, or too nearly

@@ -52,8 +52,9 @@ pub enum InstanceError {
         /// The key before that time.
         key: usize,
     },
-    /// At some time the transform distorts space so much that rays cannot be mapped into the instance's space exactly enough: it shears,
-    /// nearly flattens or (if the instance is a tree of instances) scales by very different factors. Rounding may grow by 2^18 at most.
+    /// At some time the transform distorts space so much that rays cannot be mapped into the instance's space exactly enough: it shears
+    /// or nearly flattens, or the instance is a tree of instances and the bounds of all levels are too large together, to which axes that
+    /// are scaled by different factors contribute too. Rounding may grow by 2^18 at most.
     Distorted {
         /// The instance.
         instance: usize,
@@ -94,8 +95,8 @@ impl fmt::Display for InstanceError {
             ),
             InstanceError::Distorted { instance } => write!(
                 f,
-                "instance {instance}: its transform shears or flattens so much that rounding grows by more than 2^18; \
-                 bake it into the vertices"
+                "instance {instance}: its transform, together with those of the instances in it, shears, flattens or scales axes \
+                 so differently that rounding grows by more than 2^18; bake a part of it into the vertices, or nest fewer levels"
             ),
             InstanceError::TooLarge { instance } => {
                 write!(f, "instance {instance} is placed beyond {:e}; move or scale the scene", MAX_COORDINATE as f32)

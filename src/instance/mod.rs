@@ -22,6 +22,7 @@ mod hit;
 mod motion;
 mod placements;
 mod query;
+mod secondary_ray;
 mod transform;
 mod tree;
 mod tree_queries;

@@ -130,7 +130,7 @@ impl Motions {
 
     fn add_poses(&mut self, keys: &[Pose], instance: usize) -> Result<(Motion, Distortion), InstanceError> {
         let Some(begin) = keys.first() else { return Err(InstanceError::NoKeys { instance }) };
-        let (mut least, mut greatest) = (DVec3::INFINITY, DVec3::ZERO);
+        let mut distortion = Distortion::NONE;
         for (key, pose) in keys.iter().enumerate() {
             if !(pose.scale.is_finite() && pose.translation.is_finite() && pose.rotation.is_finite()) {
                 return Err(InstanceError::NonFinite { instance, key });
@@ -144,7 +144,7 @@ impl Motions {
             if key > 0 && pose.scale.signum() != begin.scale.signum() {
                 return Err(InstanceError::SingularBetween { instance, key: key - 1 });
             }
-            (least, greatest) = (least.min(pose.scale.abs()), greatest.max(pose.scale.abs()));
+            distortion = distortion.max(Distortion::of_scale(pose.scale));
         }
         if keys.iter().all(|key| key == begin) {
             let pose = Pose { rotation: begin.rotation.normalize(), ..*begin };
@@ -154,7 +154,7 @@ impl Motions {
         for (i, pose) in keys.iter().enumerate() {
             self.poses.push(PoseKey::new(pose, keys.get(i + 1).unwrap_or(pose)));
         }
-        Ok((Motion::Poses { first, keys: keys.len() as u32 }, Distortion::of_scale(least, greatest)))
+        Ok((Motion::Poses { first, keys: keys.len() as u32 }, distortion))
     }
 
     /// Releases excess capacity.

@@ -118,6 +118,16 @@ impl Placements {
         self.motions.bounds(&one.motion, &self.extents[one.tree as usize].subtrees, over, 1.0)
     }
 
+    /// A box around those instances while they exist whose tree `holds` anything, with padding; `None` if there are none.
+    pub fn bounds_where(&self, holds: impl Fn(u32) -> bool) -> Option<Aabb> {
+        let of = |(id, one): (usize, &Placed)| {
+            let bounds = self.exact_bounds(id as u32, one.active).swept();
+            grow(bounds, self.padding(id as u32))
+        };
+        let all = self.placed.iter().enumerate().filter(|(_, one)| holds(one.tree));
+        all.map(of).reduce(Aabb::union)
+    }
+
     /// The padding for rounding of an instance's bounds, for rays from near the scene.
     fn padding(&self, id: u32) -> DVec3 {
         let slack = &self.slacks[id as usize];

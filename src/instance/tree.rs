@@ -57,8 +57,20 @@ impl InstanceOf {
         }
     }
 
-    /// Its extent in its own space.
+    /// Whether there is no primitive in it.
+    fn is_empty(&self) -> bool {
+        match self {
+            InstanceOf::Tree(tree) => tree.bounds().is_none(),
+            InstanceOf::Instances(tree) => tree.bounds.is_none(),
+        }
+    }
+
+    /// Its extent in its own space. Nothing is a point at zero, which no ray hits.
     fn extent(&self) -> Extent {
+        if self.is_empty() {
+            let point = LinearBounds::fixed(Aabb::of_points([DVec3::ZERO]));
+            return Extent { subtrees: vec![point], outline: Outline::EVERYTHING, reach: 0.0, deviation: 0.0 };
+        }
         let (subtrees, frame, outline, deviation) = match self {
             InstanceOf::Tree(tree) => (tree.linear_bounds_of_subtrees(), tree.frame(), *tree.outline(), 0.0),
             InstanceOf::Instances(tree) => {
@@ -152,6 +164,8 @@ pub struct InstanceTree {
     pub(super) simd: SimdLevel,
     /// Levels of instances, at least 1.
     levels: usize,
+    /// The box of all instances that hold anything, while they exist.
+    bounds: Option<Aabb>,
 }
 
 /// Counts and sizes of an [`InstanceTree`].
@@ -215,9 +229,10 @@ impl InstanceTree {
         motions.shrink_to_fit();
         let extents = trees.iter().map(InstanceOf::extent).collect();
         let mut placements = Placements::new(placed, motions, extents, padding)?;
+        let bounds = placements.bounds_where(|tree| !trees[tree as usize].is_empty());
         let wide = WideTree::build(&placements, params, &Progress::new(None))?;
         placements.release_build_data();
-        Ok(InstanceTree { wide, placements, trees, simd: SimdLevel::best(), levels })
+        Ok(InstanceTree { wide, placements, trees, simd: SimdLevel::best(), levels, bounds })
     }
 
     /// Number of instances of the outermost level.
@@ -237,7 +252,7 @@ impl InstanceTree {
 
     /// A ray mapped into the own space of an instance of the outermost level, at the ray's time and with the same `t`:
     /// the ray that queries use for the placed tree, if the instance's mask and active interval allow. `None` if there
-    /// is no such instance, or the direction cannot be held in f32 there.
+    /// is no such instance, or the direction is shorter than 2^-100 or longer than 2^100 there.
     pub fn local_ray(&self, instance: u32, ray: &Ray) -> Option<Ray> {
         let one = self.placements.placed.get(instance as usize)?;
         if !(0.0..=1.0).contains(&ray.time) {
@@ -290,9 +305,10 @@ impl InstanceTree {
         normal.normalize_or_zero().as_vec3()
     }
 
-    /// The box of all instances over the shutter; `None` for an empty tree.
+    /// A box around all instances while they exist, slightly enlarged for rounding (by a ten-thousandth of the scene's size or so);
+    /// `None` if no instance holds a primitive.
     pub fn bounds(&self) -> Option<Aabb> {
-        (!self.is_empty()).then(|| self.placements.frame().bounds)
+        self.bounds
     }
 
     /// Checks the structure of the tree over instances, as [`RayTree::validate`] does. For tests.

@@ -7,15 +7,15 @@ use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
 use super::wide_tree::WideTree;
 use crate::geometry::KeyTime;
 use crate::primitive::{PrimitiveSet, Scene, Triangles};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 impl WideTree {
-    /// The corners of a triangle at any time, bit for bit as queries see them where it exists. NaN if the tree is damaged.
-    pub fn corners(&self, set: &Triangles, id: u32, time: f32) -> [Vec3; 3] {
-        self.corners_at(set, id, time).unwrap_or([Vec3::NAN; 3])
+    /// The corners of a triangle at any time, bit for bit as ray queries see them where it exists. NaN if the tree is damaged.
+    pub fn corners(&self, set: &Triangles, id: u32, time: f32) -> [DVec3; 3] {
+        self.corners_at(set, id, time).unwrap_or([DVec3::NAN; 3])
     }
 
-    fn corners_at(&self, set: &Triangles, id: u32, time: f32) -> Option<[Vec3; 3]> {
+    fn corners_at(&self, set: &Triangles, id: u32, time: f32) -> Option<[DVec3; 3]> {
         let (first, count) = set.entries_of(id, self.slices);
         // In the nearest slice in which the triangle exists.
         let active = set.active(id);
@@ -25,8 +25,10 @@ impl WideTree {
         let (at, n) = (leaf.at(), leaf.len());
         let (linear, key) = (KeyTime::new(time, 2), CORNER_ROWS * n);
         let corners = match leaf.kind() {
-            Kind::StaticLeaf => return Some(self.own(at, n, lane)),
-            Kind::SharedStaticLeaf => return Some(self.shared(at, n, at + VERTEX_ROWS * n + lane)),
+            Kind::StaticLeaf => return Some(self.own(at, n, lane).map(Vec3::as_dvec3)),
+            Kind::SharedStaticLeaf => {
+                return Some(self.shared(at, n, at + VERTEX_ROWS * n + lane).map(Vec3::as_dvec3));
+            }
             Kind::SharedLeaf => {
                 let numbers = at + 2 * VERTEX_ROWS * n + lane;
                 (linear, self.shared(at, n, numbers), self.shared(at + VERTEX_ROWS * n, n, numbers))
@@ -43,7 +45,7 @@ impl WideTree {
             _ => (linear, self.own(at, n, lane), self.own(at + key, n, lane)),
         };
         let (time, begin, end) = corners;
-        Some(core::array::from_fn(|i| time.position(begin[i], end[i])))
+        Some(core::array::from_fn(|i| time.fine_position(begin[i].as_dvec3(), end[i].as_dvec3())))
     }
 
     /// The corners in one lane of nine rows of n floats each.

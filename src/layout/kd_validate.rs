@@ -113,6 +113,9 @@ impl KdTree {
     pub(crate) fn checked(self, primitives: usize) -> Result<KdTree, FileError> {
         require(self.depth as usize <= DEPTH_LIMIT, "the recorded depth is more than a traversal can follow")?;
         require(!self.root.min.is_nan() && !self.root.max.is_nan(), "the bounds of the root are not a number")?;
+        // Statistics count those too that no leaf has.
+        let known = self.references.iter().all(|r| (r.id as usize) < primitives);
+        require(known, "a reference is to a primitive that is not there")?;
         match self.validate_links(primitives) {
             Ok(()) => Ok(self),
             Err(ValidationError::Depth { .. }) => broken("a leaf is deeper than the recorded depth"),

@@ -7,7 +7,6 @@ use super::wide_validate::TIMES;
 use crate::geometry::Frame;
 use crate::primitive::PrimitiveSet;
 use crate::simd::LANES;
-use glam::Vec3;
 
 impl LazyTree {
     /// Checks that each primitive is in one subtree, that the coarse tree leads to every subtree through boxes that
@@ -39,7 +38,7 @@ impl LazyTree {
             let ids = if b.leaf { self.primitives(self.below(child)) } else { &[] };
             for &id in ids.iter().filter(|&&id| (id as usize) < triangles.len()) {
                 let corners = triangles.precise_corners(id, time);
-                let corners = corners.unwrap_or_else(|| triangles.corners(id, time).map(Vec3::as_dvec3));
+                let corners = corners.unwrap_or_else(|| triangles.fine_corners(id, time));
                 if !corners.into_iter().all(|corner| b.bounds.contains(corner)) {
                     result = Err(ValidationError::Bounds { primitive: id, time, node: child.at() / LANES });
                 }

@@ -95,8 +95,8 @@ impl WideTree {
     /// Whether a box holds the corners of a triangle at a time.
     fn holds(&self, set: &Triangles, id: u32, time: f32, bounds: Box3) -> bool {
         // A tree without recorded blocks belongs to a set that has its vertices.
-        let in_f32 = || if self.blocks.is_empty() { set.corners(id, time) } else { self.corners(set, id, time) };
-        let corners = set.precise_corners(id, time).unwrap_or_else(|| in_f32().map(Vec3::as_dvec3));
+        let of_tree = || if self.blocks.is_empty() { set.fine_corners(id, time) } else { self.corners(set, id, time) };
+        let corners = set.precise_corners(id, time).unwrap_or_else(of_tree);
         corners
             .into_iter()
             .all(|corner| (corner.cmpge(bounds.min.as_dvec3()) & corner.cmple(bounds.max.as_dvec3())).all())

@@ -115,6 +115,19 @@ impl MovingSphere {
         Some(Intersection { t, u: normal.x as f32, v: normal.y as f32 })
     }
 
+    /// The outward unit normal where a ray hits a sphere at `t`, which is rounded; `None` where there is none.
+    pub(crate) fn normal_of_hit((center, radius): (DVec3, f64), ray: &Ray, t: f32) -> Option<DVec3> {
+        let d = ray.dir.as_dvec3();
+        let per_square = d.length_squared().recip();
+        let to_center = center - ray.origin;
+        let middle = to_center.dot(d) * per_square;
+        let aside = to_center - d * middle;
+        let half = ((radius * radius - aside.length_squared()).max(0.0) * per_square).sqrt();
+        // The near one, if both are rounded to this.
+        let first = (f64::from(t) - (middle - half)).abs() <= (f64::from(t) - (middle + half)).abs();
+        (d * if first { -half } else { half } - aside).try_normalize()
+    }
+
     /// The outward unit normal at a point of the surface, at a time in [0, 1]; zero at the center.
     ///
     /// ```

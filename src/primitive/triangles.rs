@@ -202,17 +202,17 @@ impl Triangles {
 
     /// The corners at any time, as trees have them that hold only the keys that queries need: where the triangle does not exist, in the
     /// nearest motion segment in which it does.
-    pub(crate) fn corners_at_any_time(&self, id: u32, t: f32) -> [Vec3; 3] {
+    pub(crate) fn corners_at_any_time(&self, id: u32, t: f32) -> [DVec3; 3] {
         let mesh = self.mesh(id);
         if mesh.keys <= 2 {
-            return self.corners(id, t);
+            return self.fine_corners(id, t);
         }
         let at = KeyTime::within(t, mesh.keys, mesh.segments_of_life());
         let [a, b] = [at.segment, at.segment + 1].map(|key| self.corners_at_key(id, key));
-        core::array::from_fn(|i| at.position(a[i], b[i]))
+        core::array::from_fn(|i| at.fine_position(a[i].as_dvec3(), b[i].as_dvec3()))
     }
 
-    /// The corners at time `t`, exactly as queries compute them.
+    /// The corners at time `t` in f32, exactly as queries of closest points compute them.
     #[inline(always)]
     pub(crate) fn corners(&self, id: u32, t: f32) -> [Vec3; 3] {
         let &MeshInfo { keys, stride, .. } = self.mesh(id);
@@ -230,7 +230,7 @@ impl Triangles {
         ]
     }
 
-    /// The corners at a time in f64 (see [`KeyTime::fine_position`]).
+    /// The corners at a time in f64 (see [`KeyTime::fine_position`]), exactly as ray queries compute them.
     #[inline(always)]
     pub(crate) fn fine_corners(&self, id: u32, t: f32) -> [DVec3; 3] {
         let &MeshInfo { keys, stride, .. } = self.mesh(id);

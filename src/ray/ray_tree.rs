@@ -6,7 +6,7 @@ use super::kernel::outline::Outline;
 use super::traversal::batch::Task;
 use super::{Hit, Indices, Observer, Ray, Space, answer_in_order};
 use crate::error::BuildError;
-use crate::geometry::{Frame, LinearBounds};
+use crate::geometry::{Aabb, Frame, LinearBounds};
 use crate::layout::{Plan, Statistics, TreeBox, ValidationError};
 use crate::parallel;
 use crate::params::BuildParams;
@@ -341,6 +341,23 @@ impl<G: Geometry> RayTree<G> {
         }
     }
 
+    /// A box around all primitives over the shutter, slightly enlarged for rounding; `None` if there are none. It holds motion outside of
+    /// active intervals as well. Takes no time.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, RayTree, TriangleMesh, glam::{DVec3, Vec3}};
+    /// let open = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
+    /// let close = open.iter().map(|p| *p + Vec3::Z).collect();
+    /// let tree = RayTree::build(&[TriangleMesh::new(vec![[0, 1, 2]], vec![open, close])], &BuildParams::default())?;
+    /// let bounds = tree.bounds().unwrap();
+    /// assert!(bounds.contains(DVec3::ZERO) && bounds.contains(DVec3::ONE));
+    /// assert!(bounds.max.abs_diff_eq(DVec3::ONE, 1e-5));
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn bounds(&self) -> Option<Aabb> {
+        (self.geometry.len() > 0).then(|| self.linear_bounds().swept())
+    }
+
     /// Linear bounds of all primitives over the shutter, in world space, as wide as the boxes of queries.
     pub(crate) fn linear_bounds(&self) -> LinearBounds {
         let swept = LinearBounds::fixed(self.geometry.frame().bounds);
@@ -436,6 +453,9 @@ impl RayTree {
 
     /// [`RayTree::build`] that calls `progress` from time to time with the finished fraction (0 to 1), from any of its
     /// threads. `Break` cancels the build, which then returns [`BuildError::Cancelled`].
+    ///
+    /// A k-d tree calls it at every half percent. A wide tree calls it after each of its steps, of which the first takes about half of the
+    /// time (of separate trees for time slices, one tree takes a step), and is cancelled between them; a lazy tree after its coarse build only.
     pub fn build_with_progress(
         meshes: &[TriangleMesh],
         params: &BuildParams,
@@ -454,7 +474,7 @@ impl RayTree {
         of_scene(meshes, shapes, params, Some(progress))
     }
 
-    /// The corners of a triangle of a mesh at any time, exactly as queries use them. NaN if there is no such triangle. A
+    /// The corners of a triangle of a mesh at any time, exactly as rays meet them. (Queries of closest points round moving ones to f32.) NaN if there is no such triangle. A
     /// time outside `[0, 1]` extrapolates the motion. So does one outside the active interval of a mesh of more than two keys, unless it is
     /// [`precise`](TriangleMesh::precise): a tree holds only the keys around the interval.
     pub fn triangle(&self, mesh: u32, triangle: u32, time: f32) -> [DVec3; 3] {
@@ -467,7 +487,7 @@ impl RayTree {
                     Layout::Wide(tree) => tree.corners(&self.geometry.triangles, id, time),
                     Layout::Kd(_) | Layout::Lazy(_) => self.geometry.triangles.corners_at_any_time(id, time),
                 };
-                corners.map(|p| self.geometry.frame().to_world(p))
+                corners.map(|p| self.geometry.frame().fine_to_world(p))
             }
             None => [DVec3::NAN; 3],
         }

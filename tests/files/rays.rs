@@ -397,3 +397,28 @@ fn a_lying_length_is_refused_without_memory_for_it() {
         }
     }
 }
+
+/// A reference that no leaf has any more, in a file with a right checksum, to a primitive that is not there.
+#[test]
+fn references_of_k_d_trees_are_checked_even_where_no_leaf_has_them() {
+    let ball = |x: f64| {
+        let active = TimeInterval::new(0.0, 0.5).unwrap();
+        Shape::from(MovingSphere::fixed(DVec3::X * x, 1.0).with_active(active))
+    };
+    let params = BuildParams::kd(KdParams { max_depth: Some(0), ..KdParams::classic() });
+    let tree = RayTree::of_scene(&[], vec![ball(0.0), ball(0.5)], &params).unwrap();
+    let mut bytes = file(&tree);
+    let last = bytes.len() - 12;
+    assert_eq!(bytes[last..last + 4], 1u32.to_le_bytes());
+    bytes[last..last + 4].copy_from_slice(&0x20_0000u32.to_le_bytes());
+    for word in (HEADER..last).step_by(4) {
+        // One of the words has the number of references of the leaf, in some of its bits.
+        for bit in 0..32 {
+            let mut hostile = bytes.clone();
+            let value = u32::from_le_bytes(hostile[word..word + 4].try_into().unwrap());
+            hostile[word..word + 4].copy_from_slice(&value.wrapping_sub(1 << bit).to_le_bytes());
+            seal(&mut hostile);
+            assert!(read(&hostile).is_err(), "word {word}, bit {bit}");
+        }
+    }
+}

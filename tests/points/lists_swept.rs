@@ -390,6 +390,13 @@ fn bad_queries_get_errors_and_empty_sets_empty_lists() {
     let empty = PointTree::build(&[] as &[Vec3], &PointParams::default()).unwrap();
     assert!(empty.neighbor_lists_swept(TimeInterval::FULL, 1.0).unwrap().is_empty());
     assert_eq!(empty.neighbor_lists_with_skin(0.25, 1.0, 1.0, 0.75, &mut lists), Ok(0.75));
+    // Nothing moves, so lists hold wherever the points are; a point that moves a little takes that away far from zero.
+    let far = [MovingPoint::fixed(Vec3::X * 1e6), MovingPoint::fixed(Vec3::X * (1e6 + 3.0))];
+    let tree = PointTree::build(&far, &PointParams::default()).unwrap();
+    assert_eq!(tree.neighbor_lists_with_skin(0.25, 1.5, 1.0, 0.75, &mut lists), Ok(0.75));
+    let moving = [far[0], MovingPoint::new(Vec3::X * (1e6 + 2.75), Vec3::X * (1e6 + 3.75))];
+    let tree = PointTree::build(&moving, &PointParams::default()).unwrap();
+    assert_eq!(tree.neighbor_lists_with_skin(0.25, 1.5, 1.0, 0.75, &mut lists), Ok(0.25));
 }
 
 #[test]

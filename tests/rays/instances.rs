@@ -514,3 +514,51 @@ fn nothing_and_instances_of_nothing_are_never_hit() {
     let tree = tree.unwrap();
     assert!(!tree.any_hit(&ray) && tree.len() == 2 && tree.statistics().primitives == 0);
 }
+
+/// Scales of one instant never count with those of another, so growing from a millionth distorts nothing at any level.
+#[test]
+fn poses_may_grow_at_all_levels_and_queries_equal_those_of_the_local_rays() {
+    let mut random = Random(11);
+    let leaf = Arc::new(RayTree::build(&[soup(60, 1, 0.5, 0.0, 5)], &BuildParams::default()).unwrap());
+    let grow = |s: f64| vec![Pose { scale: DVec3::splat(s), ..Pose::IDENTITY }, Pose::IDENTITY];
+    let mut tree = InstanceTree::build(vec![Instance::new(leaf, grow(1e-4))], &WideParams::default()).unwrap();
+    for _ in 0..3 {
+        tree = InstanceTree::build(vec![Instance::new(Arc::new(tree), grow(0.05))], &WideParams::default()).unwrap();
+    }
+    let mut hits = 0;
+    for _ in 0..300 {
+        let time = random.unit();
+        let size = tree.matrix(&[0; 4], time).unwrap().matrix3.x_axis.x;
+        let (from, to) = (random.vec(), random.vec());
+        let origin = (4.0 * from).as_dvec3();
+        let at = to.as_dvec3() * size;
+        let ray = Ray::new(origin, (at - origin).as_vec3()).at_time(time);
+        let InstanceOf::Instances(inner) = tree.placed(0).unwrap() else { panic!("nested") };
+        let expected = inner.closest_hit(&tree.local_ray(0, &ray).unwrap());
+        assert_eq!(tree.closest_hit(&ray).map(|hit| hit.hit), expected.map(|hit| hit.hit));
+        hits += usize::from(expected.is_some());
+    }
+    assert!(hits > 20, "{hits}");
+}
+
+#[test]
+fn bounds_hold_what_exists_and_nothing_else() {
+    let of = |meshes: &[TriangleMesh]| Arc::new(RayTree::build(meshes, &BuildParams::default()).unwrap());
+    let (empty, unit) = (of(&[]), of(&[TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y])]));
+    assert!(empty.bounds().is_none());
+    assert!(unit.bounds().unwrap().max.abs_diff_eq(DVec3::new(1.0, 1.0, 0.0), 1e-5));
+    let at = |x: f64| DAffine3::from_translation(DVec3::X * x);
+    let far = Instance::new(empty.clone(), DAffine3::from_scale(DVec3::splat(1e20)));
+    let group = Arc::new(InstanceTree::build(vec![far.clone()], &WideParams::default()).unwrap());
+    assert!(group.bounds().is_none());
+    // One that leaves at a tenth of the shutter, and would go far away.
+    let leaves =
+        Instance::new(unit.clone(), vec![at(0.0), at(100.0)]).with_active(TimeInterval::new(0.0, 0.1).unwrap());
+    let all = vec![far, Instance::new(group, at(1e6)), Instance::new(unit, at(-2.0)), leaves];
+    let tree = InstanceTree::build(all, &WideParams::default()).unwrap();
+    let bounds = tree.bounds().unwrap();
+    assert!(bounds.contains(DVec3::new(-2.0, 0.0, 0.0)) && bounds.contains(DVec3::new(11.0, 0.0, 0.0)));
+    assert!(bounds.max.x < 11.0 + 1000.0 && bounds.min.x > -2.0 - 1000.0, "{bounds:?}");
+    let hit = tree.closest_hit(&Ray::new(Vec3::new(-1.8, 0.2, 5.0), Vec3::NEG_Z)).unwrap();
+    assert_eq!((&hit.path[..], hit.hit.t), (&[2][..], 5.0));
+}

@@ -19,6 +19,7 @@ mod precise;
 mod refit;
 mod refit_moved;
 mod scenes;
+mod secondary_rays;
 mod spheres;
 mod visitors;
 mod watertight;

@@ -105,7 +105,10 @@ impl fmt::Display for GatherError {
                 write!(f, "the window of a query is wider than the {most} that the map was built for")
             }
             GatherError::Radius => {
-                write!(f, "a radius must be at least 0, and infinite or at most {MAX_POINT_COORDINATE:e}")
+                write!(
+                    f,
+                    "a radius must be at least 0 and at most {MAX_POINT_COORDINATE:e}; only that of a gather may be infinite"
+                )
             }
             GatherError::NoNeighbors => f.write_str("a query for 0 photons has no density; ask for at least 1"),
             GatherError::Unbounded => f.write_str("give a query a number of photons, a radius or both"),

@@ -155,7 +155,8 @@ impl<F: Flux> PhotonMap<F> {
 
     /// A batch of gathers, on several threads: the answers of [`PhotonMap::gather`], in the order of the queries.
     ///
-    /// Allocates the answers and a scratch for each 512 of them. The error is that of the first query with an error.
+    /// Allocates the answers and a scratch for each 512 of them. Queries with invalid numbers are
+    /// found before any is answered: the error is that of the first of these, and otherwise of the first that fails.
     pub fn gather_batch(&self, queries: &[GatherQuery]) -> Result<Vec<Gathered<F>>, GatherError> {
         queries.iter().try_for_each(|query| query.check())?;
         let positions: Vec<Vec3> = queries.iter().map(|query| query.position).collect();

@@ -9,8 +9,8 @@ use crate::simd::SimdLevel;
 /// `window` is a limit for photons that move with their surface.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GatherParams {
-    /// The typical half width of the window of queries; default 0.05. The tree is optimized for it. Photons that
-    /// move with their surface take part in gathers with a window up to this only.
+    /// The typical half width of the window of queries; default 0.05. The tree is optimized for it. If any
+    /// photon moves with its surface, gathers with a wider window return [`GatherError::WindowTooWide`].
     pub window: f32,
     /// The typical number of photons of a query; default 50. The tree is optimized for it.
     pub neighbors: u32,

@@ -54,7 +54,8 @@ pub struct ClosestPoint {
     /// Barycentric weight of the triangle's third vertex (the first has `1 - u - v`), or the value that a custom
     /// primitive returned.
     pub v: f32,
-    /// The mesh, as an index into the meshes that the tree was built of (0 for custom primitives).
+    /// The mesh, as an index into the meshes that the tree was built of; the number of meshes for one of the other shapes
+    /// of a scene, so 0 for a tree of shapes only.
     pub mesh: u32,
     /// The triangle within its mesh, or the primitive's index.
     pub primitive: u32,

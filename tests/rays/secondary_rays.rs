@@ -1,0 +1,178 @@
+//! Secondary rays do not hit the surface that they leave, and begin right at it.
+
+use super::common::{Random, soup};
+use core::ops::ControlFlow;
+use mbkd::glam::{DAffine3, DQuat, DVec3, Vec3};
+use mbkd::{
+    BuildParams, Hit, Instance, InstanceTree, KdParams, MovingSphere, Pose, Ray, RayTree, Shape, TriangleMesh,
+    WideParams,
+};
+use std::sync::Arc;
+
+/// A direction in one of the half spaces, rather often along the surface.
+fn direction(random: &mut Random, normal: Vec3) -> Vec3 {
+    let any = random.vec();
+    let flat = any - normal * any.dot(normal);
+    let away = normal * if random.unit() < 0.5 { 1.0 } else { -1.0 };
+    flat.normalize_or_zero() + away * 10f32.powf(1.0 - 4.0 * random.unit())
+}
+
+/// Whether a ray hits a primitive.
+fn hits(tree: &RayTree, ray: &Ray, of: &Hit) -> bool {
+    let mut found = false;
+    let _ = tree.all_hits(ray, |hit| {
+        found |= (hit.mesh, hit.primitive) == (of.mesh, of.primitive);
+        ControlFlow::Continue(())
+    });
+    found
+}
+
+/// Moved and scaled copies of a mesh's keys.
+fn placed(mesh: &TriangleMesh, by: f64, to: DVec3, kind: usize) -> TriangleMesh {
+    let mbkd::Keys::F32(keys) = &mesh.keys else { panic!("f32 keys") };
+    let wide: Vec<Vec<DVec3>> = keys.iter().map(|key| key.iter().map(|p| p.as_dvec3() * by + to).collect()).collect();
+    let narrow: Vec<Vec<Vec3>> = wide.iter().map(|key| key.iter().map(|p| p.as_vec3()).collect()).collect();
+    match kind {
+        0 => TriangleMesh::new(mesh.indices.to_vec(), narrow),
+        1 => TriangleMesh::new(mesh.indices.to_vec(), wide),
+        _ => TriangleMesh::new(mesh.indices.to_vec(), wide).precise(),
+    }
+}
+
+#[test]
+fn secondary_rays_do_not_hit_the_triangle_that_they_leave() {
+    let mut random = Random(41);
+    let (mut naive, mut all) = (0, 0);
+    for round in 0..60 {
+        let keys = [1, 2, 5][round % 3];
+        let size = [1e-12, 1e-3, 1.0, 1e6][round % 4];
+        let at = DVec3::new(0.3, -1.0, 0.7) * size * [0.0, 0.0, 30.0, 1e4][random.below(4)];
+        let mesh = placed(&soup(300, keys, 0.4, 0.2, round as u64), size, at, random.below(3));
+        let params = if round % 5 == 4 { BuildParams::kd(KdParams::default()) } else { BuildParams::default() };
+        let tree = RayTree::build(&[mesh], &params).unwrap();
+        for _ in 0..200 {
+            let far = 10f64.powf(4.0 * f64::from(random.unit()));
+            let origin = at + random.vec().as_dvec3() * size * far;
+            let to = at + random.vec().as_dvec3() * size;
+            let ray = Ray::new(origin, (to - origin).as_vec3()).at_time(random.unit());
+            let Some(hit) = tree.closest_hit(&ray) else { continue };
+            let normal = tree.normal(&hit, ray.time);
+            let dir = direction(&mut random, normal) * 10f32.powf(8.0 * random.unit() - 4.0);
+            let leaving = tree.secondary_ray(&ray, &hit, dir);
+            assert_eq!((leaving.dir, leaving.time, leaving.t_min, leaving.t_max), (dir, ray.time, 0.0, f32::INFINITY));
+            assert!(!hits(&tree, &leaving, &hit), "round {round}: {ray:?}, {hit:?}, {leaving:?}");
+            let [a, b, c] = tree.vertices(&hit, ray.time);
+            let unit = (b - a).cross(c - a).normalize();
+            let height = (leaving.origin - a).dot(unit);
+            // Thin triangles may need more.
+            let most = 1e-9 * size + 1e-13 * at.length();
+            assert!(height.abs() < most, "{height} of {size}");
+            assert!(height * unit.dot(dir.as_dvec3()) > 0.0);
+            let seen = ray.point(hit.t);
+            assert!((leaving.origin - seen).length() < 1e-6 * (size + (seen - origin).length()) + most);
+            naive += usize::from(hits(&tree, &Ray { origin: seen, ..leaving }, &hit));
+            all += 1;
+        }
+    }
+    assert!(all > 3000 && naive > all / 4, "{naive} of {all} rays from the point of the hit hit it again");
+}
+
+#[test]
+fn secondary_rays_leave_spheres_or_cross_them() {
+    let mut random = Random(42);
+    let (mut outward, mut inward) = (0, 0);
+    for round in 0..40 {
+        let size = [1e-9, 1.0, 1e5][round % 3];
+        let at = DVec3::new(0.3, -1.0, 0.7) * size * [0.0, 30.0, 1e5][random.below(3)];
+        let ball = |random: &mut Random| {
+            let mut key = || (at + random.vec().as_dvec3() * size, size * f64::from(0.02 + 0.1 * random.unit()));
+            let keys = vec![key(), key(), key()];
+            Shape::from(MovingSphere::new(keys))
+        };
+        let shapes: Vec<Shape> = (0..40).map(|_| ball(&mut random)).collect();
+        let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO; 3]);
+        let tree = RayTree::of_scene(&[mesh], shapes, &BuildParams::default()).unwrap();
+        for _ in 0..300 {
+            let far = 10f64.powf(7.0 * f64::from(random.unit()));
+            let origin = at + random.vec().as_dvec3() * size * far;
+            let to = at + random.vec().as_dvec3() * size;
+            let ray = Ray::new(origin, (to - origin).as_vec3()).at_time(random.unit());
+            let Some(hit) = tree.closest_hit(&ray) else { continue };
+            let Shape::Sphere(sphere) = &tree.shapes()[hit.primitive as usize] else { panic!("a sphere") };
+            let (center, radius) = sphere.at(ray.time);
+            let at_first = tree.secondary_ray(&ray, &hit, Vec3::X).origin;
+            let normal = (at_first - center).normalize();
+            let most = 1e-9 * radius + 1e-13 * at.length();
+            assert!(((at_first - center).length() - radius).abs() < most);
+            let dir = direction(&mut random, normal.as_vec3());
+            let leaving = tree.secondary_ray(&ray, &hit, dir);
+            let cosine = -dir.as_dvec3().normalize().dot(normal);
+            if cosine < 0.0 {
+                outward += 1;
+                assert!(!hits(&tree, &leaving, &hit), "{ray:?}, {hit:?}, {leaving:?}");
+            } else if cosine > 0.01 {
+                inward += 1;
+                let chord = 2.0 * radius * cosine;
+                let mut found = Vec::new();
+                let _ = tree.all_hits(&leaving, |other| {
+                    found.extend((other.primitive == hit.primitive).then_some(other.t));
+                    ControlFlow::Continue(())
+                });
+                let [t] = found[..] else { panic!("{found:?}") };
+                let length = f64::from(t) * f64::from(dir.length());
+                assert!((length - chord).abs() < 1e-5 * radius + 100.0 * most, "{length} instead of {chord}");
+            }
+        }
+    }
+    assert!(outward > 500 && inward > 400, "{outward}, {inward}");
+}
+
+#[test]
+fn secondary_rays_leave_instances_of_instances() {
+    let mut random = Random(43);
+    let (mut naive, mut all) = (0, 0);
+    for round in 0..60 {
+        let mesh = soup(200, 1 + round % 2, 0.4, 0.2, round as u64);
+        let tree = Arc::new(RayTree::build(&[mesh], &BuildParams::default()).unwrap());
+        let pose = |random: &mut Random| {
+            let axis = random.vec().as_dvec3().normalize();
+            Pose {
+                rotation: DQuat::from_axis_angle(axis, 6.0 * f64::from(random.unit())),
+                translation: 5.0 * random.vec().as_dvec3(),
+                scale: 0.8 + 0.5 * random.vec().as_dvec3(),
+            }
+        };
+        let mut some = |of: Instance| {
+            (0..3)
+                .map(|_| Instance { transform: vec![pose(&mut random), pose(&mut random)].into(), ..of.clone() })
+                .collect()
+        };
+        let inner = InstanceTree::build(some(Instance::new(tree, DAffine3::IDENTITY)), &WideParams::default()).unwrap();
+        let outer = some(Instance::new(Arc::new(inner), DAffine3::IDENTITY));
+        let tree = InstanceTree::build(outer, &WideParams::default()).unwrap();
+        let bounds = tree.bounds().unwrap();
+        let at = |random: &mut Random| bounds.min + (0.5 + 0.5 * random.vec().as_dvec3()) * (bounds.max - bounds.min);
+        for _ in 0..400 {
+            let (from, to) = (at(&mut random), at(&mut random));
+            let ray = Ray::new(from, (to - from).as_vec3()).at_time(random.unit());
+            let Some(hit) = tree.closest_hit(&ray) else { continue };
+            let normal = tree.normal(&hit, ray.time);
+            let dir = direction(&mut random, normal);
+            let again = |ray: &Ray| {
+                let mut found = false;
+                let _ = tree.all_hits(ray, |other| {
+                    found |= other.path == hit.path && other.hit.primitive == hit.hit.primitive;
+                    ControlFlow::Continue(())
+                });
+                found
+            };
+            let leaving = tree.secondary_ray(&ray, &hit, dir);
+            assert!(!again(&leaving), "round {round}: {ray:?}, {hit:?}, {leaving:?}");
+            let seen = ray.point(hit.hit.t);
+            assert!((leaving.origin - seen).length() < 1e-5, "{} {seen}", leaving.origin);
+            naive += usize::from(again(&Ray { origin: seen, ..leaving }));
+            all += 1;
+        }
+    }
+    assert!(all > 300 && naive > all / 4, "{naive} of {all}");
+}
