@@ -221,7 +221,7 @@ class RayTree(Traced[Hits]):
         return closest, near.t, near.triangle
 
     def triangles(self, mesh: ArrayLike, triangle: ArrayLike, *, time: ArrayLike = 0.0) -> np.ndarray:
-        """The corners of triangles at times, float64 (n, 3, 3), exactly as queries use them; NaN if there is no such triangle."""
+        """The corners of triangles at times, float64 (n, 3, 3), exactly as rays meet them; NaN if there is no such triangle."""
         triangle = np.ascontiguousarray(triangle, dtype=np.int64).reshape(-1)
         mesh = np.ascontiguousarray(np.broadcast_to(np.asarray(mesh, dtype=np.int32), triangle.shape))
         return self._tree.triangles(mesh, triangle, per_query(time, triangle.shape, "time"))

@@ -182,12 +182,15 @@ fn points_on_the_surface_are_at_distance_zero() {
     let mesh = soup(400, 2, 0.3, 0.5, 12);
     let tree = RayTree::build(std::slice::from_ref(&mesh), &BuildParams::default()).unwrap();
     let mut random = Random(2);
-    for _ in 0..500 {
-        let time = random.unit();
+    for i in 0..500 {
+        let at_key = i % 3 == 0;
+        let time = if at_key { random.below(2) as f32 } else { random.unit() };
         let hit = mbkd::Hit { t: 0.0, u: 0.0, v: 0.0, mesh: 0, primitive: random.below(400) as u32 };
         let [a, b, c] = tree.vertices(&hit, time);
-        let corner = tree.closest_point(&ClosestPointQuery::new(a, time).within(0.0)).unwrap();
-        assert_eq!((corner.distance, corner.point), (0.0, a));
+        // Between keys corners are exact, and those of closest points are rounded to f32.
+        let within = if at_key { 0.0 } else { 3e-7 };
+        let corner = tree.closest_point(&ClosestPointQuery::new(a, time).within(within)).unwrap();
+        assert!((corner.point - a).length() <= f64::from(within) && corner.distance <= within);
         let middle = tree.closest_point(&ClosestPointQuery::new((a + b + c) / 3.0, time).within(1e-6)).unwrap();
         assert!(middle.distance < 1e-7, "{middle:?}");
     }
