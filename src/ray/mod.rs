@@ -15,7 +15,7 @@
 //! | `compiled`, `erased_shapes` | all queries, compiled once in this crate |
 //! | `ray_tree`, `refit`, `in_file` | [`RayTree`]: builds and single queries, refits, files |
 //! | `batch_order`, `filtered_batches`, `closest_point_queries`, `visit` | its other queries |
-//! | `secondary_ray` | rays that leave a surface |
+//! | `surface` | corners and normals at a hit, rays that leave it |
 
 mod batch_order;
 mod closest_point;
@@ -30,7 +30,7 @@ mod kernel;
 mod observer;
 mod ray_tree;
 mod refit;
-mod secondary_ray;
+mod surface;
 mod traversal;
 mod visit;
 
@@ -60,6 +60,6 @@ pub(crate) use kernel::tree_ray::TreeRay;
 pub use observer::{Counters, Observer};
 pub use ray_tree::{Geometry, RayTree};
 pub use refit::Refit;
-pub(crate) use secondary_ray::{Departure, OF_COORDINATE};
+pub(crate) use surface::{Departure, OF_COORDINATE};
 pub(crate) use traversal::ray_traversal::{LeafVisitor, RayTraversal};
 pub use visit::TreePrimitive;

@@ -10,12 +10,11 @@ use crate::geometry::{Aabb, Frame, LinearBounds};
 use crate::layout::{Plan, Statistics, TreeBox, ValidationError};
 use crate::parallel;
 use crate::params::BuildParams;
-use crate::primitive::{Primitive, PrimitiveSet, Scene, Shape, Shapes, TriangleMesh};
+use crate::primitive::{Primitive, Scene, Shape, Shapes, TriangleMesh};
 use crate::progress::{Callback, Progress};
 use crate::simd::SimdLevel;
 use crate::tuning::wide::CACHED;
 use core::ops::ControlFlow;
-use glam::{DVec3, Vec3};
 
 /// The contents of a [`RayTree`]: [`Scene`] or [`Shapes`]. Sealed; a bound for code that is generic over both.
 ///
@@ -474,38 +473,6 @@ impl RayTree {
         of_scene(meshes, shapes, params, Some(progress))
     }
 
-    /// The corners of a triangle of a mesh at any time, exactly as rays meet them. (Queries of closest points round moving ones to f32.) NaN if there is no such triangle. A
-    /// time outside `[0, 1]` extrapolates the motion. So does one outside the active interval of a mesh of more than two keys, unless it is
-    /// [`precise`](TriangleMesh::precise): a tree holds only the keys around the interval.
-    pub fn triangle(&self, mesh: u32, triangle: u32, time: f32) -> [DVec3; 3] {
-        match self.geometry.triangles.id(mesh, triangle) {
-            Some(id) => {
-                if let Some(corners) = self.geometry.triangles.precise_corners(id, time) {
-                    return corners.map(|p| self.geometry.frame().fine_to_world(p));
-                }
-                let corners = match &self.layout {
-                    Layout::Wide(tree) => tree.corners(&self.geometry.triangles, id, time),
-                    Layout::Kd(_) | Layout::Lazy(_) => self.geometry.triangles.corners_at_any_time(id, time),
-                };
-                corners.map(|p| self.geometry.frame().fine_to_world(p))
-            }
-            None => [DVec3::NAN; 3],
-        }
-    }
-
-    /// The corners of the triangle that was hit, at any time: see [`RayTree::triangle`].
-    pub fn vertices(&self, hit: &Hit, time: f32) -> [DVec3; 3] {
-        self.triangle(hit.mesh, hit.primitive, time)
-    }
-
-    /// The unit normal of the triangle that was hit, at any time. Seen from the side that it points to, the corners are in
-    /// counter-clockwise order. Zero for a degenerate triangle, for a hit of another tree and for one on a shape, which has a normal
-    /// of its own ([`MovingSphere::normal`](crate::MovingSphere::normal)).
-    pub fn normal(&self, hit: &Hit, time: f32) -> Vec3 {
-        let [a, b, c] = self.vertices(hit, time);
-        (b - a).cross(c - a).normalize_or_zero().as_vec3()
-    }
-
     /// The shapes that were given to the build.
     pub fn shapes(&self) -> &[Shape] {
         self.geometry.shapes.shapes()
@@ -561,6 +528,7 @@ fn of_primitives<P: Primitive>(
 mod tests {
     use super::*;
     use crate::scene;
+    use glam::Vec3;
 
     /// Interleaving and streams are tested here directly: a batch uses at most one of them.
     #[test]

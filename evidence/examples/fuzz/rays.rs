@@ -218,6 +218,7 @@ pub fn case(random: &mut Random) -> Outcome {
         answers.check(&tree, &queries, &what)?;
         valid(&scene, &tree, &params, &format!("{what}, after queries"))?;
         same_triangles(random, &scene, &tree, first.as_ref(), &what)?;
+        secondary_rays(random, &tree, &queries, &what)?;
         visits_all(random, &scene, &tree, &what)?;
         same_in_file(&scene, &tree, &params, &answers, &queries, &what)?;
         first = Some(frames(random, &scene, tree, &what)?);
@@ -242,6 +243,27 @@ fn same_triangles(random: &mut Random, scene: &Scene, tree: &RayTree, other: Opt
             let corners = |tree: &RayTree| tree.triangle(i as u32, triangle, time);
             same!(corners(tree), corners(other), "{what}: triangle {triangle} of mesh {i} at {time}");
         }
+    }
+    Ok(())
+}
+
+/// Secondary rays do not hit the triangle that they leave.
+fn secondary_rays(random: &mut Random, tree: &RayTree, queries: &Queries, what: &str) -> Outcome {
+    for ray in queries.rays.iter().take(10) {
+        let Some(hit) = tree.closest_hit(ray) else { continue };
+        let normal = tree.normal(&hit, ray.time);
+        if normal == Vec3::ZERO {
+            continue;
+        }
+        let any = random.vec().as_vec3().normalize_or_zero();
+        let away = normal * random.pick(&[1.0, -1.0]) * random.power(-4, 1) as f32;
+        let next = tree.secondary_ray(ray, &hit, any - normal * any.dot(normal) + away);
+        let mut same = false;
+        let _ = tree.all_hits(&next, |other| {
+            same = (other.mesh, other.primitive) == (hit.mesh, hit.primitive);
+            if same { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
+        same!(same, false, "{what}: {next:?} leaves what {ray:?} hit, {hit:?}");
     }
     Ok(())
 }

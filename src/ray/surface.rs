@@ -1,10 +1,11 @@
-//! Rays that leave a surface where another ray hit it.
+//! The surface at a hit: corners and normals of triangles, and rays that leave it.
 //!
 //! A ray that begins at the computed point of a hit begins on either side of the surface, by rounding, and may hit it again. So its origin
 //! is moved off the surface, to the side that the ray leaves to, by no more than the rounding of the intersection asks for. The
 //! point is not `origin + t * dir`, as `t` is an f32: it is the point of the triangle with the weights of the hit, which lies in the
 //! triangle's plane up to the rounding of f64, however far away the first ray began.
 
+use super::compiled::Layout;
 use super::hit::Hit;
 use super::ray_tree::RayTree;
 use crate::geometry::Ray;
@@ -32,6 +33,38 @@ pub(crate) const OF_COORDINATE: f64 = 1.0 / (1u64 << 48) as f64;
 const OF_DISTANCE: f64 = 1.0 / (1u64 << 22) as f64;
 
 impl RayTree {
+    /// The corners of a triangle of a mesh at any time, exactly as rays meet them. (Queries of closest points round moving ones to f32.)
+    /// NaN if there is no such triangle. A time outside `[0, 1]` extrapolates the motion. So does one outside the active interval of a mesh
+    /// of more than two keys, unless it is [`precise`](crate::TriangleMesh::precise): a tree holds only the keys around the interval.
+    pub fn triangle(&self, mesh: u32, triangle: u32, time: f32) -> [DVec3; 3] {
+        match self.geometry.triangles.id(mesh, triangle) {
+            Some(id) => {
+                if let Some(corners) = self.geometry.triangles.precise_corners(id, time) {
+                    return corners.map(|p| self.frame().fine_to_world(p));
+                }
+                let corners = match &self.layout {
+                    Layout::Wide(tree) => tree.corners(&self.geometry.triangles, id, time),
+                    Layout::Kd(_) | Layout::Lazy(_) => self.geometry.triangles.corners_at_any_time(id, time),
+                };
+                corners.map(|p| self.frame().fine_to_world(p))
+            }
+            None => [DVec3::NAN; 3],
+        }
+    }
+
+    /// The corners of the triangle that was hit, at any time: see [`RayTree::triangle`].
+    pub fn vertices(&self, hit: &Hit, time: f32) -> [DVec3; 3] {
+        self.triangle(hit.mesh, hit.primitive, time)
+    }
+
+    /// The unit normal of the triangle that was hit, at any time. Seen from the side that it points to, the corners are in
+    /// counter-clockwise order. Zero for a degenerate triangle, for a hit of another tree and for one on a shape, which has a normal
+    /// of its own ([`MovingSphere::normal`](crate::MovingSphere::normal)).
+    pub fn normal(&self, hit: &Hit, time: f32) -> Vec3 {
+        let [a, b, c] = self.vertices(hit, time);
+        (b - a).cross(c - a).normalize_or_zero().as_vec3()
+    }
+
     /// The ray from the point where `ray` hit the surface into the direction `dir`, at the same time: for shadow rays, reflections,
     /// refractions and bounces. Its origin is moved off the surface, to the side that `dir` leaves to, so that it does not hit the same
     /// triangle or sphere again at once. Its range is from 0 to infinity; limit that of a shadow ray by [`Ray::between`].
