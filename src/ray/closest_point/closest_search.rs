@@ -200,10 +200,10 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
         let query = self.best.query;
         let CornerLanes { corners, count, ids, sizes } = CornerLanes::of(s, &self.tree.arena, leaf, query.time);
         let [a, b, c] = corners;
-        // How far corners may be from those in the block, in tree space: along each axis less than an ULP of the largest coordinate, if vertices
-        // are kept in f64 and rounded in blocks.
+        // How far corners may be from those in the block, in tree space: along each axis less than four ULP of the largest coordinate, if vertices
+        // are kept in f64 and rounded in blocks: one at the keys, and one each for difference, product and sum between them.
         let kept = self.best.set.triangles().filter(|triangles| triangles.any_precise());
-        let error = if kept.is_some() { 1.75 * ULP * block_sizes(sizes).0 + f32::MIN_POSITIVE } else { 0.0 };
+        let error = if kept.is_some() { 4.5 * ULP * block_sizes(sizes).0 + f32::MIN_POSITIVE } else { 0.0 };
         let reach = |limit: f32| query.reach(limit) + f64::from(error);
         let (mut lower, mut upper) = (a, a);
         for axis in 0..3 {
