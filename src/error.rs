@@ -124,7 +124,7 @@ impl fmt::Display for BuildError {
             BuildError::BadBounds { primitive } => {
                 write!(
                     f,
-                    "primitive (or shape) {primitive}: its bounds are NaN, infinite, inverted or beyond {:e}",
+                    "shape or primitive {primitive}: its bounds are NaN, infinite, inverted or beyond {:e}",
                     MAX_COORDINATE as f32
                 )
             }

@@ -19,7 +19,7 @@ use glam::Vec3;
 /// The answer of a gather.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gathered<F> {
-    /// Flux per area and time (the whole shutter being 1).
+    /// Flux per area and time (the whole shutter being 1). Infinite or NaN where sums of fluxes exceed f32.
     pub density: F,
     /// Radius of the disc over which it was estimated: the query's, or the distance of the photon after the k nearest.
     pub radius: f32,

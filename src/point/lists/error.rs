@@ -78,7 +78,7 @@ impl fmt::Display for ListError {
             }
             ListError::Origins => f.write_str("the two trees have different origins; build both from f32 positions"),
             ListError::Double => f.write_str(
-                "such lists need positions in f32; build the trees with `round_to_f32` or from f32 positions",
+                "such lists need positions in f32; build the tree with `round_to_f32`, or from f32 positions (two trees for `among` in any case)",
             ),
             ListError::Ids { id } => {
                 write!(f, "id {id} is not the index of a point; ask for the lists in the order of the tree")

@@ -93,7 +93,8 @@ impl PointTree {
     /// active intervals end; if the two are still approaching each other at the end, [`Encounter::closest`] and
     /// [`Encounter::leave`] are the end itself, the limit of the times at which both exist. The same holds at keys: of a point
     /// that begins or ends to exist at a key, only the motion on that side of the key counts, also if it is at the float next to
-    /// a key that is no float. (A [`closest_approach`](PointTree::closest_approach) may also be at the end alone.)
+    /// a key that is no float: so an interval that ends with the float below such a key (5/6, say) does not hold a point that begins to exist
+    /// then. (A [`closest_approach`](PointTree::closest_approach) may also be at the end alone.)
     ///
     /// The encounters do not depend on the structure, the number of threads or the instruction set. The order of lists, and of
     /// the encounters within them, is that of the tree, or that of ids where it consists of several; a point that does not exist in
