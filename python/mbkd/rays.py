@@ -13,6 +13,10 @@ from ._arrays import floats, interval, keys_of, per_query
 from ._traced import EVERYTHING, Hits, Progress, Traced, ends, mask_of
 
 
+# Centers and radii at no keys, and no active intervals.
+NO_SPHERES: tuple = ([], [], None)
+
+
 class RayTree(Traced[Hits]):
     """A tree of triangle meshes with vertices that may move, for ray queries and nearest points at any time.
 
@@ -237,9 +241,6 @@ class RayTree(Traced[Hits]):
 def _restored(bytes_of_file: bytes) -> RayTree:
     """Restores a pickled tree."""
     return RayTree._of(_mbkd.Rays.from_bytes(bytes_of_file))
-
-
-NO_SPHERES: tuple = ([], [], None)
 
 
 def _spheres(spheres: tuple[ArrayLike, ArrayLike], active: ArrayLike | None) -> tuple:

@@ -111,7 +111,8 @@ enum Around {
     Singular,
 }
 
-fn abs(m: DMat3) -> DMat3 {
+/// The absolute values of all entries.
+pub(super) fn abs(m: DMat3) -> DMat3 {
     DMat3::from_cols(m.x_axis.abs(), m.y_axis.abs(), m.z_axis.abs())
 }
 

@@ -119,13 +119,17 @@ impl Placements {
     }
 
     /// A box around those instances while they exist whose tree `holds` anything, with padding; `None` if there are none.
-    pub fn bounds_where(&self, holds: impl Fn(u32) -> bool) -> Option<Aabb> {
-        let of = |(id, one): (usize, &Placed)| {
-            let bounds = self.exact_bounds(id as u32, one.active).swept();
-            grow(bounds, self.padding(id as u32))
+    pub fn bounds_where(&self, holds: impl Fn(u32) -> bool + Sync) -> Option<Aabb> {
+        let of = |id: usize| {
+            let active = self.placed[id].active;
+            let bounds =
+                if active == TimeInterval::FULL { self.whole[id] } else { self.exact_bounds(id as u32, active) };
+            grow(bounds.swept(), self.padding(id as u32))
         };
-        let all = self.placed.iter().enumerate().filter(|(_, one)| holds(one.tree));
-        all.map(of).reduce(Aabb::union)
+        let parts = parallel::chunks(self.placed.len(), |range| {
+            range.filter(|&id| holds(self.placed[id].tree)).map(of).reduce(Aabb::union)
+        });
+        parts.into_iter().flatten().reduce(Aabb::union)
     }
 
     /// The padding for rounding of an instance's bounds, for rays from near the scene.

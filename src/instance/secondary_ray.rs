@@ -1,11 +1,11 @@
 //! Rays that leave a surface of an instance where another ray hit it.
 
-use super::distortion::row_sums;
+use super::distortion::{abs, row_sums};
 use super::hit::InstanceHit;
 use super::tree::{InstanceOf, InstanceTree};
 use crate::geometry::Ray;
 use crate::ray::{Departure, Hit, OF_COORDINATE};
-use glam::{DAffine3, DMat3, DVec3, Vec3};
+use glam::{DAffine3, DVec3, Vec3};
 
 impl InstanceTree {
     /// The ray from the point where `ray` hit the surface into the direction `dir`, at the same time, as [`RayTree::secondary_ray`] makes
@@ -60,7 +60,6 @@ fn placed(inside: Departure, matrix: DAffine3, inward: DAffine3) -> Departure {
     let point = matrix.transform_point3(inside.point);
     let normal = inward.matrix3.transpose() * inside.away;
     // The point is rounded here, and again when it is mapped back.
-    let abs = |m: DMat3| DMat3::from_cols(m.x_axis.abs(), m.y_axis.abs(), m.z_axis.abs());
     let largest = point.abs() + matrix.translation.abs() + abs(matrix.matrix3) * inside.point.abs();
     let back = row_sums(inward.matrix3).max_element() * largest.max_element();
     let lift = (inside.lift + OF_COORDINATE * back) / normal.length();

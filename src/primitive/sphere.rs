@@ -36,6 +36,34 @@ pub struct MovingSphere {
     pub active: TimeInterval,
 }
 
+/// The part of a line that is inside of a sphere.
+struct Chord {
+    /// Where its middle is along the ray, and half of its length, in lengths of the direction.
+    middle: f64,
+    half: f64,
+    /// From its middle to the center.
+    aside: DVec3,
+}
+
+impl Chord {
+    /// The chord of the line of a ray; `None` if that misses the sphere.
+    #[inline(always)]
+    fn of((center, radius): (DVec3, f64), ray: &Ray) -> Option<Chord> {
+        let d = ray.dir.as_dvec3();
+        let per_square = d.length_squared().recip();
+        let to_center = center - ray.origin;
+        // The foot of the perpendicular from the center: testing its distance avoids cancellation
+        // between large squares, however far away the ray begins.
+        let middle = to_center.dot(d) * per_square;
+        let aside = to_center - d * middle;
+        let inside = radius * radius - aside.length_squared();
+        if inside.is_nan() || inside <= 0.0 {
+            return None;
+        }
+        Some(Chord { middle, half: (inside * per_square).sqrt(), aside })
+    }
+}
+
 impl MovingSphere {
     /// A sphere from its center and radius at each key.
     pub fn new(keys: Vec<(DVec3, f64)>) -> MovingSphere {
@@ -92,40 +120,25 @@ impl MovingSphere {
 
     /// The nearer of the two intersections with a sphere that lies in the ray's range, as [`Primitive::intersect`](super::Primitive::intersect) returns it.
     #[inline(always)]
-    pub(crate) fn intersection((center, radius): (DVec3, f64), ray: &Ray) -> Option<Intersection> {
-        let d = ray.dir.as_dvec3();
-        let per_square = d.length_squared().recip();
-        let to_center = center - ray.origin;
-        // The foot of the perpendicular from the center: testing its distance avoids cancellation
-        // between large squares, however far away the ray begins.
-        let middle = to_center.dot(d) * per_square;
-        let aside = to_center - d * middle;
-        let inside = radius * radius - aside.length_squared();
-        if inside.is_nan() || inside <= 0.0 {
-            return None;
-        }
-        let half = (inside * per_square).sqrt();
+    pub(crate) fn intersection(sphere: (DVec3, f64), ray: &Ray) -> Option<Intersection> {
+        let Chord { middle, half, .. } = Chord::of(sphere, ray)?;
         let in_range = |t: f32| ray.t_min <= t && t <= ray.t_max;
         let (near, far) = ((middle - half) as f32, (middle + half) as f32);
         let t = if in_range(near) { near } else { far };
         if !in_range(t) {
             return None;
         }
+        let (center, radius) = sphere;
         let normal = (ray.point(t) - center) * radius.recip();
         Some(Intersection { t, u: normal.x as f32, v: normal.y as f32 })
     }
 
     /// The outward unit normal where a ray hits a sphere at `t`, which is rounded; `None` where there is none.
-    pub(crate) fn normal_of_hit((center, radius): (DVec3, f64), ray: &Ray, t: f32) -> Option<DVec3> {
-        let d = ray.dir.as_dvec3();
-        let per_square = d.length_squared().recip();
-        let to_center = center - ray.origin;
-        let middle = to_center.dot(d) * per_square;
-        let aside = to_center - d * middle;
-        let half = ((radius * radius - aside.length_squared()).max(0.0) * per_square).sqrt();
+    pub(crate) fn normal_of_hit(sphere: (DVec3, f64), ray: &Ray, t: f32) -> Option<DVec3> {
+        let Chord { middle, half, aside } = Chord::of(sphere, ray)?;
         // The near one, if both are rounded to this.
         let first = (f64::from(t) - (middle - half)).abs() <= (f64::from(t) - (middle + half)).abs();
-        (d * if first { -half } else { half } - aside).try_normalize()
+        (ray.dir.as_dvec3() * if first { -half } else { half } - aside).try_normalize()
     }
 
     /// The outward unit normal at a point of the surface, at a time in [0, 1]; zero at the center.

@@ -341,7 +341,7 @@ impl<G: Geometry> RayTree<G> {
     }
 
     /// A box around all primitives over the shutter, slightly enlarged for rounding; `None` if there are none. It holds motion outside of
-    /// active intervals as well. Takes no time.
+    /// active intervals as well. Takes constant time.
     ///
     /// ```
     /// use mbkd::{BuildParams, RayTree, TriangleMesh, glam::{DVec3, Vec3}};
@@ -454,7 +454,8 @@ impl RayTree {
     /// threads. `Break` cancels the build, which then returns [`BuildError::Cancelled`].
     ///
     /// A k-d tree calls it at every half percent. A wide tree calls it after each of its steps, of which the first takes about half of the
-    /// time (of separate trees for time slices, one tree takes a step), and is cancelled between them; a lazy tree after its coarse build only.
+    /// time (of separate trees for time slices, one tree takes a step), and is cancelled between them; a lazy tree after each half of its coarse
+    /// build.
     pub fn build_with_progress(
         meshes: &[TriangleMesh],
         params: &BuildParams,

@@ -22,9 +22,14 @@ pub(crate) struct Departure {
     pub lift: f64,
 }
 
-/// What rounding in f64 moves a surface by, relative to the size of the scene, is less than 2^-49. The rest is for shapes of triangles that
-/// amplify it, and for callers who scale or rotate the point in f64.
+/// How far an origin is moved off a surface, relative to the size `M` of the scene.
+///
+/// If it is `d` off the plane of a triangle, the numerator of the computed distance from it is `d` times twice the area, `|n|`, with the
+/// sign that matters. Sheared coordinates are off by 6 times 2^-53 M, so with the longest edge `L` each of the six products of two of them by
+/// 6 times 2^-52 M L, and their sum, weighted with depths of at most L, by less than 2^-46 M L². So `d` has to be more than
+/// 2^-46 M L² / |n|, which this is where triangles are up to a thousand times as long as wide; of others [`OF_SLIVER`] is.
 const OF_SCENE: f64 = 1.0 / (1u64 << 36) as f64;
+const OF_SLIVER: f64 = 1.0 / (1u64 << 46) as f64;
 
 /// The same relative to a coordinate of the world, where a point is rounded.
 pub(crate) const OF_COORDINATE: f64 = 1.0 / (1u64 << 48) as f64;
@@ -69,13 +74,9 @@ impl RayTree {
     /// refractions and bounces. Its origin is moved off the surface, to the side that `dir` leaves to, so that it does not hit the same
     /// triangle or sphere again at once. Its range is from 0 to infinity; limit that of a shadow ray by [`Ray::between`].
     ///
-    /// The origin moves by some 2^-36 of the scene's size, which is far less than `t` is rounded by; by more on triangles that are ten thousand
-    /// times as long as wide. A custom shape has no known surface: there it moves by 2^-22 of the distance from the origin of `ray`. Takes less time than a
-    /// query.
-    ///
-    /// The error analysis is that of [the triangle test](https://jcgt.org/published/0002/01/05/): where the ray is moved off a plane by `d`,
-    /// the numerator of its distance from it is `d` times twice the triangle's area, and it is rounded by less than 2^-49 of the scene's size
-    /// times the square of the longest edge.
+    /// The origin moves by 2^-36 of the scene's size (of a sphere's radius), which is far less than `t` is rounded by, and by what the
+    /// coordinates of the point are rounded by; further on triangles that are more than a thousand times as long as wide. A custom shape has
+    /// no known surface: there it moves by 2^-22 of the distance from the origin of `ray`.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -106,7 +107,7 @@ impl RayTree {
             let longest = ab.length_squared().max(ac.length_squared()).max((c - b).length_squared());
             let frame = self.frame();
             let size = f64::from(frame.reach) / frame.scale;
-            let lift = size * OF_SCENE.max(OF_COORDINATE * longest / normal.length()) + rounding(point);
+            let lift = size * OF_SCENE.max(OF_SLIVER * longest / normal.length()) + rounding(point);
             return Departure { point, away: side(unit), lift };
         }
         let triangle = self.geometry.triangles.id(hit.mesh, hit.primitive);

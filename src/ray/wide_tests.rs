@@ -2,9 +2,12 @@
 //! [`RayTree`](crate::RayTree) in `tests/`.)
 
 use crate::baseline::BruteForce;
+use crate::primitive::{PrimitiveSet, Triangles};
 use crate::random::Random;
 use crate::simd::SimdLevel;
-use crate::{BuildParams, Counters, Division, Ray, RayTree, TimeInterval, TriangleMesh, WideParams, scene};
+use crate::{
+    BuildParams, ClosestPointQuery, Counters, Division, Ray, RayTree, TimeInterval, TriangleMesh, WideParams, scene,
+};
 
 fn soup(n: usize, keys: usize, size: f32, motion: f32, random: &mut Random) -> TriangleMesh {
     let mut positions = vec![Vec::new(); keys];
@@ -279,5 +282,20 @@ fn the_check_finds_boxes_that_do_not_hold_their_triangles() {
         *face = (f32::from_bits(whole) - 0.01).to_bits();
         assert!(matches!(tree.validate(&set), Err(ValidationError::Bounds { .. })), "lane {lane}");
         tree.arena.ints_mut()[root + LANES + lane] = whole;
+    }
+}
+
+/// Corners of moving triangles as closest points have them, which round them to f32.
+#[test]
+fn corners_are_at_distance_zero_at_all_times() {
+    let mut random = Random(12);
+    let meshes = [soup(400, 2, 0.3, 0.5, &mut random)];
+    let tree = RayTree::build(&meshes, &BuildParams::default()).unwrap();
+    let set = Triangles::new(&meshes).unwrap();
+    for i in 0..1200 {
+        let time = random.unit();
+        let corner = set.frame().to_world(set.corners(i / 3, time)[i as usize % 3]);
+        let found = tree.closest_point(&ClosestPointQuery::new(corner, time).within(0.0)).unwrap();
+        assert_eq!((found.distance, found.point), (0.0, corner));
     }
 }

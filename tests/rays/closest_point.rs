@@ -187,7 +187,8 @@ fn points_on_the_surface_are_at_distance_zero() {
         let time = if at_key { random.below(2) as f32 } else { random.unit() };
         let hit = mbkd::Hit { t: 0.0, u: 0.0, v: 0.0, mesh: 0, primitive: random.below(400) as u32 };
         let [a, b, c] = tree.vertices(&hit, time);
-        // Between keys corners are exact, and those of closest points are rounded to f32.
+        // Between keys corners are as rays meet them, and those of closest points are rounded to f32, at which the distance is zero
+        // (`corners_are_at_distance_zero_at_all_times` in src/ray).
         let within = if at_key { 0.0 } else { 3e-7 };
         let corner = tree.closest_point(&ClosestPointQuery::new(a, time).within(within)).unwrap();
         assert!((corner.point - a).length() <= f64::from(within) && corner.distance <= within);

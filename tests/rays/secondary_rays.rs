@@ -17,6 +17,14 @@ fn direction(random: &mut Random, normal: Vec3) -> Vec3 {
     flat.normalize_or_zero() + away * 10f32.powf(1.0 - 4.0 * random.unit())
 }
 
+/// A ray to a scene of some size, from up to so many powers of ten times as far away.
+fn from_around(random: &mut Random, at: DVec3, size: f64, powers: f64) -> Ray {
+    let far = 10f64.powf(powers * f64::from(random.unit()));
+    let origin = at + random.vec().as_dvec3() * size * far;
+    let to = at + random.vec().as_dvec3() * size;
+    Ray::new(origin, (to - origin).as_vec3()).at_time(random.unit())
+}
+
 /// Whether a ray hits a primitive.
 fn hits(tree: &RayTree, ray: &Ray, of: &Hit) -> bool {
     let mut found = false;
@@ -51,10 +59,7 @@ fn secondary_rays_do_not_hit_the_triangle_that_they_leave() {
         let params = if round % 5 == 4 { BuildParams::kd(KdParams::default()) } else { BuildParams::default() };
         let tree = RayTree::build(&[mesh], &params).unwrap();
         for _ in 0..200 {
-            let far = 10f64.powf(4.0 * f64::from(random.unit()));
-            let origin = at + random.vec().as_dvec3() * size * far;
-            let to = at + random.vec().as_dvec3() * size;
-            let ray = Ray::new(origin, (to - origin).as_vec3()).at_time(random.unit());
+            let ray = from_around(&mut random, at, size, 4.0);
             let Some(hit) = tree.closest_hit(&ray) else { continue };
             let normal = tree.normal(&hit, ray.time);
             let dir = direction(&mut random, normal) * 10f32.powf(8.0 * random.unit() - 4.0);
@@ -69,11 +74,12 @@ fn secondary_rays_do_not_hit_the_triangle_that_they_leave() {
             assert!(height.abs() < most, "{height} of {size}");
             assert!(height * unit.dot(dir.as_dvec3()) > 0.0);
             let seen = ray.point(hit.t);
-            assert!((leaving.origin - seen).length() < 1e-6 * (size + (seen - origin).length()) + most);
+            assert!((leaving.origin - seen).length() < 1e-6 * (size + (seen - ray.origin).length()) + most);
             naive += usize::from(hits(&tree, &Ray { origin: seen, ..leaving }, &hit));
             all += 1;
         }
     }
+    println!("{naive} of {all} rays from the point of the hit hit it again");
     assert!(all > 3000 && naive > all / 4, "{naive} of {all} rays from the point of the hit hit it again");
 }
 
@@ -93,10 +99,7 @@ fn secondary_rays_leave_spheres_or_cross_them() {
         let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO; 3]);
         let tree = RayTree::of_scene(&[mesh], shapes, &BuildParams::default()).unwrap();
         for _ in 0..300 {
-            let far = 10f64.powf(7.0 * f64::from(random.unit()));
-            let origin = at + random.vec().as_dvec3() * size * far;
-            let to = at + random.vec().as_dvec3() * size;
-            let ray = Ray::new(origin, (to - origin).as_vec3()).at_time(random.unit());
+            let ray = from_around(&mut random, at, size, 7.0);
             let Some(hit) = tree.closest_hit(&ray) else { continue };
             let Shape::Sphere(sphere) = &tree.shapes()[hit.primitive as usize] else { panic!("a sphere") };
             let (center, radius) = sphere.at(ray.time);
@@ -174,5 +177,6 @@ fn secondary_rays_leave_instances_of_instances() {
             all += 1;
         }
     }
+    println!("{naive} of {all} rays from the point of the hit hit it again");
     assert!(all > 300 && naive > all / 4, "{naive} of {all}");
 }
