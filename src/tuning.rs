@@ -149,6 +149,8 @@ pub(crate) mod slices {
     /// separate trees in this respect: two cost 7 to 30 % more than their counted steps and tests, four 20 to 60 %
     /// (coherent, debris, tornado, hairball).
     pub const NODE_LATENCY_SHARE: f32 = 0.8;
+    /// What a key of a primitive counts beside that: leaf blocks with two keys are the rest ("What growing costs, by keys" in docs/notes_rays.md).
+    pub const KEY_LATENCY_SHARE: f32 = 0.1;
     /// A temporal split is used if it costs less than this fraction of the unsplit tree: it takes memory and time to build.
     pub const MAX_SPLIT_COST: f32 = 0.87;
     /// If nothing has paid, two slices with shared leaves must cost less than this for separate trees to be tried.
@@ -156,8 +158,9 @@ pub(crate) mod slices {
     /// Separate trees, and more of them, must take less than this fraction of the time.
     pub const MAX_FURTHER_TIME: f32 = 0.95;
     /// Separate trees must take less than this fraction of the time of shared leaves if motion has more than two keys, or primitives come
-    /// and go: they take several times as long to build, and hold keys again (`cargo bench --bench keys`).
-    pub const MAX_SEPARATE_TIME: f32 = 0.9;
+    /// and go: they take several times as long to build, and hold keys again (`cargo bench --bench keys`). With .9 fifty scenes
+    /// take 1.004 of the time and 1.09 of the bytes ("What growing costs, by keys").
+    pub const MAX_SEPARATE_TIME: f32 = 0.8;
     /// Nodes are a quarter to nearly a half of a tree's bytes; leaf blocks are the rest, which time slices share.
     pub const NODE_BYTES_SHARE: f32 = 0.45;
     /// A temporal split is decided on at most this many subtrees of at least so many references.

@@ -14,8 +14,8 @@ use crate::parallel;
 use crate::params::Division;
 use crate::primitive::PrimitiveSet;
 use crate::tuning::slices::{
-    ENOUGH, LEAST_SAMPLE, MAX_FURTHER_TIME, MAX_SEPARATE_TIME, MAX_SPLIT_COST, MAX_TWO_SLICES_COST, NODE_BYTES_SHARE,
-    NODE_LATENCY_SHARE, SAMPLED, SAMPLES,
+    ENOUGH, KEY_LATENCY_SHARE, LEAST_SAMPLE, MAX_FURTHER_TIME, MAX_SEPARATE_TIME, MAX_SPLIT_COST, MAX_TWO_SLICES_COST,
+    NODE_BYTES_SHARE, NODE_LATENCY_SHARE, SAMPLED, SAMPLES,
 };
 use crate::tuning::wide::{BYTES_PER_REFERENCE, CACHED};
 use std::sync::OnceLock;
@@ -98,11 +98,12 @@ impl<S: PrimitiveSet> Search<'_, S> {
         let fits = growth(division, NODE_BYTES_SHARE, share) <= self.most;
         // Once a division has paid, the estimate may fall a little short too.
         let limit = if self.best.is_some() { 1.1 * self.limit } else { self.limit };
-        if !fits || time(division, self.least_cost(count)) >= limit {
+        let latency = latency(division, self.samples.keys);
+        if !fits || latency * self.least_cost(count) >= limit {
             return None;
         }
         let cost = self.samples.cost(division);
-        let trial = Trial { division, cost, time: time(division, cost) };
+        let trial = Trial { division, cost, time: latency * cost };
         if trial.time < self.limit {
             self.best = Some(trial);
             self.limit = trial.time;
@@ -136,13 +137,24 @@ fn growth(division: Division, nodes: f32, share: f32) -> f32 {
     }
 }
 
-/// The time of a ray with a division that costs `cost` in steps and tests, relative to none. With the same number of steps and tests
-/// a ray takes longer in a larger tree because of cache misses. The fourth root was measured for single rays on coherent, debris,
-/// needles, needles30 and tornado, 10 to 280 MB. (Keys hardly count: a ray reads two of each primitive, however many there are.)
+/// The time of a step or test with a division of primitives that have so many keys on average, relative to none. It is longer in a larger
+/// tree because of cache misses. The fourth root was measured for single rays on coherent, debris, needles, needles30 and tornado, 10 to
+/// 280 MB. With more keys leaf blocks are a larger part of the tree, which hierarchies share, and of which separate trees hold the keys of
+/// their slices ("What growing costs, by keys" in docs/notes_rays.md).
 /// Where primitives come and go, trees grow less, but rays at other times read other blocks all the same ("Active intervals" in
 /// docs/notes_rays.md).
-fn time(division: Division, cost: f32) -> f32 {
-    cost * growth(division, NODE_LATENCY_SHARE, 1.0).sqrt().sqrt()
+fn latency(division: Division, keys: f32) -> f32 {
+    let nodes = NODE_LATENCY_SHARE / (NODE_LATENCY_SHARE + KEY_LATENCY_SHARE * keys);
+    let grown = match division {
+        Division::SeparateTrees(count) => count as f32 * (nodes + (1.0 - nodes) * keys_in_slice(keys, count) / keys),
+        _ => growth(division, nodes, 1.0),
+    };
+    grown.sqrt().sqrt()
+}
+
+/// The number of keys that a tree for one of equal slices holds of a primitive: one more than the motion segments in the slice.
+fn keys_in_slice(keys: f32, count: usize) -> f32 {
+    1.0 + ((keys - 1.0) / count as f32).max(1.0)
 }
 
 /// Samples of a region in which its divisions are tried.
@@ -156,6 +168,8 @@ struct Samples<'a, S> {
     /// How many shares of the cost each of them stands for, and how many those that do not change.
     shares: Vec<f32>,
     unchanged: f32,
+    /// The mean number of keys, at least two, of the primitives in those that change.
+    keys: f32,
     /// Their costs with shared leaves for 1, 2, 4, 8 and 16 slices, as far as they were needed.
     shared: [OnceLock<Vec<f32>>; MAX_TIME_SLICES.ilog2() as usize + 1],
     /// The share of the cost of nodes that are larger than samples, which gain nothing from straight motion. From bent motion they
@@ -169,9 +183,10 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
         let changes = |&&(x, _): &&(u32, f32)| draft.changes(set, x);
         let (changing, shares): (Vec<u32>, Vec<f32>) = samples.iter().filter(changes).copied().unzip();
         let unchanged = samples.iter().filter(|sample| !changes(sample)).map(|(_, shares)| shares).sum();
+        let keys = mean_keys(set, changing.iter().flat_map(|&x| draft.references(&draft.binary[x as usize])));
         let all_gain = set.bent() || !set.always_active();
         let above = if all_gain { 0.0 } else { cost_above(draft, region, most) / draft.collapse.cost(region) };
-        Samples { set, draft, region, params, changing, shares, unchanged, shared: Default::default(), above }
+        Samples { set, draft, region, params, changing, shares, unchanged, keys, shared: Default::default(), above }
     }
 
     /// The cost of trees for the shortest slices, relative to no division.
@@ -287,6 +302,12 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
     fn share_of_slices(&self, count: usize) -> f32 {
         share_of_slices(self.set, self.references(self.region).iter().map(Reference::id), count)
     }
+}
+
+/// The mean number of keys of some primitives, each at least two.
+fn mean_keys<'a, S: PrimitiveSet>(set: &S, references: impl Iterator<Item = &'a Reference>) -> f32 {
+    let (all, keys) = references.fold((0, 0), |(n, keys), r| (n + 1, keys + set.leaf_kind(r.id()).max(2)));
+    if all > 0 { keys as f32 / all as f32 } else { 2.0 }
 }
 
 /// The primitives below a node, sorted, without duplicates.
