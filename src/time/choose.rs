@@ -49,6 +49,10 @@ pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &DraftPar
         Division::Whole => return vec![],
         division => return forced(division),
     }
+    // Each slice would have a block of its own, and rays a time node more to pass.
+    if draft.collapse.is_leaf(0) {
+        return vec![];
+    }
     let mut found = Vec::new();
     let treelets = treelets(set, draft, treelet);
     let least = MIN_GAIN * Sum::of(&treelets).cost;

@@ -189,6 +189,17 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
         let density = SurfaceDensity::of(&references, ratio.unwrap_or(LEAST_AREA_RATIO));
         CostModel { density, ..COST_MODEL }
     });
+    // Samples of a few would be all of them.
+    if elongated && params.decided.is_none() && references.len() <= PRESPLIT_SAMPLES * PRESPLIT_SAMPLE.start() {
+        let draft = |references: Vec<Reference>, split: bool| {
+            draft_with(set, references, slice, split, cost_model, Reinsertion::Later)
+        };
+        let whole = draft(references.clone(), false);
+        presplit(&mut references, |id| set.corner_bounds(id, over), budget);
+        let split = draft(references, true);
+        let pays = split.collapse.total() < whole.collapse.total() * MAX_PRESPLIT_COST;
+        return Draft { primitives: ids.len(), ratio, ..if pays { split } else { whole } };
+    }
     // If that was decided, elongated primitives are to be split.
     let presplits =
         elongated && (params.decided.is_some() || presplit_pays(set, &references, slice, budget, cost_model));
