@@ -40,14 +40,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Instance::new(crown.clone(), vec![lean(0.0), lean(0.2 * f64::from(spread(i).y))])
     };
     let forest = InstanceTree::build((0..SIDE * SIDE).map(tree).collect(), &WideParams::default())?;
-    let about = forest.statistics();
-    println!(
-        "{} instances, {} triangles: {} kB for the instanced tree, {} kB for the instances",
-        about.instances,
-        about.primitives,
-        about.tree_bytes / 1000,
-        about.instance_bytes / 1000
-    );
+    println!("{}", forest.statistics());
 
     // One ray down at the forest, at three times.
     for time in [0.0, 0.5, 1.0] {

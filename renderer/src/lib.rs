@@ -235,14 +235,12 @@ fn build(stage: &Stage, policy: Option<Policy>) -> Result<World, String> {
     let world = World::build(&stage.things, &params).map_err(|e| format!("{}: {e}", stage.name))?;
     let (spent, statistics) = (begin.elapsed(), world.statistics());
     say(&format!(
-        "{}: {} {}, {} tree built in {:.2} s, {:.2} references each, {:.1} MB",
+        "{}: {} {}, {} tree built in {:.2} s\n  {statistics}",
         stage.name,
         stage.things.count(),
         stage.things.noun(),
         policy_name(params.policy),
         spent.as_secs_f64(),
-        statistics.references_per_primitive(),
-        (statistics.bytes + statistics.primitive_bytes) as f64 / 1e6,
     ));
     Ok(world)
 }

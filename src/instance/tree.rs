@@ -8,7 +8,7 @@ use super::placements::{Placed, Placements};
 use super::transform::Transform;
 use crate::error::BuildError;
 use crate::geometry::{Aabb, LinearBounds, Ray, TimeInterval};
-use crate::layout::{Statistics, ValidationError, WideSource, WideTree};
+use crate::layout::{Bytes, Statistics, ValidationError, WideSource, WideTree};
 use crate::parallel;
 use crate::params::WideParams;
 use crate::primitive::PrimitiveSet;
@@ -168,7 +168,7 @@ pub struct InstanceTree {
     bounds: Option<Aabb>,
 }
 
-/// Counts and sizes of an [`InstanceTree`].
+/// Counts and sizes of an [`InstanceTree`]. Printed with `{}`, they are one line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InstanceStatistics {
     /// Instances at all levels together, counted once per placement.
@@ -183,6 +183,15 @@ pub struct InstanceStatistics {
     pub instance_bytes: usize,
     /// The outermost tree, whose primitives are the instances.
     pub outermost: Statistics,
+}
+
+impl core::fmt::Display for InstanceStatistics {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let InstanceStatistics { instances, primitives, trees, tree_bytes, instance_bytes, .. } = *self;
+        let trees = format!("{trees} {}", if trees == 1 { "tree" } else { "trees" });
+        write!(f, "{instances} instances of {trees}, {primitives} primitives placed; ")?;
+        write!(f, "{} for the trees, {} for the instances", Bytes(tree_bytes), Bytes(instance_bytes))
+    }
 }
 
 impl core::fmt::Debug for InstanceTree {

@@ -56,6 +56,7 @@ pub(crate) use list_boxes::ListBoxes;
 pub(crate) use refit::Moved;
 pub(crate) use refit_plan::Plan;
 pub(crate) use sphere_leaf::{SPHERE_ROWS, SphereLeaf};
+pub(crate) use statistics::Bytes;
 pub use statistics::Statistics;
 pub use tree_box::TreeBox;
 pub(crate) use wide_node::{

@@ -2,8 +2,21 @@
 
 use crate::mbkd::{BuildTimes, KdReference, KdTree, KdView};
 use crate::primitive::PrimitiveSet;
+use core::fmt;
 
-/// Sizes and counts of a finished tree ([`RayTree::statistics`](crate::RayTree::statistics)).
+/// Sizes and counts of a finished tree ([`RayTree::statistics`](crate::RayTree::statistics)). Printed with `{}`, they are one line that
+/// says what the tree skips.
+///
+/// ```
+/// use mbkd::{BuildParams, RayTree, TriangleMesh, glam::Vec3};
+/// let key = |t: f32| vec![Vec3::ZERO, Vec3::X + t, Vec3::Y];
+/// let straight = TriangleMesh::new(vec![[0, 1, 2]], vec![key(0.0), key(0.5), key(1.0)]);
+/// let fixed = TriangleMesh::fixed(vec![[0, 1, 2]], key(0.3));
+/// let tree = RayTree::build(&[straight, fixed], &BuildParams::default())?;
+/// let printed = tree.statistics().to_string();
+/// assert!(printed.starts_with("2 primitives, 1.00 references each; 0 nodes and 1 leaf, depth 0; 75 % of the vertex positions kept; "));
+/// # Ok::<(), mbkd::BuildError>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Statistics {
     /// Primitives in the tree.
@@ -64,6 +77,55 @@ impl Statistics {
             duplication_time: times.share(times.duplication),
             propagation_time: times.share(times.propagation),
             ..self
+        }
+    }
+}
+
+impl fmt::Display for Statistics {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let percent = |share: f64| format!("{:.0} %", 100.0 * share);
+        let share = |part: usize, all: usize| percent(part as f64 / all.max(1) as f64);
+        let count = |n: usize, one: &str, more: &str| format!("{n} {}", if n == 1 { one } else { more });
+        let primitives = count(self.primitives, "primitive", "primitives");
+        write!(f, "{primitives}, {:.2} references each", self.references_per_primitive())?;
+        if self.static_references > 0 {
+            write!(f, ", {} of them static", share(self.static_references, self.references))?;
+        }
+        if self.timed > 0.0 {
+            write!(f, ", {} for a part of the time", percent(self.timed))?;
+        }
+        let (nodes, leaves) = (count(self.nodes, "node", "nodes"), count(self.leaves, "leaf", "leaves"));
+        write!(f, "; {nodes} and {leaves}, depth {}", self.depth)?;
+        if self.time_nodes > 0 {
+            write!(f, "; {}", count(self.time_nodes, "temporal split", "temporal splits"))?;
+        }
+        if self.left_out > 0.0 {
+            write!(f, ", which leave out {}", percent(self.left_out))?;
+        }
+        if self.kept_positions < self.positions {
+            write!(f, "; {} of the vertex positions kept", share(self.kept_positions, self.positions))?;
+        }
+        if self.subtrees > 0 {
+            write!(f, "; {} of {} subtrees built", self.built_subtrees, self.subtrees)?;
+        }
+        // Cost is 1 unless the tree was refitted.
+        if self.cost != 1.0 {
+            write!(f, "; cost {:.2} of that when built", self.cost)?;
+        }
+        write!(f, "; {} and {} of primitives", Bytes(self.bytes), Bytes(self.primitive_bytes))
+    }
+}
+
+/// A number of bytes, printed with three digits or so.
+pub(crate) struct Bytes(pub usize);
+
+impl fmt::Display for Bytes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 as f64 {
+            bytes if bytes < 1e4 => write!(f, "{bytes:.0} bytes"),
+            bytes if bytes < 1e6 => write!(f, "{:.0} kB", bytes / 1e3),
+            bytes if bytes < 1e9 => write!(f, "{:.1} MB", bytes / 1e6),
+            bytes => write!(f, "{:.2} GB", bytes / 1e9),
         }
     }
 }
