@@ -144,6 +144,7 @@ def neighbor_lists(
     time: float,
     radii: _F32,
     larger: bool,
+    summed: bool,
     among: Points | None,
     pairs_once: bool,
     distances: bool,

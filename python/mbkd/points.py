@@ -396,6 +396,7 @@ class PointTree:
         time: float = 0.0,
         among: PointTree | None = None,
         larger: bool = False,
+        summed: bool = False,
         pairs_once: bool = False,
         distances: bool = False,
         displacements: bool = False,
@@ -406,7 +407,7 @@ class PointTree:
         """Find all neighbours of every point within a radius.
 
         One traversal of the tree serves many points. This is several times faster than `query_ball_point` for all points.
-        Points in float64 are searched one by one, without `larger` and `displacements`; these need float32 (or
+        Points in float64 are searched one by one, without `larger`, `summed` and `displacements`; these need float32 (or
         `round_to_f32`).
 
         Parameters
@@ -416,6 +417,8 @@ class PointTree:
         larger : bool
             Two points are neighbours if they are within the larger of their radii. Otherwise each point lists the points
             within its own radius.
+        summed : bool
+            Two points are neighbours if they are within the sum of their radii: spheres that touch.
         among : PointTree, optional
             List the points of another tree instead, all of them.
         pairs_once : bool
@@ -434,12 +437,19 @@ class PointTree:
         radii = np.asarray(r)
         if radii.ndim and radii.shape != (self.n,):
             raise ValueError(f"r must be one radius or have the shape ({self.n},), not {radii.shape}")
+        if larger and summed:
+            raise ValueError("two points are neighbours within the larger of their radii or within the sum, not both")
+        if summed and among is not None:
+            raise ValueError("the sum of two radii needs those of both sets; give one radius, which is that sum")
+        if summed and not radii.ndim:
+            radii = np.full(self.n, radii)
         by_id = rows == "points"
         offsets, ids, points, far, ways = _mbkd.neighbor_lists(
             self._tree,
             time,
             per_query(radii, (self.n,), "r"),
             larger,
+            summed,
             None if among is None else among._tree,
             pairs_once,
             distances,

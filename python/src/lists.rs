@@ -25,7 +25,8 @@ static MEMORY: Mutex<Option<NeighborCsr>> = Mutex::new(None);
 const MOST_KEPT: usize = 1 << 29;
 
 /// The lists of all points at a time. `radii` has one element, or one for each point. In the second case, if `larger`, two points
-/// are neighbours if they are within the larger of their radii; otherwise each point lists the points within its own radius.
+/// are neighbours if they are within the larger of their radii, if `summed` within the sum; otherwise each point lists the points
+/// within its own radius.
 #[pyfunction]
 pub fn neighbor_lists<'py>(
     py: Python<'py>,
@@ -33,6 +34,7 @@ pub fn neighbor_lists<'py>(
     time: f32,
     radii: PyReadonlyArray1<'py, f32>,
     larger: bool,
+    summed: bool,
     among: Option<&Points>,
     pairs_once: bool,
     distances: bool,
@@ -43,10 +45,12 @@ pub fn neighbor_lists<'py>(
 ) -> PyResult<Columns<'py>> {
     let radii = match slice(&radii)? {
         &[radius] => Radii::Equal(radius),
-        _ if larger && among.is_some() => {
-            return Err(PyValueError::new_err("the larger of two radii needs those of both sets; give one radius"));
+        _ if (larger || summed) && among.is_some() => {
+            let text = "the larger of two radii and their sum need those of both sets; give one radius";
+            return Err(PyValueError::new_err(text));
         }
         own if larger => Radii::Larger { own, others: own },
+        own if summed => Radii::Sum { own, others: own },
         own => Radii::Own(own),
     };
     let mut query = points.tree.neighbor_lists(time, radii);

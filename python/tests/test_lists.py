@@ -44,6 +44,13 @@ def test_own_radii_and_another_set():
     assert [row.tolist() for row in tree.neighbor_lists(radii, sorted=True)] == [np.flatnonzero(r).tolist() for r in own]
     lists = tree.neighbor_lists(radii, larger=True, sorted=True)
     assert [row.tolist() for row in lists] == [np.flatnonzero(r).tolist() for r in larger]
+    lists = tree.neighbor_lists(radii, summed=True, sorted=True)
+    touching = d <= radii[:, None] + radii
+    assert [row.tolist() for row in lists] == [np.flatnonzero(r).tolist() for r in touching]
+    equal = [row.tolist() for row in tree.neighbor_lists(0.1, summed=True, sorted=True)]
+    assert equal == [row.tolist() for row in tree.neighbor_lists(0.2, sorted=True)]
+    with pytest.raises(ValueError, match="not both"):
+        tree.neighbor_lists(radii, larger=True, summed=True)
     among = tree.neighbor_lists(0.1, among=other, sorted=True)
     expected = other.query_ball_point(OPEN, 0.1)
     assert [row.tolist() for row in among] == [row.tolist() for row in expected]

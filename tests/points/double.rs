@@ -321,6 +321,8 @@ fn queries_that_f64_points_do_not_support_are_rejected() {
     assert_eq!(query.with_displacements().run(&mut lists), Err(ListError::Double));
     let larger = Radii::Larger { own: &[1.0; 100], others: &[1.0; 100] };
     assert_eq!(tree.neighbor_lists(0.0, larger).run(&mut lists), Err(ListError::Double));
+    let sum = Radii::Sum { own: &[1.0; 100], others: &[1.0; 100] };
+    assert_eq!(tree.neighbor_lists(0.0, sum).run(&mut lists), Err(ListError::Double));
     let own = Radii::Own(&[1.0; 99]);
     assert_eq!(tree.neighbor_lists(0.0, own).run(&mut lists), Err(ListError::MissingRadius { id: 99 }));
     let single = PointTree::build(&[[0.0f32; 3]], &PointParams::default()).unwrap();

@@ -66,6 +66,7 @@ fn compare_all(own: &Cloud, among: &Cloud, case: &ListCase) -> Vec<Vec<Entry>> {
                 Radii::Equal(radius) => square(radius),
                 Radii::Own(own) => square(own[i]),
                 Radii::Larger { own, others } => square(own[i]).max(square(others[j])),
+                Radii::Sum { own, others } => square(own[i] + others[j]),
             };
             let d = places[j] - p;
             let displacement = [0, 1, 2].map(|axis| along(d[axis], case.periods[axis]));
@@ -138,6 +139,7 @@ fn lists_equal_comparing_all_pairs() {
             let plain = ListCase::plain(time, spacing);
             let larger = Radii::Larger { own: &own, others: &own };
             let both = Radii::Larger { own: &own, others: &others };
+            let sum = Radii::Sum { own: &own, others: &own };
             let mut cases = vec![
                 plain.clone(),
                 ListCase { once: true, ..ListCase::plain(time, 0.0) },
@@ -145,6 +147,8 @@ fn lists_equal_comparing_all_pairs() {
                 ListCase { radii: larger, once: true, ..plain.clone() },
                 ListCase { other: true, ..plain.clone() },
                 ListCase { other: true, radii: both, ..plain.clone() },
+                ListCase { radii: sum, once: true, ..plain.clone() },
+                ListCase { other: true, radii: Radii::Sum { own: &own, others: &others }, ..plain.clone() },
             ];
             if size > 1e-30 {
                 // From a period beyond the set to one that is many times smaller than the set.
@@ -154,6 +158,7 @@ fn lists_equal_comparing_all_pairs() {
                 cases.push(ListCase { periods: [Some(a), None, None], ..plain.clone() });
                 cases.push(ListCase { periods: all, radii: larger, once: true, ..plain.clone() });
                 cases.push(ListCase { periods: [None, Some(a), Some(b)], other: true, ..plain.clone() });
+                cases.push(ListCase { periods: all, radii: sum, ..plain.clone() });
             }
             for case in &cases {
                 let expected = compare_all(clouds[0], clouds[if case.other { 1 } else { 0 }], case);
@@ -177,6 +182,7 @@ fn larger_sets_and_all_numbers_of_threads() {
             ListCase::plain(time, 0.2),
             ListCase { periods: [Some(2.0); 3], ..ListCase::plain(time, 0.2) },
             ListCase { radii: Radii::Larger { own: &own, others: &own }, ..ListCase::plain(time, 0.0) },
+            ListCase { radii: Radii::Sum { own: &own, others: &own }, ..ListCase::plain(time, 0.0) },
         ];
         let trees = [PointStructure::Automatic, PointStructure::Mbkd].map(|s| build(&cloud, s, SimdLevel::best()));
         for case in &cases {
@@ -300,10 +306,13 @@ fn bad_queries_get_errors() {
         assert_eq!(error(tree.neighbor_lists(0.0, Radii::Own(&bad))), expected);
         assert_eq!(error(tree.neighbor_lists(0.0, Radii::Larger { own: &bad, others: &good })), expected);
         assert_eq!(error(tree.neighbor_lists(0.0, Radii::Larger { own: &good, others: &bad })), expected);
+        assert_eq!(error(tree.neighbor_lists(0.0, Radii::Sum { own: &good, others: &bad })), expected);
     }
     assert_eq!(error(tree.neighbor_lists(0.0, Radii::Own(&[1.0]))), ListError::MissingRadius { id: 1 });
     let larger = Radii::Larger { own: &[1.0, 1.0], others: &[1.0] };
     assert_eq!(error(tree.neighbor_lists(0.0, larger)), ListError::MissingRadius { id: 1 });
+    let sum = Radii::Sum { own: &[1.0], others: &[1.0, 1.0] };
+    assert_eq!(error(tree.neighbor_lists(0.0, sum)), ListError::MissingRadius { id: 1 });
     for length in [0.0, -1.0, f32::NAN, f32::INFINITY, 1e-40] {
         let query = tree.neighbor_lists(0.0, 1.0).periodic([None, Some(length), None]);
         assert_eq!(error(query), ListError::Period { axis: 1 });

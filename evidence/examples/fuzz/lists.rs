@@ -29,6 +29,7 @@ impl Request<'_> {
             Radii::Equal(radius) => square(radius),
             Radii::Own(of) => square(of[own as usize]),
             Radii::Larger { own: of, others } => square(of[own as usize]).max(square(others[other as usize])),
+            Radii::Sum { own: of, others } => square(of[own as usize] + others[other as usize]),
         }
     }
 
@@ -256,15 +257,12 @@ pub fn case(random: &mut Random) -> Outcome {
             let length = scale * random.pick(&[0.2, 0.9, 1.7, 2.5, 8.0]);
             (!double && length > 1e-30 && random.one_in(3)).then_some(length)
         });
-        let mixed = if other {
-            Radii::Larger { own: &own, others: &others }
-        } else {
-            Radii::Larger { own: &own, others: &own }
-        };
+        let (own, others) = (&own[..], if other { &others[..] } else { &own[..] });
+        let mixed = if random.one_in(2) { Radii::Larger { own, others } } else { Radii::Sum { own, others } };
         let request = Request {
             time: random.time(),
             radii: match random.below(3) {
-                0 => Radii::Own(&own),
+                0 => Radii::Own(own),
                 1 if !double => mixed,
                 _ => Radii::Equal(radius),
             },

@@ -2,7 +2,7 @@
 
 use super::group::{BlockPoints, Group};
 use super::periodic_box::PeriodicBox;
-use super::radii::{Radii, bound_of};
+use super::radii::{Radii, radius_of, squared_radii};
 use super::reach::Reach;
 use crate::point::layout::snapshot::{CoordinateView, Target, squared};
 use crate::simd::{LANES, Lanes, Mask, Simd, first_lanes, lanes_at, lanes_at_mut};
@@ -12,10 +12,31 @@ use crate::simd::{LANES, Lanes, Mask, Simd, first_lanes, lanes_at, lanes_at_mut}
 pub(super) struct BoxRows {
     lo: [Vec<f32>; 3],
     hi: [Vec<f32>; 3],
-    /// Largest squared radius in it; zero where only the radius of the point counts whose list is made.
+    /// Largest radius in it; zero where only the radius of the point counts whose list is made.
     reach: Vec<f32>,
     candidate: Vec<u32>,
     len: usize,
+}
+
+/// How near boxes have to be.
+#[derive(Clone, Copy)]
+pub(super) enum Within<'a> {
+    /// Within a distance, of which this is the square.
+    Squared(f32),
+    /// As near as neighbours of points with radii up to this one.
+    Radius(&'a Radii<'a>, f32),
+}
+
+impl Within<'_> {
+    /// The squared distance up to which boxes are near in which points reach so far. (Sums and squares grow with the radii, rounded ones
+    /// too.)
+    #[inline(always)]
+    fn squared<S: Simd>(self, s: S, reach: S::F) -> S::F {
+        match self {
+            Within::Squared(bound) => s.splat(bound),
+            Within::Radius(radii, radius) => squared_radii(s, radii.joint(s, s.splat(radius), reach)),
+        }
+    }
 }
 
 /// Sixteen boxes.
@@ -28,11 +49,11 @@ pub(super) struct BoxVector<S: Simd> {
 }
 
 impl<S: Simd> BoxVector<S> {
-    /// Boxes that may hold a point within the bound, or whose points may reach as far, of a box `[lo, hi]`.
+    /// Boxes that may hold neighbours of points in a box `[lo, hi]`.
     #[inline(always)]
-    pub(super) fn near(&self, s: S, lo: [f32; 3], hi: [f32; 3], bound: f32) -> Mask {
+    pub(super) fn near(&self, s: S, lo: [f32; 3], hi: [f32; 3], within: Within) -> Mask {
         let (x, y, z) = (self.gap(s, lo, hi, 0), self.gap(s, lo, hi, 1), self.gap(s, lo, hi, 2));
-        s.le(squared::<S>(x, y, z), s.max(self.reach, s.splat(bound)))
+        s.le(squared::<S>(x, y, z), within.squared(s, self.reach))
     }
 
     /// How far the boxes are from `[lo, hi]` along an axis. Of an infinite side, it is the other that counts.
@@ -112,8 +133,8 @@ pub(super) fn write<S: Simd>(s: S, column: &mut [f32], at: usize, x: S::F, mask:
 pub(super) struct Candidates {
     pub(super) boxes: BoxRows,
     pub(super) blocks: Vec<BlockPoints>,
-    /// Squared radii of the points in the blocks, where these count.
-    pub(super) bounds: Vec<Lanes<f32>>,
+    /// Radii of the points in the blocks, where these count.
+    pub(super) radii: Vec<Lanes<f32>>,
     /// Whether the nearest image of any candidate is a wrapped one for any point of the group.
     pub(super) wrapped: bool,
     /// Nodes still to be visited: level and number.
@@ -124,14 +145,14 @@ impl Candidates {
     pub(super) fn clear(&mut self) {
         self.boxes.clear();
         self.blocks.clear();
-        self.bounds.clear();
+        self.radii.clear();
         self.wrapped = false;
     }
 
     pub(super) fn bytes(&self) -> usize {
         self.boxes.bytes()
             + self.blocks.capacity() * size_of::<BlockPoints>()
-            + self.bounds.capacity() * size_of::<Lanes<f32>>()
+            + self.radii.capacity() * size_of::<Lanes<f32>>()
             + self.open.capacity() * size_of::<(usize, usize)>()
     }
 
@@ -158,11 +179,11 @@ impl Candidates {
             if periodic_box.any {
                 let moved = periodic_box.wrap(s, (lo, hi), (group.lo, group.hi));
                 (boxes.lo, boxes.hi) = (moved.lo, moved.hi);
-                near = boxes.near(s, group.lo, group.hi, group.bound) & present;
+                near = boxes.near(s, group.lo, group.hi, Within::Radius(radii, group.radius)) & present;
                 self.wrapped |= level == 0 && near & moved.wrapped != 0;
                 (boxes.lo, boxes.hi) = moved.widened(s);
             } else {
-                near = boxes.near(s, group.lo, group.hi, group.bound) & present;
+                near = boxes.near(s, group.lo, group.hi, Within::Radius(radii, group.radius)) & present;
             }
             if level > 0 {
                 let first = view.first_child(level, node);
@@ -184,8 +205,8 @@ impl Candidates {
                     rest &= rest - 1;
                     number[lane] = self.blocks.len() as u32;
                     let points = BlockPoints::of_block(s, view, target, first + lane * stride + part);
-                    if let (Radii::Larger { others, .. }, Some(_)) = (radii, reach) {
-                        self.bounds.push(points.id.map(|id| bound_of(others, id)));
+                    if let Some(others) = radii.others() {
+                        self.radii.push(points.id.map(|id| radius_of(others, id)));
                     }
                     self.blocks.push(points);
                 }
@@ -205,8 +226,8 @@ pub(super) struct Selection {
 impl Selection {
     /// The candidates whose boxes are near a point.
     #[inline(always)]
-    pub(super) fn near_point<S: Simd>(&mut self, s: S, boxes: &BoxRows, at: [f32; 3], bound: f32) -> &[u32] {
-        self.near(s, boxes, (at, at), bound)
+    pub(super) fn near_point<S: Simd>(&mut self, s: S, boxes: &BoxRows, at: [f32; 3], within: Within) -> &[u32] {
+        self.near(s, boxes, (at, at), within)
     }
 
     /// The candidates whose boxes are near a box.
@@ -216,7 +237,7 @@ impl Selection {
         s: S,
         boxes: &BoxRows,
         (lo, hi): ([f32; 3], [f32; 3]),
-        bound: f32,
+        within: Within,
     ) -> &[u32] {
         let vectors = boxes.vectors();
         if self.list.len() < (vectors + 1) * LANES {
@@ -225,7 +246,7 @@ impl Selection {
         let (list, mut len) = (&mut self.list[..], 0);
         for i in 0..vectors {
             let (vector, valid) = boxes.vector(s, i);
-            let near = vector.near(s, lo, hi, bound) & valid;
+            let near = vector.near(s, lo, hi, within) & valid;
             s.store_compressed_u(vector.candidate, near, lanes_at_mut(list, len));
             len += near.count_ones() as usize;
         }

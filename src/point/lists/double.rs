@@ -6,6 +6,7 @@
 use super::candidates::write;
 use super::columns::Columns;
 use super::list_request::Listing;
+use super::radii::squared_radius;
 use super::row::Lists;
 use super::worker::Share;
 use crate::point::layout::snapshot::Leaves;
@@ -24,7 +25,7 @@ impl Kernel for DoubleShare<'_> {
         let (listing, lists) = (&request.listing, &mut worker.lists);
         for &(layer, node) in &prepared.groups[worker.share.clone()] {
             for (id, at) in request.tree.precise[layer].tree_at(request.time).points_behind(node, request.time) {
-                let bound = listing.radii.bound(id);
+                let bound = squared_radius(listing.radii.of(id));
                 let begin = lists.len;
                 let own = if listing.other_set && !listing.once { u32::MAX } else { id };
                 let mut row = Row { listing, lists, own };

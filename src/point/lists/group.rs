@@ -1,6 +1,6 @@
 //! The points of a group of leaves, whose lists are made together.
 
-use super::radii::{Radii, bound_of, squared_radius};
+use super::radii::{Radii, radius_of};
 use crate::point::layout::snapshot::{CoordinateView, Target};
 use crate::simd::{LANES, Lanes, Simd};
 
@@ -40,8 +40,8 @@ pub(super) struct Member {
     pub(super) points: BlockPoints,
     pub(super) lo: [f32; 3],
     pub(super) hi: [f32; 3],
-    /// The largest squared radius.
-    pub(super) bound: f32,
+    /// The largest radius.
+    pub(super) radius: f32,
 }
 
 /// The blocks below a bottom node.
@@ -50,7 +50,8 @@ pub(super) struct Group {
     pub(super) members: Vec<Member>,
     pub(super) lo: [f32; 3],
     pub(super) hi: [f32; 3],
-    pub(super) bound: f32,
+    /// The largest radius.
+    pub(super) radius: f32,
 }
 
 impl Group {
@@ -65,7 +66,7 @@ impl Group {
         radii: &Radii,
     ) {
         self.members.clear();
-        (self.lo, self.hi, self.bound) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3], 0.0);
+        (self.lo, self.hi, self.radius) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3], 0.0);
         let mut lanes = view.present(s, target, node);
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize;
@@ -78,7 +79,7 @@ impl Group {
                         self.lo[axis] = self.lo[axis].min(member.lo[axis]);
                         self.hi[axis] = self.hi[axis].max(member.hi[axis]);
                     }
-                    self.bound = self.bound.max(member.bound);
+                    self.radius = self.radius.max(member.radius);
                     self.members.push(member);
                 }
             }
@@ -91,8 +92,8 @@ impl Member {
     #[inline(always)]
     fn around(points: BlockPoints, radii: &Radii) -> Option<Member> {
         let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-        let mut bound = match radii {
-            Radii::Equal(radius) => squared_radius(*radius),
+        let mut radius = match radii {
+            Radii::Equal(radius) => *radius,
             _ => 0.0,
         };
         let mut any = false;
@@ -106,10 +107,10 @@ impl Member {
                 lo[axis] = if at[axis] < lo[axis] { at[axis] } else { lo[axis] };
                 hi[axis] = if at[axis] > hi[axis] { at[axis] } else { hi[axis] };
             }
-            if let Radii::Own(own) | Radii::Larger { own, .. } = radii {
-                bound = bound.max(bound_of(own, points.id[lane]));
+            if let Radii::Own(own) | Radii::Larger { own, .. } | Radii::Sum { own, .. } = radii {
+                radius = radius.max(radius_of(own, points.id[lane]));
             }
         }
-        any.then_some(Member { points, lo, hi, bound })
+        any.then_some(Member { points, lo, hi, radius })
     }
 }

@@ -70,8 +70,7 @@ impl ListRequest<'_> {
         let [own, others] = [self.tree, self.among].map(|tree| !tree.precise.is_empty());
         if own || others {
             let Listing { radii, displacements, .. } = self.listing;
-            let larger = matches!(radii, Radii::Larger { .. });
-            if larger || displacements || self.periods != [None; 3] || both && own != others {
+            if radii.others().is_some() || displacements || self.periods != [None; 3] || both && own != others {
                 return Err(ListError::Double);
             }
         } else if self.tree.origin() != self.among.origin() && both {
@@ -87,7 +86,7 @@ impl ListRequest<'_> {
             Radii::Equal(radius) if bad(radius) => Err(ListError::Radius { id: None }),
             Radii::Equal(_) => Ok(()),
             Radii::Own(own) => bad_at(own).map_or(Ok(()), |id| Err(ListError::Radius { id: Some(id) })),
-            Radii::Larger { own, others } => {
+            Radii::Larger { own, others } | Radii::Sum { own, others } => {
                 let bad = bad_at(own).or_else(|| bad_at(others));
                 bad.map_or(Ok(()), |id| Err(ListError::Radius { id: Some(id) }))
             }

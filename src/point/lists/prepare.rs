@@ -80,7 +80,7 @@ pub(super) fn prepare(request: &ListRequest<'_>, prepared: &mut Prepared) -> Res
     match request.listing.radii {
         Radii::Equal(_) => Ok(()),
         Radii::Own(own) => measure(&request.tree.layers, own),
-        Radii::Larger { own, others } => {
+        Radii::Larger { own, others } | Radii::Sum { own, others } => {
             measure(&request.tree.layers, own)?;
             measure(&request.among.layers, others)
         }

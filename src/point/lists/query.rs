@@ -28,7 +28,7 @@ impl PointTree {
     /// Cost: one walk through the tree for sixteen neighbouring leaves, then about one vector operation on sixteen
     /// candidates for two to three neighbours found. Of [`PointStructure::Mbkd`](crate::PointStructure::Mbkd) the points
     /// that exist at the time are put into a tree of boxes first. Of points kept in f64 each list is a search of its own,
-    /// and there are no periodic axes, displacements or [`Radii::Larger`] ([`ListError::Double`]).
+    /// and there are no periodic axes, displacements, [`Radii::Larger`] or [`Radii::Sum`] ([`ListError::Double`]).
     ///
     /// ```
     /// use mbkd::{MovingPoint, NeighborCsr, PointParams, PointTree, glam::Vec3};

@@ -1,11 +1,11 @@
 //! How far points of one set reach: the largest radius behind each lane of each node.
 
-use super::radii::bound_of;
+use super::radii::radius_of;
 use crate::point::layout::snapshot::{CoordinateView, Target};
 use crate::simd::{Kernel, LANES, Lanes, Simd};
 use glam::Vec3;
 
-/// The largest squared radius behind each lane of the nodes of a view.
+/// The largest radius behind each lane of the nodes of a view.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Reach {
     /// By node.
@@ -40,7 +40,7 @@ impl<V: CoordinateView> Kernel for Measure<'_, V> {
     }
 }
 
-/// The largest squared radius below a node. As deep as the tree, at most nine levels.
+/// The largest radius below a node. As deep as the tree, at most nine levels.
 fn measure<S: Simd, V: CoordinateView>(
     s: S,
     view: &V,
@@ -61,7 +61,7 @@ fn measure<S: Simd, V: CoordinateView>(
             let ids = (first..first + view.leaf_blocks()).flat_map(|block| *view.ids(block));
             let mut most = 0.0f32;
             for id in ids.filter(|&id| id != u32::MAX) {
-                most = most.max(bound_of(radii, id));
+                most = most.max(radius_of(radii, id));
                 if id as usize >= radii.len() {
                     reach.missing = Some(id);
                 }

@@ -1,10 +1,10 @@
 //! The lists of the points of a block, from the candidates of its group.
 
-use super::candidates::{BoxRows, Candidates, Selection, write};
+use super::candidates::{BoxRows, Candidates, Selection, Within, write};
 use super::columns::Columns;
 use super::group::Member;
 use super::list_request::{Excluded, Listing};
-use super::radii::Radii;
+use super::radii::{Radii, squared_radii, squared_radius};
 use crate::point::layout::snapshot::{rows, squared};
 use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at_mut};
 
@@ -81,7 +81,7 @@ impl RowBuilder {
         lists: &mut Lists,
     ) {
         if !candidates.wrapped && matches!(listing.radii, Radii::Equal(_)) {
-            let gathered = self.gather_points(s, member, candidates);
+            let gathered = self.gather_points(s, listing, member, candidates);
             let plain = !listing.distances && !listing.displacements;
             return match (listing.excluded(), plain) {
                 (Excluded::Own, true) => self.equal::<S, OWN, true>(s, listing, member, gathered, lists),
@@ -97,13 +97,13 @@ impl RowBuilder {
         self.boxes.clear();
         for i in 0..candidates.boxes.vectors() {
             let (boxes, valid) = candidates.boxes.vector(s, i);
-            let near = boxes.near(s, member.lo, member.hi, member.bound) & valid;
+            let near = boxes.near(s, member.lo, member.hi, Within::Radius(&listing.radii, member.radius)) & valid;
             if near != 0 {
                 self.boxes.push(s, &boxes, near);
             }
         }
-        let larger = matches!(listing.radii, Radii::Larger { .. });
-        match (candidates.wrapped, larger, listing.once) {
+        let joint = listing.radii.others().is_some();
+        match (candidates.wrapped, joint, listing.once) {
             (false, false, false) => self.rows::<S, false, false, false>(s, listing, member, candidates, lists),
             (false, false, true) => self.rows::<S, false, false, true>(s, listing, member, candidates, lists),
             (false, true, false) => self.rows::<S, false, true, false>(s, listing, member, candidates, lists),
@@ -118,8 +118,15 @@ impl RowBuilder {
     /// Gathers the points that are near the box of a member, in rows, where all points of the member have the same radius.
     /// They are about as many as each of its points would test by itself, and they lie one behind the other.
     #[inline(always)]
-    fn gather_points<S: Simd>(&mut self, s: S, member: &Member, candidates: &Candidates) -> Gathered {
-        let selected = self.selected.near(s, &candidates.boxes, (member.lo, member.hi), member.bound);
+    fn gather_points<S: Simd>(
+        &mut self,
+        s: S,
+        listing: &Listing,
+        member: &Member,
+        candidates: &Candidates,
+    ) -> Gathered {
+        let around = (member.lo, member.hi);
+        let selected = self.selected.near(s, &candidates.boxes, around, Within::Radius(&listing.radii, member.radius));
         let room = (selected.len() + 1) * LANES;
         let PointRows { at: [to_x, to_y, to_z], id: to_id } = &mut self.points;
         if to_id.len() < room {
@@ -130,7 +137,7 @@ impl RowBuilder {
         let hi = [s.splat(member.hi[0]), s.splat(member.hi[1]), s.splat(member.hi[2])];
         // Slices, whose ends stay in registers.
         let (to_x, to_y, to_z, to_id) = (&mut to_x[..], &mut to_y[..], &mut to_z[..], &mut to_id[..]);
-        let bound = s.splat(member.bound);
+        let bound = s.splat(squared_radius(member.radius));
         let hits = room_for(&mut self.hits, selected.len());
         for (hits, &index) in hits.iter_mut().zip(selected) {
             let [x, y, z] = rows(s, &candidates.blocks[index as usize].at);
@@ -168,7 +175,7 @@ impl RowBuilder {
         // As many vectors as there are, so that nothing is checked for each of them.
         let (from_x, from_y) = (&from_x.as_chunks().0[..vectors], &from_y.as_chunks().0[..vectors]);
         let (from_z, from_id) = (&from_z.as_chunks().0[..vectors], &from_id.as_chunks().0[..vectors]);
-        let bound = s.splat(member.bound);
+        let bound = s.splat(squared_radius(member.radius));
         let hits = room_for(&mut self.hits, vectors);
         for lane in 0..LANES {
             let at = member.points.at.map(|row| row[lane]);
@@ -211,7 +218,7 @@ impl RowBuilder {
 
     /// Lists for one kind of request.
     #[inline(always)]
-    fn rows<S: Simd, const PERIODIC: bool, const LARGER: bool, const ONCE: bool>(
+    fn rows<S: Simd, const PERIODIC: bool, const JOINT: bool, const ONCE: bool>(
         &mut self,
         s: S,
         listing: &Listing,
@@ -226,13 +233,14 @@ impl RowBuilder {
                 continue;
             }
             let id = points.id[lane];
-            let bound = listing.radii.bound(id);
-            let selected = self.selected.near_point(s, &self.boxes, at, bound);
+            let radius = listing.radii.of(id);
+            let selected = self.selected.near_point(s, &self.boxes, at, Within::Radius(&listing.radii, radius));
             let begin = lists.len;
             lists.reserve(selected.len() * LANES, listing);
             let point = [s.splat(at[0]), s.splat(at[1]), s.splat(at[2])];
             let own = s.splat_u(if listing.other_set && !ONCE { u32::MAX } else { id });
-            let bounds = s.splat(bound);
+            let radius = s.splat(radius);
+            let bound = squared_radii(s, radius);
             // Apart from the lists, the end stays in a register.
             let Columns { ids: listed, floats } = &mut lists.columns;
             let (listed, mut end) = (&mut listed[..], begin);
@@ -246,10 +254,15 @@ impl RowBuilder {
                     z = listing.periodic_box.nearest(s, z, 2);
                 }
                 let distance = squared::<S>(x, y, z);
-                let bounds = if LARGER { s.max(bounds, s.load(&candidates.bounds[index as usize])) } else { bounds };
+                let bound = if JOINT {
+                    let others = s.load(&candidates.radii[index as usize]);
+                    squared_radii(s, listing.radii.joint(s, radius, others))
+                } else {
+                    bound
+                };
                 let ids = s.load_u(&block.id);
                 let others = if ONCE { s.lt_u(own, ids) } else { !s.eq_u(own, ids) };
-                let hits = s.le(distance, bounds) & others;
+                let hits = s.le(distance, bound) & others;
                 s.store_compressed_u(ids, hits, lanes_at_mut(listed, end));
                 write_requested(s, listing, floats, end, (x, y, z, distance), hits);
                 end += hits.count_ones() as usize;

@@ -4,7 +4,6 @@ use super::candidates::Candidates;
 use super::group::Group;
 use super::list_request::ListRequest;
 use super::prepare::{Prepared, at_time};
-use super::radii::Radii;
 use super::row::{Lists, RowBuilder};
 use crate::point::layout::snapshot::Leaves;
 use crate::point::search::layers::LayerView;
@@ -49,10 +48,7 @@ impl Kernel for Share<'_> {
             });
             worker.candidates.clear();
             for (number, layer) in request.among.layers.iter().enumerate() {
-                let reach = match listing.radii {
-                    Radii::Larger { .. } => prepared.reaches.get(number),
-                    _ => None,
-                };
+                let reach = listing.radii.others().and_then(|_| prepared.reaches.get(number));
                 at_time!(layer, request.time, view => {
                     let target = view.target(s, Vec3::ZERO);
                     worker.candidates.add(s, (&view, &target), &worker.group, &listing.periodic_box, (&listing.radii, reach));

@@ -3,7 +3,7 @@
 use super::encounter::{CandidatePoints, Criteria, Window};
 use crate::point::layout::over_interval::{BlockTree, BoxTree, PathRows, greater, lesser};
 use crate::point::layout::snapshot::rows;
-use crate::point::lists::candidates::{BoxRows, BoxVector};
+use crate::point::lists::candidates::{BoxRows, BoxVector, Within};
 use crate::simd::{LANES, Lanes, Mask, Simd};
 
 /// 2^-24.
@@ -220,7 +220,8 @@ impl Candidates {
         self.open.push(tree.root_node());
         while let Some((level, node)) = self.open.pop() {
             let (boxes, magnitude) = group.swept(s, tree, phases, node);
-            let mut near = boxes.near(s, group.lo, group.hi, bound) & active_lanes(tree, node, group.times);
+            let mut near =
+                boxes.near(s, group.lo, group.hi, Within::Squared(bound)) & active_lanes(tree, node, group.times);
             let (first, stride) = tree.children(level, node);
             if level > 0 {
                 while near != 0 {

@@ -6,7 +6,7 @@
 use super::candidates::{Block, CandidateBlock, Candidates, RelativePaths, squared_up};
 use super::encounter::{Criteria, Visitor};
 use crate::point::layout::snapshot::{rows, squared};
-use crate::point::lists::candidates::{Selection, write};
+use crate::point::lists::candidates::{Selection, Within, write};
 use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at, lanes_at_mut};
 
 /// Points that are gathered at most at once.
@@ -63,7 +63,7 @@ impl PairFilter {
         visitor: &mut V,
     ) {
         let PairFilter { selected, rows, hits } = self;
-        let reach = squared_up(criteria.radius);
+        let reach = Within::Squared(squared_up(criteria.radius));
         let all = selected.near(s, &candidates.boxes, (block.lo, block.hi), reach);
         let (shared, rest) = rows.gather::<S, V>(s, &candidates.blocks, all, (block.lo, block.hi));
         let shared = rest.is_empty().then_some(shared);
