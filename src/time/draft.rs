@@ -166,6 +166,19 @@ pub(crate) enum Reinsertion {
     Now,
 }
 
+impl Reinsertion {
+    /// Whether it is time.
+    fn is_due<S: PrimitiveSet>(self, set: &S, binary: &BinaryTree, references: &[Reference]) -> bool {
+        match self {
+            Reinsertion::Later => false,
+            Reinsertion::OfStatic => {
+                binary.first().is_some_and(|root| !root.moving) && !any_comes_or_goes(set, references)
+            }
+            Reinsertion::Now => true,
+        }
+    }
+}
+
 /// Drafts one tree, pre-split if that pays. A cost model is given if its costs are to be compared with those of other
 /// trees.
 pub(crate) fn draft_tree<S: PrimitiveSet>(
@@ -189,8 +202,8 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
         let density = SurfaceDensity::of(&references, ratio.unwrap_or(LEAST_AREA_RATIO));
         CostModel { density, ..COST_MODEL }
     });
-    // Samples of a few would be all of them.
-    if elongated && params.decided.is_none() && references.len() <= PRESPLIT_SAMPLES * PRESPLIT_SAMPLE.start() {
+    // A sample of a few would be all of them.
+    if elongated && params.decided.is_none() && references.len() <= *PRESPLIT_SAMPLE.start() {
         let draft = |references: Vec<Reference>, split: bool| {
             draft_with(set, references, slice, split, cost_model, Reinsertion::Later)
         };
@@ -198,7 +211,12 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
         presplit(&mut references, |id| set.corner_bounds(id, over), budget);
         let split = draft(references, true);
         let pays = split.collapse.total() < whole.collapse.total() * MAX_PRESPLIT_COST;
-        return Draft { primitives: ids.len(), ratio, ..if pays { split } else { whole } };
+        let mut better = if pays { split } else { whole };
+        if reinsertion.is_due(set, &better.binary, &better.references) {
+            better.replace_subtrees(set, &mut []);
+            better.reinserted = true;
+        }
+        return Draft { primitives: ids.len(), ratio, ..better };
     }
     // If that was decided, elongated primitives are to be split.
     let presplits =
@@ -310,13 +328,7 @@ fn draft_with<S: PrimitiveSet>(
     let one_block = kinds.is_none() && n <= per_leaf && COST_MODEL.leaf_of(n) <= COST_MODEL.node;
     let (leaf, density) = if one_block { (n..=n, None) } else { (stop..=overlapping, Some(cost_model.density)) };
     let mut binary = build_binary(&mut references, leaf, kinds, density);
-    let now = match reinsertion {
-        Reinsertion::Later => false,
-        Reinsertion::OfStatic => {
-            binary.first().is_some_and(|root| !root.moving) && !any_comes_or_goes(set, &references)
-        }
-        Reinsertion::Now => true,
-    };
+    let now = reinsertion.is_due(set, &binary, &references);
     if now && let Some(better) = reinsert(&binary, &mut references, &mut [], &cost_model) {
         binary = better;
     }
