@@ -439,8 +439,6 @@ class PointTree:
             raise ValueError(f"r must be one radius or have the shape ({self.n},), not {radii.shape}")
         if larger and summed:
             raise ValueError("two points are neighbours within the larger of their radii or within the sum, not both")
-        if summed and among is not None:
-            raise ValueError("the sum of two radii needs those of both sets; give one radius, which is that sum")
         if summed and not radii.ndim:
             radii = np.full(self.n, radii)
         by_id = rows == "points"

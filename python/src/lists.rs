@@ -43,12 +43,13 @@ pub fn neighbor_lists<'py>(
     by_id: bool,
     workers: isize,
 ) -> PyResult<Columns<'py>> {
-    let radii = match slice(&radii)? {
+    let radii = slice(&radii)?;
+    if among.is_some() && (summed || larger && radii.len() > 1) {
+        let text = "the larger of two radii and their sum need those of both sets; give one radius for all pairs";
+        return Err(PyValueError::new_err(text));
+    }
+    let radii = match radii {
         &[radius] => Radii::Equal(radius),
-        _ if (larger || summed) && among.is_some() => {
-            let text = "the larger of two radii and their sum need those of both sets; give one radius";
-            return Err(PyValueError::new_err(text));
-        }
         own if larger => Radii::Larger { own, others: own },
         own if summed => Radii::Sum { own, others: own },
         own => Radii::Own(own),

@@ -51,6 +51,9 @@ def test_own_radii_and_another_set():
     assert equal == [row.tolist() for row in tree.neighbor_lists(0.2, sorted=True)]
     with pytest.raises(ValueError, match="not both"):
         tree.neighbor_lists(radii, larger=True, summed=True)
+    for both in ({"larger": True}, {"summed": True}):
+        with pytest.raises(ValueError, match="those of both sets"):
+            tree.neighbor_lists(radii, among=other, **both)
     among = tree.neighbor_lists(0.1, among=other, sorted=True)
     expected = other.query_ball_point(OPEN, 0.1)
     assert [row.tolist() for row in among] == [row.tolist() for row in expected]

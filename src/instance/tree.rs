@@ -8,7 +8,7 @@ use super::placements::{Placed, Placements};
 use super::transform::Transform;
 use crate::error::BuildError;
 use crate::geometry::{Aabb, LinearBounds, Ray, TimeInterval};
-use crate::layout::{Bytes, Statistics, ValidationError, WideSource, WideTree};
+use crate::layout::{Bytes, Statistics, ValidationError, WideSource, WideTree, counted};
 use crate::parallel;
 use crate::params::WideParams;
 use crate::primitive::PrimitiveSet;
@@ -169,6 +169,17 @@ pub struct InstanceTree {
 }
 
 /// Counts and sizes of an [`InstanceTree`]. Printed with `{}`, they are one line.
+///
+/// ```
+/// use mbkd::{BuildParams, Instance, InstanceTree, Pose, RayTree, TriangleMesh, WideParams, glam::Vec3};
+/// use std::sync::Arc;
+/// let card = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+/// let card = Arc::new(RayTree::build(&[card], &BuildParams::default())?);
+/// let all = (0..2).map(|_| Instance::new(card.clone(), vec![Pose::IDENTITY])).collect();
+/// let printed = InstanceTree::build(all, &WideParams::default())?.statistics().to_string();
+/// assert!(printed.starts_with("2 instances of 1 tree, 2 primitives placed; "));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InstanceStatistics {
     /// Instances at all levels together, counted once per placement.
@@ -188,8 +199,8 @@ pub struct InstanceStatistics {
 impl core::fmt::Display for InstanceStatistics {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let InstanceStatistics { instances, primitives, trees, tree_bytes, instance_bytes, .. } = *self;
-        let trees = format!("{trees} {}", if trees == 1 { "tree" } else { "trees" });
-        write!(f, "{instances} instances of {trees}, {primitives} primitives placed; ")?;
+        write!(f, "{} of {}, ", counted(instances, "instance", "instances"), counted(trees as u64, "tree", "trees"))?;
+        write!(f, "{} placed; ", counted(primitives, "primitive", "primitives"))?;
         write!(f, "{} for the trees, {} for the instances", Bytes(tree_bytes), Bytes(instance_bytes))
     }
 }

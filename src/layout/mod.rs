@@ -56,8 +56,8 @@ pub(crate) use list_boxes::ListBoxes;
 pub(crate) use refit::Moved;
 pub(crate) use refit_plan::Plan;
 pub(crate) use sphere_leaf::{SPHERE_ROWS, SphereLeaf};
-pub(crate) use statistics::Bytes;
 pub use statistics::Statistics;
+pub(crate) use statistics::{Bytes, counted};
 pub use tree_box::TreeBox;
 pub(crate) use wide_node::{
     CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS, VERTEX_ROWS, block_sizes, inverse_extent, shared_count,

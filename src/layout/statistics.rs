@@ -85,8 +85,7 @@ impl fmt::Display for Statistics {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let percent = |share: f64| format!("{:.0} %", 100.0 * share);
         let share = |part: usize, all: usize| percent(part as f64 / all.max(1) as f64);
-        let count = |n: usize, one: &str, more: &str| format!("{n} {}", if n == 1 { one } else { more });
-        let primitives = count(self.primitives, "primitive", "primitives");
+        let primitives = counted(self.primitives as u64, "primitive", "primitives");
         write!(f, "{primitives}, {:.2} references each", self.references_per_primitive())?;
         if self.static_references > 0 {
             write!(f, ", {} of them static", share(self.static_references, self.references))?;
@@ -94,13 +93,14 @@ impl fmt::Display for Statistics {
         if self.timed > 0.0 {
             write!(f, ", {} for a part of the time", percent(self.timed))?;
         }
-        let (nodes, leaves) = (count(self.nodes, "node", "nodes"), count(self.leaves, "leaf", "leaves"));
+        let (nodes, leaves) =
+            (counted(self.nodes as u64, "node", "nodes"), counted(self.leaves as u64, "leaf", "leaves"));
         write!(f, "; {nodes} and {leaves}, depth {}", self.depth)?;
         if self.time_nodes > 0 {
-            write!(f, "; {}", count(self.time_nodes, "temporal split", "temporal splits"))?;
+            write!(f, "; {}", counted(self.time_nodes as u64, "temporal split", "temporal splits"))?;
         }
         if self.left_out > 0.0 {
-            write!(f, ", which leave out {}", percent(self.left_out))?;
+            write!(f, ", {} left out", percent(self.left_out))?;
         }
         if self.kept_positions < self.positions {
             write!(f, "; {} of the vertex positions kept", share(self.kept_positions, self.positions))?;
@@ -114,6 +114,11 @@ impl fmt::Display for Statistics {
         }
         write!(f, "; {} and {} of primitives", Bytes(self.bytes), Bytes(self.primitive_bytes))
     }
+}
+
+/// A number and a noun.
+pub(crate) fn counted(n: u64, one: &str, more: &str) -> String {
+    format!("{n} {}", if n == 1 { one } else { more })
 }
 
 /// A number of bytes, printed with three digits or so.
@@ -159,5 +164,39 @@ impl KdTree {
             primitive_bytes: set.bytes(),
             ..Statistics::default()
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_tree_skips_is_printed() {
+        let all = Statistics {
+            primitives: 100,
+            nodes: 3,
+            leaves: 20,
+            depth: 2,
+            references: 150,
+            timed: 0.25,
+            positions: 10,
+            kept_positions: 1,
+            static_references: 75,
+            time_nodes: 1,
+            left_out: 0.4,
+            subtrees: 9,
+            built_subtrees: 2,
+            cost: 1.07,
+            bytes: 12_345,
+            primitive_bytes: 9_999,
+            ..Statistics::default()
+        };
+        let expected = "100 primitives, 1.50 references each, 50 % of them static, 25 % for a part of the time; 3 nodes and 20 leaves, \
+            depth 2; 1 temporal split, 40 % left out; 10 % of the vertex positions kept; 2 of 9 subtrees built; cost 1.07 of that \
+            when built; 12 kB and 9999 bytes of primitives";
+        assert_eq!(all.to_string(), expected);
+        let sizes = [0, 9_999, 10_000, 123_456_789, 4_000_000_000].map(|bytes| Bytes(bytes).to_string());
+        assert_eq!(sizes, ["0 bytes", "9999 bytes", "10 kB", "123.5 MB", "4.00 GB"]);
     }
 }

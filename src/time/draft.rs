@@ -189,9 +189,51 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
     cost_model: Option<CostModel>,
     reinsertion: Reinsertion,
 ) -> Draft {
+    let Prepared { mut references, ratio, budget, cost_model } = prepare(set, ids, slice, params, cost_model);
+    let draft = match params.decided {
+        // A sample of a few would be all of them.
+        None if budget.is_some() && references.len() <= *PRESPLIT_SAMPLE.start() => {
+            let mut better = draft_better(set, references, slice, budget, cost_model);
+            if reinsertion.is_due(set, &better.binary, &better.references) {
+                better.replace_subtrees(set, &mut []);
+                better.reinserted = true;
+            }
+            better
+        }
+        decided => {
+            // If that was decided, elongated primitives are to be split.
+            let pays = |&budget: &f32| decided.is_some() || presplit_pays(set, &references, slice, budget, cost_model);
+            let budget = budget.filter(pays);
+            if let Some(budget) = budget {
+                presplit(&mut references, |id| set.corner_bounds(id, slice.interval()), budget);
+            }
+            draft_with(set, references, slice, budget.is_some(), cost_model, reinsertion)
+        }
+    };
+    Draft { primitives: ids.len(), ratio, ..draft }
+}
+
+/// What a draft is made of.
+struct Prepared {
+    references: Vec<Reference>,
+    /// Half the area of a box per area of the triangle in it.
+    ratio: Option<f64>,
+    /// The references per primitive that pre-splitting may make; `None` if it is out of the question.
+    budget: Option<f32>,
+    cost_model: CostModel,
+}
+
+/// Makes a reference for each primitive.
+fn prepare<S: PrimitiveSet>(
+    set: &S,
+    ids: &[u32],
+    slice: TimeSlice,
+    params: &DraftParams,
+    cost_model: Option<CostModel>,
+) -> Prepared {
     let over = slice.interval();
-    let budget = params.most_references();
     let ratio = params.decided.map_or_else(|| area_ratio(set, ids, over), |decided| decided.ratio);
+    let budget = params.most_references();
     let elongated = is_elongated(budget, ratio) && params.decided.is_none_or(|decided| decided.pays);
     // Room for all sub-references from the start: memory that is not touched costs nothing.
     let most = if elongated { (ids.len() as f64 * f64::from(budget)) as usize + 1 } else { ids.len() };
@@ -202,29 +244,23 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
         let density = SurfaceDensity::of(&references, ratio.unwrap_or(LEAST_AREA_RATIO));
         CostModel { density, ..COST_MODEL }
     });
-    // A sample of a few would be all of them.
-    if elongated && params.decided.is_none() && references.len() <= *PRESPLIT_SAMPLE.start() {
-        let draft = |references: Vec<Reference>, split: bool| {
-            draft_with(set, references, slice, split, cost_model, Reinsertion::Later)
-        };
-        let whole = draft(references.clone(), false);
-        presplit(&mut references, |id| set.corner_bounds(id, over), budget);
-        let split = draft(references, true);
-        let pays = split.collapse.total() < whole.collapse.total() * MAX_PRESPLIT_COST;
-        let mut better = if pays { split } else { whole };
-        if reinsertion.is_due(set, &better.binary, &better.references) {
-            better.replace_subtrees(set, &mut []);
-            better.reinserted = true;
-        }
-        return Draft { primitives: ids.len(), ratio, ..better };
-    }
-    // If that was decided, elongated primitives are to be split.
-    let presplits =
-        elongated && (params.decided.is_some() || presplit_pays(set, &references, slice, budget, cost_model));
-    if presplits {
-        presplit(&mut references, |id| set.corner_bounds(id, over), budget);
-    }
-    Draft { primitives: ids.len(), ratio, ..draft_with(set, references, slice, presplits, cost_model, reinsertion) }
+    Prepared { references, ratio, budget: elongated.then_some(budget), cost_model }
+}
+
+/// Drafts a tree and, within the budget, a pre-split one, and keeps that if it pays.
+fn draft_better<S: PrimitiveSet>(
+    set: &S,
+    mut references: Vec<Reference>,
+    slice: TimeSlice,
+    budget: Option<f32>,
+    cost_model: CostModel,
+) -> Draft {
+    let draft = |references, split: bool| draft_with(set, references, slice, split, cost_model, Reinsertion::Later);
+    let Some(budget) = budget else { return draft(references, false) };
+    let whole = draft(references.clone(), false);
+    presplit(&mut references, |id| set.corner_bounds(id, slice.interval()), budget);
+    let split = draft(references, true);
+    if split.collapse.total() < whole.collapse.total() * MAX_PRESPLIT_COST { split } else { whole }
 }
 
 /// Primitives whose bounds are computed together: they stay in a near cache.
@@ -258,23 +294,17 @@ fn add_references<S: PrimitiveSet>(set: &S, ids: &[u32], over: TimeInterval, ref
 /// Drafts a tree over a sample, pre-split if that pays for the sample as a whole, and returns the decision. There is no draft if
 /// nothing is to be decided: the sample does not change, and pre-splits are out of the question.
 pub(crate) fn draft_sample<S: PrimitiveSet>(set: &S, ids: &[u32], params: &WideParams) -> (Option<Draft>, Presplit) {
+    let params = DraftParams::new(*params);
     let ratio = area_ratio(set, ids, TimeInterval::FULL);
-    let elongated = is_elongated(DraftParams::new(*params).most_references(), ratio);
-    if !elongated && !any_changes(set, ids) {
+    if !is_elongated(params.most_references(), ratio) && !any_changes(set, ids) {
         return (None, Presplit { ratio, pays: false });
     }
-    let with = |pays: bool, cost_model: Option<CostModel>| {
-        let params = DraftParams { wide: *params, decided: Some(Presplit { ratio, pays }) };
-        draft_tree(set, ids, TimeSlice::WHOLE, &params, cost_model, Reinsertion::Later)
-    };
-    let whole = with(false, None);
-    if elongated {
-        let split = with(true, Some(whole.cost_model));
-        if split.collapse.total() < whole.collapse.total() * MAX_PRESPLIT_COST {
-            return (Some(split), Presplit { ratio, pays: true });
-        }
-    }
-    (Some(whole), Presplit { ratio, pays: false })
+    let params = DraftParams { decided: Some(Presplit { ratio, pays: true }), ..params };
+    let Prepared { references, budget, cost_model, .. } = prepare(set, ids, TimeSlice::WHOLE, &params, None);
+    let draft = draft_better(set, references, TimeSlice::WHOLE, budget, cost_model);
+    let draft = Draft { primitives: ids.len(), ratio, ..draft };
+    let decided = draft.decided();
+    (Some(draft), decided)
 }
 
 /// Whether triangles fill so little of their boxes that pre-splitting may pay.

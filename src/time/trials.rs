@@ -420,6 +420,26 @@ mod tests {
         assert_eq!([single.slices(0, 2).0, single.slices(0, 16).0], [vec![0, 1], vec![4, 12]]);
     }
 
+    #[test]
+    fn growing_costs_less_the_more_keys_there_are() {
+        for count in [2, 4, 8, 16] {
+            let kinds = [Division::SharedLeaves(count), Division::SeparateTrees(count)];
+            let [shared, separate] = kinds.map(|kind| [2.0, 9.0, 33.0].map(|keys| latency(kind, keys).powi(4)));
+            // Of two keys, nodes are four fifths.
+            let of_two = [(shared[0], 0.2 + 0.8 * count as f32), (separate[0], count as f32)];
+            assert!(of_two.iter().all(|(found, expected)| (found / expected - 1.0).abs() < 1e-5), "{of_two:?}");
+            assert!(
+                [shared, separate].iter().all(|of| of.is_sorted_by(|more, less| more > less)),
+                "{shared:?} {separate:?}"
+            );
+            for keys in [2, 3, 5, 9, 17, 33] {
+                let [first, last] = TimeSlice { index: 0, of: count }.segments(keys);
+                assert_eq!(keys_in_slice(keys as f32, count), (last - first + 2) as f32, "{keys} keys");
+            }
+        }
+        assert_eq!(latency(Division::Whole, 9.0), 1.0);
+    }
+
     /// The mean area of a box over time is the mean of those over slices; its volume is taken at the middle.
     #[test]
     fn the_cost_during_slices_adds_up_to_the_cost_of_the_whole() {
