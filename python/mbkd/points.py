@@ -25,8 +25,8 @@ class PointTree:
     points : (n, 3) or (K, n, 3)
         Positions, or positions at K keys spaced evenly over the shutter [0, 1]. Points move linearly between keys.
         float32 positions are kept bit for bit. So are float64 positions, unless `round_to_f32` is given; they take about
-        twice the memory and up to twice the time, and support plain neighbour lists only. Integers become float64.
-        C-contiguous arrays are read in place.
+        twice the memory and up to twice the time, and have no neighbour lists with a skin or over an interval. Integers
+        become float64. C-contiguous arrays are read in place.
     keys : (n, 3) or (K - 1, n, 3), optional
         Positions at the later keys, if `points` has those at the first key.
     active : (n, 2), optional
@@ -316,15 +316,7 @@ class PointTree:
         only_euclidean(p)
         if output_type not in ("ndarray", "set"):
             raise ValueError(f"output_type must be 'ndarray' or 'set', not {output_type!r}")
-        if self.boxsize is None or self.data.dtype == np.float32:
-            pairs = self.neighbor_lists(r, time=time, pairs_once=True, sorted=True, workers=workers).pairs()
-        else:
-            # Neighbour lists in periodic boxes use float32 positions; single queries are exact.
-            positions = self.positions(time)
-            exist = np.flatnonzero(~np.isnan(positions[:, 0]))
-            lists = self.query_ball_point(positions[exist], r, workers=workers, return_sorted=True, time=time)
-            pairs = NeighborLists(lists.offsets, lists.ids, points=exist).pairs()
-            pairs = pairs[pairs[:, 0] < pairs[:, 1]]
+        pairs = self.neighbor_lists(r, time=time, pairs_once=True, sorted=True, workers=workers).pairs()
         return pairs if output_type == "ndarray" else set(map(tuple, pairs.tolist()))
 
     def count_neighbors(
@@ -407,8 +399,7 @@ class PointTree:
         """Find all neighbours of every point within a radius.
 
         One traversal of the tree serves many points. This is several times faster than `query_ball_point` for all points.
-        Points in float64 are searched one by one, without `larger`, `summed` and `displacements`; these need float32 (or
-        `round_to_f32`).
+        Of points in float64, differences are computed in float64; squared distances and displacements are rounded to float32.
 
         Parameters
         ----------

@@ -35,8 +35,8 @@ impl Periods {
     }
 
     /// The periods in the form that neighbour lists take.
-    pub fn for_lists(&self) -> [Option<f32>; 3] {
-        self.lengths.map(|length| (length > 0.0).then_some(length as f32))
+    pub fn for_lists(&self) -> [Option<f64>; 3] {
+        self.lengths.map(|length| (length > 0.0).then_some(length))
     }
 
     /// Whether both boxes have the same periods.

@@ -107,3 +107,29 @@ def test_lists_of_points_that_do_not_exist_are_empty():
     with pytest.raises(IndexError):
         lists[400]
     assert lists.to_objects()[1] == lists[1].tolist()
+
+
+@pytest.mark.parametrize("box", [None, 1.0, [0.3, 0, 0.7]])
+def test_lists_of_float64_points(box):
+    rng = np.random.default_rng(5)
+    size = np.broadcast_to(1.0 if box is None else np.where(np.float64(box) > 0, box, 1.0), 3)
+    places = rng.random((500, 3)) * size
+    tree = PointTree(places, boxsize=box)
+    way = places[None] - places[:, None]
+    if box is not None:
+        length = np.broadcast_to(np.float64(box), 3)
+        way -= np.where(length > 0, np.round(way / np.where(length > 0, length, 1)) * length, 0)
+    far = np.linalg.norm(way, axis=2) + np.eye(500) * 9
+    radii = rng.random(500) * 0.1
+    for lists, reach in [
+        (tree.neighbor_lists(0.13, distances=True, displacements=True, sorted=True), np.float64(0.13)),
+        (tree.neighbor_lists(radii, summed=True, distances=True, displacements=True, sorted=True), radii[:, None] + radii),
+        (tree.neighbor_lists(radii, larger=True, distances=True, displacements=True, sorted=True), np.maximum(radii[:, None], radii)),
+    ]:
+        rows, columns = np.nonzero(far <= reach)
+        assert np.array_equal(lists.ids, columns)
+        assert np.array_equal(np.diff(lists.offsets), np.bincount(rows, minlength=500))
+        assert np.allclose(lists.distances, far[rows, columns], rtol=1e-6)
+        assert np.allclose(lists.displacements, way[rows, columns], rtol=1e-6, atol=1e-12)
+    pairs = tree.query_pairs(0.13)
+    assert {tuple(pair) for pair in pairs} == {(i, j) for i, j in zip(*np.nonzero(far <= 0.13)) if i < j}

@@ -55,7 +55,7 @@ macro_rules! intrinsic {
 impl Avx512 {
     /// Squared distances of the first or the last eight points.
     #[inline(always)]
-    fn eight_distances(self, [x, y, z]: &[Lanes<f64>; 3], from: [f64; 3], half: usize) -> __m256 {
+    fn eight_distances(self, [x, y, z]: [&Lanes<f64>; 3], from: [f64; 3], half: usize) -> __m256 {
         let (x, y, z) = (&x.as_chunks::<8>().0[half], &y.as_chunks::<8>().0[half], &z.as_chunks::<8>().0[half]);
         intrinsic!({
             let x = _mm512_sub_pd(_mm512_loadu_pd(x.as_ptr()), _mm512_set1_pd(from[0]));
@@ -286,7 +286,18 @@ impl Simd for Avx512 {
         F(intrinsic!(_mm512_insertf32x8::<1>(_mm512_castps256_ps512(low), high)))
     }
     #[inline(always)]
-    fn squared_distances(self, rows: &[Lanes<f64>; 3], from: [f64; 3]) -> F {
+    fn store_compressed_d(self, row: &Lanes<f64>, mask: Mask, to: &mut Lanes<f64>) {
+        let (from, to) = (row.as_ptr(), to.as_mut_ptr());
+        let (low, high) = ((mask & 255) as u8, (mask >> 8) as u8);
+        let behind = low.count_ones() as usize;
+        intrinsic!({
+            _mm512_storeu_pd(to, _mm512_maskz_compress_pd(low, _mm512_loadu_pd(from)));
+            // At most eight behind the begin.
+            _mm512_storeu_pd(to.add(behind), _mm512_maskz_compress_pd(high, _mm512_loadu_pd(from.add(8))));
+        });
+    }
+    #[inline(always)]
+    fn squared_distances(self, rows: [&Lanes<f64>; 3], from: [f64; 3]) -> F {
         let (low, high) = (self.eight_distances(rows, from, 0), self.eight_distances(rows, from, 1));
         F(intrinsic!(_mm512_insertf32x8::<1>(_mm512_castps256_ps512(low), high)))
     }

@@ -1,6 +1,6 @@
 //! The operations of an instruction set on sixteen lanes, and kernels that are generic over it.
 
-use super::lanes::{Lanes, Mask, Rows};
+use super::lanes::{LANES, Lanes, Mask, Rows};
 use core::mem::MaybeUninit;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
@@ -151,7 +151,7 @@ pub(crate) trait Simd: Copy {
     /// Squared distances of sixteen points in rows from one point, in f64 as `(dx·dx + dy·dy) + dz·dz`, each rounded to
     /// a float.
     #[inline(always)]
-    fn squared_distances(self, [x, y, z]: &[Lanes<f64>; 3], from: [f64; 3]) -> Self::F {
+    fn squared_distances(self, [x, y, z]: [&Lanes<f64>; 3], from: [f64; 3]) -> Self::F {
         let mut squares = [self.splat_d(0.0); 4];
         for (four, square) in squares.iter_mut().enumerate() {
             let x = self.load_d(&x.as_chunks().0[four]) - self.splat_d(from[0]);
@@ -160,6 +160,15 @@ pub(crate) trait Simd: Copy {
             *square = (x * x + y * y) + z * z;
         }
         self.narrow_all(squares)
+    }
+    /// Writes the lanes of a mask one behind the other. What follows them is unspecified.
+    #[inline(always)]
+    fn store_compressed_d(self, row: &Lanes<f64>, mask: Mask, to: &mut Lanes<f64>) {
+        let mut end = 0;
+        for (lane, &x) in row.iter().enumerate() {
+            to[end % LANES] = x;
+            end += usize::from(mask >> lane & 1 != 0);
+        }
     }
     /// Lane `j` of vector `i` becomes lane `i` of vector `j`.
     fn transpose_d(self, rows: [Self::D; 4]) -> [Self::D; 4];

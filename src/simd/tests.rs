@@ -71,7 +71,14 @@ impl Kernel for All {
                 }),
                 out_f({
                     let rows = [self.a, self.b, self.a].map(|row| row.map(|x| f64::from(x) / 3.0));
-                    s.squared_distances(&rows, [self.b[1], self.a[2], self.b[3]].map(|x| f64::from(x) / 7.0))
+                    s.squared_distances(rows.each_ref(), [self.b[1], self.a[2], self.b[3]].map(|x| f64::from(x) / 7.0))
+                }),
+                out_f({
+                    let (mut to, count) = ([7.0; LANES], self.mask.count_ones() as usize);
+                    s.store_compressed_d(&self.b.map(|x| f64::from(x) / 3.0), self.mask, &mut to);
+                    to[count..].fill(0.0);
+                    let four = |i: usize| s.load_d(&to.as_chunks().0[i]);
+                    s.narrow_all([four(0), four(1), four(2), four(3)])
                 }),
                 out_f(thirds[0]),
                 out_f(thirds[1]),

@@ -8,19 +8,19 @@ use mbkd::{
     PointTree, Radii, SimdLevel, TimeInterval, TreePoint, Visitor,
 };
 
-struct Cloud {
-    keys: Vec<Vec<DVec3>>,
-    active: Vec<TimeInterval>,
+pub struct Cloud {
+    pub keys: Vec<Vec<DVec3>>,
+    pub active: Vec<TimeInterval>,
 }
 
-fn vec(rng: &mut Rng) -> DVec3 {
+pub fn vec(rng: &mut Rng) -> DVec3 {
     // More bits than f32 has.
     rng.vec().as_dvec3() + rng.vec().as_dvec3() * 1e-9
 }
 
 impl Cloud {
     /// Two clusters of this size, at this distance.
-    fn new(
+    pub fn new(
         count: usize,
         keys: usize,
         (size, apart, speed): (f64, f64, f64),
@@ -41,13 +41,13 @@ impl Cloud {
         cloud
     }
 
-    fn tree(&self, structure: PointStructure, simd: SimdLevel) -> Result<PointTree, PointError> {
+    pub fn tree(&self, structure: PointStructure, simd: SimdLevel) -> Result<PointTree, PointError> {
         let keys: Vec<&[DVec3]> = self.keys.iter().map(|key| &key[..]).collect();
         let params = PointParams { structure, simd, ..PointParams::default() };
         PointTree::build(&PointArrays { keys: &keys, active: &self.active, ids: &[] }, &params)
     }
 
-    fn at(&self, point: usize, time: f32) -> DVec3 {
+    pub fn at(&self, point: usize, time: f32) -> DVec3 {
         let segments = (self.keys.len() - 1).max(1);
         // The product is exact.
         let along = f64::from(time) * segments as f64;
@@ -110,7 +110,7 @@ fn compare(cloud: &Cloud, tree: &PointTree, q: DVec3, time: f32, about: &str) {
     assert_eq!(tree.nearest_n_batch(&[(q, time)], 4).get(0), &all[..4.min(all.len())]);
 }
 
-const STRUCTURES: [PointStructure; 3] =
+pub const STRUCTURES: [PointStructure; 3] =
     [PointStructure::Automatic, PointStructure::Linear, PointStructure::TimeSlices(3)];
 
 #[test]
@@ -204,111 +204,6 @@ fn clusters_far_apart_keep_their_spacing() {
     assert!(work.blocks < 20, "{work:?}");
 }
 
-/// Lists as ids and bits of squared distances.
-type Lists = Vec<Vec<(u32, u32)>>;
-
-/// The squared distances of all points of one cloud from those of another at a time, rounded once; `None` if one of
-/// both does not exist then.
-fn compare_all(own: &Cloud, among: &Cloud, time: f32) -> Vec<Vec<Option<f32>>> {
-    let places = |cloud: &Cloud| -> Vec<Option<DVec3>> {
-        let place = |i: usize| cloud.active[i].contains(time).then(|| cloud.at(i, time));
-        (0..cloud.active.len()).map(place).collect()
-    };
-    let (own, among) = (places(own), places(among));
-    let squared = |q: Option<DVec3>, p: &Option<DVec3>| {
-        let d = (*p)? - q?;
-        Some(((d.x * d.x + d.y * d.y) + d.z * d.z) as f32)
-    };
-    own.iter().map(|q| among.iter().map(|p| squared(*q, p)).collect()).collect()
-}
-
-/// The filtered lists within the radii, by id.
-fn within(all: &[Vec<Option<f32>>], radii: &[f32], keep: impl Fn(u32, u32) -> bool) -> Lists {
-    let list = |(i, (row, radius)): (u32, (&Vec<Option<f32>>, &f32))| {
-        let near = (0..).zip(row).filter_map(|(j, squared)| Some((j, (*squared)?)));
-        let near = near.filter(|&(j, squared)| squared <= radius * radius && keep(i, j));
-        near.map(|(j, squared)| (j, squared.to_bits())).collect()
-    };
-    (0..).zip(all.iter().zip(radii)).map(list).collect()
-}
-
-fn found(lists: &NeighborCsr) -> Lists {
-    let entry = |n: usize| (lists.ids()[n], lists.distances_squared()[n].to_bits());
-    lists.offsets().windows(2).map(|ends| (ends[0]..ends[1]).map(entry).collect()).collect()
-}
-
-/// The lists at a time by comparing all pairs.
-struct Expected {
-    time: f32,
-    all: Vec<Vec<Option<f32>>>,
-    /// Within the same radius of all points: of the others, of those with a higher id, of another set.
-    equal: [Lists; 3],
-}
-
-impl Expected {
-    fn new(cloud: &Cloud, other: &Cloud, radii: &[f32], time: f32) -> Expected {
-        let (all, all_others) = (compare_all(cloud, cloud, time), compare_all(cloud, other, time));
-        let others = within(&all, radii, |i, j| i != j);
-        assert!(others.iter().any(|list| list.len() > 3));
-        let equal = [others, within(&all, radii, |i, j| i < j), within(&all_others, radii, |_, _| true)];
-        Expected { time, all, equal }
-    }
-}
-
-#[test]
-fn lists_equal_comparing_all_pairs() {
-    let mut rng = Rng(23);
-    let mut lists = NeighborCsr::new();
-    for (size, apart, speed) in [(1.0, 1e7, 0.0), (1e-3, 1e7, 1e-4), (1.0, 0.0, 2.0), (1e-20, 1e-3, 0.0)] {
-        for (keys, partly_active) in [(1, false), (2, true), (4, false)] {
-            let cloud = Cloud::new(600, keys, (size, apart, speed), partly_active, &mut rng);
-            let other = Cloud::new(100, keys, (size, apart, speed), partly_active, &mut rng);
-            let radius = (0.4 * size) as f32;
-            let equal = vec![radius; 600];
-            let expected = |time| Expected::new(&cloud, &other, &equal, time);
-            let ends = [expected(0.0), expected(1.0)];
-            for simd in SimdLevel::available() {
-                for structure in STRUCTURES {
-                    let [tree, others] = [&cloud, &other].map(|cloud| cloud.tree(structure, simd).unwrap());
-                    for expected in ends.iter().chain([&expected(rng.unit())]) {
-                        let time = expected.time;
-                        let about = format!("{size} {apart} {speed}, {keys} keys, {structure:?}, {simd}, at {time}");
-                        let own: Vec<f32> = equal.iter().map(|r| r * 2.0 * rng.unit()).collect();
-                        let query = tree.neighbor_lists(time, radius).with_distances().sorted().rows_by_id();
-                        let [of_others, higher, of_another] = &expected.equal;
-                        query.run(&mut lists).unwrap();
-                        assert_eq!(found(&lists), *of_others, "{about}");
-                        query.pairs_once().run(&mut lists).unwrap();
-                        assert_eq!(found(&lists), *higher, "{about}");
-                        query.among(&others).run(&mut lists).unwrap();
-                        assert_eq!(found(&lists), *of_another, "{about}");
-                        let query = tree.neighbor_lists(time, Radii::Own(&own)).with_distances().sorted().rows_by_id();
-                        query.run(&mut lists).unwrap();
-                        assert_eq!(found(&lists), within(&expected.all, &own, |i, j| i != j), "{about}");
-                    }
-                }
-            }
-        }
-    }
-}
-
-#[test]
-fn lists_do_not_depend_on_the_number_of_threads() {
-    let cloud = Cloud::new(5000, 2, (1.0, 1e7, 0.1), true, &mut Rng(31));
-    let tree = cloud.tree(PointStructure::Automatic, SimdLevel::best()).unwrap();
-    let lists = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let mut lists = NeighborCsr::new();
-        pool.install(|| tree.neighbor_lists(0.3, 0.2).with_distances().run(&mut lists)).unwrap();
-        (lists.points().to_vec(), found(&lists))
-    };
-    let alone = lists(1);
-    assert!(alone.1.iter().map(Vec::len).sum::<usize>() > 5000);
-    for threads in [2, 3, 8] {
-        assert_eq!(lists(threads), alone, "{threads} threads");
-    }
-}
-
 #[test]
 fn queries_that_f64_points_do_not_support_are_rejected() {
     let cloud = Cloud::new(100, 2, (1.0, 1e7, 1.0), false, &mut Rng(1));
@@ -317,18 +212,11 @@ fn queries_that_f64_points_do_not_support_are_rejected() {
     let tree = cloud.tree(PointStructure::Automatic, SimdLevel::best()).unwrap();
     let mut lists = NeighborCsr::new();
     let query = tree.neighbor_lists(0.0, 1.0);
-    assert_eq!(query.periodic([Some(9.0), None, None]).run(&mut lists), Err(ListError::Double));
-    assert_eq!(query.with_displacements().run(&mut lists), Err(ListError::Double));
-    let larger = Radii::Larger { own: &[1.0; 100], others: &[1.0; 100] };
-    assert_eq!(tree.neighbor_lists(0.0, larger).run(&mut lists), Err(ListError::Double));
-    let sum = Radii::Sum { own: &[1.0; 100], others: &[1.0; 100] };
-    assert_eq!(tree.neighbor_lists(0.0, sum).run(&mut lists), Err(ListError::Double));
     let own = Radii::Own(&[1.0; 99]);
     assert_eq!(tree.neighbor_lists(0.0, own).run(&mut lists), Err(ListError::MissingRadius { id: 99 }));
     let single = PointTree::build(&[[0.0f32; 3]], &PointParams::default()).unwrap();
     assert_eq!(query.among(&single).run(&mut lists), Err(ListError::Double));
     assert_eq!(single.neighbor_lists(0.0, 1.0).among(&tree).run(&mut lists), Err(ListError::Double));
-    assert_eq!(tree.within_lists(&[[0.0f64; 3]], 0.0, 1.0).run(&mut lists), Err(ListError::Double));
     assert_eq!(tree.neighbor_lists_with_skin(0.0, 1.0, 0.1, 1.0, &mut lists), Err(ListError::Double));
     assert!(matches!(tree.neighbor_lists_swept(TimeInterval::FULL, 1.0), Err(ListError::Double)));
     // Rounded to f32, all of it works.

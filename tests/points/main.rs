@@ -5,6 +5,8 @@ mod api;
 mod approximate;
 mod double;
 #[cfg(feature = "rayon")]
+mod double_lists;
+#[cfg(feature = "rayon")]
 #[path = "../support/encounter.rs"]
 mod encounter;
 mod exact;

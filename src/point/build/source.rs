@@ -90,6 +90,12 @@ impl Source {
         Ok(Source { len, keys, origin, positions, exact, active, ids })
     }
 
+    /// Static points that are kept in f64, whatever they are; their positions are in order.
+    pub(in crate::point) fn of_static_in_f64(exact: Vec<DVec3>, origin: DVec3) -> Source {
+        let (len, positions, active, ids) = (exact.len(), Vec::new(), Vec::new(), Vec::new());
+        Source { len, keys: 1, origin, positions, exact, active, ids }
+    }
+
     /// Position of a point at a key as the trees hold it.
     #[inline(always)]
     pub(in crate::point) fn at(&self, point: usize, key: usize) -> [f32; 3] {

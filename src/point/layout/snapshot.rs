@@ -80,13 +80,19 @@ pub(in crate::point) trait View: Leaves {
     fn prefetch_node(&self, node: usize);
 }
 
-/// A tree at a time, all of whose positions are f32 numbers relative to one origin: what neighbour lists need.
+/// A tree at a time, with positions relative to one place for all of it: what neighbour lists need. Positions in f64 are rounded to
+/// f32 relative to the view's query point.
 pub(in crate::point) trait CoordinateView: View {
-    /// Lower and upper faces of the child boxes; the lower ones are above the upper if there is no child at this
-    /// time.
+    /// Lower and upper faces of the child boxes, which hold the exact positions. Where there is no child at this time, the lower
+    /// ones are not below the upper.
     fn faces<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]);
     /// Positions of the points; the first coordinate is at least [`f32::MAX`] if there is no point at this time.
     fn positions<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> [S::F; 3];
+    /// The positions in f64, where the others are rounded; the first coordinate is infinite if there is no point at this time.
+    #[inline(always)]
+    fn exact_positions<S: Simd>(&self, _s: S, _block: usize) -> Option<ExactRows> {
+        None
+    }
     /// Lanes with a child at this time.
     #[inline(always)]
     fn present<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> Mask {
@@ -94,6 +100,11 @@ pub(in crate::point) trait CoordinateView: View {
         s.le(lo[0], hi[0])
     }
 }
+
+/// Coordinates of sixteen points in f64, in rows.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(in crate::point) struct ExactRows(pub(in crate::point) [Lanes<f64>; 3]);
 
 /// The squared length of `(x, y, z)`, in the one order of operations that all answers share.
 #[inline(always)]

@@ -5,9 +5,10 @@ use super::error::ListError;
 use super::radii::Radii;
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::parallel;
-use crate::point::error::PointError;
+use crate::point::build::source::Source;
 use crate::point::tree::{PointParams, PointTree};
 use crate::primitive::Position;
+use crate::progress::Progress;
 use glam::Vec3;
 
 /// Many radius queries in preparation; made by [`PointTree::within_lists`].
@@ -75,8 +76,8 @@ impl<Q: Position> BulkQuery<'_, Q> {
         let BulkQuery { among, queries, .. } = self;
         lists.offsets.clear();
         lists.points.clear();
-        if !among.precise.is_empty() {
-            return Err(ListError::Double);
+        if queries.len() >= u32::MAX as usize {
+            return Err(ListError::TooManyQueries);
         }
         let positions: Vec<Vec3> = queries.iter().map(|query| query.relative(among.origin)).collect();
         let fine = |position: &Vec3| position.abs().cmple(Vec3::splat(MAX_POINT_COORDINATE as f32)).all();
@@ -84,12 +85,14 @@ impl<Q: Position> BulkQuery<'_, Q> {
             return Err(ListError::Query { query });
         }
         let params = PointParams { simd: among.simd, ..PointParams::default() };
-        let mut of_queries = match PointTree::build(&positions, &params) {
-            Ok(of_queries) => of_queries,
-            Err(PointError::TooManyPoints { .. }) => return Err(ListError::TooManyQueries),
-            Err(error) => unreachable!("the positions have been checked: {error}"),
+        let built = if among.precise.is_empty() {
+            PointTree::build(&positions, &params)
+        } else {
+            let exact = queries.iter().map(|query| query.wide()).collect();
+            PointTree::of(&Source::of_static_in_f64(exact, among.origin), &params, &Progress::new(None))
         };
-        // The positions are relative to this origin already.
+        let mut of_queries = built.expect("the positions and their number have been checked");
+        // Positions in f32 are relative to this origin already.
         of_queries.origin = among.origin;
         let mut query = of_queries.neighbor_lists(self.time, self.radii).among(among);
         if self.distances {

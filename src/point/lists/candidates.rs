@@ -2,9 +2,9 @@
 
 use super::group::{BlockPoints, Group};
 use super::periodic_box::PeriodicBox;
-use super::radii::{Radii, radius_of, squared_radii};
+use super::radii::{Margin, Radii, radius_of};
 use super::reach::Reach;
-use crate::point::layout::snapshot::{CoordinateView, Target, squared};
+use crate::point::layout::snapshot::{CoordinateView, ExactRows, Target, squared};
 use crate::simd::{LANES, Lanes, Mask, Simd, first_lanes, lanes_at, lanes_at_mut};
 
 /// Boxes in rows, each with the candidate it is around and how far the points in it reach.
@@ -24,7 +24,7 @@ pub(super) enum Within<'a> {
     /// Within a distance, of which this is the square.
     Squared(f32),
     /// As near as neighbours of points with radii up to this one.
-    Radius(&'a Radii<'a>, f32),
+    Radius(&'a Radii<'a>, f32, Margin),
 }
 
 impl Within<'_> {
@@ -34,7 +34,7 @@ impl Within<'_> {
     fn squared<S: Simd>(self, s: S, reach: S::F) -> S::F {
         match self {
             Within::Squared(bound) => s.splat(bound),
-            Within::Radius(radii, radius) => squared_radii(s, radii.joint(s, s.splat(radius), reach)),
+            Within::Radius(radii, radius, margin) => margin.squared(s, radii.joint(s, s.splat(radius), reach)),
         }
     }
 }
@@ -133,6 +133,8 @@ pub(super) fn write<S: Simd>(s: S, column: &mut [f32], at: usize, x: S::F, mask:
 pub(super) struct Candidates {
     pub(super) boxes: BoxRows,
     pub(super) blocks: Vec<BlockPoints>,
+    /// Their positions in f64, where those are rounded.
+    pub(super) exact: Vec<ExactRows>,
     /// Radii of the points in the blocks, where these count.
     pub(super) radii: Vec<Lanes<f32>>,
     /// Whether the nearest image of any candidate is a wrapped one for any point of the group.
@@ -145,6 +147,7 @@ impl Candidates {
     pub(super) fn clear(&mut self) {
         self.boxes.clear();
         self.blocks.clear();
+        self.exact.clear();
         self.radii.clear();
         self.wrapped = false;
     }
@@ -152,6 +155,7 @@ impl Candidates {
     pub(super) fn bytes(&self) -> usize {
         self.boxes.bytes()
             + self.blocks.capacity() * size_of::<BlockPoints>()
+            + self.exact.capacity() * size_of::<ExactRows>()
             + self.radii.capacity() * size_of::<Lanes<f32>>()
             + self.open.capacity() * size_of::<(usize, usize)>()
     }
@@ -166,6 +170,7 @@ impl Candidates {
         periodic_box: &PeriodicBox,
         (radii, reach): (&Radii, Option<&Reach>),
     ) {
+        let within = Within::Radius(radii, group.radius, group.margin);
         self.open.clear();
         self.open.push(view.root());
         while let Some((level, node)) = self.open.pop() {
@@ -179,11 +184,11 @@ impl Candidates {
             if periodic_box.any {
                 let moved = periodic_box.wrap(s, (lo, hi), (group.lo, group.hi));
                 (boxes.lo, boxes.hi) = (moved.lo, moved.hi);
-                near = boxes.near(s, group.lo, group.hi, Within::Radius(radii, group.radius)) & present;
+                near = boxes.near(s, group.lo, group.hi, within) & present;
                 self.wrapped |= level == 0 && near & moved.wrapped != 0;
                 (boxes.lo, boxes.hi) = moved.widened(s);
             } else {
-                near = boxes.near(s, group.lo, group.hi, Within::Radius(radii, group.radius)) & present;
+                near = boxes.near(s, group.lo, group.hi, within) & present;
             }
             if level > 0 {
                 let first = view.first_child(level, node);
@@ -204,7 +209,9 @@ impl Candidates {
                     let lane = rest.trailing_zeros() as usize;
                     rest &= rest - 1;
                     number[lane] = self.blocks.len() as u32;
-                    let points = BlockPoints::of_block(s, view, target, first + lane * stride + part);
+                    let block = first + lane * stride + part;
+                    let points = BlockPoints::of_block(s, view, target, block);
+                    self.exact.extend(view.exact_positions(s, block));
                     if let Some(others) = radii.others() {
                         self.radii.push(points.id.map(|id| radius_of(others, id)));
                     }

@@ -49,8 +49,8 @@ pub enum ListError {
     TooManyQueries,
     /// The two trees keep their positions relative to different origins, as trees of f64 positions do.
     Origins,
-    /// A tree holds its positions in f64, and the request needs positions in f32: periodic axes, displacements, the larger
-    /// of two radii or their sum, lists with a skin or over an interval, of many positions at once, or points in f64 among others in f32.
+    /// A tree holds its positions in f64, and the request needs positions in f32: lists with a skin or over an interval, or points
+    /// in f64 among others in f32.
     Double,
     /// Lists were requested in the order of ids, but among the points that exist at the time, one has an id that is not
     /// less than the number of all points, or two have the same id.

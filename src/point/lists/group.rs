@@ -1,7 +1,7 @@
 //! The points of a group of leaves, whose lists are made together.
 
-use super::radii::{Radii, radius_of};
-use crate::point::layout::snapshot::{CoordinateView, Target};
+use super::radii::{Margin, Radii, radius_of};
+use crate::point::layout::snapshot::{CoordinateView, ExactRows, Target};
 use crate::simd::{LANES, Lanes, Simd};
 
 /// The points of a block at a time, in rows. In lanes without a point, the first coordinate is infinite.
@@ -48,10 +48,14 @@ pub(super) struct Member {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Group {
     pub(super) members: Vec<Member>,
+    /// The positions of the members in f64, where those are rounded.
+    pub(super) exact: Vec<ExactRows>,
     pub(super) lo: [f32; 3],
     pub(super) hi: [f32; 3],
     /// The largest radius.
     pub(super) radius: f32,
+    /// By how much more boxes have to be searched.
+    pub(super) margin: Margin,
 }
 
 impl Group {
@@ -66,6 +70,7 @@ impl Group {
         radii: &Radii,
     ) {
         self.members.clear();
+        self.exact.clear();
         (self.lo, self.hi, self.radius) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3], 0.0);
         let mut lanes = view.present(s, target, node);
         while lanes != 0 {
@@ -81,9 +86,12 @@ impl Group {
                     }
                     self.radius = self.radius.max(member.radius);
                     self.members.push(member);
+                    self.exact.extend(view.exact_positions(s, block));
                 }
             }
         }
+        let size = (0..3).fold(0.0f32, |size, axis| size.max(self.lo[axis].abs()).max(self.hi[axis].abs()));
+        self.margin = if self.exact.is_empty() { Margin::NONE } else { Margin::of_rounding(size) };
     }
 }
 

@@ -54,7 +54,7 @@ pub(super) struct ListRequest<'a> {
     pub(super) tree: &'a PointTree,
     pub(super) among: &'a PointTree,
     pub(super) time: f32,
-    pub(super) periods: [Option<f32>; 3],
+    pub(super) periods: [Option<f64>; 3],
     pub(super) listing: Listing<'a>,
     /// Whether lists are in the order of ids.
     pub(super) by_id: bool,
@@ -69,14 +69,14 @@ impl ListRequest<'_> {
         let both = !self.tree.is_empty() && !self.among.is_empty();
         let [own, others] = [self.tree, self.among].map(|tree| !tree.precise.is_empty());
         if own || others {
-            let Listing { radii, displacements, .. } = self.listing;
-            if radii.others().is_some() || displacements || self.periods != [None; 3] || both && own != others {
+            if both && own != others {
                 return Err(ListError::Double);
             }
         } else if self.tree.origin() != self.among.origin() && both {
             return Err(ListError::Origins);
         }
-        let bad = |axis: &usize| self.periods[*axis].is_some_and(|length| !(length.is_normal() && length > 0.0));
+        let good = |length: f64| (length as f32).is_normal() && length > 0.0;
+        let bad = |axis: &usize| self.periods[*axis].is_some_and(|length| !good(length));
         if let Some(axis) = (0..3).find(bad) {
             return Err(ListError::Period { axis });
         }

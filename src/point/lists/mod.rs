@@ -11,7 +11,9 @@
 //! lists in one array).
 //!
 //! [`bulk`] makes lists for positions that are not points of a tree. [`swept`] makes lists over an interval of time.
-//! [`double`] makes the lists of points in f64, with one search for each.
+//!
+//! Points in f64 are culled by their positions relative to the middle of the sixteen leaves, rounded to f32, and compared in f64
+//! ([`coordinate`], [`list_layer`]).
 //!
 //! **Why no neighbour is lost.** The proof is that of [`super::layout::snapshot`], with a box instead of the query point:
 //! for `p` in `[lo, hi]` and `q` in `[lo', hi']`, consider the gap `max(lo − hi', lo' − hi, 0)`, each difference rounded
@@ -22,11 +24,12 @@ mod bulk;
 mod by_id;
 mod candidates;
 mod columns;
+mod coordinate;
 mod csr;
-mod double;
 mod error;
 mod group;
 mod in_order;
+mod list_layer;
 mod list_request;
 mod periodic_box;
 mod prepare;

@@ -15,7 +15,9 @@
 //! are wrong by at most 2Mu, (2M + L)u and (2M + L)u: below 8Mu together. A face of a wrapped box is wrong by at most
 //! 2(2M + L)u, below 6Mu, before the difference with the group's face, which is rounded as `d` is. Wrapped boxes are
 //! widened by 32Mu, and the test whether an image is the nearest for all points requires a margin of 32Mu to half a
-//! period, which covers `d · (1/L)` with its three roundings of at most (|d| + L)u each.
+//! period, which covers `d · (1/L)` with its three roundings of at most (|d| + L)u each. It also covers what positions in f64
+//! add, whose coordinates here are relative to the group and rounded: M u each, and as much for `L·k` with L rounded to f32. For
+//! them differences and k are computed in f64 instead.
 
 use crate::simd::{Mask, Simd};
 
@@ -25,13 +27,15 @@ pub(super) struct PeriodicBox {
     pub(super) period: [f32; 3],
     /// 1/L, or zero.
     pub(super) inverse: [f32; 3],
+    /// The lengths as they were given, for positions in f64.
+    exact_period: [f64; 3],
     /// Whether any axis is periodic.
     pub(super) any: bool,
 }
 
 /// The greatest number of periods that a coordinate may be from zero. Up to there the rounding to whole numbers below is
 /// right, and M is at most a million periods.
-pub(super) const MOST_PERIODS: f32 = 1e6;
+pub(super) const MOST_PERIODS: f64 = 1e6;
 
 /// How much wrapped boxes are widened, and the required margin to half a period, relative to the magnitude of the
 /// coordinates: 32u.
@@ -39,10 +43,11 @@ const SLACK: f32 = 32.0 / 16_777_216.0;
 
 impl PeriodicBox {
     /// The box with these periods; `None` along axes that are not periodic.
-    pub(super) fn new(periods: [Option<f32>; 3]) -> PeriodicBox {
-        let period = periods.map(|length| length.unwrap_or(0.0));
+    pub(super) fn new(periods: [Option<f64>; 3]) -> PeriodicBox {
+        let exact_period = periods.map(|length| length.unwrap_or(0.0));
+        let period = exact_period.map(|length| length as f32);
         let inverse = period.map(|length| if length > 0.0 { 1.0 / length } else { 0.0 });
-        PeriodicBox { period, inverse, any: periods.iter().any(Option::is_some) }
+        PeriodicBox { period, inverse, exact_period, any: periods.iter().any(Option::is_some) }
     }
 
     /// The difference to the nearest image, for positions that are at most [`MOST_PERIODS`] from zero.
@@ -50,6 +55,19 @@ impl PeriodicBox {
     pub(super) fn nearest<S: Simd>(&self, s: S, d: S::F, axis: usize) -> S::F {
         let k = round(s, d * s.splat(self.inverse[axis]));
         d - k * s.splat(self.period[axis])
+    }
+
+    /// The same of positions in f64, and with the length as it was given.
+    #[inline(always)]
+    pub(super) fn nearest_exactly<S: Simd>(&self, s: S, d: S::D, axis: usize) -> S::D {
+        let length = self.exact_period[axis];
+        if length <= 0.0 {
+            return d;
+        }
+        // The sum has no bits left for fractions.
+        let shift = s.splat_d(6_755_399_441_055_744.0);
+        let k = (d * s.splat_d(1.0 / length) + shift) - shift;
+        d - k * s.splat_d(length)
     }
 
     /// Wraps boxes along the periodic axes to where they bound the differences to the group's box `[lo, hi]`.
@@ -147,7 +165,7 @@ mod tests {
         let (s, mut random, mut wrong) = (Portable, Random(5), [0, 0]);
         for round in 0..20_000 {
             let length = 0.5 + random.unit();
-            let periodic_box = PeriodicBox::new([Some(length), None, None]);
+            let periodic_box = PeriodicBox::new([Some(f64::from(length)), None, None]);
             let away = [0.0, 1.0, 30.0, 1e5][round % 4] * length;
             let q = random.signed() * (away + length);
             let pairs: Lanes<[f32; 2]> = core::array::from_fn(|lane| {

@@ -1,12 +1,13 @@
 //! What is computed before lists are made: the groups of leaves, how far points reach, and whether all is within bounds.
 
 use super::error::ListError;
+use super::list_layer::{ListLayer, ListView, with_view};
 use super::list_request::ListRequest;
 use super::periodic_box::MOST_PERIODS;
 use super::radii::Radii;
 use super::reach::{Measure, Reach};
 use crate::point::layout::snapshot::CoordinateView;
-use crate::point::search::layers::{Layer, LayerView};
+use crate::point::tree::PointTree;
 use crate::simd::{Kernel, LANES, Simd, dispatch};
 use glam::Vec3;
 
@@ -28,49 +29,29 @@ impl Prepared {
     }
 }
 
-/// Runs a kernel on each layer of a tree at a time. Lists are made over boxes only: see `PointTree::box_tree_at`.
-macro_rules! at_time {
-    ($layer:expr, $time:expr, $view:ident => $do:expr) => {
-        match $layer.at($time) {
-            LayerView::Static($view) => $do,
-            LayerView::Moving($view) => $do,
-            LayerView::Timed($view) => $do,
-            LayerView::Planes(_) => unreachable!("put into boxes before lists are made"),
-        }
-    };
-}
-
-pub(super) use at_time;
-
 /// Prepares a request: finds the groups, measures how far points reach, and validates coordinates and radii.
 pub(super) fn prepare(request: &ListRequest<'_>, prepared: &mut Prepared) -> Result<(), ListError> {
     let (simd, time) = (request.tree.simd, request.time);
     prepared.groups.clear();
-    for (number, layer) in request.tree.layers.iter().enumerate() {
+    // Positions in f64 are measured from here.
+    let origin = request.tree.origin();
+    for (number, layer) in ListLayer::all(request.tree).enumerate() {
         let groups = &mut prepared.groups;
-        at_time!(layer, time, view => dispatch(simd, FindBottomNodes { view, number, groups }));
+        with_view!(layer.at(origin, time), view => dispatch(simd, FindBottomNodes { view, number, groups }));
     }
-    for (number, layer) in request.tree.precise.iter().enumerate() {
-        let tree = layer.tree_at(time);
-        prepared.groups.extend((0..tree.bottom_nodes()).map(|node| (number, node)));
-        if let Radii::Own(own) = request.listing.radii
-            && let Some(id) = tree.ids().find(|&id| id as usize >= own.len())
-        {
-            return Err(ListError::MissingRadius { id });
-        }
-    }
-    for layer in request.tree.layers.iter().chain(&request.among.layers) {
-        let most = at_time!(layer, time, view => dispatch(simd, Extent { view }));
+    for layer in ListLayer::all(request.tree).chain(ListLayer::all(request.among)) {
+        let most = with_view!(layer.at(origin, time), view => dispatch(simd, Extent { view }));
         for (axis, length) in request.periods.iter().enumerate() {
-            if length.is_some_and(|length| most[axis] > MOST_PERIODS * length) {
+            if length.is_some_and(|length| f64::from(most[axis]) > MOST_PERIODS * length) {
                 return Err(ListError::FarFromPeriod { axis });
             }
         }
     }
-    let mut measure = |layers: &[Layer], radii: &[f32]| {
-        prepared.reaches.resize(prepared.reaches.len().max(layers.len()), Reach::default());
-        for (layer, reach) in layers.iter().zip(&mut prepared.reaches) {
-            at_time!(layer, time, view => dispatch(simd, Measure { view, radii, reach }));
+    let mut measure = |tree: &PointTree, radii: &[f32]| {
+        let count = ListLayer::all(tree).count();
+        prepared.reaches.resize(prepared.reaches.len().max(count), Reach::default());
+        for (layer, reach) in ListLayer::all(tree).zip(&mut prepared.reaches) {
+            with_view!(layer.at(origin, time), view => dispatch(simd, Measure { view, radii, reach }));
             if let Some(id) = reach.missing {
                 return Err(ListError::MissingRadius { id });
             }
@@ -79,10 +60,10 @@ pub(super) fn prepare(request: &ListRequest<'_>, prepared: &mut Prepared) -> Res
     };
     match request.listing.radii {
         Radii::Equal(_) => Ok(()),
-        Radii::Own(own) => measure(&request.tree.layers, own),
+        Radii::Own(own) => measure(request.tree, own),
         Radii::Larger { own, others } | Radii::Sum { own, others } => {
-            measure(&request.tree.layers, own)?;
-            measure(&request.among.layers, others)
+            measure(request.tree, own)?;
+            measure(request.among, others)
         }
     }
 }

@@ -27,8 +27,7 @@ impl PointTree {
     ///
     /// Cost: one walk through the tree for sixteen neighbouring leaves, then about one vector operation on sixteen
     /// candidates for two to three neighbours found. Of [`PointStructure::Mbkd`](crate::PointStructure::Mbkd) the points
-    /// that exist at the time are put into a tree of boxes first. Of points kept in f64 each list is a search of its own,
-    /// and there are no periodic axes, displacements, [`Radii::Larger`] or [`Radii::Sum`] ([`ListError::Double`]).
+    /// that exist at the time are put into a tree of boxes first.
     ///
     /// ```
     /// use mbkd::{MovingPoint, NeighborCsr, PointParams, PointTree, glam::Vec3};
@@ -73,12 +72,13 @@ impl<'a> ListQuery<'a> {
         self
     }
 
-    /// Makes axes periodic with these lengths: points are as far apart as their nearest images.
+    /// Makes axes periodic with these lengths: points are as far apart as their nearest images. Lengths are rounded to f32,
+    /// unless positions are kept in f64.
     ///
     /// Positions may lie anywhere, also several periods away. Each neighbour is listed once, at its nearest image; with
     /// a radius of more than half a period, further images would lie within it too, and are not listed.
-    pub fn periodic(mut self, lengths: [Option<f32>; 3]) -> Self {
-        self.request.periods = lengths;
+    pub fn periodic<L: Into<f64>>(mut self, lengths: [Option<L>; 3]) -> Self {
+        self.request.periods = lengths.map(|length| length.map(Into::into));
         self
     }
 

@@ -70,6 +70,43 @@ impl<'a> Radii<'a> {
     }
 }
 
+/// By how much farther than radii boxes are searched: where positions are rounded.
+///
+/// **Why no neighbour is lost.** Let u = 2^-24. Positions in f64 are rounded relative to a place in the box around a group of points, so by
+/// u times their distance from there: at most the size g of that box for a point of the group, and g + r for a neighbour within r
+/// of it. Along each axis the computed gap of two boxes, or of a point and a box, exceeds the exact difference of two positions in
+/// them by at most (2g + r)u and by u of itself, hence the square root of the sum of the squares by less than 4(g + r)u and 3u of
+/// itself. That the squared distance is computed as at most that of the radius means that r is at most 2u of itself above the
+/// radius (or 1e-22, where squares underflow). Adding 16u of the radius and of g is enough with the rounding of these sums and of their square.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Margin {
+    factor: f32,
+    sum: f32,
+}
+
+impl Default for Margin {
+    fn default() -> Margin {
+        Margin::NONE
+    }
+}
+
+impl Margin {
+    /// For positions that are not rounded.
+    pub(super) const NONE: Margin = Margin { factor: 1.0, sum: 0.0 };
+
+    /// For points of a group that have coordinates up to `size`, relative to the place where they are rounded.
+    pub(super) fn of_rounding(size: f32) -> Margin {
+        const UNITS: f32 = 8.0 * f32::EPSILON;
+        Margin { factor: 1.0 + UNITS, sum: UNITS * size + 1e-21 }
+    }
+
+    /// The squared distance up to which boxes are near whose points are within a radius.
+    #[inline(always)]
+    pub(super) fn squared<S: Simd>(self, s: S, radii: S::F) -> S::F {
+        squared_radii(s, radii * s.splat(self.factor) + s.splat(self.sum))
+    }
+}
+
 /// The radius of a point; 0 for lanes without one.
 #[inline(always)]
 pub(super) fn radius_of(radii: &[f32], id: u32) -> f32 {

@@ -2,11 +2,12 @@
 
 use super::candidates::{BoxRows, Candidates, Selection, Within, write};
 use super::columns::Columns;
-use super::group::Member;
+use super::coordinate::{Coordinate, Seen};
+use super::group::Group;
 use super::list_request::{Excluded, Listing};
 use super::radii::{Radii, squared_radii, squared_radius};
 use crate::point::layout::snapshot::{rows, squared};
-use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at_mut};
+use crate::simd::{LANES, Mask, Simd, lanes_at_mut};
 
 /// Lists in the making, one behind the other.
 #[derive(Clone, Debug, Default)]
@@ -47,9 +48,18 @@ const NOT_GREATER: u8 = 2;
 
 /// Points in rows.
 #[derive(Clone, Debug, Default)]
-struct PointRows {
-    at: [Vec<f32>; 3],
+pub(super) struct PointRows {
+    /// Positions: these, or those in f64.
+    pub(super) at: [Vec<f32>; 3],
+    pub(super) exact: [Vec<f64>; 3],
     id: Vec<u32>,
+}
+
+impl PointRows {
+    fn bytes(&self) -> usize {
+        let at = self.at.iter().map(Vec::capacity).sum::<usize>();
+        4 * (at + self.id.capacity()) + 8 * self.exact.iter().map(Vec::capacity).sum::<usize>()
+    }
 }
 
 /// Room for `count` masks.
@@ -66,78 +76,93 @@ fn room_for(hits: &mut Vec<Mask>, count: usize) -> &mut [Mask] {
 
 impl RowBuilder {
     pub(super) fn bytes(&self) -> usize {
-        let points = self.points.at.iter().map(Vec::capacity).sum::<usize>() + self.points.id.capacity();
-        self.boxes.bytes() + self.selected.bytes() + 4 * points + size_of::<Mask>() * self.hits.capacity()
+        self.boxes.bytes() + self.selected.bytes() + self.points.bytes() + size_of::<Mask>() * self.hits.capacity()
+    }
+
+    /// Appends the lists of the points of a group, whose positions are numbers of type `C`.
+    #[inline(always)]
+    pub(super) fn lists<S: Simd, C: Coordinate>(
+        &mut self,
+        s: S,
+        listing: &Listing,
+        group: &Group,
+        candidates: &Candidates,
+        lists: &mut Lists,
+    ) {
+        for member in 0..group.members.len() {
+            self.list::<S, C>(s, listing, (group, member), candidates, lists);
+        }
     }
 
     /// Appends the lists of a member of a group.
     #[inline(always)]
-    pub(super) fn list<S: Simd>(
+    fn list<S: Simd, C: Coordinate>(
         &mut self,
         s: S,
         listing: &Listing,
-        member: &Member,
+        of: (&Group, usize),
         candidates: &Candidates,
         lists: &mut Lists,
     ) {
         if !candidates.wrapped && matches!(listing.radii, Radii::Equal(_)) {
-            let gathered = self.gather_points(s, listing, member, candidates);
+            let gathered = self.gather_points::<S, C>(s, listing, of, candidates);
             let plain = !listing.distances && !listing.displacements;
             return match (listing.excluded(), plain) {
-                (Excluded::Own, true) => self.equal::<S, OWN, true>(s, listing, member, gathered, lists),
-                (Excluded::Own, false) => self.equal::<S, OWN, false>(s, listing, member, gathered, lists),
-                (Excluded::SameId, true) => self.equal::<S, SAME_ID, true>(s, listing, member, gathered, lists),
-                (Excluded::SameId, false) => self.equal::<S, SAME_ID, false>(s, listing, member, gathered, lists),
-                (Excluded::NotGreater, true) => self.equal::<S, NOT_GREATER, true>(s, listing, member, gathered, lists),
+                (Excluded::Own, true) => self.equal::<S, C, OWN, true>(s, listing, of, gathered, lists),
+                (Excluded::Own, false) => self.equal::<S, C, OWN, false>(s, listing, of, gathered, lists),
+                (Excluded::SameId, true) => self.equal::<S, C, SAME_ID, true>(s, listing, of, gathered, lists),
+                (Excluded::SameId, false) => self.equal::<S, C, SAME_ID, false>(s, listing, of, gathered, lists),
+                (Excluded::NotGreater, true) => self.equal::<S, C, NOT_GREATER, true>(s, listing, of, gathered, lists),
                 (Excluded::NotGreater, false) => {
-                    self.equal::<S, NOT_GREATER, false>(s, listing, member, gathered, lists)
+                    self.equal::<S, C, NOT_GREATER, false>(s, listing, of, gathered, lists)
                 }
             };
         }
+        let (group, member) = (of.0, &of.0.members[of.1]);
+        let within = Within::Radius(&listing.radii, member.radius, group.margin);
         self.boxes.clear();
         for i in 0..candidates.boxes.vectors() {
             let (boxes, valid) = candidates.boxes.vector(s, i);
-            let near = boxes.near(s, member.lo, member.hi, Within::Radius(&listing.radii, member.radius)) & valid;
+            let near = boxes.near(s, member.lo, member.hi, within) & valid;
             if near != 0 {
                 self.boxes.push(s, &boxes, near);
             }
         }
         let joint = listing.radii.others().is_some();
         match (candidates.wrapped, joint, listing.once) {
-            (false, false, false) => self.rows::<S, false, false, false>(s, listing, member, candidates, lists),
-            (false, false, true) => self.rows::<S, false, false, true>(s, listing, member, candidates, lists),
-            (false, true, false) => self.rows::<S, false, true, false>(s, listing, member, candidates, lists),
-            (false, true, true) => self.rows::<S, false, true, true>(s, listing, member, candidates, lists),
-            (true, false, false) => self.rows::<S, true, false, false>(s, listing, member, candidates, lists),
-            (true, false, true) => self.rows::<S, true, false, true>(s, listing, member, candidates, lists),
-            (true, true, false) => self.rows::<S, true, true, false>(s, listing, member, candidates, lists),
-            (true, true, true) => self.rows::<S, true, true, true>(s, listing, member, candidates, lists),
+            (false, false, false) => self.rows::<S, C, false, false, false>(s, listing, of, candidates, lists),
+            (false, false, true) => self.rows::<S, C, false, false, true>(s, listing, of, candidates, lists),
+            (false, true, false) => self.rows::<S, C, false, true, false>(s, listing, of, candidates, lists),
+            (false, true, true) => self.rows::<S, C, false, true, true>(s, listing, of, candidates, lists),
+            (true, false, false) => self.rows::<S, C, true, false, false>(s, listing, of, candidates, lists),
+            (true, false, true) => self.rows::<S, C, true, false, true>(s, listing, of, candidates, lists),
+            (true, true, false) => self.rows::<S, C, true, true, false>(s, listing, of, candidates, lists),
+            (true, true, true) => self.rows::<S, C, true, true, true>(s, listing, of, candidates, lists),
         }
     }
 
     /// Gathers the points that are near the box of a member, in rows, where all points of the member have the same radius.
     /// They are about as many as each of its points would test by itself, and they lie one behind the other.
     #[inline(always)]
-    fn gather_points<S: Simd>(
+    fn gather_points<S: Simd, C: Coordinate>(
         &mut self,
         s: S,
         listing: &Listing,
-        member: &Member,
+        (group, member): (&Group, usize),
         candidates: &Candidates,
     ) -> Gathered {
-        let around = (member.lo, member.hi);
-        let selected = self.selected.near(s, &candidates.boxes, around, Within::Radius(&listing.radii, member.radius));
+        let member = &group.members[member];
+        let within = Within::Radius(&listing.radii, member.radius, group.margin);
+        let selected = self.selected.near(s, &candidates.boxes, (member.lo, member.hi), within);
         let room = (selected.len() + 1) * LANES;
-        let PointRows { at: [to_x, to_y, to_z], id: to_id } = &mut self.points;
-        if to_id.len() < room {
-            [&mut *to_x, to_y, to_z].into_iter().for_each(|row| row.resize(2 * room, 0.0));
-            to_id.resize(2 * room, 0);
+        let short = |row: &Vec<C>| row.len() < room;
+        if self.points.id.len() < room || C::gathered(&self.points).iter().any(short) {
+            C::gathered_mut(&mut self.points).iter_mut().for_each(|row| row.resize(2 * room, C::INFINITY));
+            self.points.id.resize(2 * room, 0);
         }
         let lo = [s.splat(member.lo[0]), s.splat(member.lo[1]), s.splat(member.lo[2])];
         let hi = [s.splat(member.hi[0]), s.splat(member.hi[1]), s.splat(member.hi[2])];
-        // Slices, whose ends stay in registers.
-        let (to_x, to_y, to_z, to_id) = (&mut to_x[..], &mut to_y[..], &mut to_z[..], &mut to_id[..]);
-        let bound = s.splat(squared_radius(member.radius));
+        let bound = group.margin.squared(s, s.splat(member.radius));
         let hits = room_for(&mut self.hits, selected.len());
         for (hits, &index) in hits.iter_mut().zip(selected) {
             let [x, y, z] = rows(s, &candidates.blocks[index as usize].at);
@@ -146,49 +171,53 @@ impl RowBuilder {
             let gap_z = z - s.min(s.max(z, lo[2]), hi[2]);
             *hits = s.le(squared::<S>(gap_x, gap_y, gap_z), bound);
         }
+        let mut to_id = core::mem::take(&mut self.points.id);
+        let [to_x, to_y, to_z] = C::gathered_mut(&mut self.points);
+        // Slices, whose ends stay in registers.
+        let (to_x, to_y, to_z, ids) = (&mut to_x[..], &mut to_y[..], &mut to_z[..], &mut to_id[..]);
         let (mut end, mut own) = (0, (usize::MAX, 0));
         for (&near, &index) in hits.iter().zip(selected) {
-            let block = &candidates.blocks[index as usize];
-            own = if block.id[0] == member.points.id[0] { (end, near) } else { own };
-            let [x, y, z] = rows(s, &block.at);
-            write(s, to_x, end, x, near);
-            write(s, to_y, end, y, near);
-            write(s, to_z, end, z, near);
-            s.store_compressed_u(s.load_u(&block.id), near, lanes_at_mut(to_id, end));
+            let id = &candidates.blocks[index as usize].id;
+            own = if id[0] == member.points.id[0] { (end, near) } else { own };
+            let [x, y, z] = C::of_block(candidates, index as usize);
+            C::store_compressed(s, x, near, lanes_at_mut(to_x, end));
+            C::store_compressed(s, y, near, lanes_at_mut(to_y, end));
+            C::store_compressed(s, z, near, lanes_at_mut(to_z, end));
+            s.store_compressed_u(s.load_u(id), near, lanes_at_mut(ids, end));
             end += near.count_ones() as usize;
         }
-        to_x[end..end + LANES].fill(f32::INFINITY);
+        to_x[end..end + LANES].fill(C::INFINITY);
+        self.points.id = to_id;
         Gathered { vectors: end.div_ceil(LANES), own }
     }
 
     /// Lists from the points that were gathered; with `PLAIN` only ids.
     #[inline(always)]
-    fn equal<S: Simd, const EXCLUDED: u8, const PLAIN: bool>(
+    fn equal<S: Simd, C: Coordinate, const EXCLUDED: u8, const PLAIN: bool>(
         &mut self,
         s: S,
         listing: &Listing,
-        member: &Member,
+        (group, number): (&Group, usize),
         Gathered { vectors, own: (own_begin, own_lanes) }: Gathered,
         lists: &mut Lists,
     ) {
-        let PointRows { at: [from_x, from_y, from_z], id: from_id } = &self.points;
+        let (member, own_rows) = (&group.members[number], C::of_member(group, number));
+        let [from_x, from_y, from_z] = C::gathered(&self.points);
         // As many vectors as there are, so that nothing is checked for each of them.
         let (from_x, from_y) = (&from_x.as_chunks().0[..vectors], &from_y.as_chunks().0[..vectors]);
-        let (from_z, from_id) = (&from_z.as_chunks().0[..vectors], &from_id.as_chunks().0[..vectors]);
+        let (from_z, from_id) = (&from_z.as_chunks().0[..vectors], &self.points.id.as_chunks().0[..vectors]);
         let bound = s.splat(squared_radius(member.radius));
         let hits = room_for(&mut self.hits, vectors);
         for lane in 0..LANES {
-            let at = member.points.at.map(|row| row[lane]);
-            if at[0] == f32::INFINITY {
+            if member.points.at[0][lane] == f32::INFINITY {
                 continue;
             }
+            let point = [own_rows[0][lane], own_rows[1][lane], own_rows[2][lane]];
             let (id, begin) = (member.points.id[lane], lists.len);
             lists.reserve(vectors * LANES, listing);
-            let point = [s.splat(at[0]), s.splat(at[1]), s.splat(at[2])];
             let own = s.splat_u(id);
-            let rows = [from_x, from_y, from_z];
             for (from, hits) in hits.iter_mut().enumerate() {
-                let near = s.le(relative(s, rows, from, point).3, bound);
+                let near = s.le(C::squared(s, [&from_x[from], &from_y[from], &from_z[from]], point), bound);
                 *hits = match EXCLUDED {
                     SAME_ID => near & !s.eq_u(own, s.load_u(&from_id[from])),
                     NOT_GREATER => near & s.lt_u(own, s.load_u(&from_id[from])),
@@ -208,7 +237,9 @@ impl RowBuilder {
             for (from, &hits) in hits.iter().enumerate() {
                 s.store_compressed_u(s.load_u(&from_id[from]), hits, lanes_at_mut(listed, end));
                 if !PLAIN {
-                    write_requested(s, listing, floats, end, relative(s, rows, from, point), hits);
+                    let rows = [&from_x[from], &from_y[from], &from_z[from]];
+                    let seen = C::seen::<S, false>(s, rows, point, &listing.periodic_box);
+                    write_requested(s, listing, floats, end, seen, hits);
                 }
                 end += hits.count_ones() as usize;
             }
@@ -218,26 +249,27 @@ impl RowBuilder {
 
     /// Lists for one kind of request.
     #[inline(always)]
-    fn rows<S: Simd, const PERIODIC: bool, const JOINT: bool, const ONCE: bool>(
+    fn rows<S: Simd, C: Coordinate, const PERIODIC: bool, const JOINT: bool, const ONCE: bool>(
         &mut self,
         s: S,
         listing: &Listing,
-        member: &Member,
+        (group, member): (&Group, usize),
         candidates: &Candidates,
         lists: &mut Lists,
     ) {
-        let points = &member.points;
+        let (points, own_rows) = (&group.members[member].points, C::of_member(group, member));
         for lane in 0..LANES {
-            let at = points.at.map(|row| row[lane]);
+            let at = [points.at[0][lane], points.at[1][lane], points.at[2][lane]];
             if at[0] == f32::INFINITY {
                 continue;
             }
             let id = points.id[lane];
             let radius = listing.radii.of(id);
-            let selected = self.selected.near_point(s, &self.boxes, at, Within::Radius(&listing.radii, radius));
+            let within = Within::Radius(&listing.radii, radius, group.margin);
+            let selected = self.selected.near_point(s, &self.boxes, at, within);
             let begin = lists.len;
             lists.reserve(selected.len() * LANES, listing);
-            let point = [s.splat(at[0]), s.splat(at[1]), s.splat(at[2])];
+            let point = [own_rows[0][lane], own_rows[1][lane], own_rows[2][lane]];
             let own = s.splat_u(if listing.other_set && !ONCE { u32::MAX } else { id });
             let radius = s.splat(radius);
             let bound = squared_radii(s, radius);
@@ -245,26 +277,19 @@ impl RowBuilder {
             let Columns { ids: listed, floats } = &mut lists.columns;
             let (listed, mut end) = (&mut listed[..], begin);
             for &index in selected {
-                let block = &candidates.blocks[index as usize];
-                let [x, y, z] = rows(s, &block.at);
-                let (mut x, mut y, mut z) = (x - point[0], y - point[1], z - point[2]);
-                if PERIODIC {
-                    x = listing.periodic_box.nearest(s, x, 0);
-                    y = listing.periodic_box.nearest(s, y, 1);
-                    z = listing.periodic_box.nearest(s, z, 2);
-                }
-                let distance = squared::<S>(x, y, z);
+                let rows = C::of_block(candidates, index as usize).each_ref();
+                let seen = C::seen::<S, PERIODIC>(s, rows, point, &listing.periodic_box);
                 let bound = if JOINT {
                     let others = s.load(&candidates.radii[index as usize]);
                     squared_radii(s, listing.radii.joint(s, radius, others))
                 } else {
                     bound
                 };
-                let ids = s.load_u(&block.id);
+                let ids = s.load_u(&candidates.blocks[index as usize].id);
                 let others = if ONCE { s.lt_u(own, ids) } else { !s.eq_u(own, ids) };
-                let hits = s.le(distance, bound) & others;
+                let hits = s.le(seen.squared, bound) & others;
                 s.store_compressed_u(ids, hits, lanes_at_mut(listed, end));
-                write_requested(s, listing, floats, end, (x, y, z, distance), hits);
+                write_requested(s, listing, floats, end, seen, hits);
                 end += hits.count_ones() as usize;
             }
             lists.end_list(id, begin, end, listing);
@@ -279,27 +304,17 @@ fn write_requested<S: Simd>(
     listing: &Listing,
     [distances, displacements_x, displacements_y, displacements_z]: &mut [Vec<f32>; 4],
     end: usize,
-    (x, y, z, distance): (S::F, S::F, S::F, S::F),
+    Seen { displacements: [x, y, z], squared }: Seen<S>,
     hits: Mask,
 ) {
     if listing.distances {
-        write(s, distances, end, distance, hits);
+        write(s, distances, end, squared, hits);
     }
     if listing.displacements {
         write(s, displacements_x, end, x, hits);
         write(s, displacements_y, end, y, hits);
         write(s, displacements_z, end, z, hits);
     }
-}
-
-/// The displacements from a point to a vector of points, and the squared distances. Not a closure: a closure may be
-/// compiled without the instruction set.
-#[inline(always)]
-fn relative<S: Simd>(s: S, [x, y, z]: [&[Lanes<f32>]; 3], i: usize, point: [S::F; 3]) -> (S::F, S::F, S::F, S::F) {
-    let x = s.load(&x[i]) - point[0];
-    let y = s.load(&y[i]) - point[1];
-    let z = s.load(&z[i]) - point[2];
-    (x, y, z, squared::<S>(x, y, z))
 }
 
 impl Lists {

@@ -6,7 +6,6 @@
 use super::by_id;
 use super::columns::{Columns, Room};
 use super::csr::NeighborCsr;
-use super::double::DoubleShare;
 use super::error::ListError;
 use super::in_order::{in_order, slots};
 use super::list_request::ListRequest;
@@ -69,12 +68,7 @@ fn fill(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut NeighborCsr)
 
 /// Makes the lists of a worker's share.
 fn work(share: Share<'_>) {
-    let tree = share.request.tree;
-    if tree.precise.is_empty() {
-        dispatch(tree.simd, share);
-    } else {
-        dispatch(tree.simd, DoubleShare(share));
-    }
+    dispatch(share.request.tree.simd, share);
 }
 
 /// The same on one thread, whose lists need not be copied: it makes them where the caller will find them.

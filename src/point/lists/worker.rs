@@ -2,11 +2,11 @@
 
 use super::candidates::Candidates;
 use super::group::Group;
+use super::list_layer::{ListLayer, ListView, with_view};
 use super::list_request::ListRequest;
-use super::prepare::{Prepared, at_time};
+use super::prepare::Prepared;
 use super::row::{Lists, RowBuilder};
 use crate::point::layout::snapshot::Leaves;
-use crate::point::search::layers::LayerView;
 use crate::simd::{Kernel, Simd};
 use core::ops::Range;
 use glam::Vec3;
@@ -42,20 +42,24 @@ impl Kernel for Share<'_> {
         let Share { request, prepared, worker } = self;
         let listing = &request.listing;
         for &(layer, node) in &prepared.groups[worker.share.clone()] {
+            let layer = ListLayer::of(request.tree, layer);
+            let center = layer.center(node, request.time);
             let group = &mut worker.group;
-            at_time!(request.tree.layers[layer], request.time, view => {
+            with_view!(layer.at(center, request.time), view => {
                 group.take(s, &view, &view.target(s, Vec3::ZERO), node, &listing.radii);
             });
             worker.candidates.clear();
-            for (number, layer) in request.among.layers.iter().enumerate() {
+            for (number, layer) in ListLayer::all(request.among).enumerate() {
                 let reach = listing.radii.others().and_then(|_| prepared.reaches.get(number));
-                at_time!(layer, request.time, view => {
+                with_view!(layer.at(center, request.time), view => {
                     let target = view.target(s, Vec3::ZERO);
                     worker.candidates.add(s, (&view, &target), &worker.group, &listing.periodic_box, (&listing.radii, reach));
                 });
             }
-            for member in &worker.group.members {
-                worker.near.list(s, listing, member, &worker.candidates, &mut worker.lists);
+            if worker.group.exact.is_empty() {
+                worker.near.lists::<S, f32>(s, listing, &worker.group, &worker.candidates, &mut worker.lists);
+            } else {
+                worker.near.lists::<S, f64>(s, listing, &worker.group, &worker.candidates, &mut worker.lists);
             }
         }
     }

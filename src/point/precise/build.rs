@@ -3,7 +3,7 @@
 use super::linear_box::{FULL, LinearBox, Node, NodeRows};
 use super::order::order;
 use super::rounded_order::{OfPoint, Points};
-use super::tree::{Block, PreciseTree, Rows, between};
+use super::tree::{Block, NO_POINTS, PreciseTree, between};
 use crate::geometry::TimeInterval;
 use crate::point::build::source::Source;
 use crate::point::layout::moving_leaf::LaneIntervals;
@@ -52,7 +52,7 @@ impl PreciseTree {
             nodes: huge_vec_of(Node::NONE, shape.nodes()),
             slopes: huge_vec_of(Node::STATIC, if moves { shape.nodes() } else { 0 }),
             blocks: huge_vec_of(Block::EMPTY, blocks),
-            ends: huge_vec_of(Rows::ABSENT, if moves { blocks } else { 0 }),
+            ends: huge_vec_of(NO_POINTS, if moves { blocks } else { 0 }),
             node_times: Vec::new(),
             block_times: vec![LaneIntervals::NEVER; if timed { blocks } else { 0 }],
             active: vec![LaneIntervals::NEVER; if has_active_intervals { blocks } else { 0 }],

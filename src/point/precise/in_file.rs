@@ -1,20 +1,20 @@
 //! Trees over f64 points in files.
 
 use super::linear_box::Node;
-use super::tree::{ABSENT, Block, PreciseTree, Rows};
+use super::tree::{ABSENT, Block, PreciseTree};
 use crate::file::{Decoder, Encoder, FileError, record_fields, require};
 use crate::parallel;
 use crate::point::layout::moving_file::never;
 use crate::point::layout::moving_leaf::LaneIntervals;
-use crate::point::layout::snapshot::Boxes;
+use crate::point::layout::snapshot::{Boxes, ExactRows};
 use crate::point::layout::static_file::{FARTHEST_FACE, are_fine};
 use crate::point::leaf_order::moving_reference::TimeSlice;
 use crate::simd::{LANES, Lanes};
 use glam::DVec3;
 
 record_fields!(Node { middle: [f64; 3], displacement: [f64; 3], boxes: Boxes });
-record_fields!(Rows { 0: [Lanes<f64>; 3] });
-record_fields!(Block { begin: Rows, id: Lanes<u32> });
+record_fields!(ExactRows { 0: [Lanes<f64>; 3] });
+record_fields!(Block { begin: ExactRows, id: Lanes<u32> });
 
 /// The contents of a file for one tree, not validated yet.
 pub(in crate::point) struct PreciseRecord {
@@ -22,7 +22,7 @@ pub(in crate::point) struct PreciseRecord {
     nodes: Vec<Node>,
     slopes: Vec<Boxes>,
     blocks: Vec<Block>,
-    ends: Vec<Rows>,
+    ends: Vec<ExactRows>,
     node_times: Vec<LaneIntervals>,
     block_times: Vec<LaneIntervals>,
     active: Vec<LaneIntervals>,

@@ -39,7 +39,7 @@ pub(super) struct PreciseLayer {
 }
 
 /// A layer at a time, seen from a query point.
-enum AtTime<'a> {
+pub(super) enum AtTime<'a> {
     Static(PreciseView<'a, false>),
     Moving(PreciseView<'a, true>),
 }
@@ -56,14 +56,14 @@ impl PreciseLayer {
     }
 
     #[inline(always)]
-    fn at(&self, point: DVec3, time: f32) -> AtTime<'_> {
+    pub(super) fn at(&self, point: DVec3, time: f32) -> AtTime<'_> {
         let tree = self.tree_at(time);
         if tree.moves() { AtTime::Moving(tree.at(point, time)) } else { AtTime::Static(tree.at(point, time)) }
     }
 
     /// Passes every point within the bound of a query point to the sink.
     #[inline(always)]
-    pub(super) fn within<S: Simd>(
+    fn within<S: Simd>(
         &self,
         s: S,
         (point, time): (DVec3, f32),

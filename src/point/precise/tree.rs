@@ -15,33 +15,26 @@ use crate::geometry::TimeInterval;
 use crate::point::layout::moving_leaf::LaneIntervals;
 use crate::point::layout::over_interval::{BoxTree, PointPath};
 use crate::point::layout::slice_tree::SliceTree;
-use crate::point::layout::snapshot::{Boxes, Leaves, Target, View, diagonal, outside, rows};
+use crate::point::layout::snapshot::{Boxes, CoordinateView, ExactRows, Leaves, Target, View, diagonal, outside, rows};
 use crate::point::layout::static_tree::Shape;
 use crate::point::leaf_order::moving_reference::{TimeSlice, exact_phase};
 use crate::simd::{LANES, Lanes, Mask, Simd, prefetch};
 use glam::{DVec3, Vec3};
 
-/// Coordinates of sixteen points, in rows.
-#[derive(Clone, Copy)]
-#[repr(C, align(64))]
-pub(super) struct Rows(pub(super) [Lanes<f64>; 3]);
-
 /// Positions of sixteen points at the earlier key of the segment, in rows.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct Block {
-    pub(super) begin: Rows,
+    pub(super) begin: ExactRows,
     pub(super) id: Lanes<u32>,
 }
 
-impl Rows {
-    /// No point.
-    pub(super) const ABSENT: Rows = Rows([[ABSENT; LANES]; 3]);
-}
+/// Coordinates of no point.
+pub(super) const NO_POINTS: ExactRows = ExactRows([[ABSENT; LANES]; 3]);
 
 impl Block {
     /// No point.
-    pub(super) const EMPTY: Block = Block { begin: Rows::ABSENT, id: [u32::MAX; LANES] };
+    pub(super) const EMPTY: Block = Block { begin: NO_POINTS, id: [u32::MAX; LANES] };
 }
 
 /// The coordinates of absent points: every squared distance to them is infinite in f32.
@@ -60,7 +53,7 @@ pub(in crate::point) struct PreciseTree {
     pub(super) slopes: Vec<Boxes>,
     pub(super) blocks: Vec<Block>,
     /// Positions at the later key; empty if all points are static.
-    pub(super) ends: Vec<Rows>,
+    pub(super) ends: Vec<ExactRows>,
     /// Active intervals of nodes and points; empty if all are active throughout.
     pub(super) node_times: Vec<LaneIntervals>,
     pub(super) block_times: Vec<LaneIntervals>,
@@ -98,24 +91,9 @@ impl PreciseTree {
         self.blocks.iter_mut().flat_map(|block| &mut block.id).filter(|id| **id != u32::MAX)
     }
 
-    /// The ids of all points.
-    pub(in crate::point) fn ids(&self) -> impl Iterator<Item = u32> {
-        self.blocks.iter().flat_map(|block| block.id).filter(|&id| id != u32::MAX)
-    }
-
-    /// Number of nodes whose children are leaves.
-    pub(in crate::point) fn bottom_nodes(&self) -> usize {
-        self.shape.begin[1]
-    }
-
-    /// The points below one of these nodes that are active at a time, with their ids.
-    pub(in crate::point) fn points_behind(&self, node: usize, time: f32) -> impl Iterator<Item = (u32, DVec3)> {
-        let (first, blocks) = (node * LANES * self.shape.leaf_blocks, LANES * self.shape.leaf_blocks);
-        let lanes = (first..first + blocks).flat_map(|block| (0..LANES).map(move |lane| (block, lane)));
-        lanes.filter_map(move |(block, lane)| {
-            let point = self.point_path(block, lane)?;
-            self.is_active(block, lane, time).then(|| (point.id, self.position(&point, time)))
-        })
+    /// The centre of a node at a time.
+    pub(in crate::point) fn center(&self, node: usize, time: f32) -> DVec3 {
+        DVec3::from_array(self.nodes[node].middle_at(self.within(self.phase_at(time))))
     }
 
     /// The phase of a time between the keys; exact.
@@ -159,7 +137,7 @@ impl SliceTree for PreciseTree {
         self.nodes.capacity() * size_of::<Node>()
             + self.slopes.capacity() * size_of::<Boxes>()
             + self.blocks.capacity() * size_of::<Block>()
-            + self.ends.capacity() * size_of::<Rows>()
+            + self.ends.capacity() * size_of::<ExactRows>()
             + (self.node_times.capacity() + self.block_times.capacity() + self.active.capacity())
                 * size_of::<LaneIntervals>()
     }
@@ -207,13 +185,37 @@ impl<const MOVING: bool> PreciseView<'_, MOVING> {
         if times.is_empty() { Mask::MAX } else { times[at].active_at(s, s.splat(self.time)) }
     }
 
-    /// Offsets of four moving points of a block from the query along an axis.
+    /// Coordinates of four moving points of a block along an axis.
     #[inline(always)]
-    fn apart<S: Simd>(&self, s: S, block: usize, axis: usize, four: usize) -> S::D {
+    fn four_coordinates<S: Simd>(&self, s: S, block: usize, axis: usize, four: usize) -> S::D {
         let begin = s.load_d(&self.tree.blocks[block].begin.0[axis].as_chunks().0[four]);
         let end = s.load_d(&self.tree.ends[block].0[axis].as_chunks().0[four]);
         let base = if self.from_end { end } else { begin };
-        (base + (end - begin) * s.splat_d(self.step)) - s.splat_d(self.query[axis])
+        base + (end - begin) * s.splat_d(self.step)
+    }
+
+    /// The positions of the points of a block; infinite along the first axis, for any period, where there is no active point.
+    #[inline(always)]
+    fn position_rows<S: Simd>(&self, s: S, block: usize) -> ExactRows {
+        let mut positions = self.tree.blocks[block].begin;
+        if MOVING {
+            for (axis, row) in positions.0.iter_mut().enumerate() {
+                for (four, to) in row.as_chunks_mut().0.iter_mut().enumerate() {
+                    *to = s.lanes_d(self.four_coordinates(s, block, axis, four));
+                }
+            }
+        }
+        let active = if MOVING { self.active_at(s, &self.tree.block_times, block) } else { Mask::MAX };
+        for (lane, x) in positions.0[0].iter_mut().enumerate() {
+            *x = if active >> lane & 1 != 0 && *x != ABSENT { *x } else { f64::INFINITY };
+        }
+        positions
+    }
+
+    /// Offsets of four moving points of a block from the query along an axis.
+    #[inline(always)]
+    fn apart<S: Simd>(&self, s: S, block: usize, axis: usize, four: usize) -> S::D {
+        self.four_coordinates(s, block, axis, four) - s.splat_d(self.query[axis])
     }
 
     /// Squared distances of four moving points of a block.
@@ -239,7 +241,7 @@ impl<const MOVING: bool> Leaves for PreciseView<'_, MOVING> {
     #[inline(always)]
     fn point_distances<S: Simd>(&self, s: S, _: &Target<S>, block: usize) -> S::F {
         if !MOVING {
-            return s.squared_distances(&self.tree.blocks[block].begin.0, self.query);
+            return s.squared_distances(self.tree.blocks[block].begin.0.each_ref(), self.query);
         }
         let distances = s.narrow_all([
             self.four_distances(s, block, 0),
@@ -263,7 +265,7 @@ impl<const MOVING: bool> Leaves for PreciseView<'_, MOVING> {
     }
     #[inline(always)]
     fn leaf_bytes(&self) -> usize {
-        self.tree.blocks.len() * size_of::<Block>() + self.tree.ends.len() * size_of::<Rows>()
+        self.tree.blocks.len() * size_of::<Block>() + self.tree.ends.len() * size_of::<ExactRows>()
     }
     #[inline(always)]
     fn ids(&self, block: usize) -> &Lanes<u32> {
@@ -309,6 +311,54 @@ impl<const MOVING: bool> View for PreciseView<'_, MOVING> {
             prefetch(&self.tree.slopes[node]);
         }
     }
+}
+
+impl<const MOVING: bool> CoordinateView for PreciseView<'_, MOVING> {
+    /// **Rounding.** Faces relative to the centre of the node hold the contents, and 1e-22 more. The query is rounded relative to
+    /// the centre, by u of its distance from there, and the difference of the two numbers and the face in the end by u of their sum
+    /// each. The face is moved outward by 4u of the sum.
+    #[inline(always)]
+    fn faces<S: Simd>(&self, s: S, _: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]) {
+        let ((mut lo, mut hi), query) = (self.relative_faces(s, node), self.relative_query(s, node));
+        let four_units = s.splat(2.0 * f32::EPSILON);
+        for axis in 0..3 {
+            let distance = magnitude(s, query[axis]);
+            lo[axis] = (lo[axis] - query[axis]) - (magnitude(s, lo[axis]) + distance) * four_units;
+            hi[axis] = (hi[axis] - query[axis]) + (magnitude(s, hi[axis]) + distance) * four_units;
+        }
+        if MOVING && !self.tree.node_times.is_empty() {
+            let active = self.active_at(s, &self.tree.node_times, node);
+            lo[0] = s.select(active, lo[0], s.splat(f32::INFINITY));
+        }
+        (lo, hi)
+    }
+    #[inline(always)]
+    fn positions<S: Simd>(&self, s: S, _: &Target<S>, block: usize) -> [S::F; 3] {
+        let ExactRows([x, y, z]) = self.position_rows(s, block);
+        let [qx, qy, qz] = self.query;
+        [relative_row(s, &x, qx), relative_row(s, &y, qy), relative_row(s, &z, qz)]
+    }
+    #[inline(always)]
+    fn exact_positions<S: Simd>(&self, s: S, block: usize) -> Option<ExactRows> {
+        Some(self.position_rows(s, block))
+    }
+}
+
+/// Coordinates relative to that of the query, rounded.
+#[inline(always)]
+fn relative_row<S: Simd>(s: S, row: &Lanes<f64>, query: f64) -> S::F {
+    let (row, query) = (row.as_chunks().0, s.splat_d(query));
+    s.narrow_all([
+        s.load_d(&row[0]) - query,
+        s.load_d(&row[1]) - query,
+        s.load_d(&row[2]) - query,
+        s.load_d(&row[3]) - query,
+    ])
+}
+
+#[inline(always)]
+fn magnitude<S: Simd>(s: S, x: S::F) -> S::F {
+    s.max(x, s.splat(0.0) - x)
 }
 
 impl BoxTree for PreciseTree {

@@ -1,0 +1,255 @@
+//! Neighbour lists of points in f64, with all options: every list equals comparing all pairs in f64.
+
+use crate::double::{Cloud, STRUCTURES};
+use crate::support::Rng;
+use mbkd::glam::DVec3;
+use mbkd::{ListError, ListQuery, NeighborCsr, PointStructure, PointTree, Radii, SimdLevel};
+
+/// A neighbour: id, and the bits of the squared distance and of the displacement.
+type Entry = (u32, u32, [u32; 3]);
+
+/// A request.
+#[derive(Clone, Debug)]
+struct Case<'a> {
+    time: f32,
+    radii: Radii<'a>,
+    periods: [Option<f64>; 3],
+    once: bool,
+    other: bool,
+}
+
+impl Case<'_> {
+    fn query<'b>(&'b self, tree: &'b PointTree, among: &'b PointTree) -> ListQuery<'b> {
+        let mut query = tree.neighbor_lists(self.time, self.radii).periodic(self.periods);
+        if self.once {
+            query = query.pairs_once();
+        }
+        if self.other {
+            query = query.among(among);
+        }
+        query.with_distances().with_displacements().sorted().rows_by_id()
+    }
+
+    fn bound(&self, i: usize, j: usize) -> f32 {
+        let radius = match self.radii {
+            Radii::Equal(radius) => radius,
+            Radii::Own(own) => own[i],
+            Radii::Larger { own, others } => own[i].max(others[j]),
+            Radii::Sum { own, others } => own[i] + others[j],
+        };
+        (radius * radius).min(f32::MAX)
+    }
+
+    /// All lists by comparing all pairs.
+    fn expected(&self, own: &Cloud, among: &Cloud) -> Vec<Vec<Entry>> {
+        let mut lists = vec![Vec::new(); own.active.len()];
+        let places: Vec<DVec3> = (0..among.active.len()).map(|j| among.at(j, self.time)).collect();
+        for (i, list) in lists.iter_mut().enumerate().filter(|(i, _)| own.active[*i].contains(self.time)) {
+            let q = own.at(i, self.time);
+            for (j, p) in places.iter().enumerate().filter(|(j, _)| among.active[*j].contains(self.time)) {
+                let d = [0, 1, 2].map(|axis| {
+                    let d = p[axis] - q[axis];
+                    self.periods[axis].map_or(d, |length| d - (d * (1.0 / length)).round_ties_even() * length)
+                });
+                let squared = ((d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]) as f32;
+                let wanted = if self.once { j > i } else { self.other || j != i };
+                if wanted && squared <= self.bound(i, j) {
+                    list.push((j as u32, squared.to_bits(), d.map(|x| (x as f32 + 0.0).to_bits())));
+                }
+            }
+        }
+        lists
+    }
+}
+
+fn found(lists: &NeighborCsr) -> Vec<Vec<Entry>> {
+    let [x, y, z] = lists.displacements();
+    let bits = |n: usize| [x[n], y[n], z[n]].map(|x| (x + 0.0).to_bits());
+    let entry = |n: usize| (lists.ids()[n], lists.distances_squared()[n].to_bits(), bits(n));
+    lists.offsets().windows(2).map(|ends| (ends[0]..ends[1]).map(entry).collect()).collect()
+}
+
+/// Sizes of clusters, how far they are apart, and speeds.
+const SETS: [(f64, f64, f64); 5] =
+    [(1.0, 1e7, 0.0), (1e-3, 1e7, 1e-4), (1.0, 0.0, 2.0), (1e-20, 1e-3, 0.0), (1e-25, 1e-22, 1e-24)];
+
+#[test]
+fn lists_equal_comparing_all_pairs() {
+    let mut rng = Rng(23);
+    let mut lists = NeighborCsr::new();
+    for (number, set) in SETS.into_iter().enumerate() {
+        let size = set.0;
+        for (keys, partly_active) in [(1, false), (2, true), (4, false)] {
+            let clouds = [500, 100].map(|count| Cloud::new(count, keys, set, partly_active, &mut rng));
+            let radius = (0.4 * size) as f32;
+            let mut radii = |count| -> Vec<f32> { (0..count).map(|_| radius * 2.0 * rng.unit()).collect() };
+            let (own, others) = (radii(500), radii(100));
+            let times = [0.0, 1.0, rng.unit()];
+            let all =
+                STRUCTURES.into_iter().flat_map(|s| SimdLevel::available().into_iter().map(move |simd| (s, simd)));
+            let trees: Vec<_> = all
+                .map(|(s, simd)| (clouds.each_ref().map(|c| c.tree(s, simd).unwrap()), format!("{s:?}, {simd}")))
+                .collect();
+            for time in times {
+                let plain = Case { time, radii: Radii::Equal(radius), periods: [None; 3], once: false, other: false };
+                let period = Some(size * 1.37);
+                // Many periods from zero, and the clusters in one.
+                let periodic = if set.1 > 1e6 * size { [None, None, None] } else { [period, None, period] };
+                let mut cases = vec![
+                    plain.clone(),
+                    Case { once: true, ..plain.clone() },
+                    Case { other: true, ..plain.clone() },
+                    Case { radii: Radii::Own(&own), ..plain.clone() },
+                    Case { radii: Radii::Larger { own: &own, others: &own }, once: true, ..plain.clone() },
+                    Case { radii: Radii::Sum { own: &own, others: &others }, other: true, ..plain.clone() },
+                    Case { periods: periodic, ..plain.clone() },
+                    Case { periods: periodic, radii: Radii::Own(&own), other: true, ..plain.clone() },
+                    Case { periods: periodic, radii: Radii::Sum { own: &own, others: &own }, ..plain.clone() },
+                    Case { radii: Radii::Equal(f32::INFINITY), ..plain.clone() },
+                ];
+                if number == 0 {
+                    cases.push(Case { periods: [Some(1e7 + 0.3), None, Some(3e6 + 0.1)], ..plain.clone() });
+                }
+                for (case, request) in cases.iter().enumerate() {
+                    let expected = request.expected(&clouds[0], &clouds[usize::from(request.other)]);
+                    for ([tree, among], what) in &trees {
+                        request.query(tree, among).run(&mut lists).unwrap();
+                        let (found, about) =
+                            (found(&lists), format!("{what}, {set:?}, {keys} keys, case {case} at {time}"));
+                        assert_eq!(differing(&found, &expected), None, "{about}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The first list that differs, and its entries that are in only one of both.
+fn differing(found: &[Vec<Entry>], expected: &[Vec<Entry>]) -> Option<(usize, Vec<Entry>, Vec<Entry>)> {
+    assert_eq!(found.len(), expected.len());
+    let list = found.iter().zip(expected).position(|(found, expected)| found != expected)?;
+    let only = |a: &[Entry], b: &[Entry]| a.iter().copied().filter(|entry| !b.contains(entry)).collect();
+    let (found, expected) = (&found[list], &expected[list]);
+    Some((list, only(found, expected), only(expected, found)))
+}
+
+/// Pairs at the radius up to roundings of f64 and of f32, where a box that is rounded inward would lose some.
+#[test]
+fn neighbours_at_the_radius_are_not_lost() {
+    let mut rng = Rng(5);
+    let mut lists = NeighborCsr::new();
+    for (radius, far) in [(0.25f32, 0.0), (1e-3, 1e6), (3e-7, 1.0), (1e-21, 1e-20), (7.0, 1e9)] {
+        let r = f64::from(radius);
+        let mut points = Vec::new();
+        for _ in 0..150 {
+            let at = rng.vec().as_dvec3() * (3.0 * r) + DVec3::new(1.0, -0.7, 0.3) * far;
+            let way = rng.vec().as_dvec3().normalize();
+            // Along an axis, where the distance is that of a face, and in any direction.
+            let way = if points.len() % 4 == 0 { way } else { DVec3::X };
+            let off = [0.0, 1e-16, -1e-16, 6e-8, -6e-8, 2.9e-8][points.len() / 2 % 6];
+            points.extend([at, at + way * (r * (1.0 + off))]);
+        }
+        let active = vec![mbkd::TimeInterval::FULL; points.len()];
+        let cloud = Cloud { keys: vec![points], active };
+        let case = Case { time: 0.0, radii: Radii::Equal(radius), periods: [None; 3], once: false, other: false };
+        let expected = case.expected(&cloud, &cloud);
+        for simd in SimdLevel::available() {
+            let tree = cloud.tree(PointStructure::Automatic, simd).unwrap();
+            case.query(&tree, &tree).run(&mut lists).unwrap();
+            assert_eq!(found(&lists), expected, "{radius} {far} {simd}");
+        }
+    }
+}
+
+/// Lists around positions equal single queries, also where all positions are f32 numbers.
+#[test]
+fn lists_of_positions_equal_single_queries() {
+    let mut rng = Rng(41);
+    for (set, active) in [(SETS[0], false), (SETS[2], true)] {
+        let cloud = Cloud::new(1500, 3, set, active, &mut rng);
+        let mut queries: Vec<DVec3> = (0..600).map(|i| cloud.at(i, 0.4) + rng.vec().as_dvec3() * 0.1).collect();
+        queries.extend([DVec3::ZERO, DVec3::splat(1e18), DVec3::NEG_ONE]);
+        let rounded: Vec<[f32; 3]> = queries.iter().map(|q| q.as_vec3().to_array()).collect();
+        let own: Vec<f32> = queries.iter().map(|_| rng.unit()).collect();
+        for simd in SimdLevel::available() {
+            let tree = cloud.tree(PointStructure::Automatic, simd).unwrap();
+            let mut lists = NeighborCsr::new();
+            for radii in [Radii::Equal(0.3), Radii::Own(&own)] {
+                let mut compare = |lists: &NeighborCsr, query: &dyn Fn(usize) -> DVec3| {
+                    for i in 0..queries.len() {
+                        let radius = if let Radii::Own(own) = radii { own[i] } else { 0.3 };
+                        let range = lists.offsets()[i]..lists.offsets()[i + 1];
+                        let entry = |n: usize| (lists.ids()[n], lists.distances_squared()[n].to_bits());
+                        let mut found: Vec<(u32, u32)> = range.map(entry).collect();
+                        let single = tree.within(query(i), 0.4, radius);
+                        let mut single: Vec<_> = single.iter().map(|n| (n.id, n.distance_squared.to_bits())).collect();
+                        found.sort_unstable();
+                        single.sort_unstable();
+                        assert_eq!(found, single, "{set:?}, {simd}, query {i}");
+                    }
+                };
+                tree.within_lists(&queries, 0.4, radii).with_distances().in_order().run(&mut lists).unwrap();
+                assert!(lists.neighbors() > 600, "{}", lists.neighbors());
+                compare(&lists, &|i| queries[i]);
+                tree.within_lists(&rounded, 0.4, radii).with_distances().in_order().run(&mut lists).unwrap();
+                compare(&lists, &|i| DVec3::from_array(rounded[i].map(f64::from)));
+            }
+        }
+    }
+    let tree = Cloud::new(100, 1, SETS[0], false, &mut rng).tree(PointStructure::Automatic, SimdLevel::best()).unwrap();
+    let mut lists = NeighborCsr::new();
+    let bad = tree.within_lists(&[DVec3::ONE, DVec3::splat(3e18)], 0.0, 1.0).run(&mut lists);
+    assert_eq!(bad, Err(ListError::Query { query: 1 }));
+    assert_eq!(tree.within_lists(&[] as &[DVec3], 0.0, 1.0).run(&mut lists), Ok(()));
+}
+
+/// One memory for lists of sets in f32, f64 and f32.
+#[test]
+fn memory_serves_both_kinds_of_sets() {
+    let cloud = Cloud::new(3000, 2, (1.0, 0.0, 0.1), false, &mut Rng(3));
+    let single: Vec<[f32; 3]> = cloud.keys[0].iter().map(|p| p.as_vec3().to_array()).collect();
+    let trees = [
+        PointTree::build(&single, &Default::default()).unwrap(),
+        cloud.tree(PointStructure::Automatic, SimdLevel::best()).unwrap(),
+    ];
+    let mut lists = NeighborCsr::new();
+    for number in [0, 1, 0, 1] {
+        trees[number].neighbor_lists(0.0, 0.3).run(&mut lists).unwrap();
+        let mut alone = NeighborCsr::new();
+        trees[number].neighbor_lists(0.0, 0.3).run(&mut alone).unwrap();
+        assert_eq!((lists.ids(), lists.offsets()), (alone.ids(), alone.offsets()));
+    }
+}
+
+/// A period that f32 has not: points are at their nearest images by the period as it was given.
+#[test]
+fn periods_are_not_rounded() {
+    let length = 0.1;
+    let points = [DVec3::new(0.01, 0.02, 0.03), DVec3::new(0.01 + 9999.0 * length, 0.02, 0.03)];
+    let tree = PointTree::build(&points, &Default::default()).unwrap();
+    let mut lists = NeighborCsr::new();
+    tree.neighbor_lists(0.0, 1e-9).periodic([Some(length), None, None]).run(&mut lists).unwrap();
+    assert_eq!(lists.neighbors(), 2);
+    tree.neighbor_lists(0.0, 1e-9).periodic([Some(0.1f32), None, None]).run(&mut lists).unwrap();
+    assert_eq!(lists.neighbors(), 0);
+    let far = tree.neighbor_lists(0.0, 1e-9).periodic([Some(1e-5), None, None]).run(&mut lists);
+    assert_eq!(far, Err(ListError::FarFromPeriod { axis: 0 }));
+}
+
+#[test]
+fn lists_do_not_depend_on_the_number_of_threads() {
+    let cloud = Cloud::new(5000, 2, (1.0, 1e7, 0.1), true, &mut Rng(31));
+    let tree = cloud.tree(PointStructure::Automatic, SimdLevel::best()).unwrap();
+    let lists = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let mut lists = NeighborCsr::new();
+        let query = tree.neighbor_lists(0.3, 0.2).with_distances().with_displacements();
+        pool.install(|| query.run(&mut lists)).unwrap();
+        (lists.points().to_vec(), found(&lists))
+    };
+    let alone = lists(1);
+    assert!(alone.1.iter().map(Vec::len).sum::<usize>() > 5000);
+    for threads in [2, 3, 8] {
+        assert_eq!(lists(threads), alone, "{threads} threads");
+    }
+}
