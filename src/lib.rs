@@ -91,7 +91,8 @@ pub use params::{BuildParams, Division, KdParams, LazyParams, Policy, WideParams
 pub use point::{
     Approach, BulkQuery, Encounter, EncounterLists, KeepAll, KeepIf, ListError, ListQuery, Neighbor, NeighborBuffer,
     NeighborCsr, NeighborLists, NeighborQuery, NeighborWork, PointError, PointLayerKind, PointLayerStatistics,
-    PointParams, PointStatistics, PointStructure, PointTree, Radii, TreePoint, WithinIter, certified_duration,
+    PointParams, PointStatistics, PointStructure, PointTree, Precision, Radii, TreePoint, WithinIter,
+    certified_duration,
 };
 pub use primitive::{
     Intersection, Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive,

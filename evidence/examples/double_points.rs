@@ -6,10 +6,13 @@
 
 use clap::Parser;
 use mbkd::glam::DVec3;
-use mbkd::{NeighborBuffer, NeighborCsr, PointArrays, PointParams, PointTree};
+use mbkd::{NeighborBuffer, NeighborCsr, PointArrays, PointParams, PointTree, Precision};
 use mbkd_evidence::accuracy::Random;
 use std::hint::black_box;
 use std::time::Instant;
+
+/// What is compared.
+const PRECISIONS: [Precision; 2] = [Precision::Single, Precision::Double];
 
 /// Rounds through all queries.
 const ROUNDS: usize = 5;
@@ -94,15 +97,16 @@ fn compare(scene: &str, count: usize, moving: bool) -> Result<(), Box<dyn std::e
     let close: Vec<DVec3> = open.iter().map(|p| *p + random.vec() * (0.5 * spacing)).collect();
     let keys: Vec<&[DVec3]> = if moving { vec![&open, &close] } else { vec![&open] };
     let set = PointArrays { keys: &keys, active: &[], ids: &[] };
-    let build = |round_to_f32: bool| PointTree::build(&set, &PointParams { round_to_f32, ..Default::default() });
+    let build = |precision| PointTree::build(&set, &PointParams { precision, ..Default::default() });
     let mut builds = [Vec::new(), Vec::new()];
     for _ in 0..3 {
-        for (times, round) in builds.iter_mut().zip([true, false]) {
-            times.push(nanoseconds(|| drop(black_box(build(round)))));
+        for (times, precision) in builds.iter_mut().zip(PRECISIONS) {
+            times.push(nanoseconds(|| drop(black_box(build(precision)))));
         }
     }
     let [single, double] = builds.map(median);
-    let trees = [build(true)?, build(false)?];
+    let [single_tree, double_tree] = PRECISIONS.map(build);
+    let trees = [single_tree?, double_tree?];
     let [less, more] = [&trees[0], &trees[1]].map(|tree| tree.statistics().bytes() as f64 / count as f64);
     let name = format!("{scene}, {count}, {}", if moving { "moving by half the spacing" } else { "static" });
     println!("{name}: {less:.0} and {more:.0} bytes per point, build {:.2} times", double / single);

@@ -26,7 +26,7 @@ class Points:
         boxsize: Sequence[float],
         structure: str,
         max_references: float,
-        round_to_f32: bool,
+        precision: str,
         workers: int,
         progress: _Progress,
     ) -> Points: ...

@@ -24,7 +24,7 @@ class PointTree:
     ----------
     points : (n, 3) or (K, n, 3)
         Positions, or positions at K keys spaced evenly over the shutter [0, 1]. Points move linearly between keys.
-        float32 positions are kept bit for bit. So are float64 positions, unless `round_to_f32` is given; they take about
+        float32 positions are kept bit for bit. So are float64 positions, unless `precision` says otherwise; they take about
         twice the memory and up to twice the time, and have no neighbour lists with a skin or over an interval. Integers
         become float64. C-contiguous arrays are read in place.
     keys : (n, 3) or (K - 1, n, 3), optional
@@ -38,9 +38,10 @@ class PointTree:
         The structure of the tree for moving points. Answers do not depend on it.
     max_references : float
         The greatest number of references per point, in structures that store a point more than once.
-    round_to_f32 : bool
-        Round float64 positions to float32 relative to the middle of the set. The tree is smaller and faster, and supports
-        all neighbour lists.
+    precision : {'automatic', 'float32', 'float64'}
+        What positions are kept in. 'automatic': what they were given in, but float64 positions that are all float32
+        numbers, on both sides of zero, in float32. 'float32': float64 positions are rounded relative to the middle of the
+        set; the tree is smaller and faster, and supports all neighbour lists. 'float64': always float64.
     workers : int
         Threads for the build; -1 for all processors.
     progress : callable, optional
@@ -86,7 +87,7 @@ class PointTree:
         boxsize: ArrayLike | None = None,
         structure: str = "automatic",
         max_references: float = 8.0,
-        round_to_f32: bool = False,
+        precision: str = "automatic",
         workers: int = 1,
         progress: Progress | None = None,
     ) -> None:
@@ -106,7 +107,7 @@ class PointTree:
             if outside.any():
                 raise ValueError("points must lie inside of the periodic box: at least 0 and less than boxsize")
         self._tree = _mbkd.Points(
-            arrays, active, box.tolist(), structure, max_references, round_to_f32, workers, progress
+            arrays, active, box.tolist(), structure, max_references, precision, workers, progress
         )
         self.data = arrays[0]
         self.boxsize = None if boxsize is None else box.copy()

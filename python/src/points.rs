@@ -7,8 +7,8 @@ use crate::queries::{in_waves, order};
 use crate::threads::{Control, long};
 use core::ops::ControlFlow;
 use mbkd::{
-    Aabb, Neighbor, NeighborBuffer, PointArrays, PointParams, PointStructure, PointTree, TimeInterval, TreePoint,
-    Visitor,
+    Aabb, Neighbor, NeighborBuffer, PointArrays, PointParams, PointStructure, PointTree, Precision, TimeInterval,
+    TreePoint, Visitor,
 };
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
@@ -49,7 +49,7 @@ impl Points {
         boxsize: [f64; 3],
         structure: &str,
         max_references: f32,
-        round_to_f32: bool,
+        precision: &str,
         workers: isize,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Points> {
@@ -62,8 +62,12 @@ impl Points {
             Some(rows) => intervals(slice(rows)?.as_chunks().0)?,
             None => Vec::new(),
         };
-        let params =
-            PointParams { structure: named(structure)?, max_references, round_to_f32, ..PointParams::default() };
+        let params = PointParams {
+            structure: named(structure)?,
+            max_references,
+            precision: kept(precision)?,
+            ..PointParams::default()
+        };
         let tree = long(py, workers, progress.as_ref(), |control| build(&keys, &active, &params, control))??;
         let periods = Periods::new(boxsize, bounds(&keys)).map_err(PyValueError::new_err)?;
         Ok(Points { tree, periods })
@@ -404,6 +408,18 @@ fn named(structure: &str) -> PyResult<PointStructure> {
         (_, Some(Ok(slices))) => Ok(PointStructure::TimeSlices(slices)),
         _ => Err(PyValueError::new_err(format!(
             "structure must be 'automatic', 'linear', 'mbkd' or 'time_slices:N', not '{structure}'"
+        ))),
+    }
+}
+
+/// The precision with this name.
+fn kept(precision: &str) -> PyResult<Precision> {
+    match precision {
+        "automatic" => Ok(Precision::Automatic),
+        "float32" => Ok(Precision::Single),
+        "float64" => Ok(Precision::Double),
+        _ => Err(PyValueError::new_err(format!(
+            "precision must be 'automatic', 'float32' or 'float64', not '{precision}'"
         ))),
     }
 }

@@ -169,9 +169,14 @@ def test_input_of_any_kind():
         np.testing.assert_array_equal(PointTree(points).query(QUERIES, 3)[1], i)
     assert PointTree([[0, 0, 0], [5, 0, 0]]).query([4, 0, 0]) == (1.0, 1)
     assert PointTree(np.empty((0, 3))).query([[0, 0, 0]], 2)[1].tolist() == [[0, 0]]
-    rounded = PointTree(DOUBLE, round_to_f32=True)
+    rounded = PointTree(DOUBLE, precision="float32")
     np.testing.assert_allclose(rounded.query(QUERIES)[0], PointTree(DOUBLE).query(QUERIES)[0], atol=1e-6)
     assert len(rounded.neighbor_lists(0.1)) == len(PointTree(DOUBLE).neighbor_lists(0.1)) == 500
+    corners = np.float64([[-1, -1, -1], [1, 1, 1], [0.5, 0, 0]])
+    near = [0.5 + 1e-9, 0, 0]
+    assert PointTree(corners).query(near) == (0.0, 2)
+    for given in (corners, corners.astype(np.float32)):
+        np.testing.assert_allclose(PointTree(given, precision="float64").query(near)[0], 1e-9, rtol=1e-6)
 
 
 WRONG = [
@@ -190,6 +195,7 @@ WRONG = [
     (lambda: PointTree(SINGLE, boxsize=[1, 1]), ValueError, "boxsize"),
     (lambda: PointTree(SINGLE, active=np.full((500, 2), 0.5)), ValueError, "time interval"),
     (lambda: PointTree(SINGLE, structure="best"), ValueError, "structure"),
+    (lambda: PointTree(SINGLE, precision="double"), ValueError, "precision"),
     (lambda: PointTree(SINGLE, structure="time_slices:0"), ValueError, "structure"),
     (lambda: PointTree(SINGLE, max_references=0), ValueError, "max_references"),
     (lambda: PointTree(SINGLE, workers=0), ValueError, "workers"),

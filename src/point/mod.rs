@@ -53,4 +53,4 @@ pub use queries::query::{NeighborBuffer, NeighborQuery};
 pub use queries::visit::TreePoint;
 pub use search::{KeepAll, KeepIf, NeighborWork};
 pub use statistics::{PointLayerKind, PointLayerStatistics, PointStatistics};
-pub use tree::{PointParams, PointStructure, PointTree};
+pub use tree::{PointParams, PointStructure, PointTree, Precision};

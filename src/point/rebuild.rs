@@ -50,7 +50,7 @@ impl PointTree {
             return Ok(false);
         }
         params.validate()?;
-        let source = Source::read(points, params.round_to_f32)?;
+        let source = Source::read(points, params.precision)?;
         if source.is_precise() || !source.is_plain() || !self.has_ids_of(source.len) {
             *self = PointTree::of(&source, params, &Progress::new(None))?;
             return Ok(false);

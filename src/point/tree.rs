@@ -32,8 +32,37 @@ pub enum PointStructure {
     /// Linear boxes in this many trees (1 to 1024), one per time slice: best for long incoherent motion. With more than two
     /// keys each segment between keys has so many, at most 16384 in all (or one for each segment).
     TimeSlices(usize),
-    /// The k-d tree of the paper. A point that crosses a plane is stored on both sides, on each with the time it spends there.
+    /// The k-d tree of the paper. A point that crosses a plane is stored on both sides, on each with the time it spends there. An
+    /// error for positions kept in f64.
     Mbkd,
+}
+
+/// The numbers that a tree keeps positions in.
+///
+/// ```
+/// use mbkd::{NeighborCsr, PointParams, PointTree, Precision};
+/// let in_f64 = PointParams { precision: Precision::Double, ..PointParams::default() };
+/// // All of the wall's coordinates are f32 numbers, those of the fluid are not.
+/// let wall = PointTree::build(&[[-1.0f64, 0.0, 0.0], [1.0, 0.0, 0.0]], &in_f64)?;
+/// let fluid = PointTree::build(&[[0.1f64, 0.0, 0.0], [1.1, 0.0, 0.0]], &in_f64)?;
+/// let mut lists = NeighborCsr::new();
+/// fluid.neighbor_lists(0.0, 0.5).among(&wall).rows_by_id().run(&mut lists)?;
+/// assert_eq!((lists.offsets(), lists.ids()), (&[0, 0, 1][..], &[1][..]));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Precision {
+    /// f32 positions in f32. f64 positions in f64, unless all coordinates are f32 numbers and lie on both sides of zero, or at it,
+    /// along each axis: then in f32, and query points are rounded to f32 too. So one more point may change how the others are
+    /// searched; ask for one of the others if that matters.
+    #[default]
+    Automatic,
+    /// f32. Positions given in f64 are rounded relative to the middle of the set, by up to 2^-25 of its size, unless they are f32
+    /// numbers as above.
+    Single,
+    /// f64, whatever they are given in: differences and squared distances are computed in f64, and the latter rounded to f32 in the
+    /// end. Takes about twice the memory and 1 to 1.9 times the time.
+    Double,
 }
 
 /// The parameters of the build of a point tree.
@@ -52,11 +81,8 @@ pub struct PointParams {
     /// 1, default 8. Points with n keys may so have n - 1 times as many, since each segment has a tree of its own. A reference takes
     /// 32 to 48 bytes. Time slices that are requested explicitly are not limited.
     pub max_references: f32,
-    /// Whether positions given in f64 are rounded to f32, relative to the middle of the set. They are then off by up to
-    /// 2^-25 of its size, but need as little memory and time as f32 positions. Default: no; answers are exact in f64. (If
-    /// all coordinates of a set around zero are f32 numbers, the set is always kept in f32, and query points are rounded
-    /// to f32. [`PointStatistics`] tells which precision a tree has.)
-    pub round_to_f32: bool,
+    /// The numbers that positions are kept in. Default: those that they need. [`PointStatistics`] tells which a tree has.
+    pub precision: Precision,
     /// The instruction set of queries. Answers do not depend on it. Default: the widest of this CPU.
     pub simd: SimdLevel,
 }
@@ -66,7 +92,7 @@ impl Default for PointParams {
         PointParams {
             structure: PointStructure::Automatic,
             max_references: 8.0,
-            round_to_f32: false,
+            precision: Precision::Automatic,
             simd: SimdLevel::best(),
         }
     }
@@ -90,7 +116,8 @@ impl PointParams {
 /// A tree over moving points that answers neighbour queries exactly at any time of the shutter.
 ///
 /// Every answer equals that of comparing all points. The position of a point at time t is interpolated in f32 from the
-/// nearer key. The squared distance is `(dx·dx + dy·dy) + dz·dz` in f32. Neighbours are ordered by it, ties by id. For
+/// nearer of two keys a and b: with the phase s between them, it is `a + (b - a) * s` if s is below 0.5, and `b + (b - a) * (s - 1)`
+/// otherwise. (Of n keys, the phase is the fraction of `t * (n - 1)`.) The squared distance is `(dx·dx + dy·dy) + dz·dz` in f32. Neighbours are ordered by it, ties by id. For
 /// positions kept in f64, all of this is computed in f64, and the square is rounded to f32 once. Answers do not depend on
 /// the number of threads or the instruction set.
 ///
@@ -132,7 +159,8 @@ const SIMPLE: Plan = Plan::Boxes(1);
 impl PointTree {
     /// Builds the tree of a set of points: a slice, array or vector of positions (`Vec3`, `DVec3`,
     /// `[f32; 3]`, `[f64; 3]`) or of [`MovingPoint`](crate::MovingPoint)s, [`PointArrays`](crate::PointArrays),
-    /// [`PointColumns`](crate::PointColumns), or your own [`PointSet`].
+    /// [`PointColumns`](crate::PointColumns), or your own [`PointSet`]. Positions are kept in f32 or f64 as they need it
+    /// ([`Precision`]).
     ///
     /// The time is O(n log n). The tree takes 17 or 18 bytes per static point and 32 or more per moving point (in f64: 30
     /// and 55); the build needs two to three times as much. The set is read once, at the beginning. If its answers change
@@ -184,7 +212,7 @@ impl PointTree {
             if progress.cancelled() { Err(PointError::Cancelled) } else { Ok(progress.subtask(1.0 - READING)) }
         };
         // A cancelled build ends early, with an incomplete tree.
-        let tree = match Input::read(points, params.round_to_f32)? {
+        let tree = match Input::read(points, params.precision)? {
             Input::Static(len, rows) => PointTree::of_static(len, rows, params, &read()?),
             Input::Other(source) => PointTree::of(&source, params, &read()?)?,
         };
@@ -263,7 +291,7 @@ impl PointTree {
         let count = is_static.iter().filter(|&&s| s).count();
         let (plan, why) = match forced(params) {
             Some(Plan::Planes(_)) => {
-                let expected = "one without planes where positions are kept in f64 (or set `round_to_f32`)";
+                let expected = "one without planes where positions are kept in f64 (or ask for `Precision::Single`)";
                 return Err(PointError::Parameter { name: "structure", expected });
             }
             Some(plan) => (plan, "as requested; positions in f64".to_string()),

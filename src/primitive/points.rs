@@ -10,7 +10,7 @@ use glam::{DVec3, Vec3};
 /// A position in one of the usual forms: `Vec3`, `DVec3`, `[f32; 3]`, `[f64; 3]`.
 ///
 /// f32 positions are used exactly. So are f64 positions of points, unless the tree rounds them
-/// ([`PointParams::round_to_f32`](crate::PointParams::round_to_f32)), and query points among them. A query point in f64
+/// ([`Precision::Single`](crate::Precision::Single)), and query points among them. A query point in f64
 /// among f32 positions is rounded to f32, relative to the origin of the tree.
 pub trait Position: Copy + Send + Sync {
     /// Whether positions need f64, and so an origin near them.

@@ -5,7 +5,7 @@ use core::ops::ControlFlow;
 use mbkd::glam::DVec3;
 use mbkd::{
     Aabb, ListError, Neighbor, NeighborCsr, PointArrays, PointError, PointLayerKind, PointParams, PointStructure,
-    PointTree, Radii, SimdLevel, TimeInterval, TreePoint, Visitor,
+    PointTree, Precision, Radii, SimdLevel, TimeInterval, TreePoint, Visitor,
 };
 
 pub struct Cloud {
@@ -222,7 +222,8 @@ fn queries_that_f64_points_do_not_support_are_rejected() {
     // Rounded to f32, all of it works.
     let keys: Vec<&[DVec3]> = cloud.keys.iter().map(|key| &key[..]).collect();
     let set = PointArrays { keys: &keys, active: &[], ids: &[] };
-    let params = PointParams { structure: PointStructure::Mbkd, round_to_f32: true, ..PointParams::default() };
+    let params =
+        PointParams { structure: PointStructure::Mbkd, precision: Precision::Single, ..PointParams::default() };
     let tree = PointTree::build(&set, &params).unwrap();
     assert_eq!(tree.neighbor_lists(0.0, 1.0).run(&mut NeighborCsr::new()), Ok(()));
 }
@@ -239,6 +240,14 @@ fn f32_numbers_given_in_f64_are_f32_points() {
     assert_eq!((a.statistics(), a.origin()), (b.statistics(), b.origin()));
     let more: Vec<[f64; 3]> = wide.iter().map(|p| p.map(|x| x + 1e-12)).collect();
     let precise = PointTree::build(&more, &PointParams::default()).unwrap();
+    let in_f64 = PointParams { precision: Precision::Double, ..PointParams::default() };
+    for forced in [PointTree::build(&points, &in_f64).unwrap(), PointTree::build(&wide, &in_f64).unwrap()] {
+        assert_eq!(forced.statistics().bytes(), precise.statistics().bytes());
+        let q = DVec3::from_array(wide[7]) + DVec3::new(1e-9, -2e-9, 3e-9);
+        let [near, rounded] = [&forced, &a].map(|tree| tree.nearest(q, 0.0).unwrap());
+        assert_eq!((near.id, near.distance_squared), (7, q.distance_squared(DVec3::from_array(wide[7])) as f32));
+        assert_eq!((rounded.id, rounded.distance_squared), (7, 0.0));
+    }
     assert_eq!(precise.statistics().layers[0].kind, PointLayerKind::Static);
     assert!(precise.statistics().bytes() > a.statistics().bytes());
 }

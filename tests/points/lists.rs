@@ -3,7 +3,7 @@
 use crate::support::{Cloud, KINDS, Rng, cloud};
 use mbkd::{
     ListError, ListQuery, MAX_POINT_COORDINATE, NeighborCsr, PointArrays, PointParams, PointStructure, PointTree,
-    Radii, SimdLevel, glam::Vec3,
+    Precision, Radii, SimdLevel, glam::Vec3,
 };
 
 pub const STRUCTURES: [PointStructure; 4] =
@@ -322,7 +322,7 @@ fn bad_queries_get_errors() {
     let set = PointArrays { keys: &[&[[0.0f32; 3], [1.0; 3]]], active: &[], ids: &[5, 1] };
     let named = PointTree::build(&set, &PointParams::default()).unwrap();
     assert_eq!(error(named.neighbor_lists(0.0, 1.0).rows_by_id()), ListError::Ids { id: 5 });
-    let rounded = PointParams { round_to_f32: true, ..PointParams::default() };
+    let rounded = PointParams { precision: Precision::Single, ..PointParams::default() };
     let wide = PointTree::build(&[[5.0f64; 3], [6.0; 3]], &rounded).unwrap();
     assert_eq!(error(tree.neighbor_lists(0.0, 1.0).among(&wide)), ListError::Origins);
 }
@@ -430,6 +430,30 @@ fn orders_of_moving_trees_name_each_point_once() {
 }
 
 #[test]
+fn lists_longer_than_allowed_are_an_error_on_any_number_of_threads() {
+    // A clump of forty among others that have at most six neighbours.
+    let grid = |i: usize| Vec3::new((i % 17) as f32, (i / 17 % 17) as f32, (i / 289) as f32);
+    let mut points: Vec<Vec3> = (0..4913).map(grid).collect();
+    points.iter_mut().skip(3000).step_by(40).take(40).for_each(|p| *p = Vec3::splat(-9.0));
+    let tree = PointTree::build(&points, &PointParams::default()).unwrap();
+    let mut lists = NeighborCsr::new();
+    for threads in [1, 2, 5] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let mut run = |most| pool.install(|| tree.neighbor_lists(0.0, 1.0).max_neighbors(most).run(&mut lists));
+        assert_eq!(run(39), Ok(()));
+        assert_eq!(run(38), Err(ListError::TooManyNeighbors { id: 3000 }));
+        assert_eq!(run(5), Err(ListError::TooManyNeighbors { id: 307 }));
+        assert_eq!(run(38), Err(ListError::TooManyNeighbors { id: 3000 }));
+        assert_eq!(run(39), Ok(()));
+        assert_eq!(lists.len(), points.len());
+    }
+    // Each pair in one list only: the last ones of the clump have few.
+    tree.neighbor_lists(0.0, 1.0).pairs_once().max_neighbors(39).run(&mut lists).unwrap();
+    let once = tree.neighbor_lists(0.0, 1.0).pairs_once().max_neighbors(38).run(&mut lists);
+    assert_eq!((once, lists.len()), (Err(ListError::TooManyNeighbors { id: 3000 }), 0));
+}
+
+#[test]
 fn bulk_queries_equal_single_ones() {
     for kind in ["uniform", "surface", "lattice", "random", "short intervals", "huge"] {
         let mut rng = Rng(77);
@@ -478,7 +502,7 @@ fn bulk_queries_equal_single_ones() {
     }
     // Positions in f64 far from zero.
     let points: Vec<[f64; 3]> = (0..100).map(|i| [1e9 + f64::from(i) * 0.25, 3.0, -1e9]).collect();
-    let params = PointParams { round_to_f32: true, ..PointParams::default() };
+    let params = PointParams { precision: Precision::Single, ..PointParams::default() };
     let tree = PointTree::build(&points, &params).unwrap();
     let mut lists = NeighborCsr::new();
     tree.within_lists(&points, 0.0, 0.3).run(&mut lists).unwrap();

@@ -4,12 +4,13 @@ use crate::random::{Places, Random};
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{Neighbor, PointArrays, PointError, PointParams, PointStructure, PointTree, SimdLevel, TimeInterval};
 
-/// Points with positions at evenly spaced keys, all of them f32 numbers unless `double`.
+/// Points with positions at evenly spaced keys.
 #[derive(Clone, Debug)]
 pub struct Cloud {
     pub keys: Vec<Vec<DVec3>>,
     pub active: Vec<TimeInterval>,
     pub ids: Vec<u32>,
+    /// Whether they are kept in f64; otherwise all are f32 numbers.
     pub double: bool,
     pub places: Places,
     /// The number of keys that describe the motion: others are on straight lines between them.
@@ -68,6 +69,12 @@ impl Cloud {
     pub fn round(&mut self, origin: DVec3) {
         self.keys.iter_mut().flatten().for_each(|p| *p = (*p - origin).as_vec3().as_dvec3());
         self.double = false;
+        self.kept = self.kept_keys();
+    }
+
+    /// Takes a set of f32 numbers for one in f64, as [`mbkd::Precision::Double`] does.
+    pub fn widen(&mut self) {
+        self.double = true;
         self.kept = self.kept_keys();
     }
 

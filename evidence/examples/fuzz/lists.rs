@@ -6,7 +6,10 @@ use crate::compare::Outcome;
 use crate::encounter::Pair;
 use crate::random::Random;
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{Encounter, EncounterLists, ListError, NeighborCsr, PointError, PointStructure, PointTree, Radii};
+use mbkd::{
+    Encounter, EncounterLists, ListError, NeighborCsr, PointError, PointParams, PointStructure, PointTree, Precision,
+    Radii,
+};
 
 /// A neighbour: id, squared distance, displacement.
 type Entry = (u32, u32, [u32; 3]);
@@ -237,10 +240,15 @@ fn check_positions(
 pub fn case(random: &mut Random) -> Outcome {
     let double = random.one_in(5);
     let most = random.pick(&[50, 200, 600]);
-    let clouds = [Cloud::random(random, most, double), Cloud::random(random, 150, double)];
+    let mut clouds = [Cloud::random(random, most, double), Cloud::random(random, 150, double)];
+    let widened = !double && random.one_in(8);
+    if widened {
+        clouds.iter_mut().for_each(Cloud::widen);
+    }
+    let (double, precision) = (double || widened, if widened { Precision::Double } else { Precision::Automatic });
     let mut trees = Vec::new();
     for _ in 0..2 {
-        let params = params(random);
+        let params = PointParams { precision, ..params(random) };
         let pair = [clouds[0].tree(&params), clouds[1].tree(&params)];
         let refused = |tree: &Result<PointTree, PointError>| matches!(tree, Err(PointError::Parameter { .. }));
         if double && params.structure == PointStructure::Mbkd && pair.iter().any(refused) {

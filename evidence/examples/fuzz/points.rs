@@ -7,7 +7,8 @@ use crate::random::Random;
 use core::ops::ControlFlow;
 use mbkd::glam::DVec3;
 use mbkd::{
-    Aabb, Approach, Neighbor, NeighborBuffer, PointError, PointLayerKind, PointStructure, PointTree, TreePoint, Visitor,
+    Aabb, Approach, Neighbor, NeighborBuffer, PointError, PointLayerKind, PointStructure, PointTree, Precision,
+    TreePoint, Visitor,
 };
 
 fn in_order(mut found: Vec<Neighbor>) -> Vec<Neighbor> {
@@ -159,29 +160,38 @@ pub fn case(random: &mut Random) -> Outcome {
     if random.one_in(8) {
         cloud.ids.iter_mut().for_each(|id| *id = 7 * random.below(1 + *id as usize) as u32);
     }
-    let round_to_f32 = double && random.one_in(3);
+    let rounded = double && random.one_in(3);
+    let widened = !double && random.one_in(6);
+    if widened {
+        cloud.widen();
+    }
+    let precision = match (rounded, widened) {
+        (true, _) => Precision::Single,
+        (_, true) => Precision::Double,
+        _ => Precision::Automatic,
+    };
     let mut trees = Vec::new();
     for _ in 0..3 {
-        let params = mbkd::PointParams { round_to_f32, ..params(random) };
+        let params = mbkd::PointParams { precision, ..params(random) };
         match cloud.tree(&params) {
             Err(PointError::Parameter { name: "structure", .. })
-                if double && !round_to_f32 && params.structure == PointStructure::Mbkd => {}
+                if cloud.double && !rounded && params.structure == PointStructure::Mbkd => {}
             tree => trees.push((tree.map_err(|error| format!("{params:?}: {error}"))?, format!("{params:?}"))),
         }
     }
     let Some((first, _)) = trees.first() else { return Ok(()) };
     let origin = first.origin();
-    if round_to_f32 {
+    if rounded {
         cloud.round(origin);
     }
     // What the caller's coordinates are relative to.
-    let shift = if round_to_f32 { origin } else { DVec3::ZERO };
+    let shift = if rounded { origin } else { DVec3::ZERO };
     let mut queries = Vec::new();
     for _ in 0..if cloud.len() > 4000 { 3 } else { 8 } {
         let time = random.any_time();
         let q = cloud.query(random, time);
         // As the tree sees it.
-        let seen = if round_to_f32 { (q + shift - origin).as_vec3().as_dvec3() } else { q };
+        let seen = if rounded { (q + shift - origin).as_vec3().as_dvec3() } else { q };
         let all = if (0.0..=1.0).contains(&time) { cloud.sorted(seen, time) } else { Vec::new() };
         for (tree, params) in &trees {
             let what = format!("{} points, {params}, {q} at {time}", cloud.len());
@@ -207,7 +217,7 @@ pub fn case(random: &mut Random) -> Outcome {
         }
         plain.push(tree);
     }
-    if !round_to_f32 {
+    if !rounded {
         check_approach(random, &plain, &cloud, "closest approach")?;
     }
     rebuilds(random, cloud, plain.swap_remove(0))

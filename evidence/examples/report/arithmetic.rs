@@ -5,7 +5,7 @@ use crate::fronts::short;
 use crate::page::{Axis, Item, Plot, Section, Series, Style};
 use crate::run::Run;
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{BuildParams, PointArrays, PointParams, PointTree, Ray, RayTree, TriangleMesh};
+use mbkd::{BuildParams, PointArrays, PointParams, PointTree, Precision, Ray, RayTree, TriangleMesh};
 use mbkd_evidence::accuracy::Random;
 use mbkd_evidence::oracle::{ExactDistance, ExactRay, Given, Moving, meet_triangle, ulp32};
 use mbkd_evidence::simple_kernels::{Met, moller_trumbore, moller_trumbore_f64, watertight};
@@ -237,7 +237,7 @@ fn nearest_errors(offset: f64, count: usize, seed: u64) -> Result<[Vec<f64>; 4],
     let (open32, close32) = (single(&open), single(&close));
     let given32 = [&open32, &close32].map(|key| key.iter().map(|p| p.as_dvec3()).collect::<Vec<DVec3>>());
     let params = PointParams::default();
-    let rounding = PointParams { round_to_f32: true, ..params.clone() };
+    let rounding = PointParams { precision: Precision::Single, ..params.clone() };
     let keys: [&[DVec3]; 2] = [&open, &close];
     let wide = PointArrays { keys: &keys, active: &[], ids: &[] };
     let (in_f64, rounded) = (PointTree::build(&wide, &params)?, PointTree::build(&wide, &rounding)?);

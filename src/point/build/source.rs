@@ -7,6 +7,7 @@ use crate::point::error::PointError;
 use crate::point::layout::static_tree::StaticTree;
 use crate::point::leaf_order::moving_reference::{MovingReference, TimeSlice};
 use crate::point::leaf_order::point_rows::PointRows;
+use crate::point::tree::Precision;
 use crate::primitive::{DOUBLE, PointSet, SINGLE, kept_keys};
 use crate::progress::Progress;
 use crate::simd::{Item, PointBlock, huge_vec, prefetch};
@@ -34,11 +35,10 @@ pub(in crate::point) struct Source {
 }
 
 impl Source {
-    /// Reads a set and checks everything that can be wrong with it. If it is said to `round_to_f32`, f64 positions are
-    /// dropped.
-    pub(in crate::point) fn read<P: PointSet + ?Sized>(points: &P, round_to_f32: bool) -> Result<Source, PointError> {
+    /// Reads a set and checks everything that can be wrong with it.
+    pub(in crate::point) fn read<P: PointSet + ?Sized>(points: &P, precision: Precision) -> Result<Source, PointError> {
         let (len, keys) = sizes(points)?;
-        Source::of(points, (len, keys), false, round_to_f32)
+        Source::of(points, (len, keys), false, precision)
     }
 
     /// The same; `not_plain` if it is known that active intervals or ids have to be read.
@@ -46,14 +46,19 @@ impl Source {
         points: &P,
         (len, keys): (usize, usize),
         not_plain: bool,
-        round_to_f32: bool,
+        precision: Precision,
     ) -> Result<Source, PointError> {
         let plain = !not_plain && is_plain(points, len);
         let (origin, precise) = if P::WIDE { origin_of(points, len, keys)? } else { (DVec3::ZERO, false) };
         let reader = Reader::new(points, keys, origin);
         let (mut positions, mut exact) = (Vec::new(), Vec::new());
         // Keys that a straight motion does not need are dropped before anything is copied: what is copied is small.
-        let keys = if precise && !round_to_f32 {
+        let precise = match precision {
+            Precision::Automatic => precise,
+            Precision::Single => false,
+            Precision::Double => true,
+        };
+        let keys = if precise {
             let keys = kept_of(len, keys, DOUBLE, |point, key| points.position(point, key).to_array());
             exact = reader.copy(len, keys, |point, key| reader.read_exact(point, key));
             if keys > 1 || !plain {
@@ -237,11 +242,11 @@ pub(in crate::point) enum Input {
 
 impl Input {
     /// Reads a set; see [`Source::read`].
-    pub(in crate::point) fn read<P: PointSet + ?Sized>(points: &P, round_to_f32: bool) -> Result<Input, PointError> {
+    pub(in crate::point) fn read<P: PointSet + ?Sized>(points: &P, precision: Precision) -> Result<Input, PointError> {
         let (len, keys) = sizes(points)?;
-        let may_be_static = !P::WIDE && keys == 1;
+        let may_be_static = !P::WIDE && keys == 1 && precision != Precision::Double;
         if !(may_be_static && is_plain(points, len)) {
-            return Source::of(points, (len, keys), may_be_static, round_to_f32).map(Input::Other);
+            return Source::of(points, (len, keys), may_be_static, precision).map(Input::Other);
         }
         let (mut blocks, reader) = (StaticTree::room(len), Reader::new(points, keys, DVec3::ZERO));
         let mut chunks = PointRows::in_blocks(&mut blocks, len).chunks(CHUNK);

@@ -47,7 +47,12 @@ pub enum ListError {
     },
     /// There are more queries than ids.
     TooManyQueries,
-    /// The two trees keep their positions relative to different origins, as trees of f64 positions do.
+    /// A point has more neighbours than [`ListQuery::max_neighbors`](crate::ListQuery::max_neighbors) allows.
+    TooManyNeighbors {
+        /// The lowest id of such a point.
+        id: u32,
+    },
+    /// The two trees keep positions in f32 relative to different origins, as trees do of f64 positions that are rounded.
     Origins,
     /// A tree holds its positions in f64, and the request needs positions in f32: lists with a skin or over an interval, or points
     /// in f64 among others in f32.
@@ -76,9 +81,12 @@ impl fmt::Display for ListError {
             ListError::TooManyQueries => {
                 f.write_str("there are more queries than ids; divide them into several requests")
             }
-            ListError::Origins => f.write_str("the two trees have different origins; build both from f32 positions"),
+            ListError::TooManyNeighbors { id } => write!(f, "point {id} has more neighbours than `max_neighbors` allows"),
+            ListError::Origins => f.write_str(
+                "the two trees have positions in f32 relative to different origins; build both with `Precision::Double`, or from f32 positions",
+            ),
             ListError::Double => f.write_str(
-                "such lists need positions in f32; build the tree with `round_to_f32`, or from f32 positions (two trees for `among` in any case)",
+                "lists with a skin or over an interval need positions in f32 (`Precision::Single`), and both sets of `among` the same precision",
             ),
             ListError::Ids { id } => {
                 write!(f, "id {id} is not the index of a point; ask for the lists in the order of the tree")

@@ -19,6 +19,8 @@ pub(super) struct Listing<'a> {
     pub(super) distances: bool,
     pub(super) displacements: bool,
     pub(super) sorted: bool,
+    /// The greatest number of neighbours of a point.
+    pub(super) most: usize,
 }
 
 /// Which points within the radius of a point its list excludes.

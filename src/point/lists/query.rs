@@ -53,6 +53,7 @@ impl PointTree {
             distances: false,
             displacements: false,
             sorted: false,
+            most: usize::MAX,
         };
         ListQuery { request: ListRequest { tree: self, among: self, time, periods: [None; 3], listing, by_id: false } }
     }
@@ -75,7 +76,8 @@ impl<'a> ListQuery<'a> {
     /// Makes axes periodic with these lengths: points are as far apart as their nearest images. Lengths are rounded to f32,
     /// unless positions are kept in f64.
     ///
-    /// Positions may lie anywhere, also several periods away. Each neighbour is listed once, at its nearest image; with
+    /// A difference d becomes `d - round(d * (1 / L)) * L`, each step rounded, with ties of `round` to even. Positions may lie
+    /// anywhere, also several periods away. Each neighbour is listed once, at its nearest image; with
     /// a radius of more than half a period, further images would lie within it too, and are not listed.
     pub fn periodic<L: Into<f64>>(mut self, lengths: [Option<L>; 3]) -> Self {
         self.request.periods = lengths.map(|length| length.map(Into::into));
@@ -97,6 +99,23 @@ impl<'a> ListQuery<'a> {
     /// Sorts each list by id.
     pub fn sorted(mut self) -> Self {
         self.request.listing.sorted = true;
+        self
+    }
+
+    /// An error if a list has more neighbours than this ([`ListError::TooManyNeighbors`]).
+    ///
+    /// It bounds the memory of lists: where points clump, as in a simulation that becomes unstable, there may be as many
+    /// neighbours as pairs of points, and a program that runs out of memory is aborted.
+    ///
+    /// ```
+    /// use mbkd::{ListError, NeighborCsr, PointParams, PointTree};
+    /// let tree = PointTree::build(&[[0.0f32; 3]; 1000], &PointParams::default())?;
+    /// let lists = tree.neighbor_lists(0.0, 1.0).max_neighbors(200).run(&mut NeighborCsr::new());
+    /// assert_eq!(lists, Err(ListError::TooManyNeighbors { id: 0 }));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn max_neighbors(mut self, most: usize) -> Self {
+        self.request.listing.most = most;
         self
     }
 

@@ -4,7 +4,8 @@ use crate::simd::Simd;
 
 /// How far neighbours may be.
 ///
-/// The squared distance is compared with the squared radius, both computed in f32.
+/// The squared distance is compared with the squared radius, both computed in f32 (distances of points kept in f64 are rounded to it).
+/// Radii of listed points are by id, those of queries ([`PointTree::within_lists`](crate::PointTree::within_lists)) by index.
 ///
 /// ```
 /// use mbkd::{NeighborCsr, PointParams, PointTree, Radii};

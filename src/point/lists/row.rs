@@ -18,6 +18,8 @@ pub(super) struct Lists {
     /// Ids of the points, and where their lists end.
     pub(super) points: Vec<u32>,
     pub(super) ends: Vec<usize>,
+    /// The lowest id of a point with more neighbours than are allowed.
+    pub(super) crowded: Option<u32>,
     /// Keys of a list to be sorted, and a column on its way.
     keys: Vec<u64>,
     column: Vec<f32>,
@@ -348,9 +350,13 @@ impl Lists {
         self.columns.make_room(length, listing.columns());
     }
 
-    /// Ends the list of a point.
+    /// Ends the list of a point; drops it if it has too many neighbours.
     #[inline(always)]
-    pub(super) fn end_list(&mut self, id: u32, begin: usize, end: usize, listing: &Listing) {
+    pub(super) fn end_list(&mut self, id: u32, begin: usize, mut end: usize, listing: &Listing) {
+        if end - begin > listing.most {
+            self.crowded = Some(self.crowded.map_or(id, |other| other.min(id)));
+            end = begin;
+        }
         self.len = end;
         if listing.sorted {
             self.sort(begin, listing);

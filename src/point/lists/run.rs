@@ -17,7 +17,7 @@ use crate::simd::dispatch;
 /// Makes the lists of a checked request.
 pub(super) fn run(request: &ListRequest<'_>, lists: &mut NeighborCsr) -> Result<(), ListError> {
     let mut prepared = core::mem::take(&mut lists.prepared);
-    let done = prepare(request, &mut prepared).map(|()| fill(request, &prepared, lists));
+    let done = prepare(request, &mut prepared).and_then(|()| fill(request, &prepared, lists));
     lists.prepared = prepared;
     if done.is_err() || !request.by_id {
         return done;
@@ -25,7 +25,20 @@ pub(super) fn run(request: &ListRequest<'_>, lists: &mut NeighborCsr) -> Result<
     by_id::reorder(request, lists)
 }
 
-fn fill(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut NeighborCsr) {
+/// Makes the lists of all groups.
+fn fill(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut NeighborCsr) -> Result<(), ListError> {
+    make_all(request, prepared, lists);
+    match lists.workers.iter_mut().filter_map(|worker| worker.lists.crowded.take()).min() {
+        None => Ok(()),
+        Some(id) => {
+            lists.offsets.clear();
+            lists.points.clear();
+            Err(ListError::TooManyNeighbors { id })
+        }
+    }
+}
+
+fn make_all(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut NeighborCsr) {
     let count = if parallel::threads() > 1 { slots() } else { 1 };
     if lists.workers.len() < count {
         lists.workers.resize(count, Worker::default());

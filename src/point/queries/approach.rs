@@ -339,7 +339,7 @@ impl PointTree {
     /// lower id. The distance is the exact one of these numbers, rounded to f32, as long as it is more than 2^-70 of the
     /// largest coordinate; so is the time. Finds nothing for positions that are not finite or farther from the origin than
     /// [`MAX_POINT_COORDINATE`]. Cost: 3 to 16 microseconds among points that move little, some dozens if they move far
-    /// across each other.
+    /// across each other. All points that come equally near are compared, as those of a straight row beside the query's path do.
     ///
     /// ```
     /// use mbkd::{MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};

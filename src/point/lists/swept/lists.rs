@@ -101,8 +101,8 @@ impl PointTree {
     /// the interval may have an empty list or none. Points with the same
     /// id are no neighbours of each other; where the tree consists of several, they have one list together.
     ///
-    /// Cost: a little more than lists at a time while points move less than their spacing relative to their
-    /// neighbours; motion that all have in common costs nothing.
+    /// Cost: about ten times that of lists at a time, even of points that do not move, as each encounter is computed in f64, while points
+    /// move less than their spacing relative to their neighbours. Motion that all have in common adds little.
     pub fn neighbor_lists_swept(&self, interval: TimeInterval, radius: f32) -> Result<EncounterLists, ListError> {
         let mut lists = EncounterLists::new();
         self.neighbor_lists_swept_into(interval, radius, &mut lists)?;
