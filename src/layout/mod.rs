@@ -16,6 +16,7 @@
 //! only, and those of a single triangle are found there (`corners`).
 
 mod block_masks;
+mod built_place;
 mod corners;
 mod kd_validate;
 mod key_rows;
@@ -47,6 +48,7 @@ mod wide_tree;
 mod wide_validate;
 mod write;
 
+pub(crate) use built_place::BuiltPlace;
 pub use kd_validate::ValidationError;
 pub(crate) use keyed_leaf::{KeyedLeaf, KeyedRows};
 pub(crate) use lazy_tree::LazyTree;

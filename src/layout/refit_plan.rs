@@ -3,6 +3,7 @@
 //!
 //! The hierarchies of time slices may share leaf blocks (*segments*). Those are stored apart, and are rewritten first.
 
+use super::built_place::BuiltPlace;
 use super::keyed_leaf::KeyedLeaf;
 use super::leaf_block::WideSource;
 use super::leaf_ids::Ids;
@@ -83,6 +84,8 @@ pub(crate) struct Plan {
     pub places: HashMap<u32, usize>,
     /// Cost of the tree per area of its root when it was built.
     pub built: f64,
+    /// Where it was then; `None` if it is empty.
+    pub place: Option<BuiltPlace>,
     /// The leaf blocks that hold primitives of several meshes.
     mixed: Vec<ChildRef>,
     units_of: Holders,

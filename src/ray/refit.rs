@@ -4,7 +4,7 @@ use super::compiled::Layout;
 use super::{Geometry, RayTree};
 use crate::error::RefitError;
 use crate::geometry::TimeInterval;
-use crate::layout::Moved;
+use crate::layout::{BuiltPlace, Moved};
 use crate::parallel;
 use crate::primitive::{Primitive, PrimitiveSet, Shape, Shapes, TriangleMesh};
 
@@ -20,7 +20,9 @@ pub struct Refit {
     /// Blocks that were not visited.
     pub skipped: usize,
     /// Expected cost of a ray that hits the root box, relative to that when the tree was built: the sum over nodes and
-    /// leaf blocks of cost times area, as in the surface area heuristic. The time per ray grows about as much.
+    /// leaf blocks of cost times area, as in the surface area heuristic. The time per ray grows about as much. If the root box has
+    /// grown since the build, it is the larger of that and the cost of a ray that hits the box that it had then: so that what flies off
+    /// does not hide that rays in the rest take longer.
     pub cost: f64,
 }
 
@@ -46,24 +48,39 @@ impl<G: Geometry> RayTree<G> {
         // If the tree space changed, all coordinates did.
         let moved = if self.geometry.frame().maps_as(geometry.frame()) { moved } else { Moved::All };
         let masks_differ = self.geometry.masks() != geometry.masks();
+        let first = (self.plan.is_none() && self.geometry.len() > 0).then(|| BuiltPlace::new(&self.linear_bounds()));
         self.geometry = geometry;
-        self.rewrite(&moved, masks_differ)
+        self.rewrite(&moved, masks_differ, first)
     }
 
-    /// Rewrites the tree for a geometry that has changed.
-    fn rewrite(&mut self, moved: &Moved, masks_differ: bool) -> Result<Refit, RefitError> {
+    /// Rewrites the tree for a geometry that has changed; `place` is where the tree was if this is its first refit.
+    fn rewrite(&mut self, moved: &Moved, masks_differ: bool, place: Option<BuiltPlace>) -> Result<Refit, RefitError> {
         let Layout::Wide(tree) = &mut self.layout else { return Err(RefitError::Policy) };
-        let (done, cost) = tree.refit(&self.geometry, moved, &mut self.plan);
+        let (done, of_root) = tree.refit(&self.geometry, moved, &mut self.plan);
         if masks_differ {
             tree.find_masks(&self.geometry);
         }
         self.geometry.release_build_data();
         let blocks = tree.counts.nodes + tree.counts.leaves;
+        let cost = of_root.max(self.cost_in_place(place));
         self.outline = self.layout.outline(self.geometry.frame());
         self.statistics.cost = cost;
         self.geometry.input_error().map_err(RefitError::Input)?;
         let (nodes, leaves) = (done.nodes, done.leaves);
         Ok(Refit { nodes, leaves, kept: done.visited - nodes - leaves, skipped: blocks - done.visited, cost })
+    }
+
+    /// The relative cost of rays that meet the box that the root had when the tree was built, if it has grown; 0 otherwise.
+    fn cost_in_place(&mut self, first: Option<BuiltPlace>) -> f64 {
+        let (Layout::Wide(tree), Some(plan)) = (&self.layout, &mut self.plan) else { return 0.0 };
+        plan.place = plan.place.or(first);
+        let frame = self.geometry.frame();
+        let (Some(place), Some(bounds)) = (plan.place, tree.linear_bounds(frame)) else { return 0.0 };
+        if !place.is_outgrown(&bounds) {
+            return 0.0;
+        }
+        let built = place.cost(plan.built);
+        if built > 0.0 { tree.cost_within::<G>(frame.outward(place.bounds())) / built } else { 0.0 }
     }
 
     /// An error if the tree left out one of the meshes and shapes with these active intervals at some of their times.
@@ -213,7 +230,7 @@ impl RayTree {
             return Ok(None);
         }
         let masks_differ = masks != self.geometry.masks();
-        self.rewrite(moved, masks_differ).map(Some)
+        self.rewrite(moved, masks_differ, None).map(Some)
     }
 }
 

@@ -5,7 +5,7 @@ use crate::common::{Random, closed_sphere, difference, random_ray, soup};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    BuildError, BuildParams, Division, KdParams, Keys, MovingSphere, Ray, RayTree, Refit, RefitError, Shape,
+    BuildError, BuildParams, Counters, Division, KdParams, Keys, MovingSphere, Ray, RayTree, Refit, RefitError, Shape,
     TriangleMesh, WideParams,
 };
 use mbkd_scenes as scene;
@@ -327,4 +327,50 @@ fn masks_and_active_intervals_are_updated() {
         assert_eq!(difference(&tree, &oracle, &ray), None);
         assert_eq!(tree.closest_hit_filtered(&ray, 0b01, |_| true), None);
     }
+}
+
+/// Many small balls in a cube, of which some move by a distance.
+fn balls_of_which_some_move(share: usize, far: f32, grown: f32) -> [Vec<TriangleMesh>; 2] {
+    let place = |i: usize| Vec3::new((i % 12) as f32, (i / 12 % 12) as f32, (i / 144) as f32) * 2.0;
+    let ball = |at: Vec3| {
+        let mut mesh = closed_sphere(5, 1, 0.0, 4);
+        let Keys::F32(keys) = &mut mesh.keys else { panic!("f32") };
+        keys[0].iter_mut().for_each(|p| *p = *p * 0.4 + at);
+        mesh
+    };
+    let went = |i: usize| if i.is_multiple_of(share) { place(i) + Vec3::new(far, 0.3 * far, 0.0) } else { place(i) };
+    [(0..1728).map(|i| ball(place(i))).collect(), (0..1728).map(|i| ball(went(i) * grown)).collect()]
+}
+
+/// Steps of rays through the cube where everything was at first.
+fn steps_in_place(tree: &RayTree) -> f64 {
+    let mut random = Random(8);
+    let mut work = Counters::default();
+    for _ in 0..400 {
+        let [way, to] = [0, 1].map(|_| random.vec() * 11.0);
+        let from = way.normalize() * 30.0;
+        tree.all_hits_observed(&Ray::new(from + 11.0, to - from), &mut work, |_| ControlFlow::Continue(()));
+    }
+    (work.nodes + work.leaves) as f64
+}
+
+#[test]
+fn the_cost_of_a_refit_tells_that_rays_in_place_take_longer_when_something_flies_off() {
+    for (share, far, grown) in [(100, 50.0, 1.0), (100, 2000.0, 1.0), (20, 1e6, 1.0), (10, 30.0, 1.0)] {
+        let [before, after] = balls_of_which_some_move(share, far, grown);
+        let mut tree = RayTree::build(&before, &BuildParams::default()).unwrap();
+        let fresh = steps_in_place(&tree);
+        let refit = tree.refit(&after).unwrap();
+        let worn = steps_in_place(&tree) / fresh;
+        println!("{share} {far} {grown}: {refit:?}, {worn}");
+        assert!(refit.cost > 1.0 + 0.5 * (worn - 1.0) && refit.cost < 2.0 * worn, "{share} {far}: {refit:?}, {worn}");
+        // Back again, it is as good as new.
+        let refit = tree.refit(&before).unwrap();
+        assert!((refit.cost - 1.0).abs() < 1e-3, "{refit:?}");
+    }
+    // Everything grows: each ray that meets the scene takes as many steps as before.
+    let [before, after] = balls_of_which_some_move(usize::MAX, 0.0, 3.0);
+    let mut tree = RayTree::build(&before, &BuildParams::default()).unwrap();
+    let refit = tree.refit(&after).unwrap();
+    assert!((0.95..1.1).contains(&refit.cost), "{refit:?}");
 }
