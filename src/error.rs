@@ -151,7 +151,7 @@ impl fmt::Display for BuildError {
 
 impl std::error::Error for BuildError {}
 
-/// Why a tree could not be refitted. The tree is unchanged and answers as before: build a new one.
+/// Why a tree could not be refitted. The tree is unchanged and answers as before: build a new one. (But see [`RefitError::Input`].)
 ///
 /// ```
 /// use mbkd::{BuildParams, RayTree, RefitError, TriangleMesh, glam::Vec3};
@@ -219,6 +219,9 @@ pub enum RefitError {
         found: usize,
     },
     /// The input would be invalid for a build as well.
+    ///
+    /// If the error is [`BuildError::BadBounds`] and only the bounds over a part of the shutter are bad, the tree has the new positions
+    /// already: its other primitives answer for these, and it treats the one that is named as unbounded.
     Input(BuildError),
 }
 

@@ -1,4 +1,4 @@
-//! All limits of the inputs of the crate and of its layouts.
+//! Limits of inputs and layouts that several modules check. A limit of one module only is a constant of that module.
 
 /// The largest magnitude a coordinate may have: the f32 next to 1e30, which is a little larger. Beyond it builds return an error.
 pub const MAX_COORDINATE: f64 = 1e30_f32 as f64;

@@ -48,8 +48,8 @@ pub struct PointParams {
     /// The structure for moving points. Default: automatic. If all points of a set are static, it always has the static
     /// structure.
     pub structure: PointStructure,
-    /// The greatest number of references per point for each segment between two keys, in the k-d tree and over time slices; at least
-    /// 1, default 8. Points with n keys may so have n - 1 times as many, since each segment has a tree of its own. A reference takes
+    /// The greatest number of references per point for each segment between two keys, in the k-d tree and over time slices; from 1
+    /// to 1024, default 8. Points with n keys may so have n - 1 times as many, since each segment has a tree of its own. A reference takes
     /// 32 to 48 bytes. Time slices that are requested explicitly are not limited.
     pub max_references: f32,
     /// Whether positions given in f64 are rounded to f32, relative to the middle of the set. They are then off by up to
@@ -135,8 +135,9 @@ impl PointTree {
     /// [`PointColumns`](crate::PointColumns), or your own [`PointSet`].
     ///
     /// The time is O(n log n). The tree takes 17 or 18 bytes per static point and 32 or more per moving point (in f64: 30
-    /// and 55); the build needs two to three times as much. The set is read once, at the beginning. If its answers change
-    /// from call to call, the tree has the answers of that time. The tree of an empty set finds nothing.
+    /// and 55); the build needs two to three times as much. The set is read at the beginning
+    /// only. It may be asked for the same position, interval or id several times, and must answer alike. The tree of an
+    /// empty set finds nothing.
     ///
     /// # Errors
     /// Coordinates that are not finite or too large, arrays of different length, and parameters out of range.
