@@ -8,16 +8,8 @@ use super::tree::{PointParams, PointTree};
 use crate::parallel;
 use crate::primitive::PointSet;
 use crate::progress::Progress;
+use crate::tuning::steps::MOST_EXCESS;
 use std::collections::HashMap;
-
-/// Growth of the leaves' boxes, added up over the steps, up to which the order is kept.
-///
-/// Keeping it costs a little in each step: a search visits the more leaves the larger they are. Putting all points in
-/// order costs once. Doing so when the former have added up to the latter costs at most twice what the best moment
-/// would have cost, however points move (the rule of renting or buying skis). Sides larger by a share g make neighbour
-/// lists slower by about 1.2 g, and ordering all points costs about a third of the lists' time more than keeping the
-/// order: so the sum of g is 0.3. `cargo bench --bench lists -- --only growth` measures both.
-const MOST_EXCESS: f64 = 0.3;
 
 impl PointTree {
     /// Builds the tree again for the next step of a simulation, in which the points have moved a little: the same tree
