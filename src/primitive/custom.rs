@@ -31,7 +31,7 @@ use glam::DVec3;
 ///
 /// A primitive that breaks the contract does not affect others. If its bounds are invalid, the build fails with
 /// [`BuildError::BadBounds`]. If its bounds do not contain all hits, or change from one call to the next, hits of this
-/// primitive are lost. [`active`](Primitive::active) is called once.
+/// primitive are lost. A tree calls [`active`](Primitive::active) once, when it takes the primitive.
 ///
 /// ```
 /// use mbkd::glam::{DVec3, Vec3};
@@ -300,7 +300,8 @@ fn are_boxes(bounds: LinearBounds) -> bool {
     })
 }
 
-/// The intervals and bounds of shapes. The interval of each shape is read once.
+/// The intervals and bounds of shapes. The interval of each shape is read here, and nowhere else.
+#[derive(Clone)]
 pub(crate) struct ShapesExtent {
     /// Active intervals; empty if all shapes exist throughout the shutter.
     active: Vec<TimeInterval>,
@@ -327,6 +328,11 @@ impl ShapesExtent {
             active = Vec::new();
         }
         Ok(ShapesExtent { active, swept })
+    }
+
+    /// The active interval of a shape.
+    pub fn active(&self, shape: usize) -> TimeInterval {
+        self.active.get(shape).copied().unwrap_or(TimeInterval::FULL)
     }
 }
 
@@ -376,6 +382,11 @@ impl<P: Primitive> Shapes<P> {
     /// The box that holds all shapes at all times, in world space.
     pub(super) fn swept(&self) -> Aabb {
         self.swept
+    }
+
+    /// What is known of the shapes, as it was read when they were taken.
+    pub(super) fn extent(&self) -> ShapesExtent {
+        ShapesExtent { active: self.active.clone(), swept: self.swept }
     }
 
     /// Replaces the frame by one that maps points to the same coordinates.
