@@ -25,6 +25,7 @@ use glam::DVec3;
 ///   that time, exactly.
 /// - Bounds are finite, not inverted, and within [`MAX_COORDINATE`], over every part of the shutter, down to a single
 ///   instant.
+/// - [`intersect`](Primitive::intersect) reports the nearest intersection in the range of the ray, and none outside it.
 /// - [`intersect`](Primitive::intersect) and [`closest_point`](Primitive::closest_point) are pure: the same arguments give
 ///   the same answer, for any number of calls and on any thread.
 /// - The sphere of [`as_sphere`](Primitive::as_sphere), if there is one, has the same answers.
@@ -51,7 +52,8 @@ use glam::DVec3;
 ///         let t = (f64::from(ray.time) - ray.origin.z) / f64::from(ray.dir.z);
 ///         let p = ray.origin + ray.dir.as_dvec3() * t;
 ///         let inside = p.x >= 0.0 && p.x <= 1.0 && p.y >= 0.0 && p.y <= 1.0;
-///         inside.then_some(Intersection { t: t as f32, u: p.x as f32, v: p.y as f32 })
+///         let in_range = (ray.t_min..=ray.t_max).contains(&(t as f32));
+///         (inside && in_range).then_some(Intersection { t: t as f32, u: p.x as f32, v: p.y as f32 })
 ///     }
 /// }
 /// let tree = RayTree::of_primitives(vec![Lift], &BuildParams::default())?;
@@ -63,9 +65,9 @@ pub trait Primitive: Send + Sync {
     /// Linear bounds over a part of the shutter, in world coordinates. The primitive need not exist during the whole part.
     fn bounds(&self, over: TimeInterval) -> LinearBounds;
 
-    /// The nearest intersection at `ray.time` with `t` in `[ray.t_min, ray.t_max]`.
+    /// The nearest intersection at `ray.time` with `t` in `[ray.t_min, ray.t_max]`; `None` if there is no intersection in that range.
     ///
-    /// An answer outside that range is ignored.
+    /// An answer outside that range breaks the contract: trees ignore it, and so lose an intersection in the range behind it.
     fn intersect(&self, ray: &Ray) -> Option<Intersection>;
 
     /// The point of the primitive at `time` that is nearest to `point`, for
