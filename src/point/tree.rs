@@ -145,7 +145,8 @@ impl PointTree {
         PointTree::build_reporting(points, params, &Progress::new(None))
     }
 
-    /// [`PointTree::build`] that calls `progress` with the finished fraction (0 to 1) from time to time, from any of its threads.
+    /// [`PointTree::build`] that calls `progress` with the finished fraction (above 0, and at the end 1) from time to time, from any of its
+    /// threads.
     /// `Break` cancels the build, which then returns [`PointError::Cancelled`].
     ///
     /// ```
@@ -189,7 +190,7 @@ impl PointTree {
             Input::Static(len, rows) => PointTree::of_static(len, rows, params, &read()?),
             Input::Other(source) => PointTree::of(&source, params, &read()?)?,
         };
-        if progress.cancelled() { Err(PointError::Cancelled) } else { Ok(tree) }
+        if progress.complete() { Err(PointError::Cancelled) } else { Ok(tree) }
     }
 
     /// A tree without layers.

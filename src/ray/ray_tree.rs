@@ -75,6 +75,9 @@ impl<G: Geometry> RayTree<G> {
         params.validate()?;
         let (layout, statistics) = geometry.lay_out(params, progress)?;
         geometry.input_error()?;
+        if progress.complete() {
+            return Err(BuildError::Cancelled);
+        }
         let (simd, queries, outline) = (SimdLevel::best(), G::QUERIES, layout.outline(geometry.frame()));
         Ok(RayTree { geometry, layout, outline, statistics, from_file: false, plan: None, simd, queries })
     }
@@ -450,7 +453,7 @@ impl RayTree {
         of_scene(meshes, shapes, params, None)
     }
 
-    /// [`RayTree::build`] that calls `progress` from time to time with the finished fraction (0 to 1), from any of its
+    /// [`RayTree::build`] that calls `progress` from time to time with the finished fraction (above 0, and at the end 1), from any of its
     /// threads. `Break` cancels the build, which then returns [`BuildError::Cancelled`].
     ///
     /// A k-d tree calls it at every half percent. A wide tree calls it after each of its steps, of which the first takes about half of the
