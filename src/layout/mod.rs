@@ -30,6 +30,7 @@ mod leaf_measure;
 mod leaf_rewrite;
 mod left_out;
 mod list_boxes;
+mod needed_segments;
 mod node_boxes;
 mod refit;
 mod refit_plan;

@@ -18,8 +18,9 @@
 //! and the difference of radii are together at most the second, but for roundings of f32.
 
 use super::list_boxes::{Boxed, ListBoxes, MOVING};
+use super::needed_segments::needed_segments;
 use super::wide_node::{ChildRef, Kind, Sizes};
-use crate::geometry::{Frame, KeyTime, ULP};
+use crate::geometry::{Frame, ULP};
 use crate::primitive::{MovingSphere, PrimitiveSet, SPHERE_ROUNDING};
 use crate::simd::Arena;
 use crate::time::TimeSlice;
@@ -229,20 +230,6 @@ impl SphereLeaf {
     }
 }
 
-/// The first and the last segment between keys of some spheres in which one of them exists within a time slice.
-fn needed_segments<S: PrimitiveSet + ?Sized>(set: &S, ids: &[u32], keys: usize, slice: TimeSlice) -> [usize; 2] {
-    let [first, last] = slice.segments(keys);
-    if set.always_active() {
-        return [first, last];
-    }
-    let of_life = ids.iter().map(|&id| {
-        let active = set.active(id);
-        [active.begin(), active.last()].map(|t| KeyTime::new(t, keys).segment)
-    });
-    let [begin, end] = of_life.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]).unwrap_or([first, last]);
-    [begin.clamp(first, last), end.clamp(first, last)]
-}
-
 /// Whether f32 has all numbers of a sphere at a key.
 fn is_in_f32(&(center, radius): &(DVec3, f64)) -> bool {
     center.as_vec3().as_dvec3() == center && f64::from(radius as f32) == radius
@@ -328,6 +315,7 @@ pub(super) fn rewrite_shapes<S: PrimitiveSet + ?Sized>(set: &S, words: &mut [u32
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::KeyTime;
     use crate::layout::{Between, block_sizes, sphere_row};
     use crate::primitive::{Primitive, Shapes};
     use crate::random::Random;
