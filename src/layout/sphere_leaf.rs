@@ -160,7 +160,14 @@ impl SphereLeaf {
             0 => n + 1,
             MOVING.. => ListBoxes::of(words, n)?.words(n),
             _ if words.len() < n + HEADER => return None,
-            _ => SphereLeaf::of(words, n)?.words(n),
+            _ => {
+                let leaf = SphereLeaf::of(words, n)?;
+                // Its size fits a number of 32 bits only if the rows do not exceed all words.
+                if leaf.held > words.len() / (SPHERE_ROWS * n.max(1)) {
+                    return None;
+                }
+                leaf.words(n)
+            }
         };
         (end <= words.len()).then_some(end)
     }
@@ -319,7 +326,21 @@ mod tests {
     use crate::layout::{Between, block_sizes, sphere_row};
     use crate::primitive::{Primitive, Shapes};
     use crate::random::Random;
-    use crate::simd::{Portable, Rows, Simd};
+    use crate::simd::{LANES, Portable, Rows, Simd};
+
+    #[test]
+    fn forged_numbers_of_keys_are_refused_before_they_overflow() {
+        let block = |held: u32| [vec![0; LANES], vec![2, 0, held, 0], vec![0; 12 * LANES]].concat();
+        for (held, words) in [
+            (1, Some(20 + 8 * LANES)),
+            (2, None),
+            (FINE - 1, None),
+            (u32::MAX, None),
+            (FINE | 1, Some(20 + 12 * LANES)),
+        ] {
+            assert_eq!(SphereLeaf::words_of_list(&block(held), LANES), words, "{held:x}");
+        }
+    }
 
     /// Spheres that need f64, or not.
     fn spheres_of(n: usize, keys: usize, fine: bool, seed: u64) -> Vec<MovingSphere> {
