@@ -10,6 +10,9 @@ pub const MAX_POINT_COORDINATE: f64 = 1e18;
 /// The most keys of a set of points.
 pub(crate) const MAX_KEYS: usize = 1 << 16;
 
+/// The most keys of a mesh. Leaf blocks hold keys of spheres up to this number; trees only list the ids of spheres with more.
+pub(crate) const MAX_MESH_KEYS: usize = 1 << 24;
+
 /// The most time slices of a point tree that can be requested.
 pub(crate) const MAX_POINT_TIME_SLICES: usize = 1024;
 

@@ -21,6 +21,7 @@ use super::list_boxes::{Boxed, ListBoxes, MOVING};
 use super::needed_segments::needed_segments;
 use super::wide_node::{ChildRef, Kind, Sizes};
 use crate::geometry::{Frame, ULP};
+use crate::limits::MAX_MESH_KEYS;
 use crate::primitive::{MovingSphere, PrimitiveSet, SPHERE_ROUNDING};
 use crate::simd::Arena;
 use crate::time::TimeSlice;
@@ -173,9 +174,12 @@ impl SphereLeaf {
     }
 
     /// The rows of some shapes in a time slice, without their sizes; `None` if they are to be listed only: not all are spheres, or one has keys
-    /// between those of another.
+    /// between those of another, or more than [`MAX_MESH_KEYS`].
     fn for_shapes<S: PrimitiveSet + ?Sized>(set: &S, ids: &[u32], slice: TimeSlice) -> Option<SphereLeaf> {
         let keys = ids.iter().map(|&id| set.sphere(id).map_or(0, |sphere| sphere.keys.len())).max().unwrap_or(0);
+        if keys > MAX_MESH_KEYS {
+            return None;
+        }
         let [first, last] = if keys > 2 { needed_segments(set, ids, keys, slice) } else { [0, 0] };
         let held = if keys > 2 { last + 2 - first } else { keys };
         SphereLeaf { keys, first, held, fine: false, sizes: 0 }.with(set, ids)
