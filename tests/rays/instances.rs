@@ -444,6 +444,22 @@ fn ten_thousand_instances_take_little_beyond_what_is_placed() {
 }
 
 #[test]
+fn numbers_of_nested_primitives_saturate() {
+    let of = RayTree::build(&[soup(2000, 1, 0.1, 0.0, 5)], &BuildParams::default()).unwrap();
+    let mut of = InstanceOf::from(Arc::new(of));
+    let mut tree = None;
+    for _ in 0..MAX_NESTING {
+        let place = |i| Instance::new(of.clone(), Pose { translation: DVec3::X * f64::from(i), ..Pose::IDENTITY });
+        let next = Arc::new(InstanceTree::build((0..10_000).map(place).collect(), &WideParams::default()).unwrap());
+        of = next.clone().into();
+        tree = Some(next);
+    }
+    let statistics = tree.unwrap().statistics();
+    // 2e19 primitives are more than u64 can count.
+    assert_eq!((statistics.instances, statistics.primitives), (10_001_000_100_010_000, u64::MAX));
+}
+
+#[test]
 fn bad_instances_are_refused_with_their_number() {
     let of = Arc::new(RayTree::build(&[soup(5, 1, 0.1, 0.0, 5)], &BuildParams::default()).unwrap());
     let error = |transform: Transform| {
