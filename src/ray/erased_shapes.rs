@@ -13,6 +13,7 @@ use super::kernel::shear::Sheared;
 use super::kernel::tree_ray::TreeRay;
 use super::traversal::intersect::RaySource;
 use crate::error::BuildError;
+use crate::file::{Encoder, FileError, FileKind};
 use crate::geometry::{Frame, LinearBox3, TimeInterval};
 use crate::layout::{Statistics, WideSource};
 use crate::params::BuildParams;
@@ -165,6 +166,12 @@ impl<P: Primitive> Compiled for Shapes<P> {
 
     fn lay_out(&mut self, params: &BuildParams, progress: &Progress) -> Result<(Layout, Statistics), BuildError> {
         lay_out_erased(ErasedShapes::of(self), params, progress)
+    }
+
+    const FILE: FileKind = FileKind::Primitives;
+
+    fn write(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
+        self.encode(to)
     }
 }
 
