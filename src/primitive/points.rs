@@ -268,28 +268,44 @@ impl PointSet for PointColumns<'_> {
     }
 }
 
-/// Containers of a slice that is a set.
-macro_rules! as_slice {
-    ($($generics:tt)*) => {
-        impl<T: Sync, $($generics)* where [T]: PointSet {
-            const WIDE: bool = <[T] as PointSet>::WIDE;
-            fn len(&self) -> usize {
-                PointSet::len(&self[..])
-            }
-            fn keys(&self) -> usize {
-                self[..].keys()
-            }
-            #[inline(always)]
-            fn position(&self, point: usize, key: usize) -> DVec3 {
-                self[..].position(point, key)
-            }
-            #[inline(always)]
-            fn active(&self, point: usize) -> TimeInterval {
-                self[..].active(point)
-            }
-        }
-    };
+impl<T: Sync> PointSet for Vec<T>
+where
+    [T]: PointSet,
+{
+    const WIDE: bool = <[T] as PointSet>::WIDE;
+    fn len(&self) -> usize {
+        PointSet::len(&self[..])
+    }
+    fn keys(&self) -> usize {
+        self[..].keys()
+    }
+    #[inline(always)]
+    fn position(&self, point: usize, key: usize) -> DVec3 {
+        self[..].position(point, key)
+    }
+    #[inline(always)]
+    fn active(&self, point: usize) -> TimeInterval {
+        self[..].active(point)
+    }
 }
 
-as_slice!(> PointSet for Vec<T>);
-as_slice!(const N: usize> PointSet for [T; N]);
+impl<T: Sync, const N: usize> PointSet for [T; N]
+where
+    [T]: PointSet,
+{
+    const WIDE: bool = <[T] as PointSet>::WIDE;
+    fn len(&self) -> usize {
+        PointSet::len(&self[..])
+    }
+    fn keys(&self) -> usize {
+        self[..].keys()
+    }
+    #[inline(always)]
+    fn position(&self, point: usize, key: usize) -> DVec3 {
+        self[..].position(point, key)
+    }
+    #[inline(always)]
+    fn active(&self, point: usize) -> TimeInterval {
+        self[..].active(point)
+    }
+}

@@ -145,7 +145,11 @@ impl PointTree {
         answers
     }
 
-    fn lists<Q: Position>(&self, queries: &[(Q, f32)], answer: impl Answer) -> NeighborLists {
+    fn lists<Q: Position>(
+        &self,
+        queries: &[(Q, f32)],
+        answer: impl Fn(usize, NeighborQuery<'_>, &mut NeighborBuffer, &mut Vec<Neighbor>) + Sync,
+    ) -> NeighborLists {
         let order = self.order(queries);
         let runs = in_runs(&order, |indices| {
             let mut buffer = NeighborBuffer::new();
@@ -192,10 +196,6 @@ impl PointTree {
 pub(in crate::point) fn in_runs<R: Send>(order: &[usize], one: impl Fn(&[usize]) -> R + Send + Sync) -> Vec<R> {
     parallel::map(order.len().div_ceil(RUN), |run| one(&order[run * RUN..order.len().min((run + 1) * RUN)]))
 }
-
-/// Answers one query of a batch, given its index, and appends the results.
-trait Answer: Fn(usize, NeighborQuery<'_>, &mut NeighborBuffer, &mut Vec<Neighbor>) + Sync {}
-impl<F: Fn(usize, NeighborQuery<'_>, &mut NeighborBuffer, &mut Vec<Neighbor>) + Sync> Answer for F {}
 
 /// Answers of a run of queries, one behind the other.
 struct Run {
