@@ -58,6 +58,21 @@ impl<G: Geometry> RayTree<G> {
         self.closest_point_guarded(&(*query).into(), Guards::filtered(mask, &accept))
     }
 
+    /// [`RayTree::closest_point`] on meshes whose mask shares a bit with `mask`, as [`RayTree::closest_point_filtered`] without a filter.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, ClosestPointQuery, RayTree, TriangleMesh, glam::Vec3};
+    /// let at = |z: f32| vec![Vec3::new(0.0, 0.0, z), Vec3::new(1.0, 0.0, z), Vec3::new(0.0, 1.0, z)];
+    /// let meshes = [1.0, 2.0].map(|z| TriangleMesh::fixed(vec![[0, 1, 2]], at(z)).with_mask(z as u32));
+    /// let tree = RayTree::build(&meshes, &BuildParams::default())?;
+    /// let query = ClosestPointQuery::new(Vec3::ZERO, 0.0);
+    /// assert_eq!([0b01, 0b10].map(|mask| tree.closest_point_masked(&query, mask).unwrap().distance), [1.0, 2.0]);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn closest_point_masked(&self, query: &ClosestPointQuery, mask: u32) -> Option<ClosestPoint> {
+        self.closest_point_guarded(&(*query).into(), Guards::masked(mask))
+    }
+
     /// [`RayTree::closest_point`], reporting each step to `observer`.
     pub fn closest_point_observed(
         &self,

@@ -88,6 +88,17 @@ impl Placed {
         assert_eq!(self.tree.any_hit_filtered(ray, mask, |_| true), found.is_some());
         assert_eq!(self.tree.closest_hit_masked(ray, mask).map(name), found);
         assert_eq!(self.tree.any_hit_masked(ray, mask), found.is_some());
+        let mut all = [Vec::new(), Vec::new()];
+        let [by_mask, by_filter] = &mut all;
+        let into = |all: &mut Vec<Found>, hit| {
+            all.push(name(hit));
+            ControlFlow::Continue(())
+        };
+        let _ = self.tree.all_hits_masked(ray, mask, |hit| into(by_mask, hit));
+        let _ = self.tree.all_hits_filtered(ray, mask, |_| true, |hit| into(by_filter, hit));
+        all.iter_mut().for_each(|hits| hits.sort());
+        assert_eq!(all[0], all[1], "{ray:?} {mask:b}");
+        assert_eq!(Placed::closest(&all[0]), found, "{ray:?} {mask:b}");
         nearest.is_some()
     }
 }
