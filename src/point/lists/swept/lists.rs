@@ -67,6 +67,11 @@ impl EncounterLists {
         self.points.is_empty()
     }
 
+    /// Where each list begins in [`encounters`](EncounterLists::encounters), and where the last one ends.
+    pub fn offsets(&self) -> &[usize] {
+        &self.offsets
+    }
+
     /// The id of the point that each list belongs to.
     pub fn points(&self) -> &[u32] {
         &self.points
@@ -77,10 +82,36 @@ impl EncounterLists {
         &self.encounters[..self.end()]
     }
 
+    /// The encounters of list `row`. Panics where `row` is not less than [`EncounterLists::len`].
+    ///
+    /// ```
+    /// use mbkd::{MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
+    /// let points = [MovingPoint::new(Vec3::NEG_X, Vec3::X), MovingPoint::fixed(Vec3::Y * 0.3)];
+    /// let lists = PointTree::build(&points, &PointParams::default())?.neighbor_lists_swept(TimeInterval::FULL, 0.5)?;
+    /// for (row, &point) in lists.points().iter().enumerate() {
+    ///     assert_eq!((lists.row(row).len(), lists.row(row)[0].id), (1, 1 - point));
+    /// }
+    /// assert_eq!(lists.offsets(), [0, 1, 2]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn row(&self, row: usize) -> &[Encounter] {
+        &self.encounters[self.offsets[row]..self.offsets[row + 1]]
+    }
+
     /// The lists, each with the id of its point.
     pub fn iter(&self) -> impl ExactSizeIterator<Item = (u32, &[Encounter])> {
         let rows = self.offsets.windows(2).map(|ends| &self.encounters[ends[0]..ends[1]]);
         self.points.iter().copied().zip(rows)
+    }
+
+    /// Bytes allocated, for the lists and for making them.
+    pub fn bytes(&self) -> usize {
+        let shares: usize = self.shares.iter().map(EncounterLists::bytes).sum();
+        self.offsets.capacity() * size_of::<usize>()
+            + self.points.capacity() * size_of::<u32>()
+            + self.encounters.capacity() * size_of::<Encounter>()
+            + self.shares.capacity() * size_of::<EncounterLists>()
+            + shares
     }
 }
 
