@@ -130,6 +130,23 @@ const ALL_STATIC_IN_F64: &str = "all points are static; positions in f64";
 const SIMPLE: Plan = Plan::Boxes(1);
 
 impl PointTree {
+    /// Selects another instruction set of this CPU for queries, as [`PointParams::simd`] does for a build: of a tree from a file, which
+    /// has the widest, or for tests and measurements. Answers do not change.
+    ///
+    /// ```
+    /// use mbkd::{PointParams, PointTree, SimdLevel};
+    /// let points = [[0.0f32; 3], [1.0; 3]];
+    /// let mut tree = PointTree::build(&points, &PointParams::default())?;
+    /// for level in SimdLevel::available() {
+    ///     tree = tree.with_simd(level);
+    ///     assert_eq!(tree.nearest([0.8f32; 3], 0.0).unwrap().id, 1);
+    /// }
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    pub fn with_simd(self, simd: SimdLevel) -> PointTree {
+        PointTree { simd, ..self }
+    }
+
     /// Builds the tree of a set of points: a slice, array or vector of positions (`Vec3`, `DVec3`,
     /// `[f32; 3]`, `[f64; 3]`) or of [`MovingPoint`](crate::MovingPoint)s, [`PointArrays`](crate::PointArrays),
     /// [`PointColumns`](crate::PointColumns), or your own [`PointSet`].
