@@ -428,10 +428,10 @@ fn build(keys: &[Places<'_>], active: &[TimeInterval], params: &PointParams, con
 
 /// A tree whose ids are the indices of its points, as in all trees that are built here.
 fn indexed(tree: PointTree, periods: Option<Periods>) -> PyResult<Points> {
-    let order = tree.clone().take_order();
     let mut there = vec![false; tree.len()];
-    let mut once = |id: u32| there.get_mut(id as usize).is_some_and(|there| !core::mem::replace(there, true));
-    if tree.len() > i32::MAX as usize || order.len() != tree.len() || !order.into_iter().all(&mut once) {
+    // A tree for each time slice may have the same point.
+    let valid = tree.ids().all(|id| there.get_mut(id as usize).map(|there| *there = true).is_some());
+    if tree.len() > i32::MAX as usize || !valid || !there.into_iter().all(|there| there) {
         return Err(PyValueError::new_err("the ids of its points are not 0, 1, 2, ..."));
     }
     Ok(Points { tree, periods })

@@ -2,6 +2,7 @@
 
 use super::build::source::Source;
 use super::error::PointError;
+use super::layout::static_tree::StaticTree;
 use super::search::layers::Layer;
 use super::statistics::PointLayerKind;
 use super::tree::{PointParams, PointTree};
@@ -62,17 +63,43 @@ impl PointTree {
     }
 
     /// Whether the ids are 0, 1, 2, … `len`, in any order.
-    fn has_ids_of(&mut self, len: usize) -> bool {
+    fn has_ids_of(&self, len: usize) -> bool {
         let mut seen = vec![0u64; len.div_ceil(64)];
-        let Some(Layer::Static(tree)) = self.layers.first_mut() else { return false };
-        tree.ids_in_order().all(|id| {
-            let (word, bit) = (*id as usize / 64, 1 << (*id % 64));
-            if *id as usize >= len || seen[word] & bit != 0 {
+        self.ids().all(|id| {
+            let (word, bit) = (id as usize / 64, 1 << (id % 64));
+            if id as usize >= len || seen[word] & bit != 0 {
                 return false;
             }
             seen[word] |= bit;
             true
         })
+    }
+
+    /// The ids of all points in the order of the tree, in which points that are close in space are close together. A tree that consists of
+    /// several, for time slices, has a point as many times as it is in these.
+    ///
+    /// ```
+    /// use mbkd::{PointArrays, PointParams, PointTree};
+    /// let set = PointArrays { keys: &[&[[0.0f32; 3], [1.0; 3]]], active: &[], ids: &[30, 20] };
+    /// let tree = PointTree::build(&set, &PointParams::default())?;
+    /// let mut ids: Vec<u32> = tree.ids().collect();
+    /// ids.sort();
+    /// assert_eq!(ids, [20, 30]);
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    pub fn ids(&self) -> impl Iterator<Item = u32> {
+        let of_layers = self.layers.iter().flat_map(|layer| {
+            let (at_rest, moving, planes) = match layer {
+                Layer::Static(tree) => (Some(tree), None, None),
+                Layer::Moving(trees) => (None, Some(trees), None),
+                Layer::Planes(trees) => (None, None, Some(trees)),
+            };
+            let moving = moving.into_iter().flatten().flat_map(|tree| tree.leaves.all_ids());
+            let planes = planes.into_iter().flatten().flat_map(|tree| tree.leaves.all_ids());
+            at_rest.into_iter().flat_map(StaticTree::all_ids).chain(moving).chain(planes)
+        });
+        let precise = self.precise.iter().flat_map(|layer| &layer.trees);
+        of_layers.chain(precise.flat_map(|tree| tree.ids()))
     }
 
     /// Hands out the order of the tree, in which points that are close in space are close together, and numbers the
