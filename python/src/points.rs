@@ -136,7 +136,10 @@ impl Points {
             (distances.try_readwrite().map_err(value_error)?, ids.try_readwrite().map_err(value_error)?);
         let (d, i): (&mut [f64], &mut [i64]) =
             (d.as_slice_mut().map_err(value_error)?, i.as_slice_mut().map_err(value_error)?);
+        // As in scipy, a point at the bound itself does not count. If the square is too small for f32, all that were found have a square of 0,
+        // and the bound is more than that.
         let square = bound * bound;
+        let counts = |near: &&Neighbor| near.distance_squared < square || (square == 0.0 && bound > 0.0);
         let run = |queries: &[u32]| {
             let mut buffer = NeighborBuffer::new();
             let mut found: Vec<Neighbor> = Vec::with_capacity(queries.len() * k);
@@ -161,8 +164,7 @@ impl Points {
                 let row = query as usize * k..(query as usize + 1) * k;
                 let (d, i) = (&mut d[row.clone()], &mut i[row]);
                 let mut next = 0;
-                // As in scipy, a point at the bound itself does not count.
-                for near in found[begin..end].iter().filter(|near| near.distance_squared < square) {
+                for near in found[begin..end].iter().filter(counts) {
                     (d[next], i[next]) = (f64::from(near.distance_squared).sqrt(), near.id.into());
                     next += 1;
                 }
