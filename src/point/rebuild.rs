@@ -20,7 +20,7 @@ impl PointTree {
     /// them. That is checked: where larger boxes of leaves have cost as much since all points were last put in order as
     /// doing so again costs, the tree is built afresh. So it is if the set has another size, moves during the shutter, exists for a
     /// part of it, is kept in f64 or has ids of its own.
-    /// Returns whether the order was kept. After an error the tree is as it was.
+    /// Returns whether the order was kept.
     ///
     /// ```
     /// use mbkd::{PointParams, PointTree};
@@ -31,6 +31,9 @@ impl PointTree {
     /// assert_eq!(tree.nearest([7.0f32, 0.0, 0.0], 0.0).unwrap().distance_squared, 0.0625);
     /// # Ok::<(), mbkd::PointError>(())
     /// ```
+    ///
+    /// # Errors
+    /// As [`PointTree::build`]; the tree is then as it was.
     pub fn rebuild<P: PointSet + ?Sized>(&mut self, points: &P, params: &PointParams) -> Result<bool, PointError> {
         // As in a build: a static point takes less than an eighth of the time of a triangle.
         parallel::entered(points.len() / 8, || self.read_and_rebuild(points, params))

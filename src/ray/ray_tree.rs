@@ -93,6 +93,16 @@ impl<G: Geometry> RayTree<G> {
     }
 
     /// Whether the ray hits anything (occlusion). The search stops at the first hit found.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let tree = RayTree::build(&[mesh], &BuildParams::default())?;
+    /// // From a point towards a light, which is at t = 1.
+    /// let shadow = |light: Vec3| Ray::new(Vec3::new(0.2, 0.2, -1.0), light).between(0.0, 1.0);
+    /// assert_eq!([0.5, 2.0].map(|z| tree.any_hit(&shadow(Vec3::Z * z))), [false, true]);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
     pub fn any_hit(&self, ray: &Ray) -> bool {
         (self.queries.any)(self.target(), ray)
     }
@@ -173,6 +183,17 @@ impl<G: Geometry> RayTree<G> {
 
     /// [`RayTree::any_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order. All rays are
     /// traversed in streams, which is faster than one by one if rays that begin near each other come one after the other.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let tree = RayTree::build(&[mesh], &BuildParams::default())?;
+    /// let rays = [0.2, 5.0].map(|x| Ray::new(Vec3::new(x, 0.2, 1.0), Vec3::NEG_Z));
+    /// let mut hits = Vec::new();
+    /// tree.any_hits(&rays, &mut hits);
+    /// assert_eq!(hits, [true, false]);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
     pub fn any_hits(&self, rays: &[Ray], hits: &mut Vec<bool>) {
         self.any_batch(rays, None, hits);
     }
@@ -391,6 +412,18 @@ impl RayTree {
     /// A k-d tree calls it at every half percent. A wide tree calls it after each of its steps, of which the first takes about half of the
     /// time (of separate trees for time slices, one tree takes a step), and is cancelled between them; a lazy tree after each half of its coarse
     /// build.
+    ///
+    /// ```
+    /// use core::ops::ControlFlow;
+    /// use mbkd::{BuildError, BuildParams, RayTree, TriangleMesh, glam::Vec3};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let stop = |_: f32| ControlFlow::Break(());
+    /// let tree = RayTree::build_with_progress(&[mesh], &BuildParams::default(), &stop);
+    /// assert_eq!(tree.unwrap_err(), BuildError::Cancelled);
+    /// ```
+    ///
+    /// # Errors
+    /// As [`RayTree::build`]; [`BuildError::Cancelled`] if `progress` broke.
     pub fn build_with_progress(
         meshes: &[TriangleMesh],
         params: &BuildParams,
@@ -400,6 +433,9 @@ impl RayTree {
     }
 
     /// [`RayTree::of_scene`] that calls `progress` as [`RayTree::build_with_progress`] does.
+    ///
+    /// # Errors
+    /// As [`RayTree::of_scene`]; [`BuildError::Cancelled`] if `progress` broke.
     pub fn of_scene_with_progress(
         meshes: &[TriangleMesh],
         shapes: Vec<Shape>,
@@ -426,6 +462,9 @@ impl<P: Primitive> RayTree<Shapes<P>> {
     }
 
     /// [`RayTree::of_primitives`] that calls `progress` as [`RayTree::build_with_progress`] does.
+    ///
+    /// # Errors
+    /// As [`RayTree::of_primitives`]; [`BuildError::Cancelled`] if `progress` broke.
     pub fn of_primitives_with_progress(
         primitives: Vec<P>,
         params: &BuildParams,

@@ -134,13 +134,16 @@ impl PointTree {
     ///
     /// Cost: a little more than lists at a time while points move less than their spacing relative to their
     /// neighbours; motion that all have in common costs nothing.
+    ///
+    /// # Errors
+    /// [`ListError::Radius`] for a radius that is negative or NaN; [`ListError::Double`] for a tree that holds positions in f64.
     pub fn neighbor_lists_swept(&self, interval: TimeInterval, radius: f32) -> Result<EncounterLists, ListError> {
         let mut lists = EncounterLists::new();
         self.neighbor_lists_swept_into(interval, radius, &mut lists)?;
         Ok(lists)
     }
 
-    /// The same into memory of the caller, in place of what `lists` held. After an error it holds no lists.
+    /// The same into memory of the caller, in place of what `lists` held.
     ///
     /// ```
     /// use mbkd::{EncounterLists, MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
@@ -153,6 +156,9 @@ impl PointTree {
     /// }
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
+    ///
+    /// # Errors
+    /// As [`PointTree::neighbor_lists_swept`]; `lists` then holds none.
     pub fn neighbor_lists_swept_into(
         &self,
         interval: TimeInterval,
