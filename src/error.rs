@@ -1,6 +1,6 @@
 //! Errors of builds and refits, precise enough to correct the input.
 
-use crate::limits::MAX_COORDINATE;
+use crate::limits::{MAX_COORDINATE, MAX_MESH_KEYS};
 use core::fmt;
 
 /// Why a tree could not be built. Bad input never panics; it returns this error.
@@ -19,6 +19,13 @@ pub enum BuildError {
     NoKeys {
         /// The mesh.
         mesh: usize,
+    },
+    /// A mesh has more keys than are allowed (2^24).
+    TooManyKeys {
+        /// The mesh.
+        mesh: usize,
+        /// How many there were.
+        found: usize,
     },
     /// The keys of a mesh have different numbers of vertices.
     KeyLength {
@@ -105,6 +112,9 @@ impl fmt::Display for BuildError {
             BuildError::NoKeys { mesh } => {
                 write!(f, "mesh {mesh} has no key: give its vertex positions for at least one time")
             }
+            BuildError::TooManyKeys { mesh, found } => {
+                write!(f, "mesh {mesh} has {found} keys, more than the {MAX_MESH_KEYS} that are allowed")
+            }
             BuildError::KeyLength { mesh, key, expected, found } => {
                 write!(f, "mesh {mesh}: key {key} has {found} vertices, but key 0 has {expected}; keys must agree")
             }
@@ -151,7 +161,7 @@ impl fmt::Display for BuildError {
 
 impl std::error::Error for BuildError {}
 
-/// Why a tree could not be refitted. The tree is unchanged and answers as before: build a new one.
+/// Why a tree could not be refitted. The tree is unchanged and answers as before: build a new one. (But see [`RefitError::Input`].)
 ///
 /// ```
 /// use mbkd::{BuildParams, RayTree, RefitError, TriangleMesh, glam::Vec3};
@@ -219,6 +229,9 @@ pub enum RefitError {
         found: usize,
     },
     /// The input would be invalid for a build as well.
+    ///
+    /// If the error is [`BuildError::BadBounds`] and only the bounds over a part of the shutter are bad, the tree has the new positions
+    /// already: its other primitives answer for these, and it treats the one that is named as unbounded.
     Input(BuildError),
 }
 

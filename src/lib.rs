@@ -19,7 +19,7 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | `limits` | all limits on input |
+//! | `limits` | limits of inputs and layouts that several modules check |
 //! | `tuning` | all fitted constants, each with the command that fits it |
 //! | `error` | why a build refuses its input |
 //! | `random` | random numbers of `check_primitive`, and of the unit tests |

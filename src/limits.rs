@@ -1,4 +1,4 @@
-//! All limits of the inputs of the crate and of its layouts.
+//! Limits of inputs and layouts that several modules check. A limit of one module only is a constant of that module.
 
 /// The largest magnitude a coordinate may have: the f32 next to 1e30, which is a little larger. Beyond it builds return an error.
 pub const MAX_COORDINATE: f64 = 1e30_f32 as f64;
@@ -9,6 +9,9 @@ pub const MAX_POINT_COORDINATE: f64 = 1e18;
 
 /// The most keys of a set of points.
 pub(crate) const MAX_KEYS: usize = 1 << 16;
+
+/// The most keys of a mesh. Leaf blocks hold keys of spheres up to this number; trees only list the ids of spheres with more.
+pub(crate) const MAX_MESH_KEYS: usize = 1 << 24;
 
 /// The most time slices of a point tree that can be requested.
 pub(crate) const MAX_POINT_TIME_SLICES: usize = 1024;

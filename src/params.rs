@@ -78,7 +78,7 @@ pub struct WideParams {
     /// The largest number of references per primitive after early split clipping of long triangles, in [1, 8]. Triangles are
     /// split only if the expected cost of a ray falls enough; memory grows with the references. Default 1.58.
     pub max_references: f32,
-    /// Bytes per primitive that the tree may take, at least 128; 36 more for each triangle and each key beyond the second at which
+    /// Bytes per primitive that the tree may take, in [128, 1e6]; 36 more for each triangle and each key beyond the second at which
     /// its motion changes, 50 for each key of a sphere (and 8 KiB for every tree, however small). It is an error if a tree cannot be made as small
     /// ([`BuildError::OverBudget`]). A larger budget allows more separate trees for parts of the shutter in regions
     /// with incoherent motion, including the share that the rest of the scene does not need. Without such regions, trees
@@ -203,17 +203,17 @@ pub struct KdParams {
     /// Whether split planes may move along with the primitives. The paper's planes are static, and so are all over swept
     /// boxes. Default true: fewer references cross a plane that moves with them.
     pub moving_planes: bool,
-    /// Cost of a step through an inner node (the paper's K_T), > 0. Only its ratio to
+    /// Cost of a step through an inner node (the paper's K_T), > 0 and < 1e6. Only its ratio to
     /// [`intersection_cost`](KdParams::intersection_cost) matters. Default 1.
     pub traversal_cost: f32,
-    /// Cost of testing a primitive (the paper's K_I), > 0. Default 2.
+    /// Cost of testing a primitive (the paper's K_I), > 0 and < 1e6. Default 2.
     pub intersection_cost: f32,
     /// The cost of a plane with one side empty is multiplied by this, in (0, 1]: a value below 1 favours cutting off empty
     /// space. Default 0.8.
     pub empty_factor: f32,
     /// The greatest depth, at most 60. `None` (the default) is `8 + 1.3 b` for a number of primitives of `b` bits.
     pub max_depth: Option<u32>,
-    /// The greatest number of references per primitive, >= 1. It is divided among subtrees by a fixed rule, so that
+    /// The greatest number of references per primitive, in [1, 10000]. It is divided among subtrees by a fixed rule, so that
     /// the tree does not depend on the number of threads; when it is exhausted, nodes become leaves. Default 8.
     pub max_references: f32,
 }

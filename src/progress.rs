@@ -9,6 +9,9 @@ pub(crate) type Callback<'a> = &'a (dyn Fn(f32) -> ControlFlow<()> + Sync);
 /// Fractions are counted in these units, so that sums do not depend on the order.
 const WHOLE: u64 = 1 << 40;
 
+/// Progress is reported in steps of this part of the whole: half a percent.
+const STEPS: u64 = 200;
+
 /// Shared by all threads of a build. It never influences the tree.
 pub(crate) struct Progress<'a> {
     callback: Option<Callback<'a>>,
@@ -35,7 +38,8 @@ impl<'a> Progress<'a> {
         }
     }
 
-    /// Reports that this fraction of the whole is finished. Calls back at every half percent.
+    /// Reports that this fraction of the whole is finished. Calls back at every half percent, but for the last: the whole is finished when
+    /// [`Progress::complete`] says so, however fractions are rounded.
     pub fn finished(&self, fraction: f64) {
         if let Some((whole, part)) = self.whole {
             return whole.finished(part * fraction);
@@ -44,8 +48,15 @@ impl<'a> Progress<'a> {
         let part = (fraction * WHOLE as f64) as u64;
         let before = self.done.fetch_add(part, Ordering::Relaxed);
         let now = before + part;
-        if before * 200 / WHOLE != now * 200 / WHOLE && callback((now as f64 / WHOLE as f64) as f32).is_break() {
+        let [before, now] = [before, now].map(|done| done * STEPS / WHOLE);
+        if before != now && now < STEPS && callback(now as f32 / STEPS as f32).is_break() {
             self.cancelled.store(true, Ordering::Relaxed);
         }
+    }
+
+    /// Reports that the whole is finished, after all its parts; returns whether it was cancelled.
+    pub fn complete(&self) -> bool {
+        let cancelled = self.cancelled();
+        cancelled || self.callback.is_some_and(|callback| callback(1.0).is_break())
     }
 }

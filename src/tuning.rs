@@ -263,8 +263,26 @@ pub(crate) mod points {
     /// with 1.1 20 and 40 % of points that move by a spacing cost 1.2 to 1.7 times the best; with 1.25 streams cost 1.55; without this, all of
     /// them do.
     pub const MAX_TOGETHER: f64 = 1.5;
+    /// Once a search for k neighbours has a threshold, the leaves of a bottom node are visited at once unless they are this many more than
+    /// those that give a new threshold. With 4, queries near uniform points take 1.02 to 1.07 times as long, and far ones gain no more: `cargo
+    /// bench --bench neighbor_tables -- static --points 10000,100000`.
+    pub const SEVERAL: usize = 6;
     /// Bytes of leaves above which most of them miss all caches.
     pub const FAR: usize = 32 << 20;
     /// Bytes of leaves up to which most of them hit a near cache.
     pub const NEAR: usize = 2 << 20;
+}
+
+/// Trees over points that are built again for each step of a simulation.
+///
+/// `cargo bench --bench lists -- --only growth`
+pub(crate) mod steps {
+    /// Growth of the leaves' boxes, added up over the steps, up to which the order is kept.
+    ///
+    /// Keeping it costs a little in each step: a search visits the more leaves the larger they are. Putting all points in
+    /// order costs once. Doing so when the former have added up to the latter costs at most twice what the best moment
+    /// would have cost, however points move (the rule of renting or buying skis). Sides larger by a share g make neighbour
+    /// lists slower by about 1.2 g, and ordering all points costs about a third of the lists' time more than keeping the
+    /// order: so the sum of g is 0.3. The command measures both.
+    pub const MOST_EXCESS: f64 = 0.3;
 }

@@ -143,7 +143,7 @@ impl Instances {
         progress: Option<Py<PyAny>>,
     ) -> PyResult<(Bound<'py, PyArray1<i64>>, PlacedHits<'py>)> {
         let every = |ray: &Ray, report: Report<'_, InstanceHit>| {
-            let _ = self.tree.all_hits_filtered(ray, mask, |_| true, report);
+            let _ = self.tree.all_hits_masked(ray, mask, report);
         };
         let along = |of: &InstanceHit| (of.hit.t, (of.path, of.hit.mesh, of.hit.primitive));
         let (index, hits) = all(py, rays.slices()?, (workers, progress.as_ref()), &every, along)?;
@@ -163,7 +163,7 @@ impl Instances {
     ) -> PyResult<(Bound<'py, PyArray2<f64>>, PlacedHits<'py>)> {
         let one = |query: &ClosestPointQuery| match mask {
             u32::MAX => self.tree.closest_point(query),
-            _ => self.tree.closest_point_filtered(query, mask, |_| true),
+            _ => self.tree.closest_point_masked(query, mask),
         };
         let answers = nearest(py, &points, self.nbytes(), (workers, progress.as_ref()), &one)?;
         let mut found = Found::default();

@@ -3,7 +3,7 @@
 use crate::arrays::{PerQuery, rows, slice, table, value_error};
 use crate::threads::{on, poll_python, pool};
 use mbkd::glam::Vec3;
-use mbkd::point::{GatherParams, GatherQuery, Gathered, Kernel, Photon, PhotonMap};
+use mbkd::point::{GatherError, GatherParams, GatherQuery, Gathered, Kernel, Photon, PhotonMap};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -91,6 +91,11 @@ impl Photons {
             let block = py.detach(|| {
                 let queries: Vec<GatherQuery<'_>> = (begin..end).map(query).collect();
                 pool.install(|| self.map.gather_batch(&queries))
+            });
+            // Indices in errors are those of all queries.
+            let block = block.map_err(|error| match error {
+                GatherError::At { index, error } => GatherError::At { index: begin + index, error },
+                other => other,
             });
             answers.extend(block.map_err(value_error)?);
             poll_python(py, progress.as_ref(), end as f32 / positions.len() as f32)?;

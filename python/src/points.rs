@@ -140,7 +140,10 @@ impl Points {
             (distances.try_readwrite().map_err(value_error)?, ids.try_readwrite().map_err(value_error)?);
         let (d, i): (&mut [f64], &mut [i64]) =
             (d.as_slice_mut().map_err(value_error)?, i.as_slice_mut().map_err(value_error)?);
+        // As in scipy, a point at the bound itself does not count. If the square is too small for f32, all that were found have a square of 0,
+        // and the bound is more than that.
         let square = bound * bound;
+        let counts = |near: &&Neighbor| near.distance_squared < square || (square == 0.0 && bound > 0.0);
         let run = |queries: &[u32]| {
             let mut buffer = NeighborBuffer::new();
             let mut found: Vec<Neighbor> = Vec::with_capacity(queries.len() * k);
@@ -165,8 +168,7 @@ impl Points {
                 let row = query as usize * k..(query as usize + 1) * k;
                 let (d, i) = (&mut d[row.clone()], &mut i[row]);
                 let mut next = 0;
-                // As in scipy, a point at the bound itself does not count.
-                for near in found[begin..end].iter().filter(|near| near.distance_squared < square) {
+                for near in found[begin..end].iter().filter(counts) {
                     (d[next], i[next]) = (f64::from(near.distance_squared).sqrt(), near.id.into());
                     next += 1;
                 }
@@ -444,10 +446,10 @@ fn build(keys: &[Places<'_>], active: &[TimeInterval], params: &PointParams, con
 
 /// A tree whose ids are the indices of its points, as in all trees that are built here.
 fn indexed(tree: PointTree, periods: Option<Periods>) -> PyResult<Points> {
-    let order = tree.clone().take_order();
     let mut there = vec![false; tree.len()];
-    let mut once = |id: u32| there.get_mut(id as usize).is_some_and(|there| !core::mem::replace(there, true));
-    if tree.len() > i32::MAX as usize || order.len() != tree.len() || !order.into_iter().all(&mut once) {
+    // A tree for each time slice may have the same point.
+    let valid = tree.ids().all(|id| there.get_mut(id as usize).map(|there| *there = true).is_some());
+    if tree.len() > i32::MAX as usize || !valid || !there.into_iter().all(|there| there) {
         return Err(PyValueError::new_err("the ids of its points are not 0, 1, 2, ..."));
     }
     Ok(Points { tree, periods })

@@ -147,7 +147,7 @@ impl Rays {
         progress: Option<Py<PyAny>>,
     ) -> PyResult<(Bound<'py, PyArray1<i64>>, Hits<'py>)> {
         let every = |ray: &Ray, report: Report<'_, Hit>| {
-            let _ = self.tree.all_hits_filtered(ray, mask, |_| true, report);
+            let _ = self.tree.all_hits_masked(ray, mask, report);
         };
         let along = |hit: &Hit| (hit.t, (hit.mesh, hit.primitive));
         let (index, hits) = all(py, rays.slices()?, (workers, progress.as_ref()), &every, along)?;
@@ -165,7 +165,7 @@ impl Rays {
     ) -> PyResult<(Bound<'py, PyArray2<f64>>, Hits<'py>)> {
         let one = |query: &ClosestPointQuery| match mask {
             u32::MAX => self.tree.closest_point(query),
-            _ => self.tree.closest_point_filtered(query, mask, |_| true),
+            _ => self.tree.closest_point_masked(query, mask),
         };
         let found = nearest(py, &points, self.nbytes(), (workers, progress.as_ref()), &one)?;
         let hits: Vec<Hit> = found.iter().map(|near| near.as_ref().map_or(NOTHING, on_surface)).collect();

@@ -26,11 +26,16 @@ def test_a_gather_is_the_sum_of_photons():
     assert (most.count == 20).all() and most.density.shape == (40, 3)
 
 
+# So many places that they are gathered in two parts. One in the second has a normal that is no unit vector.
+MANY = np.tile(PLACES, (1000, 1))
+NORMALS = np.where(np.arange(len(MANY))[:, None] == 39_007, [0, 0, 2], [0, 0, 1])
+
 WRONG = [
     (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES + 1), "time"),
     (lambda: PhotonMap(POSITIONS, UP[1:], FLUX, TIMES), "equally many"),
     (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES, window=0), "window"),
     (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES).gather(PLACES, [0, 0, 1]), "radius"),
+    (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES).gather(MANY, NORMALS, k=1, cosine=0), "element 39007: .*normal"),
     (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES).gather(PLACES, [0, 0, 1], radius=1, kernels=("tent", "box")), "kernel"),
 ]
 

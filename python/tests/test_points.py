@@ -265,6 +265,9 @@ def test_more_neighbours_than_there_are():
     # Positions that no point can be near to.
     assert PointTree(SINGLE).query([1e30, 0, 0], 2)[1].tolist() == [500, 500]
     assert PointTree(SINGLE).query(SINGLE[7], distance_upper_bound=0) == (np.inf, 500)
+    # The square of the bound is zero in f32.
+    assert PointTree(SINGLE).query(SINGLE[7], distance_upper_bound=1e-30) == (0, 7)
+    assert PointTree(SINGLE + np.float64(0.1)).query(SINGLE[7] + np.float64(0.1), distance_upper_bound=1e-30) == (0, 7)
 
 
 def test_arrays_are_read_where_they_are_and_not_kept():

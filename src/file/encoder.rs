@@ -54,7 +54,8 @@ pub(crate) fn save(path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<(),
         return write(&mut File::options().write(true).open(path)?);
     }
     let (part, mut file) = temporary_file(path)?;
-    let written = write(&mut file).and_then(|()| Ok(std::fs::rename(&part, path)?));
+    // Without the sync, a machine that stops soon afterwards may have the name and not the contents.
+    let written = write(&mut file).and_then(|()| Ok(file.sync_all().and_then(|()| std::fs::rename(&part, path))?));
     if written.is_err() {
         // An error of the removal matters less than the error of the write.
         let _ = std::fs::remove_file(&part);

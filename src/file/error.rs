@@ -107,15 +107,8 @@ impl fmt::Display for FileError {
     }
 }
 
-impl std::error::Error for FileError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            FileError::Io(error) => Some(error),
-            FileError::Primitives(error) => Some(error),
-            _ => None,
-        }
-    }
-}
+// Like the other errors of this crate, it prints the errors in it, and so does not return them as a source.
+impl std::error::Error for FileError {}
 
 impl From<io::Error> for FileError {
     fn from(error: io::Error) -> FileError {

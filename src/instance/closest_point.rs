@@ -65,6 +65,25 @@ impl InstanceTree {
         self.nearest(*query, InstanceGuards::Filtered { mask, accept: &accept })
     }
 
+    /// [`InstanceTree::closest_point`] in instances whose [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes whose
+    /// masks do.
+    ///
+    /// ```
+    /// use std::sync::Arc;
+    /// use mbkd::glam::{DAffine3, DVec3, Vec3};
+    /// use mbkd::{BuildParams, ClosestPointQuery, Instance, InstanceTree, RayTree, TriangleMesh, WideParams};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let of = Arc::new(RayTree::build(&[mesh], &BuildParams::default())?);
+    /// let place = |z: f64| Instance::new(of.clone(), DAffine3::from_translation(DVec3::Z * z)).with_mask(z as u32);
+    /// let tree = InstanceTree::build(vec![place(1.0), place(2.0)], &WideParams::default())?;
+    /// let query = ClosestPointQuery::new(Vec3::ZERO, 0.0);
+    /// assert_eq!([0b01, 0b10].map(|mask| tree.closest_point_masked(&query, mask).unwrap().path[0]), [0, 1]);
+    /// # Ok::<(), mbkd::InstanceError>(())
+    /// ```
+    pub fn closest_point_masked(&self, query: &ClosestPointQuery, mask: u32) -> Option<InstancePoint> {
+        self.nearest(*query, InstanceGuards::Masked(mask))
+    }
+
     /// [`InstanceTree::closest_point`], reporting each step to `observer`, as [`InstanceTree::closest_hit_observed`]
     /// does.
     pub fn closest_point_observed(
@@ -79,6 +98,17 @@ impl InstanceTree {
     /// order.
     pub fn closest_points(&self, queries: &[ClosestPointQuery], answers: &mut Vec<Option<InstancePoint>>) {
         answer_each(queries, answers, |_, query| self.nearest(*query, InstanceGuards::Plain));
+    }
+
+    /// [`InstanceTree::closest_point_masked`] for many queries, in parallel. `answers` is cleared and gets one answer per query, in
+    /// order.
+    pub fn closest_points_masked(
+        &self,
+        queries: &[ClosestPointQuery],
+        mask: u32,
+        answers: &mut Vec<Option<InstancePoint>>,
+    ) {
+        answer_each(queries, answers, |_, query| self.closest_point_masked(query, mask));
     }
 
     /// [`InstanceTree::closest_point_filtered`] for many queries, in parallel. `answers` is cleared and gets one answer

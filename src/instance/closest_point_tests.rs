@@ -89,6 +89,7 @@ impl All {
             let odd = |p: &InstancePoint| (p.near.primitive + p.path[0]) % 2 == 1;
             let mask = 1 << below(random, 3);
             assert_eq!(self.tree.closest_point_filtered(&query, mask, odd), all(mask, &odd), "{query:?} {mask}");
+            assert_eq!(self.tree.closest_point_masked(&query, mask), all(mask, &|_| true), "{query:?} {mask}");
             found += usize::from(near.is_some());
         }
         assert!(found * 2 > queries, "only {found} of {queries} find something");
@@ -219,9 +220,12 @@ fn few_instances_are_searched_and_batches_answer_in_order() {
     let accept = |i: usize, p: &InstancePoint| p.near.primitive as usize % 3 != i % 3;
     tree.closest_points(&queries, &mut answers);
     tree.closest_points_filtered(&queries, 1, accept, &mut filtered);
+    let mut masked = Vec::new();
+    tree.closest_points_masked(&queries, 1, &mut masked);
     for (i, query) in queries.iter().enumerate() {
         assert_eq!(answers[i], tree.closest_point_observed(query, &mut counters));
         assert_eq!(filtered[i], tree.closest_point_filtered(query, 1, |p| accept(i, p)));
+        assert_eq!(masked[i], tree.closest_point_masked(query, 1));
         assert_eq!(answers[i].is_none(), i == 5);
     }
     // Of a million triangles.

@@ -208,7 +208,7 @@ impl InstanceOf {
         let visitor = |hit| visitor(InstanceHit { path, hit });
         match guards {
             InstanceGuards::Plain => tree.all_hits(ray, visitor),
-            InstanceGuards::Masked(mask) => tree.all_hits_filtered(ray, *mask, |_| true, visitor),
+            InstanceGuards::Masked(mask) => tree.all_hits_masked(ray, *mask, visitor),
             InstanceGuards::Filtered { mask, accept } => {
                 tree.all_hits_filtered(ray, *mask, |&hit| accept(&InstanceHit { path, hit }), visitor)
             }

@@ -369,7 +369,7 @@ impl InstanceTree {
         for one in &self.placements.placed {
             placed[one.tree as usize] += 1;
         }
-        let (mut instances, mut primitives) = (0, 0);
+        let (mut instances, mut primitives) = (0u64, 0u64);
         for (tree, placed) in self.trees.iter().zip(placed) {
             let new = seen.insert(tree.address());
             let (more, below) = match tree {
@@ -386,8 +386,8 @@ impl InstanceTree {
                     tree.count(if new { of } else { &mut nothing }, seen)
                 }
             };
-            instances += placed * (1 + more);
-            primitives += placed * below;
+            instances = instances.saturating_add(placed.saturating_mul(more.saturating_add(1)));
+            primitives = primitives.saturating_add(placed.saturating_mul(below));
         }
         (instances, primitives)
     }

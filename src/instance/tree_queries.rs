@@ -50,6 +50,35 @@ impl InstanceTree {
         self.any(ray, InstancePath::default(), &mut InstanceGuards::Masked(mask))
     }
 
+    /// [`InstanceTree::all_hits`] with a mask, as that of [`InstanceTree::closest_hit_masked`].
+    ///
+    /// ```
+    /// use core::ops::ControlFlow;
+    /// use std::sync::Arc;
+    /// use mbkd::glam::{DAffine3, DVec3, Vec3};
+    /// use mbkd::{BuildParams, Instance, InstanceTree, Ray, RayTree, TriangleMesh, WideParams};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let of = Arc::new(RayTree::build(&[mesh], &BuildParams::default())?);
+    /// let place = |z: f64| Instance::new(of.clone(), DAffine3::from_translation(DVec3::Z * z)).with_mask(z as u32);
+    /// let tree = InstanceTree::build(vec![place(1.0), place(2.0), place(3.0)], &WideParams::default())?;
+    /// let mut hits = Vec::new();
+    /// let _ = tree.all_hits_masked(&Ray::new(Vec3::new(0.2, 0.2, 0.0), Vec3::Z), 0b01, |hit| {
+    ///     hits.push(hit.path[0]);
+    ///     ControlFlow::Continue(())
+    /// });
+    /// hits.sort();
+    /// assert_eq!(hits, [0, 2], "the second instance has the mask 0b10");
+    /// # Ok::<(), mbkd::InstanceError>(())
+    /// ```
+    pub fn all_hits_masked(
+        &self,
+        ray: &Ray,
+        mask: u32,
+        mut visitor: impl FnMut(InstanceHit) -> ControlFlow<()>,
+    ) -> ControlFlow<()> {
+        self.all(ray, InstancePath::default(), &mut InstanceGuards::Masked(mask), &mut visitor)
+    }
+
     /// [`InstanceTree::closest_hit`] among the hits for which `accept` returns true, in instances whose
     /// [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes whose masks do.
     ///

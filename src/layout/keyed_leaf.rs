@@ -17,9 +17,8 @@ use super::key_rows::KeyRows;
 use super::leaf_block::{WideSource, set_sizes, write_corners};
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
 use crate::geometry::KeyTime;
-use crate::primitive::{PrimitiveSet, Shared, Triangles};
+use crate::primitive::{Shared, Triangles};
 use crate::simd::{Arena, LANES, SimdLevel, dispatch};
-use crate::time::TimeSlice;
 
 /// The header of such a block.
 #[derive(Clone, Copy)]
@@ -160,18 +159,6 @@ impl KeyedRows {
 }
 
 impl Triangles {
-    /// The segments whose keys a block of some triangles with `keys` keys needs for queries in a time slice, the first and the last: those in
-    /// which one of the triangles exists.
-    pub(super) fn needed_segments(&self, ids: &[u32], keys: usize, slice: TimeSlice) -> [usize; 2] {
-        let [first, last] = slice.segments(keys);
-        if self.always_active() {
-            return [first, last];
-        }
-        let of_life = ids.iter().map(|&id| self.segments_of_life(id));
-        let [begin, end] = of_life.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]).unwrap_or([first, last]);
-        [begin.clamp(first, last), end.clamp(first, last)]
-    }
-
     /// The number of words of a block of so many triangles, as [`Triangles::write_keyed`] writes it.
     pub(super) fn keyed_words(
         &self,

@@ -1,8 +1,8 @@
 //! Checking a lazy tree: the coarse tree, and the subtrees built so far.
 
-use super::kd_validate::ValidationError;
 use super::lazy_tree::LazyTree;
 use super::leaf_block::WideSource;
+use super::validation_error::ValidationError;
 use super::wide_validate::TIMES;
 use crate::geometry::Frame;
 use crate::primitive::PrimitiveSet;

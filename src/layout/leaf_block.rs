@@ -1,5 +1,6 @@
 //! Writing leaf blocks: the data of primitives in the arena.
 
+use super::needed_segments::needed_segments;
 use super::sphere_leaf::{rewrite_shapes, shapes_words, write_shapes};
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, Sizes, VERTEX_ROWS};
 use crate::geometry::{LinearBox3, TimeInterval};
@@ -126,7 +127,7 @@ impl Triangles {
         let (n, most) = (ids.len(), ids.iter().map(|&id| self.keys(id)).max().unwrap_or(1));
         let shared = Shared::of(self, ids);
         if most > 2 {
-            return self.keyed_words(shared.as_ref(), n, most, self.needed_segments(ids, most, slice));
+            return self.keyed_words(shared.as_ref(), n, most, needed_segments(self, ids, most, slice));
         }
         shared.map_or(most * CORNER_ROWS * n + 1 + n, |shared| most * VERTEX_ROWS * shared.count + 2 * n)
     }
@@ -137,7 +138,7 @@ impl Triangles {
         let n = ids.len();
         arena.align();
         if most > 2 {
-            return self.write_keyed(arena, ids, most, self.needed_segments(ids, most, slice));
+            return self.write_keyed(arena, ids, most, needed_segments(self, ids, most, slice));
         }
         if let Some(shared) = Shared::of(self, ids) {
             return shared.write(self, arena, ids, most);

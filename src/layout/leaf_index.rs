@@ -2,6 +2,7 @@
 
 use super::keyed_leaf::KeyedLeaf;
 use super::leaf_block::WideSource;
+use super::needed_segments::needed_segments;
 use super::statistics::Statistics;
 use super::wide_node::{ChildRef, Kind, node_rows};
 use super::wide_tree::{Counts, WideTree};
@@ -234,7 +235,7 @@ impl WideTree {
         let held = |&index: &usize| {
             let slice = TimeSlice { index, of: self.slices };
             active.intersect(slice.query_times()).is_some()
-                && keyed.holds(triangles.needed_segments(&[id], keyed.segments + 1, slice))
+                && keyed.holds(needed_segments(triangles, &[id], keyed.segments + 1, slice))
         };
         let first = (0..self.slices).find(held).unwrap_or(0);
         first..(first..self.slices).take_while(held).last().map_or(first, |last| last + 1)

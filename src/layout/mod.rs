@@ -18,6 +18,7 @@
 mod block_masks;
 mod built_place;
 mod corners;
+mod kd_check;
 mod kd_validate;
 mod key_rows;
 mod keyed_leaf;
@@ -31,6 +32,7 @@ mod leaf_measure;
 mod leaf_rewrite;
 mod left_out;
 mod list_boxes;
+mod needed_segments;
 mod node_boxes;
 mod refit;
 mod refit_plan;
@@ -40,6 +42,7 @@ mod shared_blocks;
 mod sphere_leaf;
 mod statistics;
 mod tree_box;
+mod validation_error;
 mod wide_builder;
 mod wide_check;
 mod wide_file;
@@ -49,7 +52,6 @@ mod wide_validate;
 mod write;
 
 pub(crate) use built_place::BuiltPlace;
-pub use kd_validate::ValidationError;
 pub(crate) use keyed_leaf::{KeyedLeaf, KeyedRows};
 pub(crate) use lazy_tree::LazyTree;
 pub(crate) use leaf_block::WideSource;
@@ -61,6 +63,7 @@ pub(crate) use sphere_leaf::{SPHERE_ROWS, SphereLeaf};
 pub use statistics::Statistics;
 pub(crate) use statistics::{Bytes, counted};
 pub use tree_box::TreeBox;
+pub use validation_error::ValidationError;
 pub(crate) use wide_node::{
     CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS, VERTEX_ROWS, block_sizes, inverse_extent, shared_count,
 };

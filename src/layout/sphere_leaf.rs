@@ -18,8 +18,10 @@
 //! and the difference of radii are together at most the second, but for roundings of f32.
 
 use super::list_boxes::{Boxed, ListBoxes, MOVING};
+use super::needed_segments::needed_segments;
 use super::wide_node::{ChildRef, Kind, Sizes};
-use crate::geometry::{Frame, KeyTime, ULP};
+use crate::geometry::{Frame, ULP};
+use crate::limits::MAX_MESH_KEYS;
 use crate::primitive::{MovingSphere, PrimitiveSet, SPHERE_ROUNDING};
 use crate::simd::Arena;
 use crate::time::TimeSlice;
@@ -159,15 +161,25 @@ impl SphereLeaf {
             0 => n + 1,
             MOVING.. => ListBoxes::of(words, n)?.words(n),
             _ if words.len() < n + HEADER => return None,
-            _ => SphereLeaf::of(words, n)?.words(n),
+            _ => {
+                let leaf = SphereLeaf::of(words, n)?;
+                // Its size fits a number of 32 bits only if the rows do not exceed all words.
+                if leaf.held > words.len() / (SPHERE_ROWS * n.max(1)) {
+                    return None;
+                }
+                leaf.words(n)
+            }
         };
         (end <= words.len()).then_some(end)
     }
 
     /// The rows of some shapes in a time slice, without their sizes; `None` if they are to be listed only: not all are spheres, or one has keys
-    /// between those of another.
+    /// between those of another, or more than [`MAX_MESH_KEYS`].
     fn for_shapes<S: PrimitiveSet + ?Sized>(set: &S, ids: &[u32], slice: TimeSlice) -> Option<SphereLeaf> {
         let keys = ids.iter().map(|&id| set.sphere(id).map_or(0, |sphere| sphere.keys.len())).max().unwrap_or(0);
+        if keys > MAX_MESH_KEYS {
+            return None;
+        }
         let [first, last] = if keys > 2 { needed_segments(set, ids, keys, slice) } else { [0, 0] };
         let held = if keys > 2 { last + 2 - first } else { keys };
         SphereLeaf { keys, first, held, fine: false, sizes: 0 }.with(set, ids)
@@ -227,20 +239,6 @@ impl SphereLeaf {
         front[n..].copy_from_slice(&[self.keys as u32, self.first as u32, held, sizes]);
         true
     }
-}
-
-/// The first and the last segment between keys of some spheres in which one of them exists within a time slice.
-fn needed_segments<S: PrimitiveSet + ?Sized>(set: &S, ids: &[u32], keys: usize, slice: TimeSlice) -> [usize; 2] {
-    let [first, last] = slice.segments(keys);
-    if set.always_active() {
-        return [first, last];
-    }
-    let of_life = ids.iter().map(|&id| {
-        let active = set.active(id);
-        [active.begin(), active.last()].map(|t| KeyTime::new(t, keys).segment)
-    });
-    let [begin, end] = of_life.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]).unwrap_or([first, last]);
-    [begin.clamp(first, last), end.clamp(first, last)]
 }
 
 /// Whether f32 has all numbers of a sphere at a key.
@@ -328,10 +326,25 @@ pub(super) fn rewrite_shapes<S: PrimitiveSet + ?Sized>(set: &S, words: &mut [u32
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::KeyTime;
     use crate::layout::{Between, block_sizes, sphere_row};
     use crate::primitive::{Primitive, Shapes};
     use crate::random::Random;
-    use crate::simd::{Portable, Rows, Simd};
+    use crate::simd::{LANES, Portable, Rows, Simd};
+
+    #[test]
+    fn forged_numbers_of_keys_are_refused_before_they_overflow() {
+        let block = |held: u32| [vec![0; LANES], vec![2, 0, held, 0], vec![0; 12 * LANES]].concat();
+        for (held, words) in [
+            (1, Some(20 + 8 * LANES)),
+            (2, None),
+            (FINE - 1, None),
+            (u32::MAX, None),
+            (FINE | 1, Some(20 + 12 * LANES)),
+        ] {
+            assert_eq!(SphereLeaf::words_of_list(&block(held), LANES), words, "{held:x}");
+        }
+    }
 
     /// Spheres that need f64, or not.
     fn spheres_of(n: usize, keys: usize, fine: bool, seed: u64) -> Vec<MovingSphere> {

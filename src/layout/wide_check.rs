@@ -15,15 +15,12 @@ use super::sphere_leaf::SphereLeaf;
 use super::wide_node::{ChildRef, Kind, node_rows, shared_count};
 use super::wide_tree::{Counts, WideTree};
 use crate::file::{FileError, broken, require};
-use crate::limits::MAX_TIME_SLICES;
+use crate::limits::{MAX_MESH_KEYS, MAX_TIME_SLICES};
 use crate::primitive::{PrimitiveSet, Triangles};
 use crate::simd::LANES;
 
 /// More levels than any build makes: the build halves nodes by count below level 44, and again below each time node.
 const MOST_LEVELS: u32 = 256;
-
-/// The greatest number of segments between the keys of a leaf block, so that sums with them do not overflow.
-const MOST_SEGMENTS: usize = 1 << 24;
 
 impl WideTree {
     /// An error for the first violation that could break a query; otherwise the counts and the table of leaf blocks.
@@ -145,7 +142,7 @@ impl<S: WideSource> Leaves<'_, S> {
         require(whole, "a list of shapes extends beyond the tree")?;
         let Some(leaf) = SphereLeaf::of(block, n) else { return Ok(()) };
         let SphereLeaf { keys, first, held, .. } = leaf;
-        let fine = keys <= MOST_SEGMENTS && (keys.min(2)..=keys).contains(&held) && first <= keys - held;
+        let fine = keys <= MAX_MESH_KEYS && (keys.min(2)..=keys).contains(&held) && first <= keys - held;
         require(fine && leaf.is_valid(block, n), "the range of keys of a block of spheres is invalid")
     }
 
@@ -162,7 +159,8 @@ impl<S: WideSource> Leaves<'_, S> {
     fn check_keyed(&self, leaf: ChildRef, block: &[u32]) -> Result<usize, FileError> {
         let Some(header) = block.get(..3) else { return broken("a leaf block extends beyond the tree") };
         let keyed = KeyedLeaf::of(header, leaf.len());
-        let fine = (2..=MOST_SEGMENTS).contains(&keyed.segments) && (2..=keyed.segments + 1).contains(&keyed.keys);
+        // So few that sums of words do not overflow.
+        let fine = (2..=MAX_MESH_KEYS).contains(&keyed.segments) && (2..=keyed.segments + 1).contains(&keyed.keys);
         require(
             fine && keyed.first <= keyed.segments + 1 - keyed.keys,
             "the range of keys of a leaf block is invalid",

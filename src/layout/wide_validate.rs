@@ -1,7 +1,7 @@
 //! Checking a finished wide tree.
 
-use super::kd_validate::ValidationError;
 use super::leaf_block::WideSource;
+use super::validation_error::ValidationError;
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS};
 use super::wide_tree::WideTree;
 use crate::geometry::{Box3, KeyTime};

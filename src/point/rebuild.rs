@@ -2,22 +2,15 @@
 
 use super::build::source::Source;
 use super::error::PointError;
+use super::layout::static_tree::StaticTree;
 use super::search::layers::Layer;
 use super::statistics::PointLayerKind;
 use super::tree::{PointParams, PointTree};
 use crate::parallel;
 use crate::primitive::PointSet;
 use crate::progress::Progress;
+use crate::tuning::steps::MOST_EXCESS;
 use std::collections::HashMap;
-
-/// Growth of the leaves' boxes, added up over the steps, up to which the order is kept.
-///
-/// Keeping it costs a little in each step: a search visits the more leaves the larger they are. Putting all points in
-/// order costs once. Doing so when the former have added up to the latter costs at most twice what the best moment
-/// would have cost, however points move (the rule of renting or buying skis). Sides larger by a share g make neighbour
-/// lists slower by about 1.2 g, and ordering all points costs about a third of the lists' time more than keeping the
-/// order: so the sum of g is 0.3. `cargo bench --bench lists -- --only growth` measures both.
-const MOST_EXCESS: f64 = 0.3;
 
 impl PointTree {
     /// Builds the tree again for the next step of a simulation, in which the points have moved a little: the same tree
@@ -27,7 +20,7 @@ impl PointTree {
     /// them. That is checked: where larger boxes of leaves have cost as much since all points were last put in order as
     /// doing so again costs, the tree is built afresh. So it is if the set has another size, moves during the shutter, exists for a
     /// part of it, is kept in f64 or has ids of its own.
-    /// Returns whether the order was kept. After an error the tree is as it was.
+    /// Returns whether the order was kept.
     ///
     /// ```
     /// use mbkd::{PointParams, PointTree};
@@ -38,6 +31,9 @@ impl PointTree {
     /// assert_eq!(tree.nearest([7.0f32, 0.0, 0.0], 0.0).unwrap().distance_squared, 0.0625);
     /// # Ok::<(), mbkd::PointError>(())
     /// ```
+    ///
+    /// # Errors
+    /// As [`PointTree::build`]; the tree is then as it was.
     pub fn rebuild<P: PointSet + ?Sized>(&mut self, points: &P, params: &PointParams) -> Result<bool, PointError> {
         // As in a build: a static point takes less than an eighth of the time of a triangle.
         parallel::entered(points.len() / 8, || self.read_and_rebuild(points, params))
@@ -70,17 +66,43 @@ impl PointTree {
     }
 
     /// Whether the ids are 0, 1, 2, … `len`, in any order.
-    fn has_ids_of(&mut self, len: usize) -> bool {
+    fn has_ids_of(&self, len: usize) -> bool {
         let mut seen = vec![0u64; len.div_ceil(64)];
-        let Some(Layer::Static(tree)) = self.layers.first_mut() else { return false };
-        tree.ids_in_order().all(|id| {
-            let (word, bit) = (*id as usize / 64, 1 << (*id % 64));
-            if *id as usize >= len || seen[word] & bit != 0 {
+        self.ids().all(|id| {
+            let (word, bit) = (id as usize / 64, 1 << (id % 64));
+            if id as usize >= len || seen[word] & bit != 0 {
                 return false;
             }
             seen[word] |= bit;
             true
         })
+    }
+
+    /// The ids of all points in the order of the tree, in which points that are close in space are close together. A tree that consists of
+    /// several, for time slices, has a point as many times as it is in these.
+    ///
+    /// ```
+    /// use mbkd::{PointArrays, PointParams, PointTree};
+    /// let set = PointArrays { keys: &[&[[0.0f32; 3], [1.0; 3]]], active: &[], ids: &[30, 20] };
+    /// let tree = PointTree::build(&set, &PointParams::default())?;
+    /// let mut ids: Vec<u32> = tree.ids().collect();
+    /// ids.sort();
+    /// assert_eq!(ids, [20, 30]);
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    pub fn ids(&self) -> impl Iterator<Item = u32> {
+        let of_layers = self.layers.iter().flat_map(|layer| {
+            let (at_rest, moving, planes) = match layer {
+                Layer::Static(tree) => (Some(tree), None, None),
+                Layer::Moving(trees) => (None, Some(trees), None),
+                Layer::Planes(trees) => (None, None, Some(trees)),
+            };
+            let moving = moving.into_iter().flatten().flat_map(|tree| tree.leaves.all_ids());
+            let planes = planes.into_iter().flatten().flat_map(|tree| tree.leaves.all_ids());
+            at_rest.into_iter().flat_map(StaticTree::all_ids).chain(moving).chain(planes)
+        });
+        let precise = self.precise.iter().flat_map(|layer| &layer.trees);
+        of_layers.chain(precise.flat_map(|tree| tree.ids()))
     }
 
     /// Hands out the order of the tree, in which points that are close in space are close together, and numbers the

@@ -77,8 +77,8 @@ pub struct PointParams {
     /// The structure for moving points. Default: automatic. If all points of a set are static, it always has the static
     /// structure.
     pub structure: PointStructure,
-    /// The greatest number of references per point for each segment between two keys, in the k-d tree and over time slices; at least
-    /// 1, default 8. Points with n keys may so have n - 1 times as many, since each segment has a tree of its own. A reference takes
+    /// The greatest number of references per point for each segment between two keys, in the k-d tree and over time slices; from 1
+    /// to 1024, default 8. Points with n keys may so have n - 1 times as many, since each segment has a tree of its own. A reference takes
     /// 32 to 48 bytes. Time slices that are requested explicitly are not limited.
     pub max_references: f32,
     /// The numbers that positions are kept in. Default: those that they need. [`PointStatistics`] tells which a tree has.
@@ -157,14 +157,32 @@ const ALL_STATIC_IN_F64: &str = "all points are static; positions in f64";
 const SIMPLE: Plan = Plan::Boxes(1);
 
 impl PointTree {
+    /// Selects another instruction set of this CPU for queries, as [`PointParams::simd`] does for a build: of a tree from a file, which
+    /// has the widest, or for tests and measurements. Answers do not change.
+    ///
+    /// ```
+    /// use mbkd::{PointParams, PointTree, SimdLevel};
+    /// let points = [[0.0f32; 3], [1.0; 3]];
+    /// let mut tree = PointTree::build(&points, &PointParams::default())?;
+    /// for level in SimdLevel::available() {
+    ///     tree = tree.with_simd(level);
+    ///     assert_eq!(tree.nearest([0.8f32; 3], 0.0).unwrap().id, 1);
+    /// }
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    pub fn with_simd(self, simd: SimdLevel) -> PointTree {
+        PointTree { simd, ..self }
+    }
+
     /// Builds the tree of a set of points: a slice, array or vector of positions (`Vec3`, `DVec3`,
     /// `[f32; 3]`, `[f64; 3]`) or of [`MovingPoint`](crate::MovingPoint)s, [`PointArrays`](crate::PointArrays),
     /// [`PointColumns`](crate::PointColumns), or your own [`PointSet`]. Positions are kept in f32 or f64 as they need it
     /// ([`Precision`]).
     ///
     /// The time is O(n log n). The tree takes 17 or 18 bytes per static point and 32 or more per moving point (in f64: 30
-    /// and 55); the build needs two to three times as much. The set is read once, at the beginning. If its answers change
-    /// from call to call, the tree has the answers of that time. The tree of an empty set finds nothing.
+    /// and 55); the build needs two to three times as much. The set is read at the beginning
+    /// only. It may be asked for the same position, interval or id several times, and must answer alike. The tree of an
+    /// empty set finds nothing.
     ///
     /// # Errors
     /// Coordinates that are not finite or too large, arrays of different length, and parameters out of range.
@@ -172,7 +190,8 @@ impl PointTree {
         PointTree::build_reporting(points, params, &Progress::new(None))
     }
 
-    /// [`PointTree::build`] that calls `progress` with the finished fraction (0 to 1) from time to time, from any of its threads.
+    /// [`PointTree::build`] that calls `progress` with the finished fraction (above 0, and at the end 1) from time to time, from any of its
+    /// threads.
     /// `Break` cancels the build, which then returns [`PointError::Cancelled`].
     ///
     /// ```
@@ -216,7 +235,7 @@ impl PointTree {
             Input::Static(len, rows) => PointTree::of_static(len, rows, params, &read()?),
             Input::Other(source) => PointTree::of(&source, params, &read()?)?,
         };
-        if progress.cancelled() { Err(PointError::Cancelled) } else { Ok(tree) }
+        if progress.complete() { Err(PointError::Cancelled) } else { Ok(tree) }
     }
 
     /// A tree without layers.

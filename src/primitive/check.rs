@@ -112,8 +112,8 @@ impl fmt::Display for PrimitiveError {
 
 impl std::error::Error for PrimitiveError {}
 
-/// Tests the contract of [`Primitive`] with `samples` rays at the primitive, over intervals of all lengths, and with the
-/// rays' origins for [`Primitive::closest_point`], if that is implemented: its answers lie within the bounds and are no
+/// Tests the contract of [`Primitive`] with `samples` rays at the primitive, over intervals of all lengths, each of them once more from
+/// just behind its hit, and with the rays' origins for [`Primitive::closest_point`], if that is implemented: its answers lie within the bounds and are no
 /// farther than hits of rays. A primitive that is a sphere ([`Primitive::as_sphere`]) has that sphere's answers.
 ///
 /// Rays are drawn from a fixed sequence around the primitive's swept box, many of them aimed at its faces and edges,
@@ -156,30 +156,47 @@ pub fn check_primitive(primitive: &impl Primitive, samples: usize) -> Result<(),
             continue;
         }
         let ray = Ray::new(origin, dir).at_time(time);
-        let hit = primitive.intersect(&ray);
-        if primitive.intersect(&ray) != hit {
-            return Err(PrimitiveError::Impure { ray });
-        }
-        if let Some(sphere) = primitive.as_sphere()
-            && (sphere.intersect(&ray) != hit || !is_closest_point_of(sphere, primitive, &ray))
-        {
-            return Err(PrimitiveError::OtherSphere { ray });
-        }
-        check_nearest(primitive, &ray, over, now, hit.map(|hit| ray.point(hit.t)), size)?;
-        let Some(hit) = hit.filter(|hit| !hit.t.is_nan()) else { continue };
-        if hit.t < ray.t_min || hit.t > ray.t_max {
-            return Err(PrimitiveError::OutsideRange { ray, t: hit.t });
-        }
-        // t is rounded to f32, and the fraction of the interval in f64.
-        let allowed =
-            2.0 * f64::from(f32::EPSILON) * (f64::from(hit.t) * dir.as_dvec3().abs().max_element() + size * 1e-9);
-        let p = ray.point(hit.t);
-        let by = (now.min - p).max(p - now.max).max_element();
-        if by > allowed {
-            return Err(PrimitiveError::OutsideBounds { over, ray, t: hit.t, by });
+        let hit = check_hit(primitive, &ray, over, now, size)?;
+        check_nearest(primitive, &ray, over, now, hit.map(|t| ray.point(t)), size)?;
+        if let Some(t) = hit {
+            // Just behind the first hit there may be another one, but not the first again.
+            check_hit(primitive, &ray.between(t.next_up(), f32::INFINITY), over, now, size)?;
         }
     }
     Ok(())
+}
+
+/// Tests the hit of a ray, and returns its distance. The bounds over an interval are `now` at the ray's time, and `size` is about the size
+/// of the primitive.
+fn check_hit(
+    primitive: &impl Primitive,
+    ray: &Ray,
+    over: TimeInterval,
+    now: Aabb,
+    size: f64,
+) -> Result<Option<f32>, PrimitiveError> {
+    let ray = *ray;
+    let hit = primitive.intersect(&ray);
+    if primitive.intersect(&ray) != hit {
+        return Err(PrimitiveError::Impure { ray });
+    }
+    if let Some(sphere) = primitive.as_sphere()
+        && (sphere.intersect(&ray) != hit || !is_closest_point_of(sphere, primitive, &ray))
+    {
+        return Err(PrimitiveError::OtherSphere { ray });
+    }
+    let Some(t) = hit.map(|hit| hit.t).filter(|t| !t.is_nan()) else { return Ok(None) };
+    if t < ray.t_min || t > ray.t_max {
+        return Err(PrimitiveError::OutsideRange { ray, t });
+    }
+    // t is rounded to f32, and the fraction of the interval in f64.
+    let allowed = 2.0 * f64::from(f32::EPSILON) * (f64::from(t) * ray.dir.as_dvec3().abs().max_element() + size * 1e-9);
+    let p = ray.point(t);
+    let by = (now.min - p).max(p - now.max).max_element();
+    if by > allowed {
+        return Err(PrimitiveError::OutsideBounds { over, ray, t, by });
+    }
+    Ok(Some(t))
 }
 
 /// Tests the reported nearest point to the origin of a ray that may hit the primitive at `hit`. The bounds over an
@@ -293,6 +310,19 @@ mod tests {
             Err(PrimitiveError::BadBounds { .. })
         ));
         assert!(matches!(check(|b| b, |_, t| -t), Err(PrimitiveError::OutsideRange { .. })));
+        // The front again, for a ray that begins behind it.
+        struct Hasty(MovingSphere);
+        impl Primitive for Hasty {
+            fn bounds(&self, over: TimeInterval) -> LinearBounds {
+                self.0.bounds(over)
+            }
+            fn intersect(&self, ray: &Ray) -> Option<Intersection> {
+                self.0.intersect(&ray.between(0.0, ray.t_max))
+            }
+        }
+        let behind =
+            |error| matches!(error, PrimitiveError::OutsideRange { ray, t } if t < ray.t_min && ray.t_min > 0.0);
+        assert!(check_primitive(&Hasty(ball), 20_000).is_err_and(behind));
     }
 
     #[test]

@@ -25,13 +25,14 @@ use glam::DVec3;
 ///   that time, exactly.
 /// - Bounds are finite, not inverted, and within [`MAX_COORDINATE`], over every part of the shutter, down to a single
 ///   instant.
+/// - [`intersect`](Primitive::intersect) reports the nearest intersection in the range of the ray, and none outside it.
 /// - [`intersect`](Primitive::intersect) and [`closest_point`](Primitive::closest_point) are pure: the same arguments give
 ///   the same answer, for any number of calls and on any thread.
 /// - The sphere of [`as_sphere`](Primitive::as_sphere), if there is one, has the same answers.
 ///
 /// A primitive that breaks the contract does not affect others. If its bounds are invalid, the build fails with
 /// [`BuildError::BadBounds`]. If its bounds do not contain all hits, or change from one call to the next, hits of this
-/// primitive are lost. [`active`](Primitive::active) is called once.
+/// primitive are lost. A tree calls [`active`](Primitive::active) once, when it takes the primitive.
 ///
 /// ```
 /// use mbkd::glam::{DVec3, Vec3};
@@ -51,7 +52,8 @@ use glam::DVec3;
 ///         let t = (f64::from(ray.time) - ray.origin.z) / f64::from(ray.dir.z);
 ///         let p = ray.origin + ray.dir.as_dvec3() * t;
 ///         let inside = p.x >= 0.0 && p.x <= 1.0 && p.y >= 0.0 && p.y <= 1.0;
-///         inside.then_some(Intersection { t: t as f32, u: p.x as f32, v: p.y as f32 })
+///         let in_range = (ray.t_min..=ray.t_max).contains(&(t as f32));
+///         (inside && in_range).then_some(Intersection { t: t as f32, u: p.x as f32, v: p.y as f32 })
 ///     }
 /// }
 /// let tree = RayTree::of_primitives(vec![Lift], &BuildParams::default())?;
@@ -63,9 +65,9 @@ pub trait Primitive: Send + Sync {
     /// Linear bounds over a part of the shutter, in world coordinates. The primitive need not exist during the whole part.
     fn bounds(&self, over: TimeInterval) -> LinearBounds;
 
-    /// The nearest intersection at `ray.time` with `t` in `[ray.t_min, ray.t_max]`.
+    /// The nearest intersection at `ray.time` with `t` in `[ray.t_min, ray.t_max]`; `None` if there is no intersection in that range.
     ///
-    /// An answer outside that range is ignored.
+    /// An answer outside that range breaks the contract: trees ignore it, and so lose an intersection in the range behind it.
     fn intersect(&self, ray: &Ray) -> Option<Intersection>;
 
     /// The point of the primitive at `time` that is nearest to `point`, for
@@ -300,7 +302,8 @@ fn are_boxes(bounds: LinearBounds) -> bool {
     })
 }
 
-/// The intervals and bounds of shapes. The interval of each shape is read once.
+/// The intervals and bounds of shapes. The interval of each shape is read here, and nowhere else.
+#[derive(Clone)]
 pub(crate) struct ShapesExtent {
     /// Active intervals; empty if all shapes exist throughout the shutter.
     active: Vec<TimeInterval>,
@@ -327,6 +330,11 @@ impl ShapesExtent {
             active = Vec::new();
         }
         Ok(ShapesExtent { active, swept })
+    }
+
+    /// The active interval of a shape.
+    pub fn active(&self, shape: usize) -> TimeInterval {
+        self.active.get(shape).copied().unwrap_or(TimeInterval::FULL)
     }
 }
 
@@ -376,6 +384,11 @@ impl<P: Primitive> Shapes<P> {
     /// The box that holds all shapes at all times, in world space.
     pub(super) fn swept(&self) -> Aabb {
         self.swept
+    }
+
+    /// What is known of the shapes, as it was read when they were taken.
+    pub(super) fn extent(&self) -> ShapesExtent {
+        ShapesExtent { active: self.active.clone(), swept: self.swept }
     }
 
     /// Replaces the frame by one that maps points to the same coordinates.

@@ -3,11 +3,20 @@
 use super::merge_keys::{DOUBLE, SINGLE, kept_keys};
 use crate::error::BuildError;
 use crate::geometry::{Aabb, Box3, Frame, TimeInterval};
-use crate::limits::MAX_COORDINATE;
+use crate::limits::{MAX_COORDINATE, MAX_MESH_KEYS};
 use crate::parallel;
 use crate::simd::{Kernel, LANES, Mask, Simd, SimdLevel, as_coordinates, dispatch, lanes_at, lanes_at_mut};
 use core::ops::Range;
 use glam::{DVec3, Vec3};
+
+/// An error if a mesh cannot have so many keys.
+fn check_number_of_keys(mesh: usize, found: usize) -> Result<(), BuildError> {
+    match found {
+        0 => Err(BuildError::NoKeys { mesh }),
+        1..=MAX_MESH_KEYS => Ok(()),
+        _ => Err(BuildError::TooManyKeys { mesh, found }),
+    }
+}
 
 /// Vertex positions at each key: the outer list runs over keys, the inner over vertices.
 #[derive(Clone, Debug, PartialEq)]
@@ -182,9 +191,7 @@ impl TriangleMesh {
 
     /// Checks all that a build requires of a mesh; `mesh` is its index in errors. Returns the swept box.
     pub(crate) fn validate(&self, mesh: usize) -> Result<Aabb, BuildError> {
-        if self.keys.is_empty() {
-            return Err(BuildError::NoKeys { mesh });
-        }
+        check_number_of_keys(mesh, self.keys.len())?;
         let vertices = self.keys.vertices(0);
         let mut swept = Aabb::EMPTY;
         for key in 0..self.keys.len() {
@@ -348,6 +355,12 @@ mod tests {
         assert_eq!(
             check(TriangleMesh::fixed(vec![[0, 1, 2], [0, 4, 1]], square())),
             BuildError::IndexOutOfRange { mesh: 3, triangle: 1, index: 4, vertices: 4 }
+        );
+        // A mesh of so many keys would take a gigabyte.
+        assert_eq!(check_number_of_keys(3, 1 << 24), Ok(()));
+        assert_eq!(
+            check_number_of_keys(3, (1 << 24) + 1),
+            Err(BuildError::TooManyKeys { mesh: 3, found: (1 << 24) + 1 })
         );
         let mut bad = square();
         bad[1].y = f32::INFINITY;

@@ -35,6 +35,7 @@ pub use intersection::{Intersection, SurfacePoint};
 pub(crate) use merge_keys::{DOUBLE, SINGLE, kept_keys, widest_step};
 pub use mesh::{Keys, TriangleMesh};
 pub use points::{MovingPoint, PointArrays, PointColumns, PointSet, Position};
+pub(crate) use scene::OtherShapes;
 pub use scene::{Scene, Shape};
 pub(crate) use scene_file::{SceneRecord, ShapesRecord};
 pub(crate) use shared_vertices::Shared;

@@ -1,8 +1,8 @@
 //! Sets of points: the trait, and its implementations for common containers.
 //!
 //! A set has positions at `n` keys spaced evenly over the shutter (one key: static), moves
-//! linearly between keys, and may have an active interval for each point. Trees read a set once, in
-//! place; it need not be copied into a type of this crate first.
+//! linearly between keys, and may have an active interval for each point. Builds read a set in place;
+//! it need not be copied into a type of this crate first.
 
 use crate::geometry::TimeInterval;
 use glam::{DVec3, Vec3};
@@ -61,7 +61,8 @@ impl Position for [f64; 3] {
 ///
 /// Implemented for slices, arrays and vectors of positions (one key) and of [`MovingPoint`], and for
 /// [`PointArrays`] and [`PointColumns`]. Implement it for your own particle type to build without
-/// copying. Each position, interval and id is read once.
+/// copying. A build may ask for a position, interval or id several times, from any of its threads, and the answers must
+/// be the same each time. (A set that contradicts itself gets an error, or a tree of some of its answers.)
 ///
 /// ```
 /// use mbkd::{PointParams, PointSet, PointTree, glam::DVec3};
@@ -82,7 +83,7 @@ impl Position for [f64; 3] {
 /// assert_eq!(tree.nearest([0.25f32, 0.0, 0.0], 0.25).unwrap().distance_squared, 0.0);
 /// # Ok::<(), mbkd::PointError>(())
 /// ```
-#[allow(clippy::len_without_is_empty)] // a set to be read once, not a container
+#[allow(clippy::len_without_is_empty)] // a set to be read by a build, not a container
 pub trait PointSet: Sync {
     /// Whether positions need f64. False promises that every position is an f32 one.
     const WIDE: bool;
@@ -267,28 +268,44 @@ impl PointSet for PointColumns<'_> {
     }
 }
 
-/// Containers of a slice that is a set.
-macro_rules! as_slice {
-    ($($generics:tt)*) => {
-        impl<T: Sync, $($generics)* where [T]: PointSet {
-            const WIDE: bool = <[T] as PointSet>::WIDE;
-            fn len(&self) -> usize {
-                PointSet::len(&self[..])
-            }
-            fn keys(&self) -> usize {
-                self[..].keys()
-            }
-            #[inline(always)]
-            fn position(&self, point: usize, key: usize) -> DVec3 {
-                self[..].position(point, key)
-            }
-            #[inline(always)]
-            fn active(&self, point: usize) -> TimeInterval {
-                self[..].active(point)
-            }
-        }
-    };
+impl<T: Sync> PointSet for Vec<T>
+where
+    [T]: PointSet,
+{
+    const WIDE: bool = <[T] as PointSet>::WIDE;
+    fn len(&self) -> usize {
+        PointSet::len(&self[..])
+    }
+    fn keys(&self) -> usize {
+        self[..].keys()
+    }
+    #[inline(always)]
+    fn position(&self, point: usize, key: usize) -> DVec3 {
+        self[..].position(point, key)
+    }
+    #[inline(always)]
+    fn active(&self, point: usize) -> TimeInterval {
+        self[..].active(point)
+    }
 }
 
-as_slice!(> PointSet for Vec<T>);
-as_slice!(const N: usize> PointSet for [T; N]);
+impl<T: Sync, const N: usize> PointSet for [T; N]
+where
+    [T]: PointSet,
+{
+    const WIDE: bool = <[T] as PointSet>::WIDE;
+    fn len(&self) -> usize {
+        PointSet::len(&self[..])
+    }
+    fn keys(&self) -> usize {
+        self[..].keys()
+    }
+    #[inline(always)]
+    fn position(&self, point: usize, key: usize) -> DVec3 {
+        self[..].position(point, key)
+    }
+    #[inline(always)]
+    fn active(&self, point: usize) -> TimeInterval {
+        self[..].active(point)
+    }
+}

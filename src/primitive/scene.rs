@@ -97,6 +97,19 @@ pub struct Scene {
     always_active: bool,
 }
 
+/// Shapes that a refit puts in the place of others, after checking their bounds.
+pub(crate) struct OtherShapes {
+    shapes: Vec<Shape>,
+    extent: ShapesExtent,
+}
+
+impl OtherShapes {
+    /// The active intervals of the shapes.
+    pub(crate) fn active(&self) -> impl Iterator<Item = TimeInterval> {
+        (0..self.shapes.len()).map(|shape| self.extent.active(shape))
+    }
+}
+
 impl Scene {
     /// Checks all primitives and maps them to one tree space.
     pub(crate) fn new(meshes: &[TriangleMesh], shapes: Vec<Shape>) -> Result<Scene, BuildError> {
@@ -106,16 +119,21 @@ impl Scene {
         Scene::of(triangles, shapes, extent)
     }
 
+    /// Other shapes for this scene, if they are valid and as many.
+    pub(crate) fn other_shapes(&self, shapes: Vec<Shape>) -> Result<OtherShapes, RefitError> {
+        let shapes = with_merged_keys(shapes);
+        let extent = ShapesExtent::of(&shapes).map_err(RefitError::Input)?;
+        let (expected, found) = (self.shapes.len(), shapes.len());
+        if found == expected { Ok(OtherShapes { shapes, extent }) } else { Err(RefitError::Shapes { expected, found }) }
+    }
+
     /// The same scene with other positions of the meshes and, if given, other shapes. After an error this scene is
     /// unchanged.
-    pub(crate) fn again(&mut self, meshes: &[TriangleMesh], shapes: Option<Vec<Shape>>) -> Result<Scene, RefitError> {
-        let shapes = shapes.map(with_merged_keys);
-        let extent = ShapesExtent::of(shapes.as_deref().unwrap_or(self.shapes.shapes())).map_err(RefitError::Input)?;
-        if let Some(found) = shapes.as_ref().map(Vec::len).filter(|&found| found != self.shapes.len()) {
-            return Err(RefitError::Shapes { expected: self.shapes.len(), found });
-        }
-        let triangles = self.triangles.with_positions(meshes, extent.swept)?;
-        let shapes = shapes.unwrap_or_else(|| self.shapes.take());
+    pub(crate) fn again(&mut self, meshes: &[TriangleMesh], other: Option<OtherShapes>) -> Result<Scene, RefitError> {
+        let swept = other.as_ref().map_or(self.shapes.swept(), |other| other.extent.swept);
+        let triangles = self.triangles.with_positions(meshes, swept)?;
+        let OtherShapes { shapes, extent } =
+            other.unwrap_or_else(|| OtherShapes { extent: self.shapes.extent(), shapes: self.shapes.take() });
         Scene::of(triangles, shapes, extent).map_err(RefitError::Input)
     }
 

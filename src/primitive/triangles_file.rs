@@ -5,9 +5,7 @@ use super::precise_vertices::PreciseVertices;
 use super::triangles::{Triangles, Vertices};
 use crate::file::{Decoder, Encoder, FileError, Record, require};
 use crate::geometry::{Frame, TimeInterval};
-
-/// The largest number of keys of a mesh, so that sums of bytes do not overflow.
-const MOST_KEYS: u32 = 1 << 24;
+use crate::limits::MAX_MESH_KEYS;
 
 /// Added to the number of keys of a mesh whose vertices are kept in f64.
 const PRECISE: u32 = 1 << 31;
@@ -95,7 +93,7 @@ impl TrianglesRecord {
         require(!in_leaves || vertices.positions.is_empty(), "there are vertices without triangles")?;
         let (mut infos, mut first, mut bent, mut in_f64) = (Vec::with_capacity(meshes.len()), 0, 0, 0);
         for mesh in &meshes {
-            require((1..=MOST_KEYS).contains(&mesh.keys), "a mesh has no or too many keys")?;
+            require((1..=MAX_MESH_KEYS).contains(&(mesh.keys as usize)), "a mesh has no or too many keys")?;
             let (keys, stride) = (mesh.keys as usize, mesh.stride as usize);
             let active = TimeInterval::of_bounds(mesh.active)?;
             // The hash is not in files: trees from files cannot be refitted.

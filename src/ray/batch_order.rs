@@ -128,9 +128,9 @@ fn in_tasks<Q: Sync, T: Send>(queries: &[Q], answers: &mut [T], fill: impl Fn(us
 /// Estimates the coherence of a batch from a sample of successive pairs.
 fn coming(rays: &[Ray], space: Space) -> Coming {
     const SAMPLES: usize = 64;
-    /// The cosine of about eight degrees.
+    /// The cosine of about eight degrees. (Not fitted.)
     const SAME_WAY: f32 = 0.99;
-    /// A distance in units of half the largest extent of the scene.
+    /// A distance in units of half the largest extent of the scene. (Not fitted.)
     const NEAR: f64 = 0.4;
     let step = rays.len().div_ceil(SAMPLES).max(1);
     let (mut together, mut near, mut pairs) = (0, 0, 0);

@@ -49,6 +49,17 @@ impl<G: Geometry> RayTree<G> {
     /// Blocks of the tree in which `mask` hides everything are skipped (in the k-d layout, only triangles are). `accept` cannot skip
     /// any: where it rejects all of the nearest hundred thousand triangles, each of their closest points is computed. So prefer
     /// masks where they can express it.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, ClosestPointQuery, RayTree, TriangleMesh, glam::Vec3};
+    /// let at = |z: f32| vec![Vec3::new(0.0, 0.0, z), Vec3::new(1.0, 0.0, z), Vec3::new(0.0, 1.0, z)];
+    /// let meshes = [1.0, 2.0, 3.0].map(|z| TriangleMesh::fixed(vec![[0, 1, 2]], at(z)).with_mask(z as u32));
+    /// let tree = RayTree::build(&meshes, &BuildParams::default())?;
+    /// let query = ClosestPointQuery::new(Vec3::ZERO, 0.0);
+    /// let other_than_first = tree.closest_point_filtered(&query, u32::MAX, |near| near.mesh != 0);
+    /// assert_eq!(other_than_first.map(|near| near.distance), Some(2.0));
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
     pub fn closest_point_filtered(
         &self,
         query: &ClosestPointQuery,
@@ -56,6 +67,21 @@ impl<G: Geometry> RayTree<G> {
         accept: impl Fn(&ClosestPoint) -> bool,
     ) -> Option<ClosestPoint> {
         self.closest_point_guarded(&(*query).into(), Guards::filtered(mask, &accept))
+    }
+
+    /// [`RayTree::closest_point`] on meshes whose mask shares a bit with `mask`, as [`RayTree::closest_point_filtered`] without a filter.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, ClosestPointQuery, RayTree, TriangleMesh, glam::Vec3};
+    /// let at = |z: f32| vec![Vec3::new(0.0, 0.0, z), Vec3::new(1.0, 0.0, z), Vec3::new(0.0, 1.0, z)];
+    /// let meshes = [1.0, 2.0].map(|z| TriangleMesh::fixed(vec![[0, 1, 2]], at(z)).with_mask(z as u32));
+    /// let tree = RayTree::build(&meshes, &BuildParams::default())?;
+    /// let query = ClosestPointQuery::new(Vec3::ZERO, 0.0);
+    /// assert_eq!([0b01, 0b10].map(|mask| tree.closest_point_masked(&query, mask).unwrap().distance), [1.0, 2.0]);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn closest_point_masked(&self, query: &ClosestPointQuery, mask: u32) -> Option<ClosestPoint> {
+        self.closest_point_guarded(&(*query).into(), Guards::masked(mask))
     }
 
     /// [`RayTree::closest_point`], reporting each step to `observer`.

@@ -23,6 +23,7 @@ use super::traversal::query::{AllHits, AnyHit, Asked, ClosestHit, OfWide, Query,
 use super::traversal::stream::Streams;
 use super::{Everything, Hit, Observer, Ray, Visible};
 use crate::error::BuildError;
+use crate::file::{Encoder, FileError, FileKind};
 use crate::geometry::{Frame, LinearBounds};
 use crate::layout::{ChildRef, LazyTree, Statistics, WideSource, WideTree};
 use crate::mbkd::{KdTree, build_kd};
@@ -81,6 +82,10 @@ pub(crate) trait Compiled: RaySource + ClosestPointSource + Sized {
     const QUERIES: Queries<Self>;
     /// Builds the layout that the parameters choose.
     fn lay_out(&mut self, params: &BuildParams, progress: &Progress) -> Result<(Layout, Statistics), BuildError>;
+    /// The kind of a file with such a tree.
+    const FILE: FileKind;
+    /// Writes the geometry to a file.
+    fn write(&self, to: &mut Encoder<'_>) -> Result<(), FileError>;
 }
 
 impl Compiled for Scene {
@@ -88,6 +93,12 @@ impl Compiled for Scene {
 
     fn lay_out(&mut self, params: &BuildParams, progress: &Progress) -> Result<(Layout, Statistics), BuildError> {
         lay_out(self, params, progress)
+    }
+
+    const FILE: FileKind = FileKind::Scene;
+
+    fn write(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
+        self.encode(to)
     }
 }
 

@@ -13,6 +13,7 @@ use super::kernel::shear::Sheared;
 use super::kernel::tree_ray::TreeRay;
 use super::traversal::intersect::RaySource;
 use crate::error::BuildError;
+use crate::file::{Encoder, FileError, FileKind};
 use crate::geometry::{Frame, LinearBox3, TimeInterval};
 use crate::layout::{Statistics, WideSource};
 use crate::params::BuildParams;
@@ -20,53 +21,17 @@ use crate::primitive::{MovingSphere, Primitive, PrimitiveSet, Shapes};
 use crate::progress::Progress;
 
 /// [`Shapes`] of any type.
-trait AnyShapes: Send + Sync {
-    fn len(&self) -> usize;
-    fn active(&self, id: u32) -> TimeInterval;
-    fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3;
-    fn input_error(&self) -> Result<(), BuildError>;
-    fn bytes(&self) -> usize;
+trait AnyShapes: PrimitiveSet {
     fn intersect(&self, id: u32, ray: &TreeRay, sheared: &Sheared) -> Option<SetHit>;
     fn first_within(&self, ids: &[u32], query: &Query, limit: f32) -> Option<(usize, Candidate)>;
-    fn sphere(&self, id: u32) -> Option<&MovingSphere>;
-    fn intervals_of_keys(&self) -> Vec<TimeInterval>;
-    fn leaf_kind(&self, id: u32) -> u32;
-    fn further_key_bytes(&self) -> usize;
 }
 
 impl<P: Primitive> AnyShapes for Shapes<P> {
-    fn len(&self) -> usize {
-        PrimitiveSet::len(self)
-    }
-    fn active(&self, id: u32) -> TimeInterval {
-        PrimitiveSet::active(self, id)
-    }
-    fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {
-        PrimitiveSet::bounds(self, id, over)
-    }
-    fn input_error(&self) -> Result<(), BuildError> {
-        PrimitiveSet::input_error(self)
-    }
-    fn bytes(&self) -> usize {
-        PrimitiveSet::bytes(self)
-    }
     fn intersect(&self, id: u32, ray: &TreeRay, sheared: &Sheared) -> Option<SetHit> {
         RaySource::intersect(self, id, ray, sheared)
     }
     fn first_within(&self, ids: &[u32], query: &Query, limit: f32) -> Option<(usize, Candidate)> {
         ClosestPointSource::first_within(self, ids, query, limit)
-    }
-    fn sphere(&self, id: u32) -> Option<&MovingSphere> {
-        PrimitiveSet::sphere(self, id)
-    }
-    fn intervals_of_keys(&self) -> Vec<TimeInterval> {
-        PrimitiveSet::intervals_of_keys(self)
-    }
-    fn leaf_kind(&self, id: u32) -> u32 {
-        PrimitiveSet::leaf_kind(self, id)
-    }
-    fn further_key_bytes(&self) -> usize {
-        PrimitiveSet::further_key_bytes(self)
     }
 }
 
@@ -201,6 +166,12 @@ impl<P: Primitive> Compiled for Shapes<P> {
 
     fn lay_out(&mut self, params: &BuildParams, progress: &Progress) -> Result<(Layout, Statistics), BuildError> {
         lay_out_erased(ErasedShapes::of(self), params, progress)
+    }
+
+    const FILE: FileKind = FileKind::Primitives;
+
+    fn write(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
+        self.encode(to)
     }
 }
 

@@ -43,6 +43,27 @@ impl<G: Geometry> RayTree<G> {
         self.any_batch(rays, Some(Visible { mask, accept: None }), hits);
     }
 
+    /// [`RayTree::closest_point_masked`] for many queries, in parallel. `answers` is cleared and gets one answer per query, in order.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, ClosestPointQuery, RayTree, TriangleMesh, glam::Vec3};
+    /// let at = |z: f32| vec![Vec3::new(0.0, 0.0, z), Vec3::new(1.0, 0.0, z), Vec3::new(0.0, 1.0, z)];
+    /// let meshes = [1.0, 2.0].map(|z| TriangleMesh::fixed(vec![[0, 1, 2]], at(z)).with_mask(z as u32));
+    /// let tree = RayTree::build(&meshes, &BuildParams::default())?;
+    /// let mut answers = Vec::new();
+    /// tree.closest_points_masked(&[ClosestPointQuery::new(Vec3::ZERO, 0.0)], 0b10, &mut answers);
+    /// assert_eq!(answers[0].map(|near| (near.mesh, near.distance)), Some((1, 2.0)));
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn closest_points_masked(
+        &self,
+        queries: &[ClosestPointQuery],
+        mask: u32,
+        answers: &mut Vec<Option<ClosestPoint>>,
+    ) {
+        answer_each(queries, answers, |_, query| self.closest_point_masked(query, mask));
+    }
+
     /// [`RayTree::closest_hit_filtered`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
     ///
     /// `accept` gets the index of the ray in `rays` with each hit, so every ray can have a filter of its own. Like the

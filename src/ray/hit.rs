@@ -6,9 +6,11 @@ pub struct Hit {
     /// Distance in units of the ray's direction: the point is `origin + t * dir`. Always finite, and within the ray's
     /// range; never -0.
     pub t: f32,
-    /// Barycentric weight of the triangle's second vertex.
+    /// Barycentric weight of the triangle's second vertex; on a [sphere](crate::MovingSphere) the x of the unit normal, on a custom primitive
+    /// the value that it returned.
     pub u: f32,
-    /// Barycentric weight of the triangle's third vertex; the first has `1 - u - v`.
+    /// Barycentric weight of the triangle's third vertex, where the first has `1 - u - v`; on a sphere the y of the unit normal, on a custom
+    /// primitive the value that it returned.
     pub v: f32,
     /// The mesh, as an index into the meshes that the tree was built of; the number of meshes for one of the other
     /// shapes of a scene, so 0 for a tree of shapes only.

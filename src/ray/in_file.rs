@@ -65,10 +65,13 @@ impl<G: Geometry> RayTree<G> {
     }
 }
 
-impl RayTree {
+impl<G: Geometry> RayTree<G> {
     /// Writes the tree: meshes, spheres and layout, about as many bytes as [`statistics`](RayTree::statistics) reports
     /// for memory. The bytes are the same on every machine and for any number of threads of the build. `docs/files.md`
     /// describes them.
+    ///
+    /// Of a tree of custom primitives ([`RayTree::of_primitives`]) it writes their number, bounds and times, and the layout, since only the
+    /// caller knows their type: [`RayTree::read_primitives_from`] reads it.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -83,7 +86,7 @@ impl RayTree {
     /// ```
     ///
     /// # Errors
-    /// [`FileError::OwnShape`] if the scene has a shape of a custom type, [`FileError::Lazy`] for a lazy tree, and
+    /// [`FileError::OwnShape`] if a scene has a shape of a custom type, [`FileError::Lazy`] for a lazy tree, and
     /// errors of the sink.
     pub fn write_to(&self, sink: &mut impl Write) -> Result<(), FileError> {
         self.encode(sink)
@@ -91,8 +94,8 @@ impl RayTree {
 
     fn encode(&self, sink: &mut dyn Write) -> Result<(), FileError> {
         self.layout.can_be_written()?;
-        file::write(sink, FileKind::Scene, |to| {
-            self.geometry.encode(to)?;
+        file::write(sink, G::FILE, |to| {
+            self.geometry.write(to)?;
             self.layout.encode(to)
         })
     }
@@ -105,7 +108,9 @@ impl RayTree {
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FileError> {
         file::save(path.as_ref(), |sink| self.encode(sink))
     }
+}
 
+impl RayTree {
     /// Reads a tree that [`RayTree::write_to`] wrote, and no byte more. The tree gives the same answers as the written
     /// one, bit for bit, on any machine. Queries run on the widest instruction set of this machine.
     ///
@@ -148,32 +153,6 @@ impl RayTree {
 }
 
 impl<P: Primitive> RayTree<Shapes<P>> {
-    /// Writes the tree without its primitives, whose type only the caller knows: their number, bounds and times, and
-    /// the layout. [`RayTree::read_primitives_from`] reads it.
-    ///
-    /// # Errors
-    /// [`FileError::Lazy`] for a lazy tree, and errors of the sink.
-    pub fn write_to(&self, sink: &mut impl Write) -> Result<(), FileError> {
-        self.encode(sink)
-    }
-
-    fn encode(&self, sink: &mut dyn Write) -> Result<(), FileError> {
-        self.layout.can_be_written()?;
-        file::write(sink, FileKind::Primitives, |to| {
-            self.geometry.encode(to)?;
-            self.layout.encode(to)
-        })
-    }
-
-    /// [`RayTree::write_to`] a file, which appears under this name only once it is complete: it is written next to it and then
-    /// renamed. A symbolic link is followed; a pipe or device is written to directly.
-    ///
-    /// # Errors
-    /// As [`RayTree::write_to`].
-    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FileError> {
-        file::save(path.as_ref(), |sink| self.encode(sink))
-    }
-
     /// Reads a tree of custom primitives; `primitives` have to be those that it was built of, in the same order.
     ///
     /// ```
@@ -203,7 +182,18 @@ impl<P: Primitive> RayTree<Shapes<P>> {
             .whole(raw, |(shapes, layout)| RayTree::checked(shapes.checked(primitives)?, layout))
     }
 
-    /// [`RayTree::read_primitives_from`] a file that holds nothing else.
+    /// [`RayTree::read_primitives_from`] a file that holds nothing else. Faster, since the length of a file is known beforehand.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, MovingSphere, RayTree, glam::DVec3};
+    /// let balls = vec![MovingSphere::fixed(DVec3::ZERO, 1.0), MovingSphere::fixed(DVec3::X * 5.0, 1.0)];
+    /// let path = std::env::temp_dir().join(format!("mbkd-balls-{}.tree", std::process::id()));
+    /// RayTree::of_primitives(balls.clone(), &BuildParams::default())?.save(&path)?;
+    /// let again = RayTree::load_primitives(&path, balls)?;
+    /// assert_eq!(again.statistics().primitives, 2);
+    /// std::fs::remove_file(&path)?;
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     ///
     /// # Errors
     /// As [`RayTree::read_primitives_from`].

@@ -14,7 +14,7 @@
 //! | `closest_point` | the same for closest points |
 //! | `compiled`, `erased_shapes` | all queries, compiled once in this crate |
 //! | `ray_tree`, `refit`, `in_file` | [`RayTree`]: builds and single queries, refits, files |
-//! | `batch_order`, `filtered_batches`, `closest_point_queries`, `visit` | its other queries |
+//! | `batch_order`, `filtered_queries`, `filtered_batches`, `closest_point_queries`, `visit` | its other queries |
 //! | `surface` | corners and normals at a hit, rays that leave it |
 
 mod batch_order;
@@ -24,6 +24,7 @@ mod compiled;
 mod erased_shapes;
 mod filter;
 mod filtered_batches;
+mod filtered_queries;
 mod hit;
 mod in_file;
 mod kernel;

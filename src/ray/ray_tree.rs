@@ -75,6 +75,9 @@ impl<G: Geometry> RayTree<G> {
         params.validate()?;
         let (layout, statistics) = geometry.lay_out(params, progress)?;
         geometry.input_error()?;
+        if progress.complete() {
+            return Err(BuildError::Cancelled);
+        }
         let (simd, queries, outline) = (SimdLevel::best(), G::QUERIES, layout.outline(geometry.frame()));
         Ok(RayTree { geometry, layout, outline, statistics, from_file: false, plan: None, simd, queries })
     }
@@ -90,6 +93,16 @@ impl<G: Geometry> RayTree<G> {
     }
 
     /// Whether the ray hits anything (occlusion). The search stops at the first hit found.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let tree = RayTree::build(&[mesh], &BuildParams::default())?;
+    /// // From a point towards a light, which is at t = 1.
+    /// let shadow = |light: Vec3| Ray::new(Vec3::new(0.2, 0.2, -1.0), light).between(0.0, 1.0);
+    /// assert_eq!([0.5, 2.0].map(|z| tree.any_hit(&shadow(Vec3::Z * z))), [false, true]);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
     pub fn any_hit(&self, ray: &Ray) -> bool {
         (self.queries.any)(self.target(), ray)
     }
@@ -146,74 +159,6 @@ impl<G: Geometry> RayTree<G> {
         (self.queries.all_guarded)(self.target(), ray, Guards::observed(observer), &mut visitor)
     }
 
-    /// [`RayTree::closest_hit`] among the hits for which `accept` returns true, on meshes whose
-    /// [`mask`](TriangleMesh::mask) shares a bit with `mask`. Spheres and custom primitives have all bits. Blocks of the tree in which
-    /// `mask` hides everything are skipped (in the k-d layout, only triangles are).
-    ///
-    /// `accept` must be pure. It may be called several times for the same hit, and is not called for every hit.
-    ///
-    /// ```
-    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
-    /// let at = |z: f32| vec![Vec3::new(0.0, 0.0, z), Vec3::new(1.0, 0.0, z), Vec3::new(0.0, 1.0, z)];
-    /// let glass = TriangleMesh::fixed(vec![[0, 1, 2]], at(1.0)).with_mask(0b01);
-    /// let wall = TriangleMesh::fixed(vec![[0, 1, 2]], at(2.0)).with_mask(0b10);
-    /// let tree = RayTree::build(&[glass, wall], &BuildParams::default())?;
-    /// let ray = Ray::new(Vec3::new(0.2, 0.2, 0.0), Vec3::Z);
-    /// assert_eq!(tree.closest_hit_filtered(&ray, 0b11, |_| true).unwrap().mesh, 0);
-    /// assert_eq!(tree.closest_hit_filtered(&ray, 0b10, |_| true).unwrap().mesh, 1);
-    /// assert_eq!(tree.closest_hit_filtered(&ray, 0b11, |hit| hit.t > 1.5).unwrap().mesh, 1);
-    /// # Ok::<(), mbkd::BuildError>(())
-    /// ```
-    pub fn closest_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&Hit) -> bool) -> Option<Hit> {
-        (self.queries.closest_guarded)(self.target(), ray, Guards::filtered(mask, &|(_, hit)| accept(hit)))
-    }
-
-    /// [`RayTree::closest_hit`] on meshes whose mask shares a bit with `mask`, as [`RayTree::closest_hit_filtered`] without a filter.
-    ///
-    /// ```
-    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
-    /// let at = |z: f32| vec![Vec3::new(0.0, 0.0, z), Vec3::new(1.0, 0.0, z), Vec3::new(0.0, 1.0, z)];
-    /// let meshes = [1.0, 2.0].map(|z| TriangleMesh::fixed(vec![[0, 1, 2]], at(z)).with_mask(z as u32));
-    /// let tree = RayTree::build(&meshes, &BuildParams::default())?;
-    /// let ray = Ray::new(Vec3::new(0.2, 0.2, 0.0), Vec3::Z);
-    /// assert_eq!([0b01, 0b10].map(|mask| tree.closest_hit_masked(&ray, mask).unwrap().mesh), [0, 1]);
-    /// # Ok::<(), mbkd::BuildError>(())
-    /// ```
-    pub fn closest_hit_masked(&self, ray: &Ray, mask: u32) -> Option<Hit> {
-        (self.queries.closest_guarded)(self.target(), ray, Guards::masked(mask))
-    }
-
-    /// [`RayTree::any_hit`] on meshes whose mask shares a bit with `mask`, as [`RayTree::any_hit_filtered`] without a filter but faster:
-    /// where a hit is certain, its position is not computed.
-    ///
-    /// ```
-    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
-    /// let glass = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]).with_mask(0b01);
-    /// let tree = RayTree::build(&[glass], &BuildParams::default())?;
-    /// let ray = Ray::new(Vec3::new(0.2, 0.2, -1.0), Vec3::Z);
-    /// assert_eq!([0b01, 0b10].map(|mask| tree.any_hit_masked(&ray, mask)), [true, false]);
-    /// # Ok::<(), mbkd::BuildError>(())
-    /// ```
-    pub fn any_hit_masked(&self, ray: &Ray, mask: u32) -> bool {
-        (self.queries.any_guarded)(self.target(), ray, Guards::masked(mask))
-    }
-
-    /// [`RayTree::any_hit`] among the hits that pass the mask and the filter (see [`RayTree::closest_hit_filtered`]).
-    pub fn any_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&Hit) -> bool) -> bool {
-        (self.queries.any_guarded)(self.target(), ray, Guards::filtered(mask, &|(_, hit)| accept(hit)))
-    }
-
-    /// [`RayTree::all_hits`] among the hits that pass the mask and the filter (see [`RayTree::closest_hit_filtered`]).
-    pub fn all_hits_filtered(
-        &self,
-        ray: &Ray,
-        mask: u32,
-        accept: impl Fn(&Hit) -> bool,
-        mut visitor: impl FnMut(Hit) -> ControlFlow<()>,
-    ) -> ControlFlow<()> {
-        (self.queries.all_guarded)(self.target(), ray, Guards::filtered(mask, &|(_, hit)| accept(hit)), &mut visitor)
-    }
-
     /// [`RayTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order. A
     /// caller that reuses it allocates nothing, except for a few megabytes if rays are sorted.
     ///
@@ -238,6 +183,17 @@ impl<G: Geometry> RayTree<G> {
 
     /// [`RayTree::any_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order. All rays are
     /// traversed in streams, which is faster than one by one if rays that begin near each other come one after the other.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let tree = RayTree::build(&[mesh], &BuildParams::default())?;
+    /// let rays = [0.2, 5.0].map(|x| Ray::new(Vec3::new(x, 0.2, 1.0), Vec3::NEG_Z));
+    /// let mut hits = Vec::new();
+    /// tree.any_hits(&rays, &mut hits);
+    /// assert_eq!(hits, [true, false]);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
     pub fn any_hits(&self, rays: &[Ray], hits: &mut Vec<bool>) {
         self.any_batch(rays, None, hits);
     }
@@ -450,12 +406,24 @@ impl RayTree {
         of_scene(meshes, shapes, params, None)
     }
 
-    /// [`RayTree::build`] that calls `progress` from time to time with the finished fraction (0 to 1), from any of its
+    /// [`RayTree::build`] that calls `progress` from time to time with the finished fraction (above 0, and at the end 1), from any of its
     /// threads. `Break` cancels the build, which then returns [`BuildError::Cancelled`].
     ///
     /// A k-d tree calls it at every half percent. A wide tree calls it after each of its steps, of which the first takes about half of the
     /// time (of separate trees for time slices, one tree takes a step), and is cancelled between them; a lazy tree after each half of its coarse
     /// build.
+    ///
+    /// ```
+    /// use core::ops::ControlFlow;
+    /// use mbkd::{BuildError, BuildParams, RayTree, TriangleMesh, glam::Vec3};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let stop = |_: f32| ControlFlow::Break(());
+    /// let tree = RayTree::build_with_progress(&[mesh], &BuildParams::default(), &stop);
+    /// assert_eq!(tree.unwrap_err(), BuildError::Cancelled);
+    /// ```
+    ///
+    /// # Errors
+    /// As [`RayTree::build`]; [`BuildError::Cancelled`] if `progress` broke.
     pub fn build_with_progress(
         meshes: &[TriangleMesh],
         params: &BuildParams,
@@ -465,6 +433,9 @@ impl RayTree {
     }
 
     /// [`RayTree::of_scene`] that calls `progress` as [`RayTree::build_with_progress`] does.
+    ///
+    /// # Errors
+    /// As [`RayTree::of_scene`]; [`BuildError::Cancelled`] if `progress` broke.
     pub fn of_scene_with_progress(
         meshes: &[TriangleMesh],
         shapes: Vec<Shape>,
@@ -491,6 +462,9 @@ impl<P: Primitive> RayTree<Shapes<P>> {
     }
 
     /// [`RayTree::of_primitives`] that calls `progress` as [`RayTree::build_with_progress`] does.
+    ///
+    /// # Errors
+    /// As [`RayTree::of_primitives`]; [`BuildError::Cancelled`] if `progress` broke.
     pub fn of_primitives_with_progress(
         primitives: Vec<P>,
         params: &BuildParams,

@@ -6,7 +6,7 @@ use crate::error::RefitError;
 use crate::geometry::TimeInterval;
 use crate::layout::{BuiltPlace, Moved};
 use crate::parallel;
-use crate::primitive::{Primitive, PrimitiveSet, Shape, Shapes, TriangleMesh};
+use crate::primitive::{OtherShapes, Primitive, PrimitiveSet, Shape, Shapes, TriangleMesh};
 
 /// The result of a refit ([`RayTree::refit`]): the work done, and the quality of the tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -198,12 +198,13 @@ impl RayTree {
         moved: Moved,
     ) -> Result<Refit, RefitError> {
         self.can_be_refitted()?;
-        // With another number of meshes there is another error.
-        if meshes.len() == self.geometry.triangles.mesh_count() {
-            let of_shapes = shapes.iter().flatten().map(Shape::active);
-            self.existed_before(meshes.iter().map(|mesh| mesh.active).chain(of_shapes))?;
-        }
         parallel::entered(self.geometry.len(), || {
+            let shapes = shapes.map(|shapes| self.geometry.other_shapes(shapes)).transpose()?;
+            // With another number of meshes there is another error.
+            if meshes.len() == self.geometry.triangles.mesh_count() {
+                let of_shapes = shapes.iter().flat_map(OtherShapes::active);
+                self.existed_before(meshes.iter().map(|mesh| mesh.active).chain(of_shapes))?;
+            }
             if let Some(refit) = self.refit_some(meshes, &moved)? {
                 return Ok(refit);
             }
@@ -256,9 +257,9 @@ impl<P: Primitive> RayTree<Shapes<P>> {
         if expected != found {
             return Err(RefitError::Shapes { expected, found });
         }
-        self.existed_before(primitives.iter().map(Primitive::active))?;
         parallel::entered(expected, || {
             let geometry = Shapes::new(primitives).map_err(RefitError::Input)?;
+            self.existed_before(geometry.active_intervals().into_iter())?;
             self.refit_to(geometry, Moved::All)
         })
     }

@@ -194,6 +194,14 @@ fn files_are_saved_whole_and_loaded() {
     assert!(matches!(RayTree::load(&path), Err(FileError::Length { .. })));
     assert!(matches!(RayTree::load(folder.join("none")), Err(FileError::Io(_))));
     assert!(matches!(tree.save(folder.join("none").join("tree")), Err(FileError::Io(_))));
+    // Trees of primitives, which are handed in again.
+    let balls: Vec<_> = (0..50).map(|i| MovingSphere::fixed(DVec3::X * f64::from(i), 0.6)).collect();
+    let tree = RayTree::of_primitives(balls.clone(), &BuildParams::default()).unwrap();
+    tree.save(&path).unwrap();
+    let load = |balls: &[MovingSphere]| RayTree::load_primitives(&path, balls.to_vec());
+    assert_eq!(answers(&load(&balls).unwrap(), 20, 2), answers(&tree, 20, 2));
+    assert!(matches!(load(&balls[1..]), Err(FileError::OtherPrimitives { .. })));
+    assert!(matches!(RayTree::load(&path), Err(FileError::Kind { .. })));
     std::fs::remove_dir_all(&folder).unwrap();
 }
 

@@ -28,11 +28,10 @@ fn builds_report_progress_and_can_be_cancelled() {
     let wide: Vec<Vec<DVec3>> =
         cloud.keys.iter().map(|key| key.iter().map(|p| p.as_dvec3() * 1.000_000_001).collect()).collect();
     let told = |params: &PointParams, keys: usize, precise: bool, stop_at: f32| {
-        let told = Mutex::new(0.0f32);
+        let told = Mutex::new(Vec::new());
         let hear = |done: f32| {
             assert!((0.0..=1.0).contains(&done), "{done} of the work is done");
-            let mut most = told.lock().unwrap();
-            *most = most.max(done);
+            told.lock().unwrap().push(done);
             if done < stop_at { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
         };
         let tree = if precise {
@@ -42,8 +41,7 @@ fn builds_report_progress_and_can_be_cancelled() {
             let keys: Vec<&[Vec3]> = cloud.keys[..keys].iter().map(Vec::as_slice).collect();
             PointTree::build_with_progress(&PointArrays { keys: &keys, active: &[], ids: &[] }, params, &hear)
         };
-        let most = *told.lock().unwrap();
-        (tree, most)
+        (tree, told.into_inner().unwrap())
     };
     assert!(cloud.keys.len() > 1);
     for (structure, keys, precise) in [
@@ -57,11 +55,14 @@ fn builds_report_progress_and_can_be_cancelled() {
     ] {
         let what = format!("{structure:?} at {keys} keys, in f64: {precise}");
         let params = params(structure);
-        let (whole, most) = told(&params, keys, precise, 2.0);
+        let (whole, mut all) = told(&params, keys, precise, 2.0);
         assert_eq!(whole.unwrap().len(), 100_000, "{what}");
-        assert!(most > 0.98, "{what}: {most} is told to be done at the end");
+        assert_eq!(all.pop(), Some(1.0), "{what}: the end is told");
+        let most = all.iter().copied().fold(0.0, f32::max);
+        assert!(most > 0.98 && most < 1.0, "{what}: {most} is told to be done before the end");
         for stop_at in [0.0, 0.15] {
-            let (none, most) = told(&params, keys, precise, stop_at);
+            let (none, all) = told(&params, keys, precise, stop_at);
+            let most = all.iter().copied().fold(0.0, f32::max);
             assert_eq!(none.unwrap_err(), PointError::Cancelled, "{what}");
             // Skipped work is not reported as finished. The k-d tree makes leaves of the remaining nodes.
             assert!(most < 0.9 || structure == PointStructure::Mbkd, "{what}: went on to {most}");

@@ -51,6 +51,11 @@ fn random_case(photons: &[Photon<f32>], window: f32, rng: &mut Rng) -> GatherCas
     }
 }
 
+/// The error of an element of a slice.
+fn of(index: usize, error: GatherError) -> GatherError {
+    GatherError::At { index, error: Box::new(error) }
+}
+
 fn bits(g: &Gathered<f32>) -> (u32, u32, u32, usize, bool) {
     (g.density.to_bits(), g.radius.to_bits(), g.duration.to_bits(), g.count, g.reached)
 }
@@ -173,7 +178,11 @@ fn batches_are_single_gathers_for_any_number_of_threads() {
     }
     let mut bad = queries.clone();
     bad[700] = bad[700].window(f32::NAN);
-    assert_eq!(map.gather_batch(&bad).unwrap_err(), GatherError::Window);
+    assert_eq!(map.gather_batch(&bad).unwrap_err(), of(700, GatherError::Window));
+    // Of the errors that are found only in answering, that of the first query, in whatever order they are answered.
+    bad[700] = bad[700].window(2.0);
+    bad[900] = bad[700];
+    assert_eq!(map.gather_batch(&bad).unwrap_err(), of(700, GatherError::WindowTooWide { most: 0.2 }));
 }
 
 proptest! {
@@ -368,16 +377,18 @@ fn bad_input_is_a_typed_error_or_a_documented_answer() {
     assert_eq!(map.nearest_in_space_time(Vec3::ZERO, 0.5, 1.0, 3, &mut scratch), Err(GatherError::NotStamped));
 
     let point = VisiblePoint { position: Vec3::ZERO, time: 0.5, radius: 1.0 };
-    let visible = |point| VisiblePoints::build(&[point], &GatherParams::default());
-    assert_eq!(visible(VisiblePoint { radius: f32::NAN, ..point }).unwrap_err(), GatherError::Radius);
-    assert_eq!(visible(VisiblePoint { time: 2.0, ..point }).unwrap_err(), GatherError::Time);
-    let mut points = visible(point).unwrap();
+    let visible = |second| VisiblePoints::build(&[point, second], &GatherParams::default());
+    assert_eq!(visible(VisiblePoint { radius: f32::NAN, ..point }).unwrap_err(), of(1, GatherError::Radius));
+    assert_eq!(visible(VisiblePoint { time: 2.0, ..point }).unwrap_err(), of(1, GatherError::Time));
+    let mut points = VisiblePoints::build(&[point], &GatherParams::default()).unwrap();
     assert_eq!(points.set_radii(&[]).unwrap_err(), GatherError::Length { expected: 1, found: 0 });
-    assert_eq!(points.set_radii(&[-1.0]).unwrap_err(), GatherError::Radius);
-    let at = |p: &(Vec3, f32)| *p;
-    assert_eq!(points.scatter(&[(Vec3::NAN, 0.5)], at, 0.1, &mut [0], |_, _, _| ()), Err(GatherError::Position));
+    assert_eq!(points.set_radii(&[-1.0]).unwrap_err(), of(0, GatherError::Radius));
+    assert_eq!(of(3, GatherError::Time).to_string(), "element 3: a time must be in [0, 1]");
+    let photons = [(Vec3::X, 0.5), (Vec3::NAN, 0.5)];
+    let scattered = points.scatter(&photons, |p| *p, 0.1, &mut [0], |_, _, _| panic!("a deposit before an error"));
+    assert_eq!(scattered, Err(of(1, GatherError::Position)));
     assert_eq!(
-        points.scatter(&[(Vec3::X, 0.5)], at, 0.1, &mut [0; 2], |_, _, _| ()).unwrap_err().to_string(),
+        points.scatter(&[(Vec3::X, 0.5)], |p| *p, 0.1, &mut [0; 2], |_, _, _| ()).unwrap_err().to_string(),
         "2 elements where 1 are needed"
     );
 }

@@ -143,6 +143,10 @@ fn lists_of_many_points_are_the_same_on_two_threads_as_on_one() {
             pool.install(|| tree.neighbor_lists(0.2, 0.06).run(lists)).unwrap();
         }
         assert!(swept[0].encounters().len() > 2 * count && swept[0].len() == count);
+        let rows: Vec<_> =
+            swept[0].points().iter().copied().enumerate().map(|(row, id)| (id, swept[0].row(row))).collect();
+        assert!(swept[0].iter().eq(rows) && swept[0].offsets().last() == Some(&swept[0].encounters().len()));
+        assert!(swept[0].bytes() >= size_of_val(swept[0].encounters()) + size_of_val(swept[0].offsets()));
         assert_eq!(swept[0], swept[1], "{count} points");
         assert!(lists[0].neighbors() > count / 2);
         assert_eq!(

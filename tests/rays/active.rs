@@ -5,10 +5,11 @@ use crate::common::{Random, bits, closed_sphere, difference, random_ray, soup};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DAffine3, DVec3, Vec3};
 use mbkd::{
-    BuildParams, ClosestPointQuery, Counters, Division, Instance, InstanceTree, Keys, LazyParams, MovingSphere, Ray,
-    RayTree, RefitError, Shape, TimeInterval, TriangleMesh, WideParams,
+    BuildParams, ClosestPointQuery, Counters, Division, Instance, InstanceTree, Intersection, Keys, LazyParams,
+    LinearBounds, MovingSphere, Primitive, Ray, RayTree, RefitError, Shape, TimeInterval, TriangleMesh, WideParams,
 };
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 /// All kinds of trees with temporal splits, with and without pre-splitting, and a lazy one.
 fn params() -> Vec<BuildParams> {
@@ -438,4 +439,40 @@ fn instances_that_come_and_go_equal_those_that_are_tested_one_by_one() {
         hits += usize::from(expected.is_some());
     }
     assert!(hits > 20, "{hits}");
+}
+
+#[test]
+fn a_tree_asks_each_primitive_once_for_its_interval() {
+    /// A ball that counts how often it is asked.
+    struct Asked(MovingSphere, Arc<AtomicU32>);
+    impl Primitive for Asked {
+        fn bounds(&self, over: TimeInterval) -> LinearBounds {
+            self.0.bounds(over)
+        }
+        fn intersect(&self, ray: &Ray) -> Option<Intersection> {
+            self.0.intersect(ray)
+        }
+        fn active(&self) -> TimeInterval {
+            self.1.fetch_add(1, Relaxed);
+            TimeInterval::new(0.0, 0.5).unwrap()
+        }
+    }
+    let asked = Arc::new(AtomicU32::new(0));
+    let ball = |x: f64| Asked(MovingSphere::fixed(DVec3::X * x, 1.0), asked.clone());
+    let shape = |x: f64| vec![Shape::own(ball(x))];
+    let calls = || asked.swap(0, Relaxed);
+    let mut tree = RayTree::of_primitives(vec![ball(0.0)], &BuildParams::default()).unwrap();
+    assert_eq!(calls(), 1);
+    tree.refit_primitives(vec![ball(1.0)]).unwrap();
+    assert_eq!(calls(), 1);
+    let mesh = |seed| [soup(20, 2, 0.1, 0.1, seed)];
+    let mut tree = RayTree::of_scene(&mesh(1), shape(0.0), &BuildParams::default()).unwrap();
+    assert_eq!(calls(), 1);
+    let moved = mesh(1).map(|mesh| TriangleMesh { active: TimeInterval::new(0.0, 0.7).unwrap(), ..mesh });
+    tree.refit(&moved).unwrap();
+    assert_eq!(calls(), 0, "the ball is the same");
+    tree.refit_with_shapes(&moved, shape(1.0)).unwrap();
+    assert_eq!(calls(), 1);
+    let hits = [0.25, 0.75].map(|time| tree.any_hit(&Ray::new(Vec3::new(1.9, 0.0, 9.0), Vec3::NEG_Z).at_time(time)));
+    assert_eq!(hits, [true, false]);
 }

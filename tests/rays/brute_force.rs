@@ -1,7 +1,7 @@
 //! Every query equals brute force over the same kernel, bit for bit: property tests with shrinking on
 //! soups on a grid, where flat, touching and coincident triangles are the rule.
 
-use crate::common::{Random, assert_equal, difference, grid, random_ray, soup, trees, variants};
+use crate::common::{Random, assert_equal, bits, difference, grid, random_ray, soup, trees, variants};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
@@ -245,6 +245,17 @@ fn assert_equal_masked_and_filtered(meshes: &[TriangleMesh], accepts: fn(&mbkd::
             let seen = oracle.closest_hit_filtered(&ray, mask, |_| true);
             assert_eq!(tree.closest_hit_masked(&ray, mask), seen, "{params:?} {ray:?}");
             assert_eq!(tree.any_hit_masked(&ray, mask), seen.is_some(), "{params:?} {ray:?}");
+            let mut all = [Vec::new(), Vec::new()];
+            let [masked, filtered] = &mut all;
+            let into = |all: &mut Vec<[u32; 5]>, hit| {
+                all.push(bits(hit));
+                core::ops::ControlFlow::Continue(())
+            };
+            let _ = tree.all_hits_masked(&ray, mask, |hit| into(masked, hit));
+            let _ = tree.all_hits_filtered(&ray, mask, |_| true, |hit| into(filtered, hit));
+            all.iter_mut().for_each(|hits| hits.sort());
+            assert_eq!(all[0], all[1], "{params:?} {ray:?}");
+            assert_eq!(all[0].is_empty(), seen.is_none(), "{params:?} {ray:?}");
             assert_eq!(tree.any_hit_filtered(&ray, mask, accepts), expected.is_some());
             let mut best = None::<mbkd::Hit>;
             let _ = tree.all_hits_filtered(&ray, mask, accepts, |hit| {

@@ -276,6 +276,8 @@ fn masks_filters_and_batches() {
             let odd = |p: &ClosestPoint| p.primitive % 2 == 1;
             let found = tree.closest_point_filtered(query, i % 16, odd);
             assert_eq!(bits(found), bits(oracle.closest_point_filtered(query, i % 16, odd)));
+            let seen = oracle.closest_point_filtered(query, i % 16, |_| true);
+            assert_eq!(bits(tree.closest_point_masked(query, i % 16)), bits(seen));
         }
         let accept = |i: usize, p: &ClosestPoint| p.primitive as usize % 5 != i % 5;
         let mut filtered = vec![None; 9];
@@ -283,6 +285,12 @@ fn masks_filters_and_batches() {
         assert_eq!(filtered.len(), queries.len());
         for (i, (query, answer)) in queries.iter().zip(filtered).enumerate() {
             assert_eq!(bits(answer), bits(tree.closest_point_filtered(query, 0b110, |p| accept(i, p))));
+        }
+        let mut masked = vec![None; 9];
+        tree.closest_points_masked(&queries, 0b110, &mut masked);
+        assert_eq!(masked.len(), queries.len());
+        for (query, answer) in queries.iter().zip(masked) {
+            assert_eq!(bits(answer), bits(tree.closest_point_masked(query, 0b110)));
         }
     }
 }

@@ -88,6 +88,17 @@ impl Placed {
         assert_eq!(self.tree.any_hit_filtered(ray, mask, |_| true), found.is_some());
         assert_eq!(self.tree.closest_hit_masked(ray, mask).map(name), found);
         assert_eq!(self.tree.any_hit_masked(ray, mask), found.is_some());
+        let mut all = [Vec::new(), Vec::new()];
+        let [by_mask, by_filter] = &mut all;
+        let into = |all: &mut Vec<Found>, hit| {
+            all.push(name(hit));
+            ControlFlow::Continue(())
+        };
+        let _ = self.tree.all_hits_masked(ray, mask, |hit| into(by_mask, hit));
+        let _ = self.tree.all_hits_filtered(ray, mask, |_| true, |hit| into(by_filter, hit));
+        all.iter_mut().for_each(|hits| hits.sort());
+        assert_eq!(all[0], all[1], "{ray:?} {mask:b}");
+        assert_eq!(Placed::closest(&all[0]), found, "{ray:?} {mask:b}");
         nearest.is_some()
     }
 }
@@ -441,6 +452,22 @@ fn ten_thousand_instances_take_little_beyond_what_is_placed() {
     assert!(statistics.instance_bytes < 40 << 20, "{}", statistics.instance_bytes);
     let outermost = statistics.outermost;
     assert_eq!(outermost.references, outermost.leaves, "one instance in each leaf");
+}
+
+#[test]
+fn numbers_of_nested_primitives_saturate() {
+    let of = RayTree::build(&[soup(2000, 1, 0.1, 0.0, 5)], &BuildParams::default()).unwrap();
+    let mut of = InstanceOf::from(Arc::new(of));
+    let mut tree = None;
+    for _ in 0..MAX_NESTING {
+        let place = |i| Instance::new(of.clone(), Pose { translation: DVec3::X * f64::from(i), ..Pose::IDENTITY });
+        let next = Arc::new(InstanceTree::build((0..10_000).map(place).collect(), &WideParams::default()).unwrap());
+        of = next.clone().into();
+        tree = Some(next);
+    }
+    let statistics = tree.unwrap().statistics();
+    // 2e19 primitives are more than u64 can count.
+    assert_eq!((statistics.instances, statistics.primitives), (10_001_000_100_010_000, u64::MAX));
 }
 
 #[test]

@@ -42,11 +42,11 @@ pub enum GatherError {
         /// Its valid range.
         expected: &'static str,
     },
-    /// The position of a query is not finite or too large.
+    /// The position of a query, or of a photon for visible points, is not finite or too large.
     Position,
     /// The normal of a query is used and is not a unit vector.
     Normal,
-    /// The time of a query is outside the shutter.
+    /// The time of a query, of a visible point, or of a photon for such points is outside the shutter.
     Time,
     /// The window of a query is not greater than 0, or so short (some 10^-38 of the shutter) that photons in it have no finite weight.
     Window,
@@ -77,6 +77,20 @@ pub enum GatherError {
         /// Length of the other.
         found: usize,
     },
+    /// An element of a slice is wrong: a visible point, a radius, a photon, or a query of a batch.
+    At {
+        /// Its index.
+        index: usize,
+        /// What is wrong with it.
+        error: Box<GatherError>,
+    },
+}
+
+impl GatherError {
+    /// The error of an element of a slice.
+    pub(super) fn at(self, index: usize) -> GatherError {
+        GatherError::At { index, error: Box::new(self) }
+    }
 }
 
 impl From<PointError> for GatherError {
@@ -94,10 +108,10 @@ impl fmt::Display for GatherError {
             GatherError::Point(error) => error.fmt(f),
             GatherError::Parameter { name, expected } => write!(f, "`{name}` must be {expected}"),
             GatherError::Position => {
-                write!(f, "the position of a query must be finite and at most {MAX_POINT_COORDINATE:e}")
+                write!(f, "a position must be finite and at most {MAX_POINT_COORDINATE:e}")
             }
             GatherError::Normal => f.write_str("a query with a cutoff on normals or a thickness needs a unit normal"),
-            GatherError::Time => f.write_str("the time of a query must be in [0, 1]"),
+            GatherError::Time => f.write_str("a time must be in [0, 1]"),
             GatherError::Window => {
                 f.write_str("the window of a query must be greater than 0, and not below some 1e-38")
             }
@@ -117,6 +131,7 @@ impl fmt::Display for GatherError {
             GatherError::Speed => write!(f, "a speed must be from 0 to {MAX_POINT_COORDINATE:e}"),
             GatherError::NotStamped => f.write_str("space-time neighbours need photons with a time stamp only"),
             GatherError::Length { expected, found } => write!(f, "{found} elements where {expected} are needed"),
+            GatherError::At { index, error } => write!(f, "element {index}: {error}"),
         }
     }
 }

@@ -103,8 +103,11 @@ struct Disc {
 impl<F: Flux> PhotonMap<F> {
     /// Builds the map of photons: O(n log n) time; about 50 bytes per photon with a time stamp and a flux of 12 bytes.
     ///
-    /// Errors: coordinates, normals and fluxes that are not finite, coordinates that are too large, times outside the
-    /// shutter, parameters out of range. An empty map gives zero density.
+    /// An empty map gives zero density.
+    ///
+    /// # Errors
+    /// Coordinates, normals and fluxes that are not finite, coordinates that are too large and times outside the shutter, each
+    /// with the index of the photon; parameters out of range.
     pub fn build(photons: &[Photon<F>], params: &GatherParams) -> Result<PhotonMap<F>, GatherError> {
         if let Some(photon) = photons.iter().position(|photon| !photon.flux.is_finite()) {
             return Err(GatherError::Flux { photon });
@@ -131,7 +134,9 @@ impl<F: Flux> PhotonMap<F> {
 
     /// The density of light at a position and time.
     ///
-    /// Errors: see [`GatherError`]; it is no error if a query finds no photons.
+    /// # Errors
+    /// A number of the query that is out of range, a window wider than the map was built for, a disc without area: see [`GatherError`].
+    /// It is no error if a query finds no photons.
     pub fn gather(&self, query: &GatherQuery, scratch: &mut GatherScratch) -> Result<Gathered<F>, GatherError> {
         let mut density = F::default();
         let gathered = self.weigh(query, scratch, |slot, weight| {
@@ -144,6 +149,25 @@ impl<F: Flux> PhotonMap<F> {
     /// the sum of the fluxes times the weights. For reflectances that depend on more than the flux.
     ///
     /// The density of the answer is zero.
+    ///
+    /// ```
+    /// use mbkd::glam::Vec3;
+    /// use mbkd::point::{GatherParams, GatherQuery, GatherScratch, Photon, PhotonMap};
+    /// let photons = [0.3, 0.1, 0.2].map(|x| Photon::at_time(Vec3::X * x, Vec3::Z, 2.0f32, 0.5));
+    /// let map = PhotonMap::build(&photons, &GatherParams::default())?;
+    /// let query = GatherQuery::new(Vec3::ZERO, Vec3::Z, 0.5).radius(0.25);
+    /// let (mut scratch, mut visited, mut sum) = (GatherScratch::new(), Vec::new(), 0.0);
+    /// map.gather_each(&query, &mut scratch, |photon, weight| {
+    ///     visited.push(photon);
+    ///     sum += photons[photon as usize].flux * weight;
+    /// })?;
+    /// assert_eq!(visited, [1, 2], "the nearest first");
+    /// assert_eq!(sum, map.gather(&query, &mut scratch)?.density);
+    /// # Ok::<(), mbkd::point::GatherError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`PhotonMap::gather`]; nothing is visited then.
     pub fn gather_each(
         &self,
         query: &GatherQuery,
@@ -155,10 +179,27 @@ impl<F: Flux> PhotonMap<F> {
 
     /// A batch of gathers, on several threads: the answers of [`PhotonMap::gather`], in the order of the queries.
     ///
-    /// Allocates the answers and a scratch for each 512 of them. Queries with invalid numbers are
+    /// Allocates the answers and a scratch for each 512 of them.
+    ///
+    /// ```
+    /// use mbkd::glam::Vec3;
+    /// use mbkd::point::{GatherError, GatherParams, GatherQuery, Photon, PhotonMap};
+    /// let photons = [0.1, 0.2, 0.3].map(|x| Photon::at_time(Vec3::X * x, Vec3::Z, 2.0f32, 0.5));
+    /// let map = PhotonMap::build(&photons, &GatherParams::default())?;
+    /// let at = |x: f32| GatherQuery::new(Vec3::X * x, Vec3::Z, 0.5).radius(0.15);
+    /// let counts: Vec<usize> = map.gather_batch(&[at(0.0), at(0.2), at(9.0)])?.iter().map(|found| found.count).collect();
+    /// assert_eq!(counts, [1, 3, 0]);
+    /// let error = map.gather_batch(&[at(0.0), at(0.2).radius(-1.0)]).unwrap_err();
+    /// assert_eq!(error, GatherError::At { index: 1, error: Box::new(GatherError::Radius) });
+    /// # Ok::<(), GatherError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`GatherError::At`] with the index of a query and its error in [`PhotonMap::gather`]. Queries with invalid numbers are
     /// found before any is answered: the error is that of the first of these, and otherwise of the first that fails.
     pub fn gather_batch(&self, queries: &[GatherQuery]) -> Result<Vec<Gathered<F>>, GatherError> {
-        queries.iter().try_for_each(|query| query.check())?;
+        let mut numbered = queries.iter().enumerate();
+        numbered.try_for_each(|(number, query)| query.check().map_err(|error| error.at(number)))?;
         let positions: Vec<Vec3> = queries.iter().map(|query| query.position).collect();
         let order = morton_order(&positions);
         let runs = in_runs(&order, |indices| {
@@ -169,15 +210,14 @@ impl<F: Flux> PhotonMap<F> {
         for (&index, answer) in order.iter().zip(runs.into_iter().flatten()) {
             answers[index] = Some(answer);
         }
-        answers.into_iter().flatten().collect()
+        let answers = answers.into_iter().flatten().enumerate();
+        answers.map(|(number, answer)| answer.map_err(|error| error.at(number))).collect()
     }
 
     /// The `k` photons nearest in a metric of space and time, `|p − position|² + (speed · (s − time))²`, in order of
     /// (distance, index); all if there are fewer. For windows that adapt to the photons.
     ///
     /// The squared distance is computed in f32 as `((dx·dx + dy·dy) + dz·dz) + dt·dt` with `dt = |s − time| · speed`.
-    /// Errors: bad input, and photons without a stamp of their own in the map.
-    ///
     /// ```
     /// use mbkd::glam::Vec3;
     /// use mbkd::point::{GatherParams, GatherScratch, Photon, PhotonMap};
@@ -190,6 +230,9 @@ impl<F: Flux> PhotonMap<F> {
     /// assert_eq!(first, 0, "a fifth of the shutter is as far as 2");
     /// # Ok::<(), mbkd::point::GatherError>(())
     /// ```
+    ///
+    /// # Errors
+    /// A position, time or speed that is out of range; photons without a stamp of their own in the map.
     pub fn nearest_in_space_time<'s>(
         &self,
         position: Vec3,

@@ -117,7 +117,8 @@ struct Hit {
 impl VisiblePoints {
     /// Builds the tree: O(n log n) time, about 27 bytes per point.
     ///
-    /// Errors: positions, times and radii that are not finite or out of range, parameters out of range.
+    /// # Errors
+    /// Positions, times and radii that are not finite or out of range, with the index of the point; parameters out of range.
     pub fn build(points: &[VisiblePoint], params: &GatherParams) -> Result<VisiblePoints, GatherError> {
         params.validate()?;
         if points.len() >= u32::MAX as usize {
@@ -126,8 +127,8 @@ impl VisiblePoints {
         let mut items = Vec::with_capacity(points.len());
         for (number, point) in points.iter().enumerate() {
             let at = checked(point.position, number, 0)?;
-            check_position(at, point.time)?;
-            check_radius(point.radius)?;
+            check_position(at, point.time).map_err(|error| error.at(number))?;
+            check_radius(point.radius).map_err(|error| error.at(number))?;
             items.push(Item { at: [at.x, at.y, at.z, point.time, point.radius], index: number as u32 });
         }
         let queries = Queries { window: params.window.min(1.0), neighbors: None };
@@ -157,13 +158,17 @@ impl VisiblePoints {
 
     /// Sets new radii of all points, by their index, and refits the tree: O(n), a small part of a build.
     ///
-    /// The order of the tree stays that of the build, so searches are fast as long as radii shrink about alike. After an
-    /// error nothing has changed.
+    /// The order of the tree stays that of the build, so searches are fast as long as radii shrink about alike.
+    ///
+    /// # Errors
+    /// [`GatherError::Length`] for another number of radii; [`GatherError::At`] with the index of a radius that is negative, NaN or too
+    /// large. After an error nothing has changed.
     pub fn set_radii(&mut self, radii: &[f32]) -> Result<(), GatherError> {
         if radii.len() != self.len() {
             return Err(GatherError::Length { expected: self.len(), found: radii.len() });
         }
-        radii.iter().try_for_each(|&radius| check_radius(radius))?;
+        let mut numbered = radii.iter().enumerate();
+        numbered.try_for_each(|(number, &radius)| check_radius(radius).map_err(|error| error.at(number)))?;
         self.tree.change(|block| {
             for lane in 0..LANES {
                 if let Some(radius) = radii.get(block.id[lane] as usize) {
@@ -176,6 +181,21 @@ impl VisiblePoints {
 
     /// Calls `visit(index, squared distance)` for each point that a photon contributes to: it is within the point's radius,
     /// and its time within `window` of the point's. In no particular order.
+    ///
+    /// ```
+    /// use mbkd::glam::Vec3;
+    /// use mbkd::point::{GatherParams, GatherScratch, VisiblePoint, VisiblePoints};
+    /// let seen = [0.0, 0.5, 3.0].map(|x| VisiblePoint { position: Vec3::X * x, time: 0.5, radius: 1.0 });
+    /// let points = VisiblePoints::build(&seen, &GatherParams::default())?;
+    /// let mut found = Vec::new();
+    /// points.for_each(Vec3::X * 0.25, 0.45, 0.1, &mut GatherScratch::new(), |point, _| found.push(point))?;
+    /// found.sort();
+    /// assert_eq!(found, [0, 1]);
+    /// # Ok::<(), mbkd::point::GatherError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// A position that is not finite or too large, a time outside the shutter, a window that is not greater than 0.
     pub fn for_each(
         &self,
         position: Vec3,
@@ -198,7 +218,11 @@ impl VisiblePoints {
     /// several threads. `at` gives the position and the time of a photon; `states` has one state for each point.
     ///
     /// Each point gets its photons in an order that depends on the photons alone, so sums have the same bits for any
-    /// number of threads and instruction set. After an error nothing was deposited.
+    /// number of threads and instruction set.
+    ///
+    /// # Errors
+    /// [`GatherError::At`] with the index of a photon whose position or time is wrong; [`GatherError::Length`] for another number of
+    /// states; a window that is not greater than 0. After an error nothing was deposited.
     pub fn scatter<P: Sync, A: Send>(
         &self,
         photons: &[P],
@@ -212,9 +236,9 @@ impl VisiblePoints {
             return Err(GatherError::Length { expected: self.len(), found: states.len() });
         }
         let mut positions = Vec::with_capacity(photons.len());
-        for photon in photons {
+        for (number, photon) in photons.iter().enumerate() {
             let (position, time) = at(photon);
-            check_position(position, time)?;
+            check_position(position, time).map_err(|error| error.at(number))?;
             positions.push(position);
         }
         let order = morton_order(&positions);

@@ -125,6 +125,11 @@ impl MovingLeaves {
         self.blocks.iter_mut().flat_map(|block| &mut block.id).filter(|id| **id != u32::MAX)
     }
 
+    /// The same to read.
+    pub(in crate::point) fn all_ids(&self) -> impl Iterator<Item = u32> {
+        self.blocks.iter().flat_map(|block| block.id).filter(|&id| id != u32::MAX)
+    }
+
     /// Prefetches a block that will probably be tested soon.
     #[inline(always)]
     pub(in crate::point) fn prefetch(&self, block: usize) {

@@ -206,6 +206,11 @@ impl StaticTree {
         self.blocks.iter_mut().flat_map(|block| &mut block.id).filter(|id| **id != u32::MAX)
     }
 
+    /// The same to read.
+    pub(in crate::point) fn all_ids(&self) -> impl Iterator<Item = u32> {
+        self.blocks.iter().flat_map(|block| block.id).filter(|&id| id != u32::MAX)
+    }
+
     /// Bytes allocated.
     pub(in crate::point) fn bytes(&self) -> usize {
         self.nodes.capacity() * size_of::<Boxes>() + self.blocks.capacity() * size_of::<PointBlock>()

@@ -91,6 +91,11 @@ impl PreciseTree {
         self.blocks.iter_mut().flat_map(|block| &mut block.id).filter(|id| **id != u32::MAX)
     }
 
+    /// The ids of all points.
+    pub(in crate::point) fn ids(&self) -> impl Iterator<Item = u32> {
+        self.blocks.iter().flat_map(|block| block.id).filter(|&id| id != u32::MAX)
+    }
+
     /// The centre of a node at a time.
     pub(in crate::point) fn center(&self, node: usize, time: f32) -> DVec3 {
         DVec3::from_array(self.nodes[node].middle_at(self.within(self.phase_at(time))))

@@ -355,6 +355,16 @@ impl PointTree {
     }
 
     /// The same among the points whose id the predicate returns true for. It must be pure.
+    ///
+    /// ```
+    /// use mbkd::{MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
+    /// let points = [MovingPoint::new(Vec3::X, -Vec3::X), MovingPoint::fixed(Vec3::Y * 3.0)];
+    /// let tree = PointTree::build(&points, &PointParams::default())?;
+    /// let (own, interval) = (0, TimeInterval::FULL);
+    /// let other = tree.closest_approach_if(Vec3::X, -Vec3::X, interval, |id| id != own).unwrap();
+    /// assert_eq!((other.id, other.time, other.distance), (1, 0.5, 3.0));
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
     pub fn closest_approach_if<Q: Position>(
         &self,
         from: Q,

@@ -104,6 +104,15 @@ impl PointTree {
     }
 
     /// The points within `radius` of each query, in order of (distance, id).
+    ///
+    /// ```
+    /// use mbkd::{PointParams, PointTree};
+    /// let tree = PointTree::build(&[[0.0f32; 3], [1.0, 0.0, 0.0], [5.0; 3]], &PointParams::default())?;
+    /// let lists = tree.within_batch(&[([0.75f32, 0.0, 0.0], 0.0), ([9.0; 3], 0.0)], 1.0);
+    /// assert_eq!(lists.get(0).iter().map(|near| near.id).collect::<Vec<_>>(), [1, 0]);
+    /// assert!(lists.get(1).is_empty());
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
     pub fn within_batch<Q: Position>(&self, queries: &[(Q, f32)], radius: f32) -> NeighborLists {
         self.lists(queries, |_, query, buffer, out| {
             out.extend_from_slice(query.radius(radius).collect_sorted_into(buffer));
@@ -145,7 +154,11 @@ impl PointTree {
         answers
     }
 
-    fn lists<Q: Position>(&self, queries: &[(Q, f32)], answer: impl Answer) -> NeighborLists {
+    fn lists<Q: Position>(
+        &self,
+        queries: &[(Q, f32)],
+        answer: impl Fn(usize, NeighborQuery<'_>, &mut NeighborBuffer, &mut Vec<Neighbor>) + Sync,
+    ) -> NeighborLists {
         let order = self.order(queries);
         let runs = in_runs(&order, |indices| {
             let mut buffer = NeighborBuffer::new();
@@ -192,10 +205,6 @@ impl PointTree {
 pub(in crate::point) fn in_runs<R: Send>(order: &[usize], one: impl Fn(&[usize]) -> R + Send + Sync) -> Vec<R> {
     parallel::map(order.len().div_ceil(RUN), |run| one(&order[run * RUN..order.len().min((run + 1) * RUN)]))
 }
-
-/// Answers one query of a batch, given its index, and appends the results.
-trait Answer: Fn(usize, NeighborQuery<'_>, &mut NeighborBuffer, &mut Vec<Neighbor>) + Sync {}
-impl<F: Fn(usize, NeighborQuery<'_>, &mut NeighborBuffer, &mut Vec<Neighbor>) + Sync> Answer for F {}
 
 /// Answers of a run of queries, one behind the other.
 struct Run {

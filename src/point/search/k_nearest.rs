@@ -19,6 +19,7 @@ use super::leaf_queue::LeafQueue;
 use super::{Keep, Observe};
 use crate::point::layout::snapshot::{Leaves, Target, View};
 use crate::simd::{LANES, Mask, Simd, lanes_at};
+use crate::tuning::points::SEVERAL;
 use core::ops::Range;
 
 /// How often a threshold is estimated before the search continues without.
@@ -31,11 +32,6 @@ const MOST_GUESSED: usize = 1 << 12;
 /// The largest k for which a threshold comes from the minima of sixteen columns: it is tight if k is well below
 /// their number.
 const MOST_COLUMNS: usize = 10;
-
-/// Once there is a threshold, the leaves of a bottom node are visited at once unless they are this many more than those that give a
-/// new threshold. With 4, queries near uniform points take 1.02 to 1.07 times as long, and far ones gain no more: `cargo bench --bench
-/// neighbor_tables -- static --points 10000,100000`.
-const SEVERAL: usize = 6;
 
 /// The origin of a threshold.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

@@ -49,10 +49,11 @@ pub struct ClosestPoint {
     pub distance: f32,
     /// The point, in world coordinates.
     pub point: DVec3,
-    /// Barycentric weight of the triangle's second vertex, or the value that a custom primitive returned.
+    /// Barycentric weight of the triangle's second vertex; on a [sphere](crate::MovingSphere) the x of the unit normal, on a custom primitive
+    /// the value that it returned.
     pub u: f32,
-    /// Barycentric weight of the triangle's third vertex (the first has `1 - u - v`), or the value that a custom
-    /// primitive returned.
+    /// Barycentric weight of the triangle's third vertex, where the first has `1 - u - v`; on a sphere the y of the unit normal, on a custom
+    /// primitive the value that it returned.
     pub v: f32,
     /// The mesh, as an index into the meshes that the tree was built of; the number of meshes for one of the other shapes
     /// of a scene, so 0 for a tree of shapes only.

@@ -44,6 +44,10 @@ impl PointTree {
     /// assert!(lists.neighbors() == 0 && (valid_until - 0.75).abs() < 1e-5 && valid_until <= 0.75);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
+    ///
+    /// # Errors
+    /// A radius or skin that is negative or NaN, a time outside the shutter, an `until` before it or beyond the shutter, and
+    /// [`ListError::Double`] for a tree that holds positions in f64; `lists` then holds none.
     pub fn neighbor_lists_with_skin(
         &self,
         time: f32,

@@ -67,6 +67,11 @@ impl EncounterLists {
         self.points.is_empty()
     }
 
+    /// Where each list begins in [`encounters`](EncounterLists::encounters), and where the last one ends.
+    pub fn offsets(&self) -> &[usize] {
+        &self.offsets
+    }
+
     /// The id of the point that each list belongs to.
     pub fn points(&self) -> &[u32] {
         &self.points
@@ -77,10 +82,36 @@ impl EncounterLists {
         &self.encounters[..self.end()]
     }
 
+    /// The encounters of list `row`. Panics where `row` is not less than [`EncounterLists::len`].
+    ///
+    /// ```
+    /// use mbkd::{MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
+    /// let points = [MovingPoint::new(Vec3::NEG_X, Vec3::X), MovingPoint::fixed(Vec3::Y * 0.3)];
+    /// let lists = PointTree::build(&points, &PointParams::default())?.neighbor_lists_swept(TimeInterval::FULL, 0.5)?;
+    /// for (row, &point) in lists.points().iter().enumerate() {
+    ///     assert_eq!((lists.row(row).len(), lists.row(row)[0].id), (1, 1 - point));
+    /// }
+    /// assert_eq!(lists.offsets(), [0, 1, 2]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn row(&self, row: usize) -> &[Encounter] {
+        &self.encounters[self.offsets[row]..self.offsets[row + 1]]
+    }
+
     /// The lists, each with the id of its point.
     pub fn iter(&self) -> impl ExactSizeIterator<Item = (u32, &[Encounter])> {
         let rows = self.offsets.windows(2).map(|ends| &self.encounters[ends[0]..ends[1]]);
         self.points.iter().copied().zip(rows)
+    }
+
+    /// Bytes allocated, for the lists and for making them.
+    pub fn bytes(&self) -> usize {
+        let shares: usize = self.shares.iter().map(EncounterLists::bytes).sum();
+        self.offsets.capacity() * size_of::<usize>()
+            + self.points.capacity() * size_of::<u32>()
+            + self.encounters.capacity() * size_of::<Encounter>()
+            + self.shares.capacity() * size_of::<EncounterLists>()
+            + shares
     }
 }
 
@@ -103,13 +134,16 @@ impl PointTree {
     ///
     /// Cost: about ten times that of lists at a time, even of points that do not move, as each encounter is computed in f64, while points
     /// move less than their spacing relative to their neighbours. Motion that all have in common adds little.
+    ///
+    /// # Errors
+    /// [`ListError::Radius`] for a radius that is negative or NaN; [`ListError::Double`] for a tree that holds positions in f64.
     pub fn neighbor_lists_swept(&self, interval: TimeInterval, radius: f32) -> Result<EncounterLists, ListError> {
         let mut lists = EncounterLists::new();
         self.neighbor_lists_swept_into(interval, radius, &mut lists)?;
         Ok(lists)
     }
 
-    /// The same into memory of the caller, in place of what `lists` held. After an error it holds no lists.
+    /// The same into memory of the caller, in place of what `lists` held.
     ///
     /// ```
     /// use mbkd::{EncounterLists, MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
@@ -122,6 +156,9 @@ impl PointTree {
     /// }
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
+    ///
+    /// # Errors
+    /// As [`PointTree::neighbor_lists_swept`]; `lists` then holds none.
     pub fn neighbor_lists_swept_into(
         &self,
         interval: TimeInterval,

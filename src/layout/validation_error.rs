@@ -1,0 +1,70 @@
+//! What the validation of a tree finds.
+
+use core::fmt;
+
+/// A violation found in a tree by [`RayTree::validate`](crate::RayTree::validate): a defect of this crate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum ValidationError {
+    /// A node is reached twice, never, or links outside the tree.
+    Links {
+        /// The node.
+        node: usize,
+    },
+    /// The tree is deeper than recorded, or deeper than a traversal can follow.
+    Depth {
+        /// Depth of a leaf.
+        depth: usize,
+    },
+    /// A leaf's references lie outside the array, overlap another leaf's, or have the id of no primitive or an empty time interval.
+    References {
+        /// The leaf.
+        node: usize,
+    },
+    /// A primitive is in a leaf's cell at some time, but the leaf has no reference to it that is active then.
+    Missing {
+        /// The primitive's id.
+        primitive: u32,
+        /// The time.
+        time: f32,
+        /// The leaf.
+        node: usize,
+    },
+    /// A primitive extends beyond a box above its leaf at some time.
+    Bounds {
+        /// The primitive's id.
+        primitive: u32,
+        /// The time.
+        time: f32,
+        /// The leaf.
+        node: usize,
+    },
+}
+
+impl fmt::Display for ValidationError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            ValidationError::Links { node } => {
+                write!(f, "node {node} is reached twice, never, or has a link outside the tree")
+            }
+            ValidationError::Depth { depth } => {
+                write!(f, "a leaf has depth {depth}, more than the tree records or a traversal can follow")
+            }
+            ValidationError::References { node } => write!(
+                f,
+                "the references of leaf {node} are shared, outside the array, or have an invalid id or interval"
+            ),
+            ValidationError::Missing { primitive, time, node } => {
+                write!(
+                    f,
+                    "primitive {primitive} is in the cell of leaf {node} at time {time}, but the leaf has no reference to it"
+                )
+            }
+            ValidationError::Bounds { primitive, time, node } => {
+                write!(f, "primitive {primitive} of leaf {node} extends beyond a box above the leaf at time {time}")
+            }
+        }
+    }
+}
+
+impl std::error::Error for ValidationError {}
