@@ -409,8 +409,8 @@ impl RayTree {
     /// [`RayTree::build`] that calls `progress` from time to time with the finished fraction (above 0, and at the end 1), from any of its
     /// threads. `Break` cancels the build, which then returns [`BuildError::Cancelled`].
     ///
-    /// A k-d tree calls it at every half percent. A wide tree calls it after each of its steps, of which the first takes about half of the
-    /// time (of separate trees for time slices, one tree takes a step), and is cancelled between them; a lazy tree after each half of its coarse
+    /// A k-d tree calls it at every half percent. A wide tree calls it after each of its steps, of which the first takes half of the time or more
+    /// (of separate trees for time slices, one tree takes a step), and is cancelled between them; a lazy tree after each half of its coarse
     /// build.
     ///
     /// ```

@@ -175,7 +175,7 @@ fn lists_of_positions_equal_single_queries() {
             let tree = cloud.tree(PointStructure::Automatic, simd).unwrap();
             let mut lists = NeighborCsr::new();
             for radii in [Radii::Equal(0.3), Radii::Own(&own)] {
-                let mut compare = |lists: &NeighborCsr, query: &dyn Fn(usize) -> DVec3| {
+                let compare = |lists: &NeighborCsr, query: &dyn Fn(usize) -> DVec3| {
                     for i in 0..queries.len() {
                         let radius = if let Radii::Own(own) = radii { own[i] } else { 0.3 };
                         let range = lists.offsets()[i]..lists.offsets()[i + 1];

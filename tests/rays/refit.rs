@@ -9,6 +9,7 @@ use mbkd::{
     TriangleMesh, WideParams,
 };
 use mbkd_scenes as scene;
+use std::ops::ControlFlow;
 
 /// All divisions of the shutter.
 fn params() -> Vec<BuildParams> {
@@ -346,10 +347,14 @@ fn balls_of_which_some_move(share: usize, far: f32, grown: f32) -> [Vec<Triangle
 fn steps_in_place(tree: &RayTree) -> f64 {
     let mut random = Random(8);
     let mut work = Counters::default();
-    for _ in 0..400 {
-        let [way, to] = [0, 1].map(|_| random.vec() * 11.0);
-        let from = way.normalize() * 30.0;
-        tree.all_hits_observed(&Ray::new(from + 11.0, to - from), &mut work, |_| ControlFlow::Continue(()));
+    for _ in 0..2000 {
+        // Chords between points of a sphere around the cube are lines of all directions, evenly distributed.
+        let [from, to] = [0, 1].map(|_| {
+            let (z, turn) = (random.signed(), random.unit() * core::f32::consts::TAU);
+            (Vec3::new(turn.cos(), turn.sin(), 0.0) * (1.0 - z * z).sqrt() + Vec3::Z * z) * 20.0 + 11.0
+        });
+        let all = tree.all_hits_observed(&Ray::new(from, to - from), &mut work, |_| ControlFlow::Continue(()));
+        assert!(all.is_continue());
     }
     (work.nodes + work.leaves) as f64
 }

@@ -290,8 +290,8 @@ impl Cell {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::MovingPoint;
     use crate::random::Random;
+    use crate::{MovingPoint, Precision};
     use glam::Vec3;
 
     #[test]
@@ -301,7 +301,7 @@ mod tests {
         for (n, active) in [(1, 0), (300, 0), (5000, 0), (200_000, 0), (50_000, 1)] {
             let points: Vec<MovingPoint> =
                 (0..n).map(|_| MovingPoint::new(random.vec(), random.vec()).active(intervals[active])).collect();
-            let source = Source::read(&points[..], false).unwrap();
+            let source = Source::read(&points[..], Precision::Automatic).unwrap();
             let all: Vec<u32> = (0..n as u32).collect();
             let sampler = Sampler::new(&source, &all, SimdLevel::best());
             let mut placed = sampler.placed();
@@ -329,7 +329,7 @@ mod tests {
     #[test]
     fn points_in_one_place_are_sampled_too() {
         let points = vec![MovingPoint::new(Vec3::ONE, Vec3::X); 100_000];
-        let source = Source::read(&points[..], false).unwrap();
+        let source = Source::read(&points[..], Precision::Automatic).unwrap();
         let all: Vec<u32> = (0..points.len() as u32).collect();
         let sampler = Sampler::new(&source, &all, SimdLevel::best());
         assert!(sampler.samples(2, None, true).iter().all(|s| s.references.len() == 2 * sampler.wanted as usize));

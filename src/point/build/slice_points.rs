@@ -107,10 +107,10 @@ pub(in crate::point) fn points_of_slices<'a>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::MovingPoint;
     use crate::point::build::cost::{FINEST, ReferenceCounts};
     use crate::point::build::plan::time_slices;
     use crate::random::Random;
+    use crate::{MovingPoint, Precision};
 
     #[test]
     fn each_slice_has_the_points_that_exist_in_it() {
@@ -124,7 +124,7 @@ mod tests {
             MovingPoint::fixed(glam::Vec3::ZERO).active(active)
         };
         let points: Vec<MovingPoint> = (0..1000).map(point).collect();
-        let source = Source::read(&points[..], false).unwrap();
+        let source = Source::read(&points[..], Precision::Automatic).unwrap();
         let some: Vec<u32> = (0..1000u32).filter(|i| !i.is_multiple_of(7)).collect();
         for (keys, per_segment) in [(2, 1), (2, 2), (2, 8), (2, FINEST), (5, 1), (5, 3), (12, 2)] {
             let slices = time_slices(keys, per_segment);
@@ -148,7 +148,8 @@ mod tests {
                 }
             }
         }
-        let source = Source::read(&[MovingPoint::new(glam::Vec3::ZERO, glam::Vec3::X); 5][..], false).unwrap();
+        let source =
+            Source::read(&[MovingPoint::new(glam::Vec3::ZERO, glam::Vec3::X); 5][..], Precision::Automatic).unwrap();
         let (slices, all) = (time_slices(2, 4), [0, 1, 2, 3, 4]);
         assert!(points_of_slices(&source, &all, &slices).iter().all(|points| **points == all));
         assert_eq!(ReferenceCounts::of(&source, &all).with(4), 20);

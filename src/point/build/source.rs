@@ -7,7 +7,7 @@ use crate::point::error::PointError;
 use crate::point::layout::static_tree::StaticTree;
 use crate::point::leaf_order::moving_reference::{MovingReference, TimeSlice};
 use crate::point::leaf_order::point_rows::PointRows;
-use crate::point::tree::Precision;
+use crate::point::precision::Precision;
 use crate::primitive::{DOUBLE, PointSet, SINGLE, kept_keys};
 use crate::progress::Progress;
 use crate::simd::{Item, PointBlock, huge_vec, prefetch};

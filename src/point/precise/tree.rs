@@ -421,6 +421,7 @@ impl BoxTree for PreciseTree {
 mod tests {
     use super::*;
     use crate::point::build::source::Source;
+    use crate::point::precision::Precision;
     use crate::progress::Progress;
     use crate::random::Random;
     use crate::simd::{Kernel, SimdLevel, dispatch};
@@ -461,7 +462,7 @@ mod tests {
             let mut random_vec =
                 |size: f64| DVec3::new(random.signed_f64(), random.signed_f64(), random.signed_f64()) * size;
             let points: Vec<DVec3> = (0..256).map(|_| random_vec(size) + offset).collect();
-            let source = Source::read(&points, false).expect("points are in order");
+            let source = Source::read(&points, Precision::Automatic).expect("points are in order");
             let slice = TimeSlice { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
             if !source.is_precise() {
                 continue;
