@@ -77,7 +77,8 @@ impl WideTree {
         let block = &self.arena.ints()[at.at()..];
         let factor = |still: bool| if still { COST_MODEL.static_factor } else { 1.0 };
         let of_lane = |lane: usize| {
-            let inside = clipped(read_box(block, at.kind(), lane, over), region);
+            let whole = read_box(block, at.kind(), lane, over);
+            let inside = clipped(whole, region);
             let area = f64::from(mean_half_area(&inside));
             let child = children[lane];
             let below = match self.ids::<S>(child).filter(|_| child.kind().is_leaf()) {
@@ -85,7 +86,7 @@ impl WideTree {
                 None if area > 0.0 => self.clipped_cost::<S>(child, over, region, false),
                 None => 0.0,
             };
-            (inside, below)
+            (whole, below)
         };
         let mut lanes: Vec<usize> = (0..LANES).filter(|&lane| children[lane] != ChildRef::NOTHING).collect();
         let found = match at_root {
@@ -93,11 +94,11 @@ impl WideTree {
             false => lanes.into_iter().map(of_lane).collect(),
         };
         let (mut all, mut cost) = (LinearBox3::EMPTY, 0.0);
-        for (inside, below) in found {
-            (all, cost) = (all.union(inside), cost + below);
+        for (whole, below) in found {
+            (all, cost) = (all.union(whole), cost + below);
         }
         let visit = COST_MODEL.node * factor(at.kind() == Kind::StaticNode);
-        cost + f64::from(visit) * f64::from(mean_half_area(&all))
+        cost + f64::from(visit) * f64::from(mean_half_area(&clipped(all, region)))
     }
 }
 

@@ -353,7 +353,8 @@ fn steps_in_place(tree: &RayTree) -> f64 {
             let (z, turn) = (random.signed(), random.unit() * core::f32::consts::TAU);
             (Vec3::new(turn.cos(), turn.sin(), 0.0) * (1.0 - z * z).sqrt() + Vec3::Z * z) * 20.0 + 11.0
         });
-        let all = tree.all_hits_observed(&Ray::new(from, to - from), &mut work, |_| ControlFlow::Continue(()));
+        let all = tree
+            .all_hits_observed(&Ray::new(from, to - from).between(0.0, 1.0), &mut work, |_| ControlFlow::Continue(()));
         assert!(all.is_continue());
     }
     (work.nodes + work.leaves) as f64

@@ -3,7 +3,7 @@
 use super::candidates::Candidates;
 use super::group::Group;
 use super::periodic_box::PeriodicBox;
-use super::row::PointRows;
+use super::point_rows::PointRows;
 use crate::point::layout::snapshot::squared;
 use crate::simd::{Lanes, Mask, Simd};
 

@@ -32,6 +32,7 @@ mod in_order;
 mod list_layer;
 mod list_request;
 mod periodic_box;
+mod point_rows;
 mod prepare;
 mod query;
 mod radii;

@@ -5,6 +5,7 @@ use super::columns::Columns;
 use super::coordinate::{Coordinate, Seen};
 use super::group::Group;
 use super::list_request::{Excluded, Listing};
+use super::point_rows::PointRows;
 use super::radii::{Radii, squared_radii, squared_radius};
 use crate::point::layout::snapshot::{rows, squared};
 use crate::simd::{LANES, Mask, Simd, lanes_at_mut};
@@ -47,22 +48,6 @@ struct Gathered {
 const OWN: u8 = 0;
 const SAME_ID: u8 = 1;
 const NOT_GREATER: u8 = 2;
-
-/// Points in rows.
-#[derive(Clone, Debug, Default)]
-pub(super) struct PointRows {
-    /// Positions: these, or those in f64.
-    pub(super) at: [Vec<f32>; 3],
-    pub(super) exact: [Vec<f64>; 3],
-    id: Vec<u32>,
-}
-
-impl PointRows {
-    fn bytes(&self) -> usize {
-        let at = self.at.iter().map(Vec::capacity).sum::<usize>();
-        4 * (at + self.id.capacity()) + 8 * self.exact.iter().map(Vec::capacity).sum::<usize>()
-    }
-}
 
 /// Room for `count` masks.
 ///
