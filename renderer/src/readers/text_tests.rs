@@ -1,4 +1,4 @@
-//! Text files as other programs write them: faces of many corners, byte order marks, continued lines, short numbers.
+//! Text files as other programs write them: faces of many corners, byte order marks, continued lines, short numbers, other versions.
 
 use super::*;
 
@@ -138,4 +138,22 @@ fn indices_of_ply_are_reported_as_they_are() {
         let error = ply::parse(text.as_bytes()).err().unwrap().in_file(Path::new("a.ply")).to_string();
         assert_eq!(error, format!("a.ply: face 1: names vertex {index}, but there are only 3"));
     }
+}
+
+#[test]
+fn other_versions_of_gltf_are_refused() {
+    let error = |json: &str| {
+        let result = GltfModel::parse(json.as_bytes(), Path::new("a.gltf"));
+        result.err().map(|error| error.to_string())
+    };
+    let empty = |version: &str| format!(r#"{{"asset":{{"version":"{version}"}}}}"#);
+    assert_eq!((error(&empty("2.0")), error(&empty("2.1"))), (None, None));
+    for version in ["1.0", "3.0", "20.0", ""] {
+        let said = error(&empty(version)).unwrap();
+        assert!(said.starts_with(&format!("a.gltf: asset: the file is glTF {version}; only 2.0")), "{said}");
+    }
+    // Files of version 1 have names where those of 2 have lists.
+    let old = r#"{"asset":{"version":"1.0"},"meshes":{"a":{"primitives":[]}},"nodes":{"b":{"meshes":["a"]}}}"#;
+    assert!(error(old).unwrap().contains("glTF 1.0"));
+    assert!(error(&old.replace("1.0", "2.0")).unwrap().starts_with("a.gltf: JSON: "));
 }
