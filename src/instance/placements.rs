@@ -133,7 +133,8 @@ impl Placements {
         self.hidden.binary_search(&id).is_ok()
     }
 
-    /// A box around those instances while they exist that are not hidden and whose tree `holds` anything, with padding; `None` if there are none.
+    /// A box around those instances while they exist that are not hidden and whose tree `holds` anything, with padding; `None` if there
+    /// are none.
     pub fn bounds_where(&self, holds: impl Fn(u32) -> bool + Sync) -> Option<Aabb> {
         let of = |id: usize| {
             let active = self.placed[id].active;
