@@ -53,7 +53,8 @@ class InstanceTree(Traced[InstanceHits]):
     rotations : (n, 4) or (K, n, 4), optional
         Unit quaternions x, y, z, w, as ``scipy.spatial.transform.Rotation.as_quat`` gives them.
     scales : (n,), (n, 3) or (K, n, 3), optional
-        These three replace `matrices`. The defaults are 0, no rotation, and 1.
+        These three replace `matrices`. The defaults are 0, no rotation, and 1. Scales of 0 along all axes at all keys hide an
+        instance (as do matrices of zeros beside the translation): it keeps its index, and nothing of it is found.
     masks : (n,) of 32 bits, optional
         A query sees an instance if their masks share a bit, and in it the meshes whose masks share a bit.
     active : (n, 2), optional
@@ -64,7 +65,7 @@ class InstanceTree(Traced[InstanceHits]):
     Raises
     ------
     ValueError
-        If transforms are singular or not finite, quaternions do not have length 1, arrays have wrong shapes or different
+        If transforms are singular (a scale of 0 at some keys or along some axes only) or not finite, quaternions do not have length 1, arrays have wrong shapes or different
         lengths, or `which` has an index of no tree.
 
     Examples

@@ -32,7 +32,7 @@ class PointTree:
     active : (n, 2), optional
         When each point exists: begin <= t < end (an end of 1 includes 1).
     boxsize : float or (3,), optional
-        Periodic box [0, L) as in scipy; 0 for axes that are not periodic. Distances are to the nearest image. Static
+        Periodic box [0, L) as in scipy; 0 or infinity for axes that are not periodic. Distances are to the nearest image. Static
         points must lie in the box. Moving points may leave it by up to four periods.
     structure : {'automatic', 'linear', 'time_slices:N', 'mbkd'}
         The structure of the tree for moving points. Answers do not depend on it.
@@ -54,7 +54,7 @@ class PointTree:
     data : ndarray
         The positions at the first key, as they were given; None in a tree that was loaded. The tree does not use them.
     boxsize : (3,) ndarray or None
-        The lengths of the periodic box.
+        The lengths of the periodic box; 0 for axes that are not periodic.
     nbytes : int
         Memory of the tree.
 
@@ -101,7 +101,8 @@ class PointTree:
         box = np.zeros(3) if boxsize is None else np.asarray(boxsize, dtype=np.float64)
         if box.shape not in ((), (1,), (3,)):
             raise ValueError(f"boxsize must be one number or have the shape (3,), not {box.shape}")
-        box = np.broadcast_to(box, 3)
+        # An infinite box repeats nothing, as one of length 0.
+        box = np.broadcast_to(np.where(np.isposinf(box), 0.0, box), 3)
         if boxsize is not None and len(arrays) == 1 and len(arrays[0]):
             outside = (box > 0) & ((arrays[0].min(axis=0) < 0) | (arrays[0].max(axis=0) >= box))
             if outside.any():

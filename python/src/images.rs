@@ -20,7 +20,9 @@ impl Periods {
     /// `None` if no axis is periodic. `bounds` are those of all points over the whole shutter.
     pub fn new(lengths: [f64; 3], bounds: [[f64; 3]; 2]) -> Result<Option<Periods>, String> {
         if let Some(length) = lengths.iter().find(|length| !(**length >= 0.0 && length.is_finite())) {
-            return Err(format!("boxsize must be finite and not negative, not {length}"));
+            return Err(format!(
+                "boxsize must be positive, or 0 or infinite for axes that are not periodic, not {length}"
+            ));
         }
         for axis in (0..3).filter(|&axis| lengths[axis] > 0.0) {
             let [lo, hi] = bounds.map(|corner| corner[axis]);

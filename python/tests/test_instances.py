@@ -75,6 +75,24 @@ def test_poses_masks_active_intervals_and_nesting():
     assert len(nested) == 2 and nested.nbytes > tree.nbytes and "InstanceTree" in repr(nested) and nested.statistics()
 
 
+def test_instances_of_scale_zero_are_hidden():
+    tree = RayTree(VERTICES, FACES)
+    places, sizes = [[0, 0, 0], [3, 0, 0], [0, 0, 0]], np.float64([0, 1, 0])
+    alone = InstanceTree([tree], [0], translations=places[1:2])
+    zero = np.stack([np.eye(4)] * 3)
+    zero[[0, 2], :3, :3] = 0
+    zero[:, :3, 3] = places
+    for placed in (InstanceTree([tree], [0] * 3, translations=places, scales=sizes), InstanceTree([tree], [0] * 3, zero)):
+        hits, expected = (of.closest_hits(ORIGINS, DIRECTIONS) for of in (placed, alone))
+        np.testing.assert_array_equal(hits.t, expected.t)
+        assert np.isfinite(hits.t).any()
+        np.testing.assert_array_equal(hits.instance, np.where(expected.instance == 0, 1, -1))
+        assert len(placed) == 3
+        np.testing.assert_array_equal(placed.closest_point([[0, 0, 0]])[1], alone.closest_point([[0, 0, 0]])[1])
+    with pytest.raises(ValueError, match="1e-6 instead of 0"):
+        InstanceTree([tree], [0], scales=[[[0, 0, 0]], [[1, 1, 1]]])
+
+
 @pytest.mark.parametrize("workers", [1, 2])
 def test_closest_points_are_those_of_meshes_in_their_places(workers):
     begin, end = matrices(5), matrices(5)

@@ -2,6 +2,7 @@
 
 import itertools
 import os
+import pickle
 import signal
 
 import numpy as np
@@ -139,6 +140,23 @@ def test_periodic_boxes(points, box):
     assert ours.query_pairs(0.2, output_type="set") == theirs.query_pairs(0.2)
 
 
+@pytest.mark.parametrize("box", [[1.0, 0.0, 1.5], [0.0, 0.0, 0.0]])
+def test_axes_with_an_infinite_period_are_open(box):
+    # Open axes have no begin either.
+    points = SINGLE - [0.0, 3.0, 0.0] if any(box) else SINGLE - 3
+    infinite = [length or np.inf for length in box]
+    zero, inf = (PointTree(points, boxsize=of) for of in (box, infinite))
+    np.testing.assert_array_equal(inf.boxsize, box)
+    for a, b in zip(zero.query(QUERIES, 6), inf.query(QUERIES, 6)):
+        np.testing.assert_array_equal(a, b)
+    assert zero.query_pairs(0.2, output_type="set") == inf.query_pairs(0.2, output_type="set") != set()
+    for r in (0.1, 0.8):
+        assert zero.count_neighbors(inf, r) == inf.count_neighbors(zero, r) == zero.count_neighbors(zero, r)
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(inf)).query(QUERIES)[1], inf.query(QUERIES)[1])
+    # One number for all axes.
+    np.testing.assert_array_equal(PointTree(points, boxsize=np.inf).query(QUERIES)[1], PointTree(points).query(QUERIES)[1])
+
+
 def test_periodic_boxes_that_points_leave():
     close = SINGLE + RNG.normal(0, 0.7, (500, 3)).astype(np.float32)
     tree = PointTree(SINGLE, keys=close, boxsize=1)
@@ -201,6 +219,9 @@ WRONG = [
     (lambda: PointTree(SINGLE, workers=0), ValueError, "workers"),
     (lambda: PointTree(SINGLE, boxsize=0.5), ValueError, "periodic"),
     (lambda: PointTree(SINGLE, boxsize=-1), ValueError, "boxsize"),
+    (lambda: PointTree(SINGLE, boxsize=[1, 1, -np.inf]), ValueError, "boxsize"),
+    (lambda: PointTree(SINGLE, boxsize=[1, 1, np.nan]), ValueError, "boxsize"),
+    (lambda: PointTree(SINGLE, boxsize=[np.inf, 1, 0.5]), ValueError, "periodic"),
     (lambda: PointTree(SINGLE).query([0, 0]), ValueError, "shape"),
     (lambda: PointTree(SINGLE).query([0, 0, np.inf]), ValueError, "finite"),
     (lambda: PointTree(SINGLE).query([0, 0, 0], 0), ValueError, "k must"),

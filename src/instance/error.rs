@@ -37,7 +37,8 @@ pub enum InstanceError {
         /// The key.
         key: usize,
     },
-    /// A transform is singular, or so nearly that its inverse is not finite.
+    /// A transform is singular, or so nearly that its inverse is not finite. (One that is zero at all keys is no error: it hides the
+    /// instance.)
     Singular {
         /// The instance.
         instance: usize,
@@ -86,11 +87,17 @@ impl fmt::Display for InstanceError {
                 write!(f, "instance {instance}: the rotation of key {key} is not a unit quaternion; normalize it")
             }
             InstanceError::Singular { instance, key } => {
-                write!(f, "instance {instance}: the transform of key {key} is singular, or nearly")
+                write!(
+                    f,
+                    "instance {instance}: the transform of key {key} is singular, or nearly; use a small scale such as 1e-6 \
+                     instead of 0 (only a scale of 0 along all axes at all keys is taken: it hides the instance)"
+                )
             }
             InstanceError::SingularBetween { instance, key } => write!(
                 f,
-                "instance {instance}: between keys {key} and {} its transform becomes singular, or nearly",
+                "instance {instance}: between keys {key} and {} its transform becomes singular, or nearly; turn it by poses (scale, \
+                 rotation, translation) instead of matrices, with keys less than half a turn apart, and mirror it by two \
+                 instances, each active on one side of a time",
                 key + 1
             ),
             InstanceError::Distorted { instance } => write!(

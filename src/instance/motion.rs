@@ -87,6 +87,37 @@ fn without_straight_keys(keys: &[DAffine3], distortion: Distortion) -> (Vec<DAff
     }
 }
 
+/// Checks that there are keys, of finite numbers and unit quaternions.
+fn check_numbers(transform: &Transform, instance: usize) -> Result<(), InstanceError> {
+    let wrong = |key: usize, finite: bool, unit: bool| match (finite, unit) {
+        (false, _) => Err(InstanceError::NonFinite { instance, key }),
+        (true, false) => Err(InstanceError::NotUnit { instance, key }),
+        (true, true) => Ok(()),
+    };
+    match transform {
+        Transform::Matrices(keys) if !keys.is_empty() => {
+            keys.iter().enumerate().try_for_each(|(key, matrix)| wrong(key, matrix.is_finite(), true))
+        }
+        Transform::Poses(keys) if !keys.is_empty() => keys.iter().enumerate().try_for_each(|(key, pose)| {
+            let finite = pose.scale.is_finite() && pose.translation.is_finite() && pose.rotation.is_finite();
+            wrong(key, finite, (pose.rotation.length() - 1.0).abs() <= UNIT)
+        }),
+        _ => Err(InstanceError::NoKeys { instance }),
+    }
+}
+
+/// The places at the keys to which a transform maps everything, if each key has one.
+fn places_of_point(transform: &Transform) -> Option<Vec<DVec3>> {
+    match transform {
+        Transform::Matrices(keys) => {
+            keys.iter().map(|key| (key.matrix3 == DMat3::ZERO).then_some(key.translation)).collect()
+        }
+        Transform::Poses(keys) => {
+            keys.iter().map(|key| (key.scale == DVec3::ZERO).then_some(key.translation)).collect()
+        }
+    }
+}
+
 /// Interpolates from the nearer of two keys, so that both are met exactly.
 #[inline]
 fn lerp(a: DVec3, b: DVec3, w: f64) -> DVec3 {
@@ -94,11 +125,32 @@ fn lerp(a: DVec3, b: DVec3, w: f64) -> DVec3 {
 }
 
 impl Motions {
-    /// Checks a transform, adds it, and returns its effect on rounding errors.
-    pub fn add(&mut self, transform: &Transform, instance: usize) -> Result<(Motion, Distortion), InstanceError> {
-        match transform {
+    /// Checks a transform, adds it, and returns its effect on rounding errors; none of a transform that maps everything to one point
+    /// at all times.
+    pub fn add(
+        &mut self,
+        transform: &Transform,
+        instance: usize,
+    ) -> Result<(Motion, Option<Distortion>), InstanceError> {
+        check_numbers(transform, instance)?;
+        if let Some(places) = places_of_point(transform) {
+            return Ok((self.add_point(&places), None));
+        }
+        let (motion, distortion) = match transform {
             Transform::Matrices(keys) => self.add_matrices(keys, instance),
             Transform::Poses(keys) => self.add_poses(keys, instance),
+        }?;
+        Ok((motion, Some(distortion)))
+    }
+
+    /// Adds the motion of a point, which maps no ray inward ([`Motions::inward`]).
+    fn add_point(&mut self, places: &[DVec3]) -> Motion {
+        let first = self.matrices.len() as u32;
+        self.matrices.extend(places.iter().map(|&place| Columns::new(DMat3::ZERO, place)));
+        match *places {
+            // With this matrix instead of an inverse, directions become zero.
+            [place] => Motion::Static { key: first, inverse: Columns::new(DMat3::ZERO, place) },
+            _ => Motion::Matrices { first, keys: places.len() as u32 },
         }
     }
 
@@ -106,9 +158,6 @@ impl Motions {
         let Some(&begin) = keys.first() else { return Err(InstanceError::NoKeys { instance }) };
         let mut distortion = Distortion::NONE;
         for (key, matrix) in keys.iter().enumerate() {
-            if !matrix.is_finite() {
-                return Err(InstanceError::NonFinite { instance, key });
-            }
             let of_key = Distortion::between(matrix.matrix3, matrix.matrix3);
             distortion = distortion.max(of_key.ok_or(InstanceError::Singular { instance, key })?);
         }
@@ -132,12 +181,6 @@ impl Motions {
         let Some(begin) = keys.first() else { return Err(InstanceError::NoKeys { instance }) };
         let mut distortion = Distortion::NONE;
         for (key, pose) in keys.iter().enumerate() {
-            if !(pose.scale.is_finite() && pose.translation.is_finite() && pose.rotation.is_finite()) {
-                return Err(InstanceError::NonFinite { instance, key });
-            }
-            if (pose.rotation.length() - 1.0).abs() > UNIT {
-                return Err(InstanceError::NotUnit { instance, key });
-            }
             if pose.scale.abs().min_element() <= 0.0 {
                 return Err(InstanceError::Singular { instance, key });
             }

@@ -41,6 +41,8 @@ pub(super) struct Placements {
     always_active: bool,
     /// The greatest [`Slack::per_distance`].
     pub deviation: f64,
+    /// Instances that are a point at all times, ascending.
+    hidden: Vec<u32>,
     /// Data for the build only: the distinct trees, the padding of each instance's box, and its bounds over the shutter
     /// without padding.
     extents: Vec<Extent>,
@@ -54,17 +56,25 @@ pub(super) struct Placements {
 const NEAR: f64 = 3.0;
 
 impl Placements {
-    /// Takes instances of trees with these extents, each with its motion's [`Distortion`]. `padding` scales the padding
-    /// of boxes and rays for rounding: 1, or less in tests.
+    /// Takes instances of trees with these extents, each with its motion's [`Distortion`], or none if it is hidden. `padding` scales
+    /// the padding of boxes and rays for rounding: 1, or less in tests.
     pub fn new(
-        placed: Vec<(Placed, Distortion)>,
+        placed: Vec<(Placed, Option<Distortion>)>,
         motions: Motions,
         extents: Vec<Extent>,
         padding: f64,
     ) -> Result<Placements, InstanceError> {
         let (mut slacks, mut deviation, mut all) =
             (Vec::with_capacity(placed.len()), 0.0f64, Vec::with_capacity(placed.len()));
+        let (mut hidden, mut always_active) = (Vec::new(), true);
         for (instance, (one, distortion)) in placed.into_iter().enumerate() {
+            let Some(distortion) = distortion else {
+                hidden.push(instance as u32);
+                slacks.push(Slack { per_distance: 0.0, fixed: DVec3::ZERO });
+                all.push(one);
+                continue;
+            };
+            always_active &= one.active == TimeInterval::FULL;
             let slack = Slack::new(&distortion, &extents[one.tree as usize]);
             if !(slack.per_distance <= MAX_DEVIATION && slack.fixed.is_finite()) {
                 return Err(InstanceError::Distorted { instance });
@@ -73,7 +83,6 @@ impl Placements {
             slacks.push(Slack { per_distance: slack.per_distance * padding, fixed: slack.fixed * padding });
             all.push(one);
         }
-        let always_active = all.iter().all(|one| one.active == TimeInterval::FULL);
         let (frame, width) = (Frame::WORLD, 0.0);
         let outlines = extents.iter().map(|of| of.outline).collect();
         let whole = Vec::new();
@@ -84,6 +93,7 @@ impl Placements {
             frame,
             always_active,
             deviation,
+            hidden,
             extents,
             slacks,
             whole,
@@ -94,7 +104,7 @@ impl Placements {
         // itself.
         loop {
             let mut all = Aabb::EMPTY;
-            for (instance, whole) in set.whole.iter().enumerate() {
+            for (instance, whole) in set.whole.iter().enumerate().filter(|&(id, _)| !set.is_hidden(id as u32)) {
                 let padded = grow(whole.swept(), set.padding(instance as u32));
                 // NaN fails this as well.
                 let fits = padded.min.abs().max(padded.max.abs()).cmple(DVec3::splat(0.5 * MAX_COORDINATE));
@@ -118,7 +128,13 @@ impl Placements {
         self.motions.bounds(&one.motion, &self.extents[one.tree as usize].subtrees, over, 1.0)
     }
 
-    /// A box around those instances while they exist whose tree `holds` anything, with padding; `None` if there are none.
+    /// Whether an instance is a point at all times, which no query sees.
+    fn is_hidden(&self, id: u32) -> bool {
+        self.hidden.binary_search(&id).is_ok()
+    }
+
+    /// A box around those instances while they exist that are not hidden and whose tree `holds` anything, with padding; `None` if there
+    /// are none.
     pub fn bounds_where(&self, holds: impl Fn(u32) -> bool + Sync) -> Option<Aabb> {
         let of = |id: usize| {
             let active = self.placed[id].active;
@@ -127,7 +143,7 @@ impl Placements {
             grow(bounds.swept(), self.padding(id as u32))
         };
         let parts = parallel::chunks(self.placed.len(), |range| {
-            range.filter(|&id| holds(self.placed[id].tree)).map(of).reduce(Aabb::union)
+            range.filter(|&id| !self.is_hidden(id as u32) && holds(self.placed[id].tree)).map(of).reduce(Aabb::union)
         });
         parts.into_iter().flatten().reduce(Aabb::union)
     }
@@ -189,6 +205,10 @@ impl PrimitiveSet for Placements {
         self.placed.len()
     }
 
+    fn hidden(&self) -> &[u32] {
+        &self.hidden
+    }
+
     fn active(&self, id: u32) -> TimeInterval {
         self.placed[id as usize].active
     }
@@ -220,6 +240,7 @@ impl PrimitiveSet for Placements {
     fn bytes(&self) -> usize {
         self.placed.capacity() * size_of::<Placed>()
             + self.outlines.capacity() * size_of::<Outline>()
+            + self.hidden.capacity() * size_of::<u32>()
             + self.motions.bytes()
     }
 }

@@ -5,7 +5,7 @@ use super::hit::InstanceHit;
 use super::tree::{InstanceOf, InstanceTree};
 use crate::geometry::Ray;
 use crate::ray::{Departure, Hit, OF_COORDINATE};
-use glam::{DAffine3, DVec3, Vec3};
+use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 impl InstanceTree {
     /// The ray from the point where `ray` hit the surface into the direction `dir`, at the same time, as [`RayTree::secondary_ray`] makes
@@ -40,7 +40,8 @@ impl InstanceTree {
     /// Where a ray into a direction leaves what another one hit; `None` for a hit that is not of this tree.
     fn departure(&self, ray: &Ray, (path, hit): (&[u32], &Hit), dir: DVec3) -> Option<Departure> {
         let (&first, rest) = path.split_first()?;
-        let matrix = self.matrix(&[first], ray.time)?;
+        // Nothing of a hidden instance is hit.
+        let matrix = self.matrix(&[first], ray.time).filter(|matrix| matrix.matrix3 != DMat3::ZERO)?;
         let inward = matrix.inverse();
         let origin = inward.transform_point3(ray.origin);
         let local = Ray { origin, dir: (inward.matrix3 * ray.dir.as_dvec3()).as_vec3(), ..*ray };

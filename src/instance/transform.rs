@@ -12,7 +12,8 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
-    /// Factors along the axes of the instanced tree's own space; none may be zero.
+    /// Factors along the axes of the instanced tree's own space. None may be zero, unless all are zero at all keys: that hides the
+    /// instance ([`InstanceTree::build`](crate::InstanceTree::build)).
     pub scale: DVec3,
     /// A unit quaternion.
     pub rotation: DQuat,

@@ -182,9 +182,9 @@ pub struct InstanceTree {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InstanceStatistics {
-    /// Instances at all levels together, counted once per placement.
+    /// Instances at all levels together, counted once per placement, hidden ones included.
     pub instances: u64,
-    /// Primitives, counted once per placement.
+    /// Primitives, counted once per placement that is not hidden.
     pub primitives: u64,
     /// Distinct trees of primitives.
     pub trees: usize,
@@ -192,7 +192,7 @@ pub struct InstanceStatistics {
     pub tree_bytes: usize,
     /// Bytes of everything else: instances, their transforms, the trees over them.
     pub instance_bytes: usize,
-    /// The outermost tree, whose primitives are the instances.
+    /// The outermost tree, whose primitives are the instances that are not hidden.
     pub outermost: Statistics,
 }
 
@@ -217,6 +217,23 @@ impl InstanceTree {
     /// Takes O(n log n) time for `n` instances, whatever they place, and some 430 bytes for each, 230 more if it
     /// has two poses or a tree of its own.
     /// [`WideParams::bytes_per_primitive`] counts per instance.
+    ///
+    /// An instance with a scale of 0 along all axes at all keys is hidden (a pose with scale 0, a matrix of zeros beside its
+    /// translation): it keeps its index, no query sees it, and it does not count in the bounds. A scale of 0 at some keys only, or
+    /// along some axes only, is an error.
+    ///
+    /// ```
+    /// use std::sync::Arc;
+    /// use mbkd::glam::{DVec3, Vec3};
+    /// use mbkd::{BuildParams, Instance, InstanceTree, Pose, Ray, RayTree, TriangleMesh, WideParams};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let of = Arc::new(RayTree::build(&[mesh], &BuildParams::default())?);
+    /// let sized = |scale: f64| Instance::new(of.clone(), Pose { scale: DVec3::splat(scale), ..Pose::IDENTITY });
+    /// let tree = InstanceTree::build(vec![sized(0.0), sized(1.0)], &WideParams::default())?;
+    /// let hit = tree.closest_hit(&Ray::new(Vec3::new(0.2, 0.2, 1.0), Vec3::NEG_Z)).unwrap();
+    /// assert_eq!((tree.len(), &hit.path[..]), (2, &[1][..]));
+    /// # Ok::<(), mbkd::InstanceError>(())
+    /// ```
     ///
     /// # Errors
     /// An [`InstanceError`] that names the transform or parameter at fault. An empty tree is valid.
@@ -255,7 +272,7 @@ impl InstanceTree {
         Ok(InstanceTree { wide, placements, trees, simd: SimdLevel::best(), levels, bounds })
     }
 
-    /// Number of instances of the outermost level.
+    /// Number of instances of the outermost level, hidden ones included.
     pub fn len(&self) -> usize {
         self.placements.placed.len()
     }
@@ -272,7 +289,7 @@ impl InstanceTree {
 
     /// A ray mapped into the own space of an instance of the outermost level, at the ray's time and with the same `t`:
     /// the ray that queries use for the placed tree, if the instance's mask and active interval allow. `None` if there
-    /// is no such instance, or the direction is shorter than 2^-100 or longer than 2^100 there.
+    /// is no such instance, if it is hidden, or if the direction is shorter than 2^-100 or longer than 2^100 there.
     pub fn local_ray(&self, instance: u32, ray: &Ray) -> Option<Ray> {
         let one = self.placements.placed.get(instance as usize)?;
         if !(0.0..=1.0).contains(&ray.time) {
@@ -326,7 +343,7 @@ impl InstanceTree {
     }
 
     /// A box around all instances while they exist, slightly enlarged for rounding (by a ten-thousandth of the scene's size or so);
-    /// `None` if no instance holds a primitive.
+    /// `None` if no instance holds a primitive. Hidden instances do not count.
     pub fn bounds(&self) -> Option<Aabb> {
         self.bounds
     }
@@ -369,8 +386,12 @@ impl InstanceTree {
         for one in &self.placements.placed {
             placed[one.tree as usize] += 1;
         }
+        let mut shown = placed.clone();
+        for &id in self.placements.hidden() {
+            shown[self.placements.placed[id as usize].tree as usize] -= 1;
+        }
         let (mut instances, mut primitives) = (0u64, 0u64);
-        for (tree, placed) in self.trees.iter().zip(placed) {
+        for ((tree, placed), shown) in self.trees.iter().zip(placed).zip(shown) {
             let new = seen.insert(tree.address());
             let (more, below) = match tree {
                 InstanceOf::Tree(tree) => {
@@ -387,7 +408,7 @@ impl InstanceTree {
                 }
             };
             instances = instances.saturating_add(placed.saturating_mul(more.saturating_add(1)));
-            primitives = primitives.saturating_add(placed.saturating_mul(below));
+            primitives = primitives.saturating_add(shown.saturating_mul(below));
         }
         (instances, primitives)
     }

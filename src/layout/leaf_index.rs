@@ -255,9 +255,10 @@ impl WideTree {
     /// The statistics of the tree, but for what time slices leave out ([`WideTree::left_out`]).
     pub fn statistics<S: WideSource>(&self, set: &S) -> Statistics {
         let Counts { depth, nodes, leaves, references, time_nodes, static_references, .. } = self.counts;
-        let duplicates = references - set.len().min(references);
+        let primitives = set.len() - set.hidden().len();
+        let duplicates = references - primitives.min(references);
         Statistics {
-            primitives: set.len(),
+            primitives,
             nodes,
             leaves,
             depth,

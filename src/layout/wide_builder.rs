@@ -41,6 +41,10 @@ impl WideTree {
     pub fn build<S: WideSource>(set: &S, params: &WideParams, progress: &Progress) -> Result<WideTree, BuildError> {
         let mut held = huge_vec(set.len());
         parallel::fill(&mut held, set.len(), |id| id as u32);
+        let hidden = set.hidden();
+        if !hidden.is_empty() {
+            held.retain(|id| hidden.binary_search(id).is_err());
+        }
         let listed: Vec<u32> = held.extract_if(.., |id| set.is_listed(*id)).collect();
         let budget = allowed_bytes(params, set.len(), set.further_key_bytes());
         let mut tree = WideTree::fitted(set, [&held, &listed], &DraftParams::new(*params), budget, progress)?;

@@ -21,7 +21,8 @@ impl WideTree {
     /// that exists is in some leaf block, and every such triangle of a block within the boxes above it. (Of triangles that were
     /// pre-split each of their boxes holds a part only.)
     pub fn validate<S: WideSource>(&self, set: &S) -> Result<(), ValidationError> {
-        let all: Vec<u32> = (0..set.len() as u32).collect();
+        let hidden = set.hidden();
+        let all: Vec<u32> = (0..set.len() as u32).filter(|id| hidden.binary_search(id).is_err()).collect();
         self.validate_ids(set, &all)?;
         // The recorded leaf block of each triangle holds it, and so does the block of each time slice in which it exists where there are
         // several.

@@ -141,6 +141,10 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     }
     /// The number of primitives; ids begin at 0.
     fn len(&self) -> usize;
+    /// Primitives that no query sees, in ascending order: no leaf holds them.
+    fn hidden(&self) -> &[u32] {
+        &[]
+    }
     /// The active interval of a primitive.
     fn active(&self, id: u32) -> TimeInterval;
     /// Whether all primitives exist throughout the shutter.

@@ -9,6 +9,7 @@ mod closest_point;
 mod common;
 mod golden;
 mod hairball;
+mod hidden_instances;
 mod instances;
 mod keys;
 mod lazy;

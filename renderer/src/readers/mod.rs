@@ -8,9 +8,12 @@ mod mseq;
 mod obj;
 mod picture;
 mod ply;
+mod polygons;
 mod sequence;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod text_tests;
 
 use crate::materials::Surface;
 use gltf::GltfModel;
@@ -187,6 +190,11 @@ impl Model {
 
 fn extension(file: &Path) -> String {
     file.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
+}
+
+/// A text without the byte order mark with which some editors begin UTF-8.
+fn without_mark(bytes: &[u8]) -> &[u8] {
+    bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)
 }
 
 /// The bytes of a regular file of reasonable size.

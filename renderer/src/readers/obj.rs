@@ -1,7 +1,8 @@
 //! Wavefront OBJ, through the tobj crate, with the diffuse colours of its material file if that exists.
 
+use super::polygons::Polygons;
 use super::sequence::StillPart;
-use super::{FormatError, check_indices, check_positions};
+use super::{FormatError, check_positions, without_mark};
 use crate::materials::Surface;
 use mbkd::glam::Vec3;
 use std::io::{BufReader, Cursor};
@@ -9,12 +10,12 @@ use std::path::Path;
 
 /// Reads the bytes of a file; its material file is read from the same folder.
 pub fn parse(bytes: &[u8], file: &Path) -> Result<Vec<StillPart>, FormatError> {
-    let options =
-        tobj::LoadOptions { triangulate: true, ignore_points: true, ignore_lines: true, ..Default::default() };
+    let bytes = &plain_lines(without_mark(bytes))[..];
+    let options = tobj::LoadOptions { ignore_points: true, ignore_lines: true, ..Default::default() };
     let folder = file.parent().unwrap_or(Path::new("")).to_path_buf();
     // A missing material file is not an error.
     let materials = |name: &Path| match super::read_file(&folder.join(name)) {
-        Ok(bytes) => tobj::load_mtl_buf(&mut BufReader::new(Cursor::new(bytes))),
+        Ok(bytes) => tobj::load_mtl_buf(&mut BufReader::new(Cursor::new(without_mark(&bytes)))),
         Err(_) => Err(tobj::LoadError::OpenFileFailed),
     };
     let (models, materials) = tobj::load_obj_buf(&mut BufReader::new(Cursor::new(bytes)), &options, materials)
@@ -25,10 +26,9 @@ pub fn parse(bytes: &[u8], file: &Path) -> Result<Vec<StillPart>, FormatError> {
         let mesh = model.mesh;
         let place = format!("object `{}`", model.name);
         let positions: Vec<Vec3> = mesh.positions.chunks_exact(3).map(Vec3::from_slice).collect();
-        let indices: Vec<[u32; 3]> = mesh.indices.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
-        check_indices(&place, &indices, positions.len())?;
         check_positions(&place, &positions)?;
-        if indices.is_empty() {
+        let faces = faces(&mesh).map_err(|what| FormatError::new(&place, what))?;
+        if faces.is_empty() {
             continue;
         }
         let color = mesh.material_id.and_then(|id| materials.get(id)?.diffuse).map(Vec3::from);
@@ -36,12 +36,61 @@ pub fn parse(bytes: &[u8], file: &Path) -> Result<Vec<StillPart>, FormatError> {
             color.filter(|c| c.is_finite()).map_or(Vec3::new(0.62, 0.5, 0.42), |c| c.clamp(Vec3::ZERO, Vec3::ONE));
         let colors = mesh.vertex_color.chunks_exact(3).map(Vec3::from_slice).collect::<Vec<_>>();
         let vertex_colors = if colors.iter().all(|c| c.is_finite()) { colors } else { vec![] };
-        parts.push(StillPart { indices, positions, surface: Surface { vertex_colors, ..Surface::plain(color) } });
+        parts.push(StillPart { faces, positions, surface: Surface { vertex_colors, ..Surface::plain(color) } });
     }
     if parts.is_empty() {
         return Err(FormatError::new("", "there are no triangles in it"));
     }
     Ok(parts)
+}
+
+/// The faces of a mesh.
+fn faces(mesh: &tobj::Mesh) -> Result<Polygons, &'static str> {
+    let mut faces = Polygons::default();
+    // The sizes of faces are left out if all are triangles.
+    if mesh.face_arities.is_empty() {
+        mesh.indices.chunks_exact(3).for_each(|face| faces.push(face));
+        return Ok(faces);
+    }
+    let mut rest = &mesh.indices[..];
+    for &size in &mesh.face_arities {
+        let (face, after) = rest.split_at_checked(size as usize).unwrap_or((&[], &[]));
+        if face.is_empty() {
+            return Err("a face has no corners");
+        }
+        faces.push(face);
+        rest = after;
+    }
+    Ok(faces)
+}
+
+/// The file as tobj takes it: with continued lines joined, and without lines (`l`), which tobj takes for faces if they have more than two
+/// points. Lines keep their numbers: empty ones follow joined ones.
+fn plain_lines(bytes: &[u8]) -> Vec<u8> {
+    let mut plain = Vec::with_capacity(bytes.len() + 1);
+    let (mut joined, mut comment, mut left_out) = (0, false, false);
+    for line in bytes.split(|&b| b == b'\n').map(<[u8]>::trim_ascii_end) {
+        if joined == 0 {
+            let first = line.split(u8::is_ascii_whitespace).find(|word| !word.is_empty()).unwrap_or_default();
+            // A path may end a comment with a backslash.
+            (comment, left_out) = (first.starts_with(b"#"), first == b"l");
+        }
+        let (text, continued) = match line.strip_suffix(b"\\") {
+            Some(text) if !comment => (text, true),
+            _ => (line, false),
+        };
+        if !left_out {
+            plain.extend_from_slice(text);
+        }
+        if continued {
+            plain.push(b' ');
+            joined += 1;
+        } else {
+            plain.extend(std::iter::repeat_n(b'\n', 1 + joined));
+            joined = 0;
+        }
+    }
+    plain
 }
 
 /// The first line that is not valid OBJ, or has an index out of range: the parser's errors do not name the line.

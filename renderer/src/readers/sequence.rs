@@ -1,14 +1,15 @@
 //! The same triangles with positions at each of a number of frames.
 
+use super::polygons::Polygons;
 use super::{FormatError, Part, Pose, ReadError};
 use crate::materials::Surface;
 use mbkd::glam::Vec3;
 use std::path::Path;
 
-/// Triangles of a file without animation.
+/// Faces of a file without animation.
 pub struct StillPart {
-    /// Three vertex indices per triangle.
-    pub indices: Vec<[u32; 3]>,
+    /// Vertex indices of its faces, all in range.
+    pub faces: Polygons,
     /// Vertex positions.
     pub positions: Vec<Vec3>,
     /// Its surface.
@@ -26,14 +27,18 @@ pub struct Sequence {
 }
 
 impl Sequence {
-    /// Joins files of equal topology, one frame each, at 24 frames per second.
+    /// Joins files of equal topology, one frame each, at 24 frames per second. All frames have the triangles into which the faces of the
+    /// first are divided.
     pub fn of_files(frames: Vec<(&Path, Vec<StillPart>)>) -> Result<Sequence, ReadError> {
-        let mut parts = Vec::<Part>::new();
+        let (mut parts, mut faces) = (Vec::<Part>::new(), Vec::new());
         let mut first_file = None;
         for (file, frame) in frames {
             let Some(first) = first_file else {
-                let still = |p: StillPart| Part { indices: p.indices, keys: vec![p.positions], surface: p.surface };
-                parts = frame.into_iter().map(still).collect();
+                for StillPart { faces: of_part, positions, surface } in frame {
+                    let indices = of_part.triangles(&positions).map_err(|e| e.in_file(file))?;
+                    faces.push(of_part);
+                    parts.push(Part { indices, keys: vec![positions], surface });
+                }
                 first_file = Some(file);
                 continue;
             };
@@ -44,12 +49,12 @@ impl Sequence {
             if frame.len() != parts.len() {
                 return Err(differs(format!("has {} objects, other", frame.len())));
             }
-            for (part, Part { indices, keys, .. }) in frame.into_iter().zip(&mut parts) {
+            for ((part, Part { keys, .. }), faces) in frame.into_iter().zip(&mut parts).zip(&faces) {
                 if part.positions.len() != keys[0].len() {
                     return Err(differs(format!("has {} vertices in an object, other", part.positions.len())));
                 }
-                if part.indices != *indices {
-                    return Err(differs("has other triangles".into()));
+                if part.faces != *faces {
+                    return Err(differs("has other faces".into()));
                 }
                 keys.push(part.positions);
             }

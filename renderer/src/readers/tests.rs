@@ -231,7 +231,7 @@ fn ply(binary: bool) -> Vec<u8> {
 fn plain_formats_give_the_same_square() {
     let from_obj = obj::parse(OBJ.as_bytes(), Path::new("a.obj")).unwrap();
     for parts in [from_obj, ply::parse(&ply(false)).unwrap(), ply::parse(&ply(true)).unwrap()] {
-        assert_eq!(parts[0].indices, [[0, 1, 2], [0, 2, 3]]);
+        assert_eq!(parts[0].faces.triangles(&parts[0].positions).unwrap(), [[0, 1, 2], [0, 2, 3]]);
         assert_eq!(parts[0].positions[2], Vec3::new(1.0, 1.0, 0.0));
     }
     let colored = ply::parse(&ply(true)).unwrap();

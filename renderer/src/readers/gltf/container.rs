@@ -33,10 +33,32 @@ pub fn open(bytes: &[u8], file: &Path) -> Result<(Document, Vec<Vec<u8>>), Forma
 /// The validated document.
 fn document(json: &[u8]) -> Result<Document, FormatError> {
     let fail = |e: gltf::Error| FormatError::new("JSON", e.to_string());
-    let unchecked = gltf::Gltf::from_slice_without_validation(json).map_err(fail)?;
+    let other_version = |version: &str| {
+        let what = format!("the file is glTF {version}; only 2.0 and its later minor versions are known");
+        FormatError::new("asset", what)
+    };
+    let unchecked = gltf::Gltf::from_slice_without_validation(json).map_err(|error| {
+        // Other versions have other structures, whose errors say nothing.
+        let version = version_alone(json).filter(|version| !is_known(version));
+        version.map_or_else(|| fail(error), |version| other_version(&version))
+    })?;
     let root = unchecked.document.into_json();
+    if !is_known(&root.asset.version) {
+        return Err(other_version(&root.asset.version));
+    }
     check_links(&root)?;
     Document::from_json(root).map_err(fail)
+}
+
+/// Whether a version is 2, with any minor version.
+fn is_known(version: &str) -> bool {
+    version.split('.').next() == Some("2")
+}
+
+/// The version in JSON of any structure.
+fn version_alone(json: &[u8]) -> Option<String> {
+    let root: gltf::json::Value = gltf::json::deserialize::from_slice(json).ok()?;
+    Some(root.get("asset")?.get("version")?.as_str()?.to_owned())
 }
 
 /// Checks that gltf-json 1.4 omits and whose violation makes it panic later: indices of attributes (it uses that of the
