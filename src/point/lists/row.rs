@@ -8,7 +8,7 @@ use super::list_request::{Excluded, Listing};
 use super::point_rows::PointRows;
 use super::radii::{Radii, squared_radii, squared_radius};
 use crate::point::layout::snapshot::{rows, squared};
-use crate::simd::{LANES, Mask, Simd, lanes_at_mut};
+use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at_mut};
 
 /// Lists in the making, one behind the other.
 #[derive(Clone, Debug, Default)]
@@ -59,6 +59,12 @@ fn room_for(hits: &mut Vec<Mask>, count: usize) -> &mut [Mask] {
         hits.resize(2 * count, 0);
     }
     &mut hits[..count]
+}
+
+/// A point of a block. (Mapping the rows instead copies them all first, which makes lists a fifth slower.)
+#[inline(always)]
+fn point_of<C: Copy>([x, y, z]: &[Lanes<C>; 3], lane: usize) -> [C; 3] {
+    [x[lane], y[lane], z[lane]]
 }
 
 impl RowBuilder {
@@ -199,7 +205,7 @@ impl RowBuilder {
             if member.points.at[0][lane] == f32::INFINITY {
                 continue;
             }
-            let point = [own_rows[0][lane], own_rows[1][lane], own_rows[2][lane]];
+            let point = point_of(own_rows, lane);
             let (id, begin) = (member.points.id[lane], lists.len);
             lists.reserve(vectors * LANES, listing);
             let own = s.splat_u(id);
@@ -246,7 +252,7 @@ impl RowBuilder {
     ) {
         let (points, own_rows) = (&group.members[member].points, C::of_member(group, member));
         for lane in 0..LANES {
-            let at = [points.at[0][lane], points.at[1][lane], points.at[2][lane]];
+            let at = point_of(&points.at, lane);
             if at[0] == f32::INFINITY {
                 continue;
             }
@@ -256,7 +262,7 @@ impl RowBuilder {
             let selected = self.selected.near_point(s, &self.boxes, at, within);
             let begin = lists.len;
             lists.reserve(selected.len() * LANES, listing);
-            let point = [own_rows[0][lane], own_rows[1][lane], own_rows[2][lane]];
+            let point = point_of(own_rows, lane);
             let own = s.splat_u(if listing.other_set && !ONCE { u32::MAX } else { id });
             let radius = s.splat(radius);
             let bound = squared_radii(s, radius);
