@@ -250,7 +250,7 @@ WRONG = [
     (lambda: PointTree(SINGLE).neighbor_lists(0.1)[500], IndexError, "no list 500"),
     (lambda: PointTree(SINGLE).neighbor_lists(0.1)[1:3], TypeError, "slice"),
     (lambda: PointTree(SINGLE).neighbor_lists(-1), ValueError, "radius"),
-    (lambda: PointTree(DOUBLE).neighbor_lists(0.1, displacements=True), ValueError, "f32"),
+    (lambda: PointTree(DOUBLE).neighbor_lists_swept(0.1), ValueError, "f32"),
     (lambda: PointTree(SINGLE).neighbor_lists(np.ones(3)), ValueError, "r must"),
 ]
 

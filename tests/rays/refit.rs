@@ -369,14 +369,14 @@ fn the_cost_of_a_refit_tells_that_rays_in_place_take_longer_when_something_flies
         let refit = tree.refit(&after).unwrap();
         let worn = steps_in_place(&tree) / fresh;
         println!("{share} {far} {grown}: {refit:?}, {worn}");
-        assert!(refit.cost > 1.0 + 0.5 * (worn - 1.0) && refit.cost < 2.0 * worn, "{share} {far}: {refit:?}, {worn}");
+        assert!(refit.cost > 1.0 + 0.5 * (worn - 1.0) && refit.cost < 2.5 * worn, "{share} {far}: {refit:?}, {worn}");
         // Back again, it is as good as new.
         let refit = tree.refit(&before).unwrap();
         assert!((refit.cost - 1.0).abs() < 1e-3, "{refit:?}");
     }
-    // Everything grows: each ray that meets the scene takes as many steps as before.
+    // Balls spread apart are no reason for another tree, though the box grows.
     let [before, after] = balls_of_which_some_move(usize::MAX, 0.0, 3.0);
     let mut tree = RayTree::build(&before, &BuildParams::default()).unwrap();
     let refit = tree.refit(&after).unwrap();
-    assert!((0.95..1.1).contains(&refit.cost), "{refit:?}");
+    assert!(refit.cost < 1.1, "{refit:?}");
 }

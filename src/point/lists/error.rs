@@ -86,7 +86,7 @@ impl fmt::Display for ListError {
                 "the two trees have positions in f32 relative to different origins; build both with `Precision::Double`, or from f32 positions",
             ),
             ListError::Double => f.write_str(
-                "lists with a skin or over an interval need positions in f32 (`Precision::Single`), and both sets of `among` the same precision",
+                "lists with a skin or over an interval need positions in f32, and lists among another set the same precision in both; choose it where the trees are built",
             ),
             ListError::Ids { id } => {
                 write!(f, "id {id} is not the index of a point; ask for the lists in the order of the tree")
