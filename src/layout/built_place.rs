@@ -52,16 +52,21 @@ impl BuiltPlace {
     }
 }
 
+/// In f64, since squares of world coordinates may exceed f32.
 fn half_area(size: DVec3) -> f64 {
     size.x * size.y + size.y * size.z + size.z * size.x
 }
 
 impl WideTree {
     /// The cost of a ray that meets a region: the sum over nodes and leaf blocks of the cost of a visit times the area of the part of
-    /// their bounds that lies in the region, per area of the region. Visits the nodes that reach into it.
+    /// their bounds that lies in the region, per area of the region. Visits the nodes that reach into it. Zero for a region that is so
+    /// small beside the scene that f32 has no area for it.
     pub fn cost_within<S: WideSource>(&self, region: Box3) -> f64 {
-        let whole = LinearBox3 { begin: region, end: region };
-        self.clipped_cost::<S>(self.root, TimeInterval::FULL, &region, true) / f64::from(mean_half_area(&whole))
+        let area = mean_half_area(&LinearBox3 { begin: region, end: region });
+        if !area.is_normal() {
+            return 0.0;
+        }
+        self.clipped_cost::<S>(self.root, TimeInterval::FULL, &region, true) / f64::from(area)
     }
 
     /// The sum of cost times area of a subtree. The recursion is as deep as the tree.
@@ -81,10 +86,13 @@ impl WideTree {
             let inside = clipped(whole, region);
             let area = f64::from(mean_half_area(&inside));
             let child = children[lane];
-            let below = match self.ids::<S>(child).filter(|_| child.kind().is_leaf()) {
-                Some(ids) => f64::from(COST_MODEL.leaf_of(ids.len()) * factor(inside.begin == inside.end)) * area,
-                None if area > 0.0 => self.clipped_cost::<S>(child, over, region, false),
-                None => 0.0,
+            let below = if area <= 0.0 {
+                0.0
+            } else if child.kind().is_leaf() {
+                let count = self.ids::<S>(child).map_or(0, <[u32]>::len);
+                f64::from(COST_MODEL.leaf_of(count) * factor(inside.begin == inside.end)) * area
+            } else {
+                self.clipped_cost::<S>(child, over, region, false)
             };
             (whole, below)
         };
@@ -105,8 +113,8 @@ impl WideTree {
 /// The part of a box in a region at both of its ends.
 fn clipped(b: LinearBox3, region: &Box3) -> LinearBox3 {
     let clip = |b: Box3| {
-        let inside = Box3 { min: b.min.max(region.min), max: b.max.min(region.max) };
-        if inside.min.cmple(inside.max).all() { inside } else { Box3::EMPTY }
+        let inside = b.intersection(*region);
+        if inside.is_empty() { Box3::EMPTY } else { inside }
     };
     LinearBox3 { begin: clip(b.begin), end: clip(b.end) }
 }

@@ -374,6 +374,10 @@ fn the_cost_of_a_refit_tells_that_rays_in_place_take_longer_when_something_flies
         let refit = tree.refit(&before).unwrap();
         assert!((refit.cost - 1.0).abs() < 1e-3, "{refit:?}");
     }
+    // The cube is a point to f32 beside the way of the ball that leaves.
+    let [before, after] = balls_of_which_some_move(1728, 1e28, 1.0);
+    let mut tree = RayTree::build(&before, &BuildParams::default()).unwrap();
+    assert!(tree.refit(&after).unwrap().cost.is_finite());
     // Balls spread apart are no reason for another tree, though the box grows.
     let [before, after] = balls_of_which_some_move(usize::MAX, 0.0, 3.0);
     let mut tree = RayTree::build(&before, &BuildParams::default()).unwrap();

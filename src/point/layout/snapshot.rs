@@ -84,7 +84,7 @@ pub(in crate::point) trait View: Leaves {
 /// f32 relative to the view's query point.
 pub(in crate::point) trait CoordinateView: View {
     /// Lower and upper faces of the child boxes, which hold the exact positions. Where there is no child at this time, the lower
-    /// ones are not below the upper.
+    /// one along the first axis is above the upper, or not a number.
     fn faces<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> ([S::F; 3], [S::F; 3]);
     /// Positions of the points; the first coordinate is at least [`f32::MAX`] if there is no point at this time.
     fn positions<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> [S::F; 3];

@@ -69,9 +69,7 @@ impl Coordinate for f32 {
         from: [f32; 3],
         periodic_box: &PeriodicBox,
     ) -> Seen<S> {
-        let mut x = s.load(rows[0]) - s.splat(from[0]);
-        let mut y = s.load(rows[1]) - s.splat(from[1]);
-        let mut z = s.load(rows[2]) - s.splat(from[2]);
+        let [mut x, mut y, mut z] = apart(s, rows, from);
         if PERIODIC {
             x = periodic_box.nearest(s, x, 0);
             y = periodic_box.nearest(s, y, 1);
@@ -81,11 +79,15 @@ impl Coordinate for f32 {
     }
     #[inline(always)]
     fn squared<S: Simd>(s: S, rows: [&Lanes<f32>; 3], from: [f32; 3]) -> S::F {
-        let x = s.load(rows[0]) - s.splat(from[0]);
-        let y = s.load(rows[1]) - s.splat(from[1]);
-        let z = s.load(rows[2]) - s.splat(from[2]);
+        let [x, y, z] = apart(s, rows, from);
         squared::<S>(x, y, z)
     }
+}
+
+/// The displacements of points from one.
+#[inline(always)]
+fn apart<S: Simd>(s: S, rows: [&Lanes<f32>; 3], from: [f32; 3]) -> [S::F; 3] {
+    [s.load(rows[0]) - s.splat(from[0]), s.load(rows[1]) - s.splat(from[1]), s.load(rows[2]) - s.splat(from[2])]
 }
 
 impl Coordinate for f64 {

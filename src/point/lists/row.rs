@@ -61,7 +61,7 @@ fn room_for(hits: &mut Vec<Mask>, count: usize) -> &mut [Mask] {
     &mut hits[..count]
 }
 
-/// A point of a block. (Mapping the rows instead copies them all first, which makes lists a fifth slower.)
+/// A point of a block. (Mapping the rows instead copies them all first, and each read waits for that.)
 #[inline(always)]
 fn point_of<C: Copy>([x, y, z]: &[Lanes<C>; 3], lane: usize) -> [C; 3] {
     [x[lane], y[lane], z[lane]]

@@ -132,7 +132,7 @@ impl PointTree {
     /// the interval may have an empty list or none. Points with the same
     /// id are no neighbours of each other; where the tree consists of several, they have one list together.
     ///
-    /// Cost: about ten times that of lists at a time, even of points that do not move, as each encounter is computed in f64, while points
+    /// Cost: several times that of lists at a time, even of points that do not move, as each encounter is computed in f64, while points
     /// move less than their spacing relative to their neighbours. Motion that all have in common adds little.
     ///
     /// # Errors
