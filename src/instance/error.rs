@@ -95,9 +95,9 @@ impl fmt::Display for InstanceError {
             }
             InstanceError::SingularBetween { instance, key } => write!(
                 f,
-                "instance {instance}: between keys {key} and {} its transform becomes singular, or nearly; turn it by poses (scale, \
-                 rotation, translation) instead of matrices, with keys less than half a turn apart, and mirror it by two \
-                 instances, each active on one side of a time",
+                "instance {instance}: between keys {key} and {} its transform becomes singular, or nearly: if it turns, give poses (scale, \
+                 rotation, translation) instead of matrices, with keys less than half a turn apart; if a scale changes its sign, give \
+                 two instances, each active on one side of that time",
                 key + 1
             ),
             InstanceError::Distorted { instance } => write!(

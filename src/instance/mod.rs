@@ -22,7 +22,7 @@ mod hit;
 mod motion;
 mod placements;
 mod query;
-mod secondary_ray;
+mod surface;
 mod transform;
 mod tree;
 mod tree_queries;

@@ -2,7 +2,7 @@
 
 use super::error::InstanceError;
 use super::extent::Extent;
-use super::hit::{InstanceHit, MAX_NESTING};
+use super::hit::MAX_NESTING;
 use super::motion::Motions;
 use super::placements::{Placed, Placements};
 use super::transform::Transform;
@@ -15,7 +15,7 @@ use crate::primitive::PrimitiveSet;
 use crate::progress::Progress;
 use crate::ray::{Outline, RayTree};
 use crate::simd::{Portable, SimdLevel};
-use glam::{DAffine3, DVec3, Vec3};
+use glam::{DAffine3, DVec3};
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
@@ -321,25 +321,6 @@ impl InstanceTree {
             InstanceOf::Tree(tree) => rest.is_empty().then_some(&**tree),
             InstanceOf::Instances(tree) => tree.tree(rest),
         }
-    }
-
-    /// The corners of the triangle that was hit, at any time of the shutter, as the instance places it then. NaN for a
-    /// hit on another shape and for a hit that is not of this tree.
-    pub fn vertices(&self, hit: &InstanceHit, time: f32) -> [DVec3; 3] {
-        match (self.tree(&hit.path), self.matrix(&hit.path, time)) {
-            (Some(tree), Some(matrix)) => tree.vertices(&hit.hit, time).map(|p| matrix.transform_point3(p)),
-            _ => [DVec3::NAN; 3],
-        }
-    }
-
-    /// The unit normal of the triangle that was hit, at any time of the shutter, on the side of the triangle on which
-    /// it is in the placed tree (a mirroring transform changes the order of corners, but not the side). Zero for
-    /// another shape or a degenerate triangle, and for a hit that is not of this tree.
-    pub fn normal(&self, hit: &InstanceHit, time: f32) -> Vec3 {
-        let Some(matrix) = self.matrix(&hit.path, time) else { return Vec3::ZERO };
-        let [a, b, c] = self.vertices(hit, time);
-        let normal = (b - a).cross(c - a) * matrix.matrix3.determinant().signum();
-        normal.normalize_or_zero().as_vec3()
     }
 
     /// A box around all instances while they exist, slightly enlarged for rounding (by a ten-thousandth of the scene's size or so);

@@ -21,7 +21,7 @@ impl Triangles {
 
     /// Checks the meshes and copies them into a tree space that also holds the bounds of other primitives.
     pub(crate) fn with_bounds(meshes: &[TriangleMesh], others: Aabb) -> Result<Triangles, BuildError> {
-        let frame = frame_of(meshes, extents(meshes)?.iter().map(|of| of.swept), others);
+        let frame = frame_of(meshes, extents(meshes, &[])?.iter().map(|of| of.swept), others);
         // Redundant keys are dropped: static meshes and linear motion have no cost for them.
         let kept: Vec<usize> = meshes.iter().map(|mesh| mesh.kept_keys(frame)).collect();
         Triangles::copied(meshes, frame, &kept)
@@ -30,7 +30,7 @@ impl Triangles {
     /// The same meshes with other positions and the same numbers of kept keys.
     pub(crate) fn with_positions(&self, meshes: &[TriangleMesh], others: Aabb) -> Result<Triangles, RefitError> {
         self.require_same_sizes(meshes)?;
-        let extents = extents(meshes).map_err(RefitError::Input)?;
+        let extents = extents(meshes, &self.extents).map_err(RefitError::Input)?;
         let frame = frame_of(meshes, extents.iter().map(|of| of.swept), others);
         let kept =
             (0..).zip(meshes).map(|(i, mesh)| self.keys_again(i, mesh, frame)).collect::<Result<Vec<usize>, _>>()?;
@@ -187,9 +187,9 @@ fn append_keys<P: Copy + Sync>(
     parallel::each(&mut blocks, |(first, block)| copy(*first, block));
 }
 
-/// Checks meshes, and returns how far each reaches.
-fn extents(meshes: &[TriangleMesh]) -> Result<Vec<MeshExtent>, BuildError> {
-    let extents = (0..).zip(meshes).map(|(i, mesh)| mesh.extent(i)).collect::<Result<_, _>>()?;
+/// Checks meshes, and returns how far each reaches. `before` is how far they did with the same triangles, or empty.
+fn extents(meshes: &[TriangleMesh], before: &[MeshExtent]) -> Result<Vec<MeshExtent>, BuildError> {
+    let extents = (0..).zip(meshes).map(|(i, mesh)| mesh.extent(i, before.get(i))).collect::<Result<_, _>>()?;
     let found: usize = meshes.iter().map(TriangleMesh::len).sum();
     if found >= u32::MAX as usize {
         return Err(BuildError::TooManyPrimitives { found });
@@ -200,7 +200,7 @@ fn extents(meshes: &[TriangleMesh]) -> Result<Vec<MeshExtent>, BuildError> {
 /// The frame of meshes with these bounds, and of the other primitives.
 pub(super) fn frame_of(meshes: &[TriangleMesh], swept: impl Iterator<Item = Aabb>, others: Aabb) -> Frame {
     let swept = swept.fold(others, Aabb::union);
-    let given = || meshes.iter().filter(|mesh| mesh.keys.vertices(0) > 0);
+    let given = || meshes.iter().filter(|mesh| !mesh.is_empty());
     if given().any(|mesh| matches!(mesh.keys, Keys::F32(_))) {
         return Frame::exact(swept);
     }

@@ -7,6 +7,7 @@ use crate::limits::{MAX_COORDINATE, MAX_MESH_KEYS};
 use crate::parallel;
 use crate::simd::{Kernel, LANES, Mask, Simd, SimdLevel, as_coordinates, dispatch, lanes_at, lanes_at_mut};
 use core::ops::Range;
+use core::sync::atomic::{AtomicBool, Ordering};
 use glam::{DVec3, Vec3};
 
 /// An error if a mesh cannot have so many keys.
@@ -96,7 +97,7 @@ impl From<Vec<Vec<DVec3>>> for Keys {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct TriangleMesh {
-    /// Three vertex indices per triangle.
+    /// Three vertex indices per triangle. Vertices that no triangle has must be finite and take memory, but do not extend the scene.
     pub indices: Vec<[u32; 3]>,
     /// Vertex positions at the keys, all keys of equal length.
     pub keys: Keys,
@@ -184,12 +185,42 @@ impl TriangleMesh {
         self.indices.is_empty()
     }
 
-    /// Checks the mesh; `mesh` is its index in errors.
-    pub(super) fn extent(&self, mesh: usize) -> Result<MeshExtent, BuildError> {
-        Ok(MeshExtent { swept: self.validate(mesh)?, vertices: self.keys.vertices(0) })
+    /// Checks the mesh; `mesh` is its index in errors. `before` is its extent when it had the same triangles, if that is known.
+    pub(super) fn extent(&self, mesh: usize, before: Option<&MeshExtent>) -> Result<MeshExtent, BuildError> {
+        let (swept, vertices) = (self.validate(mesh)?, self.keys.vertices(0));
+        if before.is_some_and(|before| before.all_used && before.vertices == vertices) {
+            return Ok(MeshExtent { swept, vertices, all_used: true });
+        }
+        Ok(match self.used_vertices(vertices) {
+            None => MeshExtent { swept, vertices, all_used: true },
+            Some(used) => MeshExtent { swept: self.box_of_used(&used), vertices, all_used: false },
+        })
     }
 
-    /// Checks all that a build requires of a mesh; `mesh` is its index in errors. Returns the swept box.
+    /// Which vertices are corners of triangles, whose indices are valid; `None` if all are.
+    fn used_vertices(&self, vertices: usize) -> Option<Vec<bool>> {
+        if vertices <= u64::BITS as usize {
+            let used = self.indices.iter().flatten().fold(0, |used, &i| used | 1u64 << i);
+            let all = used.count_ones() as usize == vertices;
+            return (!all).then(|| (0..vertices).map(|i| used >> i & 1 != 0).collect());
+        }
+        let used: Vec<AtomicBool> = (0..vertices).map(|_| AtomicBool::new(false)).collect();
+        let mark = |of: Range<usize>| {
+            self.indices[of].iter().flatten().for_each(|&i| used[i as usize].store(true, Ordering::Relaxed));
+        };
+        parallel::parts(self.indices.len(), mark).for_each(drop);
+        let used: Vec<bool> = used.into_iter().map(AtomicBool::into_inner).collect();
+        used.contains(&false).then_some(used)
+    }
+
+    /// The box of the vertices that are used, at all keys.
+    fn box_of_used(&self, used: &[bool]) -> Aabb {
+        let numbers = || (0..used.len()).filter(|&vertex| used[vertex]);
+        let positions = (0..self.keys.len()).flat_map(|key| numbers().map(move |vertex| (key, vertex)));
+        Aabb::of_points(positions.map(|(key, vertex)| self.keys.position(key, vertex)))
+    }
+
+    /// Checks all that a build requires of a mesh; `mesh` is its index in errors. Returns the box of all vertices at all keys.
     pub(crate) fn validate(&self, mesh: usize) -> Result<Aabb, BuildError> {
         check_number_of_keys(mesh, self.keys.len())?;
         let vertices = self.keys.vertices(0);
@@ -266,10 +297,12 @@ impl TriangleMesh {
 /// How far a mesh reaches.
 #[derive(Clone, Copy)]
 pub(super) struct MeshExtent {
-    /// The box of its vertices at all keys.
+    /// The box of its triangles at all keys.
     pub swept: Aabb,
     /// Number of vertices.
     pub vertices: usize,
+    /// Whether each of them is a corner of a triangle.
+    pub all_used: bool,
 }
 
 /// The box of positions if all are valid; the caller finds out which one is not.

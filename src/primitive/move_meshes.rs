@@ -49,7 +49,8 @@ impl Triangles {
             return Err(RefitError::Input(BuildError::NoKeys { mesh }));
         }
         let list: Vec<usize> = (0..meshes.len()).filter(|&i| moved[i]).collect();
-        let extents = list.iter().map(|&i| meshes[i].extent(i)).collect::<Result<Vec<MeshExtent>, _>>();
+        let extents =
+            list.iter().map(|&i| meshes[i].extent(i, self.extents.get(i))).collect::<Result<Vec<MeshExtent>, _>>();
         let extents = extents.map_err(RefitError::Input)?;
         let still = self.extents.iter().zip(moved).filter(|&(_, &moved)| !moved).map(|(of, _)| of);
         let frame = frame_of(meshes, still.chain(&extents).map(|of| of.swept), others);

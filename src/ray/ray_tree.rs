@@ -445,7 +445,7 @@ impl RayTree {
         of_scene(meshes, shapes, params, Some(progress))
     }
 
-    /// The shapes that were given to the build.
+    /// The shapes that were given to the build or the last refit, without the keys that were dropped ([`Primitive::merge_keys`]).
     pub fn shapes(&self) -> &[Shape] {
         self.geometry.shapes.shapes()
     }
@@ -473,7 +473,7 @@ impl<P: Primitive> RayTree<Shapes<P>> {
         of_primitives(primitives, params, Some(progress))
     }
 
-    /// The primitives that were given to the build.
+    /// The primitives that were given to the build or the last refit, without the keys that were dropped ([`Primitive::merge_keys`]).
     pub fn primitives(&self) -> &[P] {
         self.geometry.shapes()
     }

@@ -22,13 +22,16 @@ pub(crate) struct Departure {
     pub lift: f64,
 }
 
-/// How far an origin is moved off a surface, relative to the size `M` of the scene.
+/// How far an origin is moved off a triangle, relative to the sum `M` of its longest edge `L` and the largest coordinate of a corner, in the
+/// world or from the origin of tree space. (Of a sphere: relative to its radius.)
 ///
 /// If it is `d` off the plane of a triangle, the numerator of the computed distance from it is `d` times twice the area, `|n|`, with the
-/// sign that matters. Sheared coordinates are off by 6 times 2^-53 M, so with the longest edge `L` each of the six products of two of them by
-/// 6 times 2^-52 M L, and their sum, weighted with depths of at most L, by less than 2^-46 M L². So `d` has to be more than
-/// 2^-46 M L² / |n|, which this is where triangles are up to a thousand times as long as wide; of others [`OF_SLIVER`] is.
-const OF_SCENE: f64 = 1.0 / (1u64 << 36) as f64;
+/// sign that matters. Corners are rounded when they are mapped to the world, and the origin when it is mapped back, each by 2^-53 M;
+/// the corners as seen from the origin, and their shear, by less. So sheared coordinates are off by 6 times 2^-53 M, each of the six products
+/// of two of them by 6 times 2^-52 M L, and their sum, weighted with depths of at most L, by less than 2^-46 M L². So `d` has to be more than
+/// 2^-46 M L² / |n|, which this is where triangles are up to a thousand times as long as wide; of others [`OF_SLIVER`] is. What else is
+/// in the scene, and how far away, does not matter.
+const OF_TRIANGLE: f64 = 1.0 / (1u64 << 36) as f64;
 const OF_SLIVER: f64 = 1.0 / (1u64 << 46) as f64;
 
 /// The same relative to a coordinate of the world, where a point is rounded.
@@ -57,7 +60,8 @@ impl RayTree {
         }
     }
 
-    /// The corners of the triangle that was hit, at any time: see [`RayTree::triangle`].
+    /// The corners of the triangle that was hit, at any time: see [`RayTree::triangle`], also for times outside the active interval of its
+    /// mesh.
     pub fn vertices(&self, hit: &Hit, time: f32) -> [DVec3; 3] {
         self.triangle(hit.mesh, hit.primitive, time)
     }
@@ -70,13 +74,48 @@ impl RayTree {
         (b - a).cross(c - a).normalize_or_zero().as_vec3()
     }
 
+    /// Where the point of the surface that `ray` hit is at another time in [0, 1]: for motion vectors. A point of a triangle keeps its weights,
+    /// a point of a sphere its direction from the centre. `None` on a custom shape, and for a hit of another tree. Outside the active interval
+    /// of a mesh the motion is that of [`RayTree::triangle`].
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::{DVec3, Vec3}};
+    /// let open = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
+    /// let close = open.iter().map(|p| p + 3.0 * Vec3::X).collect();
+    /// let tree = RayTree::build(&[TriangleMesh::new(vec![[0, 1, 2]], vec![open, close])], &BuildParams::default())?;
+    /// let ray = Ray::new(Vec3::new(1.75, 0.25, 1.0), Vec3::NEG_Z).at_time(0.5);
+    /// let hit = tree.closest_hit(&ray).unwrap();
+    /// let [before, after] = [0.0, 1.0].map(|time| tree.point_at(&ray, &hit, time).unwrap());
+    /// assert_eq!((before, after), (DVec3::new(0.25, 0.25, 0.0), DVec3::new(3.25, 0.25, 0.0)));
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn point_at(&self, ray: &Ray, hit: &Hit, time: f32) -> Option<DVec3> {
+        if let Some(sphere) = self.sphere_of(hit) {
+            let unit = MovingSphere::normal_of_hit(sphere.at(ray.time), ray, hit.t)?;
+            let (center, radius) = sphere.at(time);
+            return Some(center + unit * radius);
+        }
+        let [a, b, c] = self.vertices(hit, time);
+        let point = a + (b - a) * f64::from(hit.u) + (c - a) * f64::from(hit.v);
+        (!point.is_nan()).then_some(point)
+    }
+
+    /// The sphere that was hit; `None` if it was another primitive.
+    fn sphere_of(&self, hit: &Hit) -> Option<&MovingSphere> {
+        match (self.geometry.triangles.id(hit.mesh, hit.primitive), self.shapes().get(hit.primitive as usize)) {
+            (None, Some(Shape::Sphere(sphere))) => Some(sphere),
+            _ => None,
+        }
+    }
+
     /// The ray from the point where `ray` hit the surface into the direction `dir`, at the same time: for shadow rays, reflections,
     /// refractions and bounces. Its origin is moved off the surface, to the side that `dir` leaves to, so that it does not hit the same
     /// triangle or sphere again at once. Its range is from 0 to infinity; limit that of a shadow ray by [`Ray::between`].
     ///
-    /// The origin moves by 2^-36 of the scene's size (of a sphere's radius), which is far less than `t` is rounded by, and by what the
-    /// coordinates of the point are rounded by; further on triangles that are more than a thousand times as long as wide. A custom shape has
-    /// no known surface: there it moves by 2^-22 of the distance from the origin of `ray`.
+    /// The origin moves by 2^-36 of the coordinates and the size of the triangle (of a sphere's radius), which is far less than their
+    /// coordinates in f32 are rounded by, and by what those of the point are; further on triangles that are more than a thousand times as
+    /// long as wide. What else is in the scene does not matter. A custom shape has no known surface: there the origin moves by 2^-22 of the
+    /// distance from the origin of `ray`.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -105,17 +144,17 @@ impl RayTree {
         if let Some(unit) = normal.try_normalize() {
             let point = a + ab * f64::from(hit.u) + ac * f64::from(hit.v);
             let longest = ab.length_squared().max(ac.length_squared()).max((c - b).length_squared());
-            let frame = self.frame();
-            let size = f64::from(frame.reach) / frame.scale;
-            let lift = size * OF_SCENE.max(OF_SLIVER * longest / normal.length()) + rounding(point);
+            let origin = self.frame().origin;
+            let coordinate = |p: DVec3| p.abs().max((p - origin).abs()).max_element();
+            let size = longest.sqrt() + coordinate(a).max(coordinate(b)).max(coordinate(c));
+            let lift = size * OF_TRIANGLE.max(OF_SLIVER * longest / normal.length()) + rounding(point);
             return Departure { point, away: side(unit), lift };
         }
-        let triangle = self.geometry.triangles.id(hit.mesh, hit.primitive);
-        if let (None, Some(Shape::Sphere(sphere))) = (triangle, self.shapes().get(hit.primitive as usize)) {
+        if let Some(sphere) = self.sphere_of(hit) {
             let (center, radius) = sphere.at(ray.time);
             if let Some(unit) = MovingSphere::normal_of_hit((center, radius), ray, hit.t) {
                 let point = center + unit * radius;
-                return Departure { point, away: side(unit), lift: OF_SCENE * radius + rounding(point) };
+                return Departure { point, away: side(unit), lift: OF_TRIANGLE * radius + rounding(point) };
             }
         }
         let seen = ray.point(hit.t);

@@ -2,8 +2,8 @@
 
 use crate::support::{Cloud, KINDS, Rng, cloud};
 use mbkd::{
-    ListError, ListQuery, MAX_POINT_COORDINATE, NeighborCsr, PointArrays, PointParams, PointStructure, PointTree,
-    Precision, Radii, SimdLevel, glam::Vec3,
+    EncounterLists, ListError, ListQuery, MAX_POINT_COORDINATE, NeighborCsr, PointArrays, PointParams, PointStructure,
+    PointTree, Precision, Radii, SimdLevel, TimeInterval, glam::Vec3,
 };
 
 pub const STRUCTURES: [PointStructure; 4] =
@@ -451,6 +451,27 @@ fn lists_longer_than_allowed_are_an_error_on_any_number_of_threads() {
     tree.neighbor_lists(0.0, 1.0).pairs_once().max_neighbors(39).run(&mut lists).unwrap();
     let once = tree.neighbor_lists(0.0, 1.0).pairs_once().max_neighbors(38).run(&mut lists);
     assert_eq!((once, lists.len()), (Err(ListError::TooManyNeighbors { id: 3000 }), 0));
+}
+
+/// Where the first lists of a tree are a thousand times as long as the others, room is not made for as many everywhere.
+#[test]
+fn memory_of_lists_is_in_proportion_to_what_they_hold() {
+    let mut rng = Rng(8);
+    // A clump in the corner where trees begin, or end.
+    let mut place = |i: usize| if i < 700 { Vec3::splat(-0.999) } else { rng.vec() };
+    let points: Vec<Vec3> = (0..30_000).map(&mut place).collect();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+    for corner in [Vec3::ONE, Vec3::NEG_ONE] {
+        let points: Vec<Vec3> = points.iter().map(|p| *p * corner).collect();
+        let tree = PointTree::build(&points, &PointParams::default()).unwrap();
+        let (mut lists, mut swept) = (NeighborCsr::new(), EncounterLists::new());
+        pool.install(|| tree.neighbor_lists(0.0, 0.01).run(&mut lists)).unwrap();
+        pool.install(|| tree.neighbor_lists_swept_into(TimeInterval::FULL, 0.01, &mut swept)).unwrap();
+        assert!(lists.neighbors() > 700 * 699 && swept.encounters().len() == lists.neighbors());
+        let (held, of_swept) = (4 * lists.neighbors(), size_of_val(swept.encounters()));
+        assert!(lists.bytes() < 10 * held, "{} of {held}", lists.bytes());
+        assert!(swept.bytes() < 10 * of_swept, "{} of {of_swept}", swept.bytes());
+    }
 }
 
 #[test]

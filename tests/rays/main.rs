@@ -22,5 +22,6 @@ mod refit_moved;
 mod scenes;
 mod secondary_rays;
 mod spheres;
+mod unused_vertices;
 mod visitors;
 mod watertight;

@@ -83,6 +83,35 @@ fn secondary_rays_do_not_hit_the_triangle_that_they_leave() {
     assert!(all > 3000 && naive > all / 4, "{naive} of {all} rays from the point of the hit hit it again");
 }
 
+/// Something far away, as a moon or a backdrop is, changes nothing near by.
+#[test]
+fn far_objects_do_not_move_secondary_rays_further() {
+    let mut random = Random(44);
+    let mut all = 0;
+    for (round, far) in [1.0, 1e5, 1e11, 3e20].into_iter().cycle().take(24).enumerate() {
+        let size = [1e-3, 1.0, 50.0][round % 3];
+        let at = DVec3::new(0.2, -0.4, 0.3) * size * [0.0, 1.0, 10.0][round / 3 % 3];
+        let mesh = placed(&soup(200, 1 + round % 3, 0.4, 0.2, round as u64), size, at, 2 * (round / 4 % 2));
+        let beyond = |i: f64| (DVec3::new(1.0, i, 0.5) * far * size).as_vec3();
+        let backdrop = TriangleMesh::fixed(vec![[0, 1, 2]], vec![beyond(0.1), beyond(0.2), beyond(-0.3)]);
+        let moon = Shape::from(MovingSphere::fixed(DVec3::new(0.1, 0.2, -1.0) * far * size, 0.3 * far * size));
+        let (meshes, shapes) = if round % 5 == 0 { (vec![mesh, backdrop], vec![]) } else { (vec![mesh], vec![moon]) };
+        let tree = RayTree::of_scene(&meshes, shapes, &BuildParams::default()).unwrap();
+        for _ in 0..200 {
+            let ray = from_around(&mut random, at, size, 1.0);
+            let Some(hit) = tree.closest_hit(&ray).filter(|hit| hit.mesh == 0) else { continue };
+            let normal = tree.normal(&hit, ray.time);
+            let leaving = tree.secondary_ray(&ray, &hit, direction(&mut random, normal));
+            assert!(!hits(&tree, &leaving, &hit), "round {round}: {ray:?}, {hit:?}, {leaving:?}");
+            let [a, b, c] = tree.vertices(&hit, ray.time);
+            let height = (leaving.origin - a).dot((b - a).cross(c - a).normalize());
+            assert!(height.abs() < 1e-9 * size + 1e-10 * at.length(), "{height} of {size} beside {far}");
+            all += 1;
+        }
+    }
+    assert!(all > 1000, "{all}");
+}
+
 #[test]
 fn secondary_rays_leave_spheres_or_cross_them() {
     let mut random = Random(42);
@@ -179,4 +208,93 @@ fn secondary_rays_leave_instances_of_instances() {
     }
     println!("{naive} of {all} rays from the point of the hit hit it again");
     assert!(all > 300 && naive > all / 4, "{naive} of {all}");
+}
+
+#[test]
+fn points_of_surfaces_are_found_again_at_other_times() {
+    let mut random = Random(46);
+    let (mut of_triangles, mut of_spheres) = (0, 0);
+    for round in 0..20 {
+        let mesh = soup(60, 1 + round % 3, 0.4, 0.3, round as u64);
+        let ball = |random: &mut Random| {
+            let mut key = || (random.vec().as_dvec3(), f64::from(0.1 + 0.1 * random.unit()));
+            Shape::from(MovingSphere::new(vec![key(), key()]))
+        };
+        let shapes: Vec<Shape> = (0..20).map(|_| ball(&mut random)).collect();
+        let inner = Arc::new(RayTree::of_scene(&[mesh], shapes, &BuildParams::default()).unwrap());
+        let poses = [0.3, 1.4].map(|angle| Pose {
+            rotation: DQuat::from_rotation_y(angle),
+            translation: random.vec().as_dvec3(),
+            scale: DVec3::splat(f64::from(0.5 + random.unit())),
+        });
+        let outer =
+            InstanceTree::build(vec![Instance::new(inner.clone(), poses.to_vec())], &WideParams::default()).unwrap();
+        for _ in 0..100 {
+            let ray = from_around(&mut random, DVec3::ZERO, 1.0, 0.5);
+            let then = random.unit();
+            if let Some(hit) = inner.closest_hit(&ray) {
+                let now = inner.point_at(&ray, &hit, ray.time).unwrap();
+                let seen = ray.point(hit.t);
+                assert!(now.distance(seen) < 1e-5 * (1.0 + ray.origin.length()), "{now} {seen}");
+                let other = inner.point_at(&ray, &hit, then).unwrap();
+                match inner.shapes().get(hit.primitive as usize).filter(|_| hit.mesh == 1) {
+                    Some(Shape::Sphere(sphere)) => {
+                        let ([(a, r), (b, s)], of_spheres) = ([ray.time, then].map(|t| sphere.at(t)), &mut of_spheres);
+                        assert!(((now - a) / r).distance((other - b) / s) < 1e-9);
+                        *of_spheres += 1;
+                    }
+                    _ => {
+                        let [a, b, c] = inner.vertices(&hit, then);
+                        let at = a * (1.0 - f64::from(hit.u) - f64::from(hit.v)) + b * hit.u.into() + c * hit.v.into();
+                        assert!(other.distance(at) < 1e-12);
+                        of_triangles += 1;
+                    }
+                }
+            }
+            if let Some(hit) = outer.closest_hit(&ray) {
+                let now = outer.point_at(&ray, &hit, ray.time).unwrap();
+                assert!(now.distance(ray.point(hit.hit.t)) < 1e-5 * (1.0 + ray.origin.length()));
+                // In the instance's space, too, the point is where the motion of the primitive takes it.
+                let [from, to] = [ray.time, then].map(|t| outer.matrix(&hit.path, t).unwrap());
+                let inward = from.inverse();
+                let local = Ray {
+                    origin: inward.transform_point3(ray.origin),
+                    dir: (inward.matrix3 * ray.dir.as_dvec3()).as_vec3(),
+                    ..ray
+                };
+                let inside = inner.point_at(&local, &hit.hit, then).unwrap();
+                let other = outer.point_at(&ray, &hit, then).unwrap();
+                assert!(other.distance(to.transform_point3(inside)) < 1e-12);
+            }
+        }
+        let ray = Ray::new(Vec3::ZERO, Vec3::X);
+        let none = Hit { t: 1.0, u: 0.1, v: 0.1, mesh: 7, primitive: 900 };
+        assert_eq!(inner.point_at(&ray, &none, 0.5), None);
+    }
+    assert!(of_triangles > 300 && of_spheres > 300, "{of_triangles} {of_spheres}");
+}
+
+/// The placed corners of a sliver far from zero do not determine its normal; the sliver itself and its matrix do.
+#[test]
+fn normals_of_instances_far_away_are_those_of_what_is_placed() {
+    let sliver = [Vec3::ZERO, Vec3::X, Vec3::new(0.5, 1e-8, 0.3e-8)];
+    let wide = [Vec3::new(0.0, 5.0, 0.0), Vec3::new(4.0, 5.0, 0.0), Vec3::new(0.0, 9.0, 0.0)];
+    let mesh = TriangleMesh::fixed(vec![[0, 1, 2], [3, 4, 5]], [sliver, wide].concat());
+    let tree = Arc::new(RayTree::build(&[mesh], &BuildParams::default()).unwrap());
+    let near = tree.normal(&Hit { t: 1.0, u: 0.1, v: 0.1, mesh: 0, primitive: 0 }, 0.0).as_dvec3();
+    for far in [0.0, 1e6, 1e9] {
+        for mirrored in [1.0, -1.0] {
+            let scale = DVec3::new(1.0, 2.0 * mirrored, 0.5);
+            let rotation = DQuat::from_rotation_x(0.7);
+            let pose = Pose { rotation, scale, translation: DVec3::new(far, -far, 0.5 * far) };
+            let placed = InstanceTree::build(vec![Instance::new(tree.clone(), pose)], &WideParams::default()).unwrap();
+            let matrix = placed.matrix(&[0], 0.0).unwrap();
+            let origin = matrix.transform_point3(DVec3::new(1.0, 6.0, 3.0));
+            let mut hit = placed.closest_hit(&Ray::new(origin, (matrix.matrix3 * DVec3::NEG_Z).as_vec3())).unwrap();
+            assert_eq!(hit.hit.primitive, 1);
+            hit.hit.primitive = 0;
+            let (normal, expected) = (placed.normal(&hit, 0.0), (rotation * (near / scale)).normalize().as_vec3());
+            assert!(normal.distance(expected) < 1e-6, "{normal} {expected} at {far}");
+        }
+    }
 }

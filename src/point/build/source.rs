@@ -154,6 +154,14 @@ impl Source {
         self.exact[point * self.keys + key]
     }
 
+    /// Prefetches what [`Source::exact`] reads at a key and the next; a hint.
+    #[inline(always)]
+    pub(in crate::point) fn prefetch_exact(&self, point: usize, key: usize) {
+        if let Some(at) = self.exact.get(point * self.keys + key..) {
+            at.iter().take(2).for_each(|at| prefetch(&at.z));
+        }
+    }
+
     /// Whether the set needs f64.
     pub(in crate::point) fn is_precise(&self) -> bool {
         !self.exact.is_empty()

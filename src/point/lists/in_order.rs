@@ -19,6 +19,25 @@ pub(super) fn slots() -> usize {
     SLOTS * parallel::threads()
 }
 
+/// How many times the results that are known those of the groups without room are expected to be at most.
+const GROWTH: usize = 4;
+
+/// The room that all results need, where the first `done` groups have `end` together and there is no room for the next of `left` others. `made`
+/// are the numbers of results in the slots.
+///
+/// A group is expected to have as many as others on average. But the first ones may lie in a clump, where points have a thousand times the
+/// usual number of neighbours. So the room grows in steps, each in proportion to what is known, and the largest group always finds room.
+pub(super) fn room_for(
+    end: usize,
+    done: usize,
+    left: usize,
+    made: impl ExactSizeIterator<Item = usize> + Clone,
+) -> usize {
+    let (slots, most, sum) = (made.len().max(1), made.clone().max().unwrap_or(0), made.sum::<usize>());
+    let usual = if done > 0 { end.div_ceil(done) } else { sum.div_ceil(slots) };
+    end + most + usual.saturating_mul(left).min(end.max(sum).saturating_mul(GROWTH))
+}
+
 /// The progress of all threads.
 struct State<P> {
     /// The next group to be made, and the next whose output range is to be assigned.

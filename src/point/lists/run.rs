@@ -7,7 +7,7 @@ use super::by_id;
 use super::columns::{Columns, Room};
 use super::csr::NeighborCsr;
 use super::error::ListError;
-use super::in_order::{in_order, slots};
+use super::in_order::{in_order, room_for, slots};
 use super::list_request::ListRequest;
 use super::prepare::{Prepared, prepare};
 use super::worker::{Share, Worker};
@@ -51,6 +51,8 @@ fn make_all(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut Neighbor
     let requested = request.listing.columns();
     let (NeighborCsr { offsets, points, columns, workers, .. }, groups) = (lists, prepared.groups.len());
     let (workers, mut done) = (&mut workers[..count], 0);
+    // What is left of the lists before says nothing about these.
+    workers.iter_mut().for_each(|worker| worker.lists.clear());
     while done < groups {
         let begin = *offsets.last().expect("the first offset is there from the start");
         let mut room = columns.room(begin, requested);
@@ -70,11 +72,9 @@ fn make_all(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut Neighbor
         let copy = |worker: &Worker, room: Room<'_>| room.fill(&worker.lists.columns);
         done = in_order(done..groups, workers, make, assign, copy);
         if done < groups {
-            // Room for the mean so far for each of the other groups, and for the largest that there was no room for.
             let end = *offsets.last().expect("the first offset is there from the start");
-            let most = workers.iter().map(|worker| worker.lists.len).max().unwrap_or(0);
-            let usual = if done > 0 { end.div_ceil(done) } else { most };
-            columns.make_room(end + most + usual * (groups - done), requested);
+            let made = workers.iter().map(|worker| worker.lists.len);
+            columns.make_room(room_for(end, done, groups - done, made), requested);
         }
     }
 }

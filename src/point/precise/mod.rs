@@ -8,6 +8,7 @@
 //! The distance of a point is computed in f64 and rounded to f32 once; order, ties and radii use that number.
 
 mod build;
+mod fill_leaves;
 mod in_file;
 mod linear_box;
 mod order;

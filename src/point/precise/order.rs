@@ -97,7 +97,7 @@ mod tests {
     fn leaf_size(points: &[DVec3], leaf: usize) -> f64 {
         let mut numbers: Vec<u32> = (0..points.len() as u32).collect();
         let at = |number: u32| points[number as usize];
-        order(&mut numbers, leaf, Points { at: &at, displacement: None }, &Progress::new(None));
+        order(&mut numbers, leaf, Points { at: &at, prefetch: &|_| (), displacement: None }, &Progress::new(None));
         let mut seen = numbers.clone();
         seen.sort_unstable();
         assert!(seen.into_iter().eq(0..points.len() as u32));

@@ -2,6 +2,8 @@
 //!
 //! It fails where what it separates is so small, relative to the range, that rounding matters, except for points in one place.
 
+use super::fill_leaves::AHEAD;
+use crate::parallel;
 use crate::point::leaf_order::bottom_order::{MOST, Rows, SPARE};
 use crate::point::leaf_order::divide::extremes;
 use crate::point::leaf_order::order::order_rows;
@@ -18,6 +20,8 @@ pub(super) type OfPoint<'a> = &'a (dyn Fn(u32) -> DVec3 + Sync);
 pub(super) struct Points<'a> {
     /// Where they are.
     pub(super) at: OfPoint<'a>,
+    /// Prefetches where a point is; a hint.
+    pub(super) prefetch: &'a (dyn Fn(u32) + Sync),
     /// Their displacements during a time slice, if they are to be divided by motion as well.
     pub(super) displacement: Option<OfPoint<'a>>,
 }
@@ -30,7 +34,7 @@ const LEAST: f64 = 1.0 / 65536.0;
 pub(super) fn order_parts_in_f32(numbers: &mut [u32], part: usize, points: Points<'_>, progress: &Progress) -> bool {
     // Only whether it is cancelled matters: the points are not finished.
     let progress = progress.subtask(0.0);
-    by_rounded(numbers, part, points.at, |from, to, _| {
+    by_rounded(numbers, part, points, |from, to, _| {
         order_rows(from, to, part / LANES, None, &progress);
     })
 }
@@ -38,7 +42,7 @@ pub(super) fn order_parts_in_f32(numbers: &mut [u32], part: usize, points: Point
 /// Orders a range of at most `leaf` · 256 points so that each run of `leaf` of them is a leaf. Whether that succeeded; if not, the
 /// points stay where they are.
 pub(super) fn order_in_f32(numbers: &mut [u32], leaf: usize, points: Points<'_>) -> bool {
-    by_rounded(numbers, leaf, points.at, |from, to, numbers| {
+    by_rounded(numbers, leaf, points, |from, to, numbers| {
         let displacements = points.displacement.map(|displacement| {
             move |rows: &[u32], to: &mut [[f32; 3]]| {
                 for (&row, to) in rows.iter().zip(to).filter(|(row, _)| **row != NO_POINT.index) {
@@ -56,11 +60,15 @@ pub(super) fn order_in_f32(numbers: &mut [u32], leaf: usize, points: Points<'_>)
 fn by_rounded(
     numbers: &mut [u32],
     run: usize,
-    at: OfPoint<'_>,
+    points: Points<'_>,
     order: impl FnOnce(PointRows<'_>, &mut PointRows<'_>, &[u32]),
 ) -> bool {
     let count = numbers.len();
-    let positions: Vec<DVec3> = numbers.iter().map(|&number| at(number)).collect();
+    let mut positions = Vec::with_capacity(count);
+    parallel::fill(&mut positions, count, |i| {
+        numbers.get(i + AHEAD).into_iter().for_each(|&later| (points.prefetch)(later));
+        (points.at)(numbers[i])
+    });
     let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let (lo, hi) = positions.iter().fold(none, |(lo, hi), &at| (lo.min(at), hi.max(at)));
     let middle = lo * 0.5 + hi * 0.5;

@@ -35,6 +35,15 @@ pub(super) const NO_POINTS: ExactRows = ExactRows([[ABSENT; LANES]; 3]);
 impl Block {
     /// No point.
     pub(super) const EMPTY: Block = Block { begin: NO_POINTS, id: [u32::MAX; LANES] };
+
+    /// Sets the position at the earlier key, and the id, of one lane.
+    #[inline(always)]
+    pub(super) fn set(&mut self, lane: usize, at: DVec3, id: u32) {
+        for (row, x) in self.begin.0.iter_mut().zip(at.to_array()) {
+            row[lane] = x;
+        }
+        self.id[lane] = id;
+    }
 }
 
 /// The coordinates of absent points: every squared distance to them is infinite in f32.

@@ -6,7 +6,7 @@ use crate::geometry::TimeInterval;
 use crate::parallel;
 use crate::point::layout::over_interval::PointPath;
 use crate::point::lists::error::ListError;
-use crate::point::lists::in_order::in_order;
+use crate::point::lists::in_order::{in_order, room_for};
 use crate::point::tree::PointTree;
 use crate::simd::huge_vec;
 
@@ -244,6 +244,8 @@ impl EncounterLists {
     /// Makes the lists on several threads.
     fn make_in_parallel(&mut self, sweep: &Sweep<'_>) {
         let mut shares = core::mem::take(&mut self.shares);
+        // What is left of the lists before says nothing about these.
+        shares.iter_mut().for_each(EncounterLists::clear);
         shares.resize(SHARES * parallel::threads(), EncounterLists::new());
         let mut workers: Vec<_> = shares.into_iter().map(Worker::new).collect();
         let (groups, mut done) = (sweep.groups(), 0);
@@ -269,10 +271,8 @@ impl EncounterLists {
             };
             done = in_order(done..groups, &mut workers, make, assign, copy);
             if done < groups {
-                // Room for the mean so far for each of the other groups, and for the largest that there was no room for.
-                let most = workers.iter().map(|worker| worker.visitor.end()).max().unwrap_or(0);
-                let usual = if done > 0 { self.end().div_ceil(done) } else { most };
-                self.make_room(self.end() + most + usual * (groups - done));
+                let made = workers.iter().map(|worker| worker.visitor.end());
+                self.make_room(room_for(self.end(), done, groups - done, made));
             }
         }
         self.shares = workers.into_iter().map(|worker| worker.visitor).collect();

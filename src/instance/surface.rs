@@ -1,4 +1,4 @@
-//! Rays that leave a surface of an instance where another ray hit it.
+//! The surface at a hit of an instance: corners, normals, points at other times, and rays that leave it.
 
 use super::distortion::{abs, row_sums};
 use super::hit::InstanceHit;
@@ -8,6 +8,53 @@ use crate::ray::{Departure, Hit, OF_COORDINATE};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 impl InstanceTree {
+    /// The corners of the triangle that was hit, at any time of the shutter, as the instance places it then. NaN for a
+    /// hit on another shape and for a hit that is not of this tree. Outside the active interval of its mesh: see [`RayTree::triangle`].
+    pub fn vertices(&self, hit: &InstanceHit, time: f32) -> [DVec3; 3] {
+        match (self.tree(&hit.path), self.matrix(&hit.path, time)) {
+            (Some(tree), Some(matrix)) => tree.vertices(&hit.hit, time).map(|p| matrix.transform_point3(p)),
+            _ => [DVec3::NAN; 3],
+        }
+    }
+
+    /// The unit normal of the triangle that was hit, at any time of the shutter, on the side of the triangle on which
+    /// it is in the placed tree (a mirroring transform changes the order of corners, but not the side). Zero for
+    /// another shape or a degenerate triangle, and for a hit that is not of this tree.
+    pub fn normal(&self, hit: &InstanceHit, time: f32) -> Vec3 {
+        let (Some(tree), Some(matrix)) = (self.tree(&hit.path), self.matrix(&hit.path, time)) else {
+            return Vec3::ZERO;
+        };
+        let [a, b, c] = tree.vertices(&hit.hit, time);
+        // By the inverse transpose, up to a factor: far from zero, the placed corners have lost digits that the normal needs.
+        let DMat3 { x_axis: x, y_axis: y, z_axis: z } = matrix.matrix3;
+        let cofactors = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y));
+        let normal = (b - a).cross(c - a).normalize_or_zero();
+        (cofactors * normal * matrix.matrix3.determinant().signum()).normalize_or_zero().as_vec3()
+    }
+
+    /// Where the point of the surface that `ray` hit is at another time of the shutter, as the instance places it then: for motion vectors. As
+    /// [`RayTree::point_at`]; `None` for a hit that is not of this tree as well.
+    ///
+    /// ```
+    /// use std::sync::Arc;
+    /// use mbkd::glam::{DAffine3, DVec3, Vec3};
+    /// use mbkd::{BuildParams, Instance, InstanceTree, Ray, RayTree, TriangleMesh, WideParams};
+    /// let corners = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
+    /// let tile = Arc::new(RayTree::build(&[TriangleMesh::fixed(vec![[0, 1, 2]], corners)], &BuildParams::default())?);
+    /// let path = [DVec3::ZERO, DVec3::X * 3.0].map(DAffine3::from_translation).to_vec();
+    /// let tree = InstanceTree::build(vec![Instance::new(tile, path)], &WideParams::default())?;
+    /// let ray = Ray::new(Vec3::new(1.75, 0.25, 1.0), Vec3::NEG_Z).at_time(0.5);
+    /// let hit = tree.closest_hit(&ray).unwrap();
+    /// assert_eq!(tree.point_at(&ray, &hit, 1.0), Some(DVec3::new(3.25, 0.25, 0.0)));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn point_at(&self, ray: &Ray, hit: &InstanceHit, time: f32) -> Option<DVec3> {
+        let (tree, then) = (self.tree(&hit.path)?, self.matrix(&hit.path, time)?);
+        // Nothing of a hidden instance is hit.
+        let inward = self.matrix(&hit.path, ray.time).filter(|matrix| matrix.matrix3 != DMat3::ZERO)?.inverse();
+        Some(then.transform_point3(tree.point_at(&mapped(ray, inward), &hit.hit, time)?))
+    }
+
     /// The ray from the point where `ray` hit the surface into the direction `dir`, at the same time, as [`RayTree::secondary_ray`] makes
     /// it: with its origin moved off the surface, to the side that `dir` leaves to.
     ///
@@ -43,15 +90,18 @@ impl InstanceTree {
         // Nothing of a hidden instance is hit.
         let matrix = self.matrix(&[first], ray.time).filter(|matrix| matrix.matrix3 != DMat3::ZERO)?;
         let inward = matrix.inverse();
-        let origin = inward.transform_point3(ray.origin);
-        let local = Ray { origin, dir: (inward.matrix3 * ray.dir.as_dvec3()).as_vec3(), ..*ray };
-        let dir = inward.matrix3 * dir;
+        let (local, dir) = (mapped(ray, inward), inward.matrix3 * dir);
         let inside = match self.placed(first)? {
             InstanceOf::Tree(tree) => rest.is_empty().then(|| tree.departure(&local, hit, dir))?,
             InstanceOf::Instances(tree) => tree.departure(&local, (rest, hit), dir)?,
         };
         Some(placed(inside, matrix, inward))
     }
+}
+
+/// A ray in another space.
+fn mapped(ray: &Ray, by: DAffine3) -> Ray {
+    Ray { origin: by.transform_point3(ray.origin), dir: (by.matrix3 * ray.dir.as_dvec3()).as_vec3(), ..*ray }
 }
 
 /// A departure from a surface that is placed by a matrix.

@@ -1,0 +1,159 @@
+//! Writing f64 points into the leaves of a tree, in the order that was found for them.
+
+use super::linear_box::LinearBox;
+use super::tree::{Block, PreciseTree, between};
+use crate::geometry::TimeInterval;
+use crate::parallel;
+use crate::point::build::source::Source;
+use crate::point::layout::moving_leaf::LaneIntervals;
+use crate::point::layout::snapshot::ExactRows;
+use crate::point::leaf_order::moving_reference::TimeSlice;
+use crate::simd::LANES;
+use core::iter;
+use glam::DVec3;
+
+/// Leaves that one thread fills at a time.
+const SHARE: usize = 256;
+
+/// Points whose positions are on their way from memory.
+pub(super) const AHEAD: usize = 16;
+
+/// The points of a set during a time slice.
+#[derive(Clone, Copy)]
+pub(super) struct PointsOfSlice<'a> {
+    pub(super) source: &'a Source,
+    pub(super) slice: TimeSlice,
+}
+
+impl PointsOfSlice<'_> {
+    /// Positions of a point at the keys of the segment.
+    #[inline(always)]
+    pub(super) fn keys(&self, point: u32) -> [DVec3; 2] {
+        let TimeSlice { segment, keys, .. } = self.slice;
+        [segment, (segment + 1).min(keys - 1)].map(|key| self.source.exact(point as usize, key))
+    }
+
+    /// The position of a point at the earlier key.
+    #[inline(always)]
+    pub(super) fn at_rest(&self, point: u32) -> DVec3 {
+        self.source.exact(point as usize, self.slice.segment)
+    }
+
+    /// The position of a point in the middle of the slice.
+    #[inline(always)]
+    pub(super) fn in_the_middle(&self, point: u32) -> DVec3 {
+        let [begin, end] = self.slice.phases;
+        between(self.keys(point), 0.5 * (begin + end))
+    }
+
+    /// Positions of a point at the begin and at the end of the slice.
+    #[inline(always)]
+    pub(super) fn ends(&self, point: u32) -> [DVec3; 2] {
+        let keys = self.keys(point);
+        self.slice.phases.map(|phase| between(keys, phase))
+    }
+
+    /// When a point exists.
+    #[inline(always)]
+    pub(super) fn active(&self, point: u32) -> TimeInterval {
+        self.source.active(point as usize)
+    }
+
+    /// Whether a point exists at some time of the slice.
+    pub(super) fn exists(&self, point: u32) -> bool {
+        self.active(point).intersect(self.slice.interval).is_some()
+    }
+
+    /// Prefetches the positions of a point; a hint.
+    #[inline(always)]
+    pub(super) fn prefetch(&self, point: u32) {
+        self.source.prefetch_exact(point as usize, self.slice.segment);
+    }
+}
+
+/// Leaves to be filled. Rows that the tree does not have are empty.
+struct Leaves<'a> {
+    numbers: &'a [u32],
+    blocks: &'a mut [Block],
+    ends: &'a mut [ExactRows],
+    block_times: &'a mut [LaneIntervals],
+    active: &'a mut [LaneIntervals],
+}
+
+impl PreciseTree {
+    /// Writes points, in order, into the leaves, which are empty; returns the boxes around each leaf.
+    pub(super) fn fill_leaves(&mut self, points: PointsOfSlice<'_>, numbers: &[u32]) -> Vec<LinearBox> {
+        let (moves, leaf_blocks) = (self.moves(), self.shape.leaf_blocks);
+        let leaf = leaf_blocks * LANES;
+        let mut ends = sections(&mut self.ends, leaf_blocks);
+        let mut block_times = sections(&mut self.block_times, leaf_blocks);
+        let mut active = sections(&mut self.active, leaf_blocks);
+        let shares = numbers.chunks(leaf * SHARE).zip(self.blocks.chunks_mut(leaf_blocks * SHARE));
+        let mut shares: Vec<Leaves<'_>> = shares
+            .map(|(numbers, blocks)| {
+                let (ends, block_times) = (ends.next().unwrap_or_default(), block_times.next().unwrap_or_default());
+                Leaves { numbers, blocks, ends, block_times, active: active.next().unwrap_or_default() }
+            })
+            .collect();
+        let boxes = parallel::each(&mut shares, |leaves| match moves {
+            true => leaves.fill_moving(points),
+            false => leaves.fill_static(points, leaf_blocks),
+        });
+        boxes.into_iter().flatten().collect()
+    }
+}
+
+/// The rows of each share; no more once there are none.
+fn sections<T>(rows: &mut [T], leaf_blocks: usize) -> impl Iterator<Item = &mut [T]> {
+    rows.chunks_mut(leaf_blocks * SHARE)
+}
+
+/// The numbers of points, each with that of one that will be its turn soon.
+fn with_next(numbers: &[u32]) -> impl Iterator<Item = (u32, Option<u32>)> {
+    let later = numbers.iter().skip(AHEAD).map(|&number| Some(number));
+    numbers.iter().copied().zip(later.chain(iter::repeat(None)))
+}
+
+impl Leaves<'_> {
+    /// Fills leaves with points that do not move and exist throughout the shutter.
+    fn fill_static(&mut self, points: PointsOfSlice<'_>, leaf_blocks: usize) -> Vec<LinearBox> {
+        let mut boxes = Vec::with_capacity(SHARE);
+        let mut numbers = with_next(self.numbers);
+        for blocks in self.blocks.chunks_mut(leaf_blocks) {
+            let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+            for (i, (number, next)) in numbers.by_ref().take(leaf_blocks * LANES).enumerate() {
+                next.into_iter().for_each(|next| points.prefetch(next));
+                let (block, lane, at) = (&mut blocks[i / LANES], i % LANES, points.at_rest(number));
+                block.set(lane, at, points.source.id(number as usize));
+                (lo, hi) = (lo.min(at), hi.max(at));
+            }
+            boxes.push(LinearBox::at_rest(lo, hi));
+        }
+        boxes
+    }
+
+    /// Fills leaves, of one block each.
+    fn fill_moving(&mut self, points: PointsOfSlice<'_>) -> Vec<LinearBox> {
+        let mut boxes = vec![LinearBox::NONE; self.blocks.len()];
+        for (i, (number, next)) in with_next(self.numbers).enumerate() {
+            next.into_iter().for_each(|next| points.prefetch(next));
+            let (block, lane) = (i / LANES, i % LANES);
+            let (keys, active) = (points.keys(number), points.active(number));
+            let interval = active.intersect(points.slice.interval).unwrap_or(points.slice.interval);
+            self.blocks[block].set(lane, keys[0], points.source.id(number as usize));
+            for (row, x) in self.ends[block].0.iter_mut().zip(keys[1].to_array()) {
+                row[lane] = x;
+            }
+            let set = |rows: &mut [LaneIntervals], interval: TimeInterval| {
+                if let Some(row) = rows.get_mut(block) {
+                    row.set(lane, [interval.begin(), interval.end_bound()]);
+                }
+            };
+            set(self.block_times, interval);
+            set(self.active, active);
+            let times = [interval.begin(), interval.end_bound()];
+            boxes[block] = boxes[block].union(&LinearBox::of_point(points.ends(number), keys, times));
+        }
+        boxes
+    }
+}
