@@ -129,8 +129,12 @@ mod guides {
     mod gather {}
     #[doc = include_str!("../docs/limits.md")]
     mod limits {}
+    #[doc = include_str!("../docs/neighbors.md")]
+    mod neighbors {}
     #[doc = include_str!("../docs/particles.md")]
     mod particles {}
+    #[doc = include_str!("../docs/rays.md")]
+    mod rays {}
     #[cfg(feature = "rayon")]
     #[doc = include_str!("../docs/threads.md")]
     mod threads {}
