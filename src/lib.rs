@@ -14,7 +14,7 @@
 //! Public names by topic: [`motion`] describes moving geometry, [`ray`], [`point`] and [`instance`] have the trees and their
 //! answers, [`baseline`] is brute force. The main ones are also in the root.
 //!
-//! The modules form layers. Each imports only from those above it in this table, in the direction of the data:
+//! The modules form layers. Each imports only from earlier rows of this table, in the direction of the data:
 //! primitives, builds, layouts, traversals, queries. (`tests/layers.rs` checks that.)
 //!
 //! | module | contents |
@@ -33,7 +33,7 @@
 //! | `mbkd` | the paper's k-d tree and its build: classification, duplication, propagation |
 //! | `bvh` | object splits, pre-splits, collapse into wide nodes |
 //! | `time` | time slices of the shutter and how they are chosen |
-//! | `layout` | the wide layout ([`Policy::Wide`]): nodes, leaf blocks, writing; validation and statistics of both trees |
+//! | `layout` | the wide layout ([`Policy::Wide`]): nodes, leaf blocks, writing; validation and statistics of all ray trees |
 //! | `traverse` | traversal of a layout, independent of the query |
 //! | `ray` | [`RayTree`]: rays and closest points, the watertight triangle test, queries, batches |
 //! | `instance` | [`InstanceTree`]: trees with many moving instances |
@@ -129,8 +129,12 @@ mod guides {
     mod gather {}
     #[doc = include_str!("../docs/limits.md")]
     mod limits {}
+    #[doc = include_str!("../docs/neighbors.md")]
+    mod neighbors {}
     #[doc = include_str!("../docs/particles.md")]
     mod particles {}
+    #[doc = include_str!("../docs/rays.md")]
+    mod rays {}
     #[cfg(feature = "rayon")]
     #[doc = include_str!("../docs/threads.md")]
     mod threads {}

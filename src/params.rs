@@ -78,11 +78,13 @@ pub struct WideParams {
     /// The largest number of references per primitive after early split clipping of long triangles, in [1, 8]. Triangles are
     /// split only if the expected cost of a ray falls enough; memory grows with the references. Default 1.58.
     pub max_references: f32,
-    /// Bytes per primitive that the tree may take, in [128, 1e6]; 36 more for each triangle and each key beyond the second at which
-    /// its motion changes, 50 for each key of a sphere (and 8 KiB for every tree, however small). It is an error if a tree cannot be made as small
-    /// ([`BuildError::OverBudget`]). A larger budget allows more separate trees for parts of the shutter in regions
-    /// with incoherent motion, including the share that the rest of the scene does not need. Without such regions, trees
-    /// take 35 to 140 bytes whatever the budget. Default 1024.
+    /// The budget of the tree, in bytes per primitive, in [128, 1e6]. Added to it are 36 bytes per triangle for each key beyond
+    /// the second at which its motion changes, 50 bytes per key of a sphere, and 8 KiB per tree. If the tree cannot be made that
+    /// small, the build fails with [`BuildError::OverBudget`].
+    ///
+    /// A larger budget allows more separate trees for parts of the shutter in regions with incoherent motion, including the
+    /// share that the rest of the scene does not need. Without such regions, trees take 35 to 140 bytes whatever the budget.
+    /// Default 1024.
     pub bytes_per_primitive: f32,
     /// The temporal splits. Default [`Division::Automatic`]; the others ignore the budget.
     pub division: Division,
@@ -105,8 +107,8 @@ impl WideParams {
 /// How a wide tree divides the shutter.
 ///
 /// If motion is incoherent, boxes over the whole shutter are wide. Then several hierarchies of nodes, each for its
-/// own part of the shutter, are tighter; they share leaf blocks (segments) or not (copies, with a multiple of the
-/// memory).
+/// own part of the shutter, are tighter. They share leaf blocks ([`Division::SharedLeaves`]), or each has its own
+/// ([`Division::SeparateTrees`]), at a multiple of the memory.
 ///
 /// ```
 /// use mbkd::{BuildError, BuildParams, Division, WideParams};

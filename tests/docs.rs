@@ -1,4 +1,4 @@
-//! What the documentation names exists: files, and tests.
+//! What the documentation names exists: files, tests, and the targets of links. Lines of pages are short.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -63,4 +63,56 @@ fn files_and_tests_that_are_named_exist() {
     }
     assert!(missing.is_empty(), "{}", missing.join("\n"));
     assert!(named[0] > 100 && named[1] > 20, "few names were understood: {named:?}");
+}
+
+/// The lines of a page outside fenced code, with their numbers.
+fn prose(page: &str) -> impl Iterator<Item = (usize, &str)> {
+    let mut fenced = false;
+    page.lines().enumerate().filter_map(move |(number, line)| {
+        let fence = line.trim_start().starts_with("```");
+        fenced ^= fence;
+        (!fence && !fenced).then_some((number + 1, line))
+    })
+}
+
+/// The anchors of a page: its headings, as GitHub names them.
+fn anchors(page: &str) -> BTreeSet<String> {
+    let headings = prose(page).filter(|(_, line)| line.starts_with('#'));
+    let kept = |c: &char| c.is_alphanumeric() || " -_".contains(*c);
+    let anchor =
+        |line: &str| line.trim_start_matches('#').trim().to_lowercase().chars().filter(kept).collect::<String>();
+    headings.map(|(_, line)| anchor(line).replace(' ', "-")).collect()
+}
+
+#[test]
+fn lines_of_pages_are_short_and_links_lead_somewhere() {
+    const MOST: usize = 132;
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut pages = Vec::new();
+    files(root, &[".md"], &mut pages);
+    let (mut wrong, mut links) = (Vec::new(), 0);
+    for path in &pages {
+        let page = std::fs::read_to_string(path).unwrap();
+        let name = path.strip_prefix(root).unwrap().display();
+        for (number, line) in prose(&page) {
+            if line.chars().count() > MOST && !line.trim_start().starts_with('|') {
+                wrong.push(format!("{name}:{number}: more than {MOST} characters"));
+            }
+            let targets = line.split("](").skip(1).filter_map(|rest| rest.split(')').next());
+            for target in targets.filter(|target| !target.contains(':')) {
+                let (file, anchor) = target.split_once('#').unwrap_or((target, ""));
+                let to = if file.is_empty() { path.clone() } else { path.parent().unwrap().join(file) };
+                let is_there = match std::fs::read_to_string(&to) {
+                    Ok(there) => anchor.is_empty() || anchors(&there).contains(anchor),
+                    Err(_) => anchor.is_empty() && to.exists(),
+                };
+                if !is_there {
+                    wrong.push(format!("{name}:{number}: {target} does not exist"));
+                }
+                links += 1;
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    assert!(links > 50, "few links were understood: {links}");
 }

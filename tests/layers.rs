@@ -92,7 +92,10 @@ impl Crate {
                 let layers = [&leads_to, &import.path].map(|path| path.first().and_then(|_| layer(path)));
                 if layers.into_iter().flatten().any(|of| of > own) {
                     let path = import.path.join("::");
-                    violations.push(format!("{} uses {path}, which is in a layer above it", module.join("::")));
+                    violations.push(format!(
+                        "{} uses {path}, which is in a later row of the table in lib.rs",
+                        module.join("::")
+                    ));
                 }
             }
         }

@@ -53,9 +53,8 @@ pub enum InstanceError {
         /// The key before that time.
         key: usize,
     },
-    /// At some time the transform distorts space so much that rays cannot be mapped into the instance's space exactly enough: it shears
-    /// or nearly flattens, or the instance is a tree of instances and the bounds of all levels are too large together, to which axes that
-    /// are scaled by different factors contribute too. Rounding may grow by 2^18 at most.
+    /// At some time, mapping rays into the instance's space would make rounding grow by more than 2^18. Causes: shear,
+    /// near-flattening, or very different scales per axis. For an instance of instances, all levels add up.
     Distorted {
         /// The instance.
         instance: usize,

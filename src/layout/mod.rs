@@ -1,5 +1,5 @@
-//! The wide layout: its nodes and leaf blocks, and how they are written. Statistics and validation of both kinds of
-//! trees.
+//! The wide layout: its nodes and leaf blocks, and how they are written. Statistics and validation of all
+//! ray trees (wide, lazy, k-d).
 //!
 //! The wide tree has sixteen-way nodes with boxes that move linearly, and leaf blocks of up to sixteen primitives, all
 //! in one arena. The picture to have in mind: a node is twelve rows of sixteen floats (lower and upper faces at time 0,

@@ -19,8 +19,8 @@
 //! | `lists` | neighbour lists of whole sets |
 //! | `gather` | photons |
 //!
-//! Sources: X. Yang et al., "k-d Tree Construction Designed for Motion Blur" for the k-d tree; the rest is new here and
-//! measured by `evidence/benches/neighbor_tables.rs` (docs/neighbors.md).
+//! The k-d tree is that of X. Yang et al., "k-d Tree Construction Designed for Motion Blur". `evidence/benches/neighbor_tables.rs`
+//! measures all structures (docs/measurements_points.md); docs/neighbors.md describes them.
 
 mod build;
 mod error;

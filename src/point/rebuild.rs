@@ -65,7 +65,7 @@ impl PointTree {
         Ok(kept)
     }
 
-    /// Whether the ids are 0, 1, 2, … `len`, in any order.
+    /// Whether the ids are 0, 1, 2, … `len - 1`, in any order.
     fn has_ids_of(&self, len: usize) -> bool {
         let mut seen = vec![0u64; len.div_ceil(64)];
         self.ids().all(|id| {

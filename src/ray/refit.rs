@@ -142,7 +142,7 @@ impl RayTree {
     }
 
     /// [`RayTree::refit`] where only the meshes with these indices differ from the last time; this is not checked. All
-    /// meshes must be there and valid, as for the other: of those that stay, triangles are read that share a leaf block with one that moved.
+    /// meshes must be there and valid.
     ///
     /// From the second refit of a tree on, it takes the time that these meshes take: subtrees without them are not visited, and of the
     /// other meshes only the triangles are read that share a leaf block with one that moved. If tree space changes, everything is read

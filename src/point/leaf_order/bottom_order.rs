@@ -1,9 +1,8 @@
 //! Ordering the few hundred points below a bottom node, a vector of them at a time.
 //!
-//! Points lie in rows. Of a range the widest axis is found, then a threshold below which the coordinates of the left half are,
-//! by counting what is below a guess and guessing again, and then every vector is compressed twice: what is on the left
-//! to the front of the same rows, the rest to spare ones that are copied behind it. Nothing is overwritten before it is read, because no
-//! more is written to the front than was read. A range has whole vectors, and so have its halves.
+//! Points lie in rows. To halve a range: find its widest axis; find a threshold by repeated counting; compress each vector
+//! twice, left points to the front, right points to a spare buffer that is copied behind them. Nothing is overwritten before
+//! it is read, because no more is written to the front than was read. A range has whole vectors, and so have its halves.
 
 use super::complete_tree::left_part;
 use super::divide::{counted, extremes, guess, lowest_lanes, next_key};

@@ -1,7 +1,7 @@
 //! Lists with a skin (Verlet lists), and how long they are valid.
 //!
 //! A list of all neighbours within a radius and a skin serves several steps of a simulation, until a pair that is not
-//! in it comes within the radius. When that is, is usually guessed. Linear motion lets it be found out: it is the first
+//! in it comes within the radius. Usually that time is guessed. For linear motion it can be computed: it is the first
 //! encounter of a pair that was left out.
 
 use super::encounter::{EncounterLanes, FourPoints, Visitor};

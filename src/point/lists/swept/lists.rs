@@ -122,10 +122,10 @@ impl PointTree {
     /// Decided in f64 for exact linear motion between the f32 positions at the keys. Points meet while both exist: not
     /// if one begins to exist where the other ends, as [`TimeInterval::contains`] has it. So an encounter begins before both
     /// active intervals end; if the two are still approaching each other at the end, [`Encounter::closest`] and
-    /// [`Encounter::leave`] are the end itself, the limit of the times at which both exist. The same holds at keys: of a point
-    /// that begins or ends to exist at a key, only the motion on that side of the key counts, also if it is at the float next to
-    /// a key that is no float: so an interval that ends with the float below such a key (5/6, say) does not hold a point that begins to exist
-    /// then. (A [`closest_approach`](PointTree::closest_approach) may also be at the end alone.)
+    /// [`Encounter::leave`] are the end itself, the limit of the times at which both exist. At a key, a point that
+    /// begins or ends there counts only on its own side. This also holds for the float next to a key that is no float
+    /// (5/6, say). An interval that ends just below such a key does not contain points that begin at it.
+    /// (A [`closest_approach`](PointTree::closest_approach) may also be at the end alone.)
     ///
     /// The encounters do not depend on the structure, the number of threads or the instruction set. The order of lists, and of
     /// the encounters within them, is that of the tree, or that of ids where it consists of several; a point that does not exist in
