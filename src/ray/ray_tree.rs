@@ -66,7 +66,14 @@ pub(super) type InBatch<'a> = Option<Visible<&'a (dyn Fn(usize, &Hit) -> bool + 
 
 impl<G: Geometry> core::fmt::Debug for RayTree<G> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_struct("RayTree").field("statistics", &self.statistics()).finish_non_exhaustive()
+        // What is known without visiting the tree.
+        let layout = match &self.layout {
+            Layout::Wide(_) => "wide",
+            Layout::Kd(_) => "k-d",
+            Layout::Lazy(_) => "lazy",
+        };
+        let mut tree = f.debug_struct("RayTree");
+        tree.field("primitives", &self.geometry.len()).field("layout", &layout).finish_non_exhaustive()
     }
 }
 
