@@ -12,7 +12,7 @@ use crate::layout::{ValidationError, WideSource, WideTree};
 use crate::parallel;
 use crate::params::WideParams;
 use crate::primitive::PrimitiveSet;
-use crate::progress::Progress;
+use crate::progress::{Callback, Progress};
 use crate::ray::{Outline, RayTree};
 use crate::simd::{Portable, SimdLevel};
 use glam::{DAffine3, DVec3, Vec3};
@@ -202,11 +202,48 @@ impl InstanceTree {
     /// # Errors
     /// An [`InstanceError`] that names the transform or parameter at fault. An empty tree is valid.
     pub fn build(instances: Vec<Instance>, params: &WideParams) -> Result<InstanceTree, InstanceError> {
-        parallel::entered(instances.len(), || InstanceTree::padded(instances, params, 1.0))
+        InstanceTree::build_reporting(instances, params, &Progress::new(None))
+    }
+
+    /// [`InstanceTree::build`] that calls `progress` as [`RayTree::build_with_progress`] does for a wide tree.
+    ///
+    /// ```
+    /// use core::ops::ControlFlow;
+    /// use mbkd::{BuildError, InstanceError, InstanceTree, WideParams};
+    /// let stop = |_: f32| ControlFlow::Break(());
+    /// let tree = InstanceTree::build_with_progress(Vec::new(), &WideParams::default(), &stop);
+    /// assert_eq!(tree.unwrap_err(), InstanceError::Build(BuildError::Cancelled));
+    /// ```
+    ///
+    /// # Errors
+    /// As [`InstanceTree::build`]; [`BuildError::Cancelled`] if `progress` broke.
+    pub fn build_with_progress(
+        instances: Vec<Instance>,
+        params: &WideParams,
+        progress: Callback<'_>,
+    ) -> Result<InstanceTree, InstanceError> {
+        InstanceTree::build_reporting(instances, params, &Progress::new(Some(progress)))
+    }
+
+    /// Builds on one thread if there are few instances.
+    fn build_reporting(
+        instances: Vec<Instance>,
+        params: &WideParams,
+        progress: &Progress,
+    ) -> Result<InstanceTree, InstanceError> {
+        parallel::entered(instances.len(), || {
+            let tree = InstanceTree::padded(instances, params, 1.0, progress)?;
+            if progress.complete() { Err(BuildError::Cancelled.into()) } else { Ok(tree) }
+        })
     }
 
     /// [`InstanceTree::build`] with this share of the padding of boxes: 1, or less in tests.
-    fn padded(instances: Vec<Instance>, params: &WideParams, padding: f64) -> Result<InstanceTree, InstanceError> {
+    fn padded(
+        instances: Vec<Instance>,
+        params: &WideParams,
+        padding: f64,
+        progress: &Progress,
+    ) -> Result<InstanceTree, InstanceError> {
         params.validate()?;
         if instances.len() >= u32::MAX as usize {
             return Err(BuildError::TooManyPrimitives { found: instances.len() }.into());
@@ -231,7 +268,7 @@ impl InstanceTree {
         let extents = trees.iter().map(InstanceOf::extent).collect();
         let mut placements = Placements::new(placed, motions, extents, padding)?;
         let bounds = placements.bounds_where(|tree| !trees[tree as usize].is_empty());
-        let wide = WideTree::build(&placements, params, &Progress::new(None))?;
+        let wide = WideTree::build(&placements, params, progress)?;
         placements.release_build_data();
         Ok(InstanceTree { wide, placements, trees, simd: SimdLevel::best(), levels, bounds })
     }
@@ -362,8 +399,8 @@ mod tests {
             let matrix3 = DMat3::from_cols(DVec3::X, shear, random.vec().as_dvec3() + DVec3::Z * 2.0);
             let matrix = DAffine3 { matrix3, translation: random.vec().as_dvec3() };
             let instance = Instance::new(tree.clone(), matrix);
-            let placed = InstanceTree::padded(vec![instance.clone(), instance], &WideParams::default(), padding)
-                .expect("instances");
+            let (both, params) = (vec![instance.clone(), instance], WideParams::default());
+            let placed = InstanceTree::padded(both, &params, padding, &Progress::new(None)).expect("instances");
             for _ in 0..200 {
                 // The edges along y are those where the box of the image is tight.
                 let edge = Vec3::new(

@@ -10,6 +10,7 @@ mod common;
 mod golden;
 mod hairball;
 mod hidden_instances;
+mod instance_calls;
 mod instances;
 mod keys;
 mod lazy;
