@@ -300,7 +300,7 @@ mod tests {
         let intervals = [TimeInterval::FULL, TimeInterval::new(0.25, 0.5).unwrap()];
         for (n, active) in [(1, 0), (300, 0), (5000, 0), (200_000, 0), (50_000, 1)] {
             let points: Vec<MovingPoint> =
-                (0..n).map(|_| MovingPoint::new(random.vec(), random.vec()).active(intervals[active])).collect();
+                (0..n).map(|_| MovingPoint::new(random.vec(), random.vec()).with_active(intervals[active])).collect();
             let source = Source::read(&points[..], Precision::Automatic).unwrap();
             let all: Vec<u32> = (0..n as u32).collect();
             let sampler = Sampler::new(&source, &all, SimdLevel::best());

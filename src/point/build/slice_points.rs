@@ -121,7 +121,7 @@ mod tests {
         let point = |i: usize| {
             let (a, b) = (time(i), time(i + 1));
             let active = TimeInterval::new(a.min(b), a.max(b)).unwrap_or(TimeInterval::FULL);
-            MovingPoint::fixed(glam::Vec3::ZERO).active(active)
+            MovingPoint::fixed(glam::Vec3::ZERO).with_active(active)
         };
         let points: Vec<MovingPoint> = (0..1000).map(point).collect();
         let source = Source::read(&points[..], Precision::Automatic).unwrap();

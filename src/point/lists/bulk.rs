@@ -99,7 +99,7 @@ impl<Q: Position> BulkQuery<'_, Q> {
             query = query.with_distances();
         }
         if self.in_order {
-            query = query.rows_by_id();
+            query = query.in_order();
         }
         query.run(lists)
     }

@@ -123,7 +123,7 @@ impl<'a> ListQuery<'a> {
     /// of point i, empty if it does not exist at the time. (Ids of points that do not exist then are not checked.)
     ///
     /// Otherwise lists are in the order of the tree, in which they are made. Costs a copy of all lists.
-    pub fn rows_by_id(mut self) -> Self {
+    pub fn in_order(mut self) -> Self {
         self.request.by_id = true;
         self
     }

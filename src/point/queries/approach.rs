@@ -351,7 +351,7 @@ impl PointTree {
     /// # Ok::<(), mbkd::PointError>(())
     /// ```
     pub fn closest_approach<Q: Position>(&self, from: Q, to: Q, interval: TimeInterval) -> Option<Approach> {
-        self.closest_approach_if(from, to, interval, |_| true)
+        self.closest_approach_filtered(from, to, interval, |_| true)
     }
 
     /// The same among the points whose id the predicate returns true for. It must be pure.
@@ -361,11 +361,11 @@ impl PointTree {
     /// let points = [MovingPoint::new(Vec3::X, -Vec3::X), MovingPoint::fixed(Vec3::Y * 3.0)];
     /// let tree = PointTree::build(&points, &PointParams::default())?;
     /// let (own, interval) = (0, TimeInterval::FULL);
-    /// let other = tree.closest_approach_if(Vec3::X, -Vec3::X, interval, |id| id != own).unwrap();
+    /// let other = tree.closest_approach_filtered(Vec3::X, -Vec3::X, interval, |id| id != own).unwrap();
     /// assert_eq!((other.id, other.time, other.distance), (1, 0.5, 3.0));
     /// # Ok::<(), mbkd::PointError>(())
     /// ```
-    pub fn closest_approach_if<Q: Position>(
+    pub fn closest_approach_filtered<Q: Position>(
         &self,
         from: Q,
         to: Q,

@@ -22,7 +22,7 @@ use glam::Vec3;
 /// let queries: Vec<_> = points.iter().map(|p| (*p, 0.5)).collect();
 /// let lists = tree.nearest_n_batch(&queries, 2);
 /// assert_eq!(lists.len(), 3);
-/// assert_eq!(lists.get(2).iter().map(|n| n.id).collect::<Vec<_>>(), [2, 1]);
+/// assert_eq!(lists.row(2).iter().map(|n| n.id).collect::<Vec<_>>(), [2, 1]);
 /// # Ok::<(), mbkd::PointError>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
@@ -44,7 +44,7 @@ impl NeighborLists {
     }
 
     /// The neighbours of a query. Panics if `query` is not less than [`NeighborLists::len`].
-    pub fn get(&self, query: usize) -> &[Neighbor] {
+    pub fn row(&self, query: usize) -> &[Neighbor] {
         &self.neighbors[self.begin[query]..self.begin[query + 1]]
     }
 
@@ -109,8 +109,8 @@ impl PointTree {
     /// use mbkd::{PointParams, PointTree};
     /// let tree = PointTree::build(&[[0.0f32; 3], [1.0, 0.0, 0.0], [5.0; 3]], &PointParams::default())?;
     /// let lists = tree.within_batch(&[([0.75f32, 0.0, 0.0], 0.0), ([9.0; 3], 0.0)], 1.0);
-    /// assert_eq!(lists.get(0).iter().map(|near| near.id).collect::<Vec<_>>(), [1, 0]);
-    /// assert!(lists.get(1).is_empty());
+    /// assert_eq!(lists.row(0).iter().map(|near| near.id).collect::<Vec<_>>(), [1, 0]);
+    /// assert!(lists.row(1).is_empty());
     /// # Ok::<(), mbkd::PointError>(())
     /// ```
     pub fn within_batch<Q: Position>(&self, queries: &[(Q, f32)], radius: f32) -> NeighborLists {
