@@ -1,6 +1,6 @@
 //! Ray tracing and nearest-neighbour search over moving geometry.
 //!
-//! - **Rays**: a [`RayTree`] answers closest, any and all hits against moving triangles, spheres and the caller's own
+//! - **Rays**: a [`RayTree`] answers closest, any and all hits against moving triangles, spheres and custom
 //!   primitives, each ray at its own time ([`Ray::time`]).
 //! - **Points**: a [`PointTree`] answers nearest, k nearest and radius queries over points that move or exist for part of
 //!   the shutter, each query at its own time.
@@ -29,7 +29,7 @@
 //! | `params` | build parameters |
 //! | `progress` | progress of a build, and cancelling it |
 //! | `geometry` | boxes, linear bounds, time intervals, rays, planes, clipping, separating axes, local space |
-//! | `primitive` | meshes, spheres, points, the caller's own primitives |
+//! | `primitive` | meshes, spheres, points, custom primitives |
 //! | `mbkd` | the paper's k-d tree and its build: classification, duplication, propagation |
 //! | `bvh` | object splits, pre-splits, collapse into wide nodes |
 //! | `time` | time slices of the shutter and how they are chosen |

@@ -86,7 +86,7 @@ impl<G: Geometry> RayTree<G> {
     /// ```
     ///
     /// # Errors
-    /// [`FileError::OwnShape`] if a scene has a shape of a custom type, [`FileError::Lazy`] for a lazy tree, and
+    /// [`FileError::CustomShape`] if a scene has a custom primitive, [`FileError::Lazy`] for a lazy tree, and
     /// errors of the sink.
     pub fn write_to(&self, sink: &mut impl Write) -> Result<(), FileError> {
         self.encode(sink)

@@ -135,7 +135,7 @@ impl RayTree {
     ///
     /// # Errors
     /// [`RefitError`] if this tree cannot hold the meshes; it is then unchanged. (Except that if one of the custom
-    /// shapes returns bad bounds over a part of the shutter, the tree has the new positions, and treats that shape as
+    /// primitives returns bad bounds over a part of the shutter, the tree has the new positions, and treats that shape as
     /// unbounded.)
     pub fn refit(&mut self, meshes: &[TriangleMesh]) -> Result<Refit, RefitError> {
         self.refit_scene(meshes, None, Moved::All)

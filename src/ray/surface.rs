@@ -75,7 +75,7 @@ impl RayTree {
     /// triangle or sphere again at once. Its range is from 0 to infinity; limit that of a shadow ray by [`Ray::between`].
     ///
     /// The origin moves by 2^-36 of the scene's size (of a sphere's radius), which is far less than `t` is rounded by, and by what the
-    /// coordinates of the point are rounded by; further on triangles that are more than a thousand times as long as wide. A custom shape has
+    /// coordinates of the point are rounded by; further on triangles that are more than a thousand times as long as wide. A custom primitive has
     /// no known surface: there it moves by 2^-22 of the distance from the origin of `ray`.
     ///
     /// ```

@@ -53,7 +53,7 @@ fn shapes() -> Vec<Shape> {
     let mut random = Random(3);
     let mut ball = || Shape::from(MovingSphere::new(vec![(random.vec().as_dvec3(), 0.1), (DVec3::ZERO, 0.05)]));
     let mut shapes: Vec<Shape> = (0..20).map(|_| ball()).collect();
-    shapes.push(Shape::own(Brick::new(DVec3::X, 0.3)));
+    shapes.push(Shape::custom(Brick::new(DVec3::X, 0.3)));
     shapes
 }
 
