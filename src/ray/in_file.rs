@@ -6,7 +6,6 @@ use crate::file::{self, Decoder, Encoder, FileError, FileKind, broken};
 use crate::layout::WideTree;
 use crate::mbkd::KdTree;
 use crate::primitive::{Primitive, SceneRecord, Shapes, ShapesRecord};
-use crate::simd::SimdLevel;
 use std::io::{Read, Write};
 use std::path::Path;
 
@@ -60,8 +59,7 @@ impl<G: Geometry> RayTree<G> {
             }
             Layout::Lazy(_) => return Err(FileError::Lazy),
         };
-        let (simd, queries, outline) = (SimdLevel::best(), G::QUERIES, layout.outline(geometry.frame()));
-        Ok(RayTree { geometry, layout, outline, statistics, from_file: true, plan: None, simd, queries })
+        Ok(RayTree::assemble(geometry, layout, statistics, true))
     }
 }
 

@@ -85,8 +85,13 @@ impl<G: Geometry> RayTree<G> {
         if progress.complete() {
             return Err(BuildError::Cancelled);
         }
+        Ok(RayTree::assemble(geometry, layout, statistics, false))
+    }
+
+    /// The tree of a layout over its primitives.
+    pub(super) fn assemble(geometry: G, layout: Layout, statistics: Statistics, from_file: bool) -> RayTree<G> {
         let (simd, queries, outline) = (SimdLevel::best(), G::QUERIES, layout.outline(geometry.frame()));
-        Ok(RayTree { geometry, layout, outline, statistics, from_file: false, plan: None, simd, queries })
+        RayTree { geometry, layout, outline, statistics, from_file, plan: None, simd, queries }
     }
 
     /// The tree in the form that queries take.
