@@ -55,6 +55,8 @@
 //! # Ok::<(), mbkd::BuildError>(())
 //! ```
 
+#![warn(clippy::missing_errors_doc, clippy::missing_panics_doc)]
+
 pub mod baseline;
 mod bvh;
 mod error;

@@ -72,7 +72,16 @@ impl Default for PointParams {
 }
 
 impl PointParams {
-    /// An error for the first field that is out of range.
+    /// Checks that every field is in its range.
+    ///
+    /// ```
+    /// use mbkd::{PointError, PointParams};
+    /// let wrong = PointParams { max_references: 0.5, ..PointParams::default() };
+    /// assert!(matches!(wrong.validate(), Err(PointError::Parameter { name: "max_references", .. })));
+    /// ```
+    ///
+    /// # Errors
+    /// [`PointError::Parameter`] with the name of the first field that is not.
     pub fn validate(&self) -> Result<(), PointError> {
         if !(self.max_references >= 1.0 && self.max_references <= 1024.0) {
             return Err(PointError::Parameter { name: "max_references", expected: "from 1 to 1024" });
@@ -175,6 +184,9 @@ impl PointTree {
     /// let tree = PointTree::build_with_progress(&points, &PointParams::default(), &stop);
     /// assert_eq!(tree.unwrap_err(), PointError::Cancelled);
     /// ```
+    ///
+    /// # Errors
+    /// As [`PointTree::build`]; [`PointError::Cancelled`] if `progress` broke.
     pub fn build_with_progress<P: PointSet + ?Sized>(
         points: &P,
         params: &PointParams,

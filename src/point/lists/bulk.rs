@@ -68,6 +68,10 @@ impl<Q: Position> BulkQuery<'_, Q> {
     }
 
     /// Makes the lists, in place of what `lists` held. After an error it holds no lists.
+    ///
+    /// # Errors
+    /// - [`ListError::Query`] for a query that is not finite or too far away, [`ListError::TooManyQueries`].
+    /// - [`ListError::Time`], [`ListError::Radius`] and [`ListError::MissingRadius`] as [`ListQuery::run`](super::ListQuery::run).
     pub fn run(self, lists: &mut NeighborCsr) -> Result<(), ListError> {
         parallel::entered(self.queries.len(), || self.checked_run(lists))
     }

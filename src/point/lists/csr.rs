@@ -92,7 +92,10 @@ impl NeighborCsr {
         if requested { &column[..self.neighbors()] } else { &[] }
     }
 
-    /// The ids of list `row`. Panics where `row` is not less than [`NeighborCsr::len`].
+    /// The ids of list `row`.
+    ///
+    /// # Panics
+    /// If `row` is not less than [`NeighborCsr::len`].
     pub fn row(&self, row: usize) -> &[u32] {
         &self.columns.ids[self.offsets[row]..self.offsets[row + 1]]
     }

@@ -129,6 +129,16 @@ impl<'a> ListQuery<'a> {
     }
 
     /// Makes the lists, in place of what `lists` held. After an error it holds no lists.
+    ///
+    /// # Errors
+    /// - [`ListError::Time`] outside [0, 1].
+    /// - [`ListError::Radius`] for a radius that is negative or NaN, [`ListError::MissingRadius`] for a point without one.
+    /// - [`ListError::Period`] for a period that is not finite or not above zero, [`ListError::FarFromPeriod`] for points more
+    ///   than a million periods from zero.
+    /// - [`ListError::Origins`] and [`ListError::Double`] if the two trees keep their positions in different ways
+    ///   ([`ListQuery::among`]).
+    /// - [`ListError::Ids`] if lists in the order of ids are requested, and ids are not 0, 1, 2, … ([`ListQuery::in_order`]).
+    /// - [`ListError::TooManyNeighbors`] for a list that is too long ([`ListQuery::max_neighbors`]).
     pub fn run(self, lists: &mut NeighborCsr) -> Result<(), ListError> {
         parallel::entered(self.request.tree.len(), || self.checked_run(lists))
     }

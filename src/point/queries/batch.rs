@@ -43,7 +43,10 @@ impl NeighborLists {
         self.len() == 0
     }
 
-    /// The neighbours of a query. Panics if `query` is not less than [`NeighborLists::len`].
+    /// The neighbours of a query.
+    ///
+    /// # Panics
+    /// If `query` is not less than [`NeighborLists::len`].
     pub fn row(&self, query: usize) -> &[Neighbor] {
         &self.neighbors[self.begin[query]..self.begin[query + 1]]
     }
