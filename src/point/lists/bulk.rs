@@ -3,7 +3,7 @@
 use super::csr::NeighborCsr;
 use super::error::ListError;
 use super::radii::Radii;
-use crate::limits::MAX_POINT_COORDINATE;
+use crate::limits::is_in_range;
 use crate::parallel;
 use crate::point::build::source::Source;
 use crate::point::tree::{PointParams, PointTree};
@@ -84,8 +84,7 @@ impl<Q: Position> BulkQuery<'_, Q> {
             return Err(ListError::TooManyQueries);
         }
         let positions: Vec<Vec3> = queries.iter().map(|query| query.relative(among.origin)).collect();
-        let fine = |position: &Vec3| position.abs().cmple(Vec3::splat(MAX_POINT_COORDINATE as f32)).all();
-        if let Some(query) = positions.iter().position(|position| !fine(position)) {
+        if let Some(query) = positions.iter().position(|&position| !is_in_range(position)) {
             return Err(ListError::Query { query });
         }
         let params = PointParams { simd: among.simd, ..PointParams::default() };
