@@ -58,7 +58,7 @@ impl NeighborLists {
 }
 
 /// Number of queries that one thread answers in a row.
-pub(in crate::point) const RUN: usize = 512;
+const RUN: usize = 512;
 
 impl PointTree {
     /// The nearest point of each query `(point, time)`, as [`PointTree::nearest`] gives it.
@@ -142,19 +142,13 @@ impl PointTree {
         queries: &[(Q, f32)],
         answer: impl Fn(usize, NeighborQuery<'_>) -> T + Sync,
     ) -> Vec<T> {
-        let order = self.order(queries);
-        let runs = in_runs(&order, |indices| {
+        answered_in_order(&self.order(queries), |indices| {
             let one = |&index: &usize| {
                 let (point, time) = queries[index];
                 answer(index, self.query(point, time))
             };
-            indices.iter().map(one).collect::<Vec<_>>()
-        });
-        let mut answers = vec![T::default(); queries.len()];
-        for (&index, found) in order.iter().zip(runs.into_iter().flatten()) {
-            answers[index] = found;
-        }
-        answers
+            indices.iter().map(one).collect()
+        })
     }
 
     fn lists<Q: Position>(
@@ -204,8 +198,21 @@ impl PointTree {
     }
 }
 
+/// Answers queries in an order of their indices, a run of it at a time, in parallel; returns the answers by index.
+pub(in crate::point) fn answered_in_order<T: Clone + Default + Send>(
+    order: &[usize],
+    answers_of: impl Fn(&[usize]) -> Vec<T> + Send + Sync,
+) -> Vec<T> {
+    let runs = in_runs(order, answers_of);
+    let mut answers = vec![T::default(); order.len()];
+    for (&index, answer) in order.iter().zip(runs.into_iter().flatten()) {
+        answers[index] = answer;
+    }
+    answers
+}
+
 /// Answers the runs of an order in parallel; returns the results in the order of the runs.
-pub(in crate::point) fn in_runs<R: Send>(order: &[usize], one: impl Fn(&[usize]) -> R + Send + Sync) -> Vec<R> {
+fn in_runs<R: Send>(order: &[usize], one: impl Fn(&[usize]) -> R + Send + Sync) -> Vec<R> {
     parallel::map(order.len().div_ceil(RUN), |run| one(&order[run * RUN..order.len().min((run + 1) * RUN)]))
 }
 
