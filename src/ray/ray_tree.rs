@@ -7,7 +7,7 @@ use super::traversal::batch::Task;
 use super::{Hit, Indices, Observer, Ray, Space, answer_in_order};
 use crate::error::BuildError;
 use crate::geometry::{Aabb, Frame, LinearBounds};
-use crate::layout::{Plan, Statistics, TreeBox, ValidationError};
+use crate::layout::{RefitPlan, Statistics, TreeBox, ValidationError};
 use crate::parallel;
 use crate::params::BuildParams;
 use crate::primitive::{Primitive, Scene, Shape, Shapes, TriangleMesh};
@@ -56,7 +56,7 @@ pub struct RayTree<G = Scene> {
     /// Whether the tree was read from a file, which does not contain the triangles of the build.
     pub(super) from_file: bool,
     /// The refit plan; `None` before the first refit.
-    pub(super) plan: Option<Box<Plan>>,
+    pub(super) plan: Option<Box<RefitPlan>>,
     pub(super) simd: SimdLevel,
     pub(super) queries: Queries<G>,
 }
