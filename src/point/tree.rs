@@ -8,7 +8,7 @@ use super::build::static_apart::static_apart;
 use super::error::PointError;
 use super::layout::plane_tree::PlaneTree;
 use super::layout::static_tree::StaticTree;
-use super::leaf_order::moving_reference::TimeSlice;
+use super::leaf_order::moving_reference::SegmentSlice;
 use super::precise::{PreciseLayer, PreciseTree};
 use super::precision::Precision;
 use super::search::layers::{Layer, LayerView};
@@ -304,7 +304,7 @@ impl PointTree {
         };
         let separate = count == len || count as f64 >= MIN_STATIC_SHARE * len as f64 && forced(params).is_none();
         if separate {
-            let whole = TimeSlice { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
+            let whole = SegmentSlice { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
             let progress = progress.subtask(count as f64 / len as f64);
             let numbers = partition.static_points().map(|point| point as u32).collect();
             let why = match count == len {
@@ -318,7 +318,7 @@ impl PointTree {
             let moving = if separate { partition.moving_points() } else { (0..len as u32).collect() };
             let (count, slices) = (moving.len(), precise_time_slices(keys, plan.time_slices()));
             let progress = progress.subtask(count as f64 / (len * slices.len()) as f64);
-            let tree = |slice: TimeSlice| {
+            let tree = |slice: SegmentSlice| {
                 let points = if progress.cancelled() { Vec::new() } else { moving.clone() };
                 PreciseTree::build(source, slice, points, true, &progress)
             };
