@@ -11,6 +11,16 @@
 //! and are linear in between. Every answer equals that of brute force over the same arithmetic, bit for bit,
 //! whatever the tree, the number of threads and the instruction set.
 //!
+//! Batches run in parallel and give the answers of single queries, in the order of the queries. They come in three forms:
+//!
+//! - Rays and closest points fill a vector of the caller, which a renderer uses again and again:
+//!   [`closest_hits(&rays, &mut hits)`](RayTree::closest_hits).
+//! - Queries of points and photons return their answers: [`nearest_batch(&queries)`](PointTree::nearest_batch); in a `Result` if a
+//!   query can be invalid ([`gather_batch`](point::PhotonMap::gather_batch)).
+//! - Lists of neighbours are requested with options, and `run` fills memory of the caller:
+//!   [`neighbor_lists(time, radius)`](PointTree::neighbor_lists)`.run(&mut lists)`. They come in the order of the tree unless
+//!   [`in_order`](ListQuery::in_order) is one of the options.
+//!
 //! Public names by topic: [`motion`] describes moving geometry, [`ray`], [`point`] and [`instance`] have the trees and their
 //! answers, [`baseline`] is brute force. The main ones are also in the root.
 //!
