@@ -17,7 +17,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 Vec3::new(ring * x, ring * y, 0.1 * (1.0 - ring))
             };
             let spark = MovingPoint::new(at(0.0), at(0.02));
-            Ok(if i % 3 == 0 { spark.active(TimeInterval::new(0.4, 0.6)?) } else { spark })
+            Ok(if i % 3 == 0 { spark.with_active(TimeInterval::new(0.4, 0.6)?) } else { spark })
         })
         .collect::<Result<_, mbkd::IntervalError>>()?;
     let tree = PointTree::build(&sparks, &PointParams::default())?;

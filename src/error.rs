@@ -67,7 +67,7 @@ pub enum BuildError {
         /// The vertex.
         vertex: usize,
     },
-    /// A caller-defined primitive returned bounds that are NaN, infinite, too large or inverted, over its
+    /// A custom primitive returned bounds that are NaN, infinite, too large or inverted, over its
     /// active interval or another part of the shutter.
     BadBounds {
         /// The primitive's index.
@@ -221,7 +221,7 @@ pub enum RefitError {
         /// The mesh.
         mesh: usize,
     },
-    /// Another number of spheres or caller-defined primitives.
+    /// Another number of spheres or custom primitives.
     Shapes {
         /// How many the tree was built of.
         expected: usize,

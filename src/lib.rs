@@ -1,6 +1,6 @@
 //! Ray tracing and nearest-neighbour search over moving geometry.
 //!
-//! - **Rays**: a [`RayTree`] answers closest, any and all hits against moving triangles, spheres and the caller's own
+//! - **Rays**: a [`RayTree`] answers closest, any and all hits against moving triangles, spheres and custom
 //!   primitives, each ray at its own time ([`Ray::time`]).
 //! - **Points**: a [`PointTree`] answers nearest, k nearest and radius queries over points that move or exist for part of
 //!   the shutter, each query at its own time.
@@ -10,6 +10,16 @@
 //! The shutter is the normalized time range `[0, 1]`. Positions are given at any number of keys spaced evenly over it
 //! and are linear in between. Every answer equals that of brute force over the same arithmetic, bit for bit,
 //! whatever the tree, the number of threads and the instruction set.
+//!
+//! Batches run in parallel and give the answers of single queries, in the order of the queries. They come in three forms:
+//!
+//! - Rays and closest points fill a vector of the caller, which a renderer uses again and again:
+//!   [`closest_hits(&rays, &mut hits)`](RayTree::closest_hits).
+//! - Queries of points and photons return their answers: [`nearest_batch(&queries)`](PointTree::nearest_batch); in a `Result` if a
+//!   query can be invalid ([`gather_batch`](point::PhotonMap::gather_batch)).
+//! - Lists of neighbours are requested with options, and `run` fills memory of the caller:
+//!   [`neighbor_lists(time, radius)`](PointTree::neighbor_lists)`.run(&mut lists)`. They come in the order of the tree unless
+//!   [`in_order`](ListQuery::in_order) is one of the options.
 //!
 //! Public names by topic: [`motion`] describes moving geometry, [`ray`], [`point`] and [`instance`] have the trees and their
 //! answers, [`baseline`] is brute force. The main ones are also in the root.
@@ -29,7 +39,7 @@
 //! | `params` | build parameters |
 //! | `progress` | progress of a build, and cancelling it |
 //! | `geometry` | boxes, linear bounds, time intervals, rays, planes, clipping, separating axes, local space |
-//! | `primitive` | meshes, spheres, points, the caller's own primitives |
+//! | `primitive` | meshes, spheres, points, custom primitives |
 //! | `mbkd` | the paper's k-d tree and its build: classification, duplication, propagation |
 //! | `bvh` | object splits, pre-splits, collapse into wide nodes |
 //! | `time` | time slices of the shutter and how they are chosen |
@@ -54,6 +64,8 @@
 //! assert_eq!(tree.closest_hit(&ray.at_time(1.0)).unwrap().t, 4.0);
 //! # Ok::<(), mbkd::BuildError>(())
 //! ```
+
+#![warn(clippy::missing_errors_doc, clippy::missing_panics_doc)]
 
 pub mod baseline;
 mod bvh;

@@ -1,11 +1,20 @@
 //! Limits of inputs and layouts that several modules check. A limit of one module only is a constant of that module.
 
+use glam::Vec3;
+
 /// The largest magnitude a coordinate may have: the f32 next to 1e30, which is a little larger. Beyond it builds return an error.
 pub const MAX_COORDINATE: f64 = 1e30_f32 as f64;
 
 /// The largest magnitude of a point's coordinate, relative to the tree's origin: squared distances between
 /// such points fit into f32.
 pub const MAX_POINT_COORDINATE: f64 = 1e18;
+
+/// Whether a position relative to the origin of a point tree is finite and not too far away.
+#[inline(always)]
+pub(crate) fn is_in_range(position: Vec3) -> bool {
+    // Also false for NaN.
+    position.abs().cmple(Vec3::splat(MAX_POINT_COORDINATE as f32)).all()
+}
 
 /// The most keys of a set of points.
 pub(crate) const MAX_KEYS: usize = 1 << 16;

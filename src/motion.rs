@@ -1,4 +1,4 @@
-//! Moving geometry: time intervals of the shutter, meshes, spheres, points, caller-defined primitives, and their
+//! Moving geometry: time intervals of the shutter, meshes, spheres, points, custom primitives, and their
 //! bounds.
 
 pub use crate::geometry::{Aabb, LinearBounds, TimeInterval};

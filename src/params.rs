@@ -58,7 +58,18 @@ impl BuildParams {
         BuildParams::kd(KdParams::paper())
     }
 
-    /// Checks that every parameter is in its range; the error names the one that is not.
+    /// Checks that every parameter is in its range, as a build does. The parameters of an [`InstanceTree`](crate::InstanceTree) are
+    /// checked as those of a wide tree.
+    ///
+    /// ```
+    /// use mbkd::{BuildError, BuildParams, WideParams};
+    /// let wrong = WideParams { max_references: 0.5, ..WideParams::default() };
+    /// let error = BuildParams::wide(wrong).validate().unwrap_err();
+    /// assert!(matches!(error, BuildError::Parameter { name: "max_references", .. }));
+    /// ```
+    ///
+    /// # Errors
+    /// [`BuildError::Parameter`] with the name of the first one that is not.
     pub fn validate(&self) -> Result<(), BuildError> {
         match &self.policy {
             Policy::Wide(params) => params.validate(),
@@ -181,7 +192,7 @@ impl Default for LazyParams {
 }
 
 impl LazyParams {
-    pub(crate) fn validate(&self) -> Result<(), BuildError> {
+    fn validate(&self) -> Result<(), BuildError> {
         check((1..=65536).contains(&self.subtree), "subtree", "in [1, 65536]")?;
         self.wide.validate()
     }

@@ -60,7 +60,7 @@ impl<E: Exchange> Step<'_, E> {
     }
 
     fn run(&self, query: ListQuery<'_>, lists: &mut NeighborCsr) {
-        let query = query.periodic(self.reach.periods).with_distances().sorted().rows_by_id();
+        let query = query.periodic(self.reach.periods).with_distances().sorted().in_order();
         query.run(lists).unwrap_or_else(|error| unreachable!("the query has been checked: {error}"));
     }
 }

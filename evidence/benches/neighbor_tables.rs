@@ -477,7 +477,7 @@ fn active_tables(args: &Args) {
         .map(|_| {
             let (begin, length) = (rng.unit() * 0.98, 0.02 + 0.08 * rng.unit());
             let active = TimeInterval::new(begin, (begin + length).min(1.0)).unwrap();
-            MovingPoint::fixed(rng.vec()).active(active)
+            MovingPoint::fixed(rng.vec()).with_active(active)
         })
         .collect();
     let all: Vec<Vec3> = points.iter().map(|p| p.open).collect();

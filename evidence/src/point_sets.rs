@@ -70,7 +70,7 @@ pub fn moving_points(motion: Motion, n: usize, seed: u64) -> Vec<MovingPoint> {
         }
         let begin = chance * 0.98;
         let end = (begin + 0.02 + 0.08 * unit(&mut random)).min(1.0);
-        point.active(TimeInterval::new(begin, end).unwrap_or(TimeInterval::FULL))
+        point.with_active(TimeInterval::new(begin, end).unwrap_or(TimeInterval::FULL))
     };
     (0..n).map(point).collect()
 }

@@ -1,8 +1,12 @@
 //! Batches of queries, in an order of spatial locality, on several threads. They run in waves; between two waves, Ctrl-C is
 //! checked and `progress` is called.
 
+#[path = "../../src/geometry/morton.rs"]
+mod morton;
+
 use crate::arrays::Places;
 use crate::threads::{count, poll_python, pool};
+use morton::morton_code;
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
@@ -12,8 +16,8 @@ const RUN: usize = 512;
 /// The number of runs in a wave.
 const WAVE: usize = 64;
 
-/// Trees up to this many bytes fit a near cache, so the order of queries does not matter.
-const NEAR: usize = 1 << 20;
+/// Trees up to this many bytes fit a near cache, so the order of queries does not matter: as in the library.
+const NEAR: usize = 2 << 20;
 
 /// The order in which queries are answered in a tree of `bytes` bytes.
 pub fn order(py: Python<'_>, places: Places<'_>, bytes: usize) -> Vec<u32> {
@@ -36,18 +40,12 @@ fn along_morton_curve(len: usize, place: impl Fn(usize) -> [f32; 3]) -> Vec<u32>
         }
     }
     let scale: [f32; 3] = core::array::from_fn(|axis| 1023.0 / (hi[axis] - lo[axis]).max(f32::MIN_POSITIVE));
-    let cell = |p: [f32; 3], axis: usize| spread(((p[axis] - lo[axis]) * scale[axis]) as u64);
+    let cell = |p: [f32; 3], axis: usize| ((p[axis] - lo[axis]) * scale[axis]) as u32;
     // Code and index in one integer, which is sorted faster than a pair.
-    let key = |(p, i): ([f32; 3], u64)| (cell(p, 0) | cell(p, 1) << 1 | cell(p, 2) << 2) << 32 | i;
+    let key = |(p, i): ([f32; 3], u64)| morton_code([cell(p, 0), cell(p, 1), cell(p, 2)]) << 32 | i;
     let mut keys: Vec<u64> = (0..len).map(|i| key((place(i), i as u64))).collect();
     keys.sort_unstable();
     keys.into_iter().map(|key| key as u32).collect()
-}
-
-/// The lower 10 bits, each followed by two zeros.
-fn spread(x: u64) -> u64 {
-    let steps = [(16, 0xff00_00ff), (8, 0x0f00_f00f), (4, 0xc30c_30c3), (2, 0x4924_9249)];
-    steps.into_iter().fold(x & 0x3ff, |x, (by, mask)| (x | x << by) & mask)
 }
 
 /// Answers queries in runs. `run` answers the queries of one run, on any thread; `take` gets the answers in order.

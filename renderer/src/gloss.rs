@@ -137,7 +137,7 @@ fn in_front(to_eye: Vec3, normal: Vec3) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampling::frame;
+    use mbkd_scenes::frame;
 
     const NORMAL: Vec3 = Vec3::new(0.36, -0.48, 0.8);
 

@@ -85,14 +85,14 @@ pub fn draw(maps: &[Counts], job: &Job, heat: Heat) -> Picture {
         let x = i * (job.width + MARGIN);
         let title = format!("{}: mean {:.1}, most {:.0}", map.title, map.mean(), map.most());
         font::write(&mut picture, &title, x + MARGIN, MARGIN, text, INK);
-        let pixels = map.values.iter().map(|v| color(v / top)).collect();
+        let pixels = map.values.iter().map(|v| mbkd_scenes::heat(v / top)).collect();
         picture.paste(&Picture { width: job.width, height: job.height, pixels }, x, line);
     }
     // The scale, from 0 to the top, with five marks.
     let below = line + job.height;
     font::write(&mut picture, &format!("{} per camera ray", heat.noun()), MARGIN, below + MARGIN, text, INK);
     let (from, length) = (MARGIN, width.saturating_sub(2 * MARGIN).max(1));
-    let ramp: Vec<[u8; 3]> = (0..length).map(|x| color(x as f32 / length as f32)).collect();
+    let ramp: Vec<[u8; 3]> = (0..length).map(|x| mbkd_scenes::heat(x as f32 / length as f32)).collect();
     let pixels = (0..BAR).flat_map(|_| ramp.iter().copied()).collect();
     picture.paste(&Picture { width: length, height: BAR, pixels }, from, below + line);
     let mut free = 0;
@@ -140,22 +140,6 @@ fn scale_end(maps: &[Counts]) -> f32 {
     }
 }
 
-/// Black over violet and orange to pale yellow, with monotone brightness.
-fn color(x: f32) -> [u8; 3] {
-    const STOPS: [[f32; 3]; 6] = [
-        [4.0, 4.0, 12.0],
-        [58.0, 14.0, 92.0],
-        [140.0, 36.0, 104.0],
-        [214.0, 72.0, 62.0],
-        [250.0, 152.0, 38.0],
-        [252.0, 248.0, 176.0],
-    ];
-    let at = if x.is_nan() { 0.0 } else { x.clamp(0.0, 1.0) } * (STOPS.len() - 1) as f32;
-    let i = (at as usize).min(STOPS.len() - 2);
-    let s = at - i as f32;
-    std::array::from_fn(|k| (STOPS[i][k] + (STOPS[i + 1][k] - STOPS[i][k]) * s + 0.5) as u8)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -174,6 +158,5 @@ mod tests {
         assert_eq!(scale_end(&[map(3.0), map(17.0)]), 20.0);
         assert_eq!(scale_end(&[map(0.0)]), 4.0);
         assert_eq!(scale_end(&[map(801.0)]), 2000.0);
-        assert_eq!(color(f32::NAN), color(-1.0));
     }
 }

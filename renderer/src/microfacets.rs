@@ -4,8 +4,9 @@
 //! 2007). Directions are sampled from the visible mirrors (Heitz, "Sampling the GGX distribution of visible normals",
 //! 2018).
 
-use crate::sampling::{disk, frame};
+use crate::sampling::disk;
 use mbkd::glam::{Vec2, Vec3};
+use mbkd_scenes::frame;
 use std::f32::consts::PI;
 use std::sync::LazyLock;
 

@@ -12,6 +12,7 @@
 //! pixels", 2020).
 
 use mbkd::glam::{Vec2, Vec3};
+use mbkd_scenes::frame;
 
 /// A stateless mix of two words (the finalizer of SplitMix64).
 pub fn mix(a: u64, b: u64) -> u64 {
@@ -158,14 +159,6 @@ pub fn cos_sin_f64(turns: f64) -> (f64, f64) {
         2 => (-c, -s),
         _ => (s, -c),
     }
-}
-
-/// Two unit vectors at right angles to a unit vector and each other.
-pub fn frame(n: Vec3) -> (Vec3, Vec3) {
-    let sign = if n.z < 0.0 { -1.0 } else { 1.0 };
-    let a = -1.0 / (sign + n.z);
-    let b = n.x * n.y * a;
-    (Vec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), Vec3::new(b, sign + n.y * n.y * a, -n.y))
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! Light from outside: a sky with a gradient from horizon to zenith, and a sun with soft shadows.
 
-use crate::sampling::{Sampler, frame};
+use crate::sampling::Sampler;
 use mbkd::glam::Vec3;
+use mbkd_scenes::frame;
 
 /// The sky and its sun, in linear light.
 #[derive(Clone, Copy, Debug)]

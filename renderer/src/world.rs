@@ -133,7 +133,7 @@ impl World {
     fn sphere_normal(&self, hit: &Hit, at: DVec3, time: f32) -> Vec3 {
         match &self.tree.shapes()[hit.primitive as usize] {
             Shape::Sphere(sphere) => (at - sphere.at(time).0).normalize_or_zero().as_vec3(),
-            Shape::Own(_) => Vec3::ZERO,
+            Shape::Custom(_) => Vec3::ZERO,
         }
     }
 

@@ -15,11 +15,13 @@ mod flake;
 mod hairball;
 mod hall;
 mod hand;
+mod heat;
 mod mixed;
 mod needles;
 mod random;
 mod runner;
 mod shape;
+mod split_mix;
 #[cfg(test)]
 mod tests;
 mod tornado;
@@ -33,10 +35,12 @@ pub use flake::{FlakeSphere, flake};
 pub use hairball::hairball;
 pub use hall::{camera, hall, walking, walking_from};
 pub use hand::hand;
+pub use heat::heat;
 pub use mixed::mixed;
 pub use needles::needles;
 pub use shape::Shape;
 pub use tornado::tornado;
+pub use turn::frame;
 
 use engine::TriangleMesh;
 use glam::Vec3;

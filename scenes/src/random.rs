@@ -1,8 +1,9 @@
 //! Random numbers that are the same on every machine.
 
+use super::split_mix::split_mix;
 use glam::Vec3;
 
-/// The SplitMix64 generator (Steele, Lea and Flood, 2014): one 64-bit state, integer arithmetic only.
+/// A generator of random numbers.
 pub(super) struct Random {
     state: u64,
 }
@@ -14,10 +15,7 @@ impl Random {
     }
 
     fn next(&mut self) -> u64 {
-        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.state ^ (self.state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        split_mix(&mut self.state)
     }
 
     /// Uniform in [0, 1), a multiple of 2^-24, so exact in f32.

@@ -42,7 +42,13 @@ pub(super) fn rotation(axis: Vec3, turns: f32) -> Mat3 {
 
 /// Two unit vectors that make a right-handed frame with a unit vector (Duff et al., "Building an
 /// Orthonormal Basis, Revisited", JCGT 2017).
-pub(super) fn frame(n: Vec3) -> (Vec3, Vec3) {
+///
+/// ```
+/// use glam::Vec3;
+/// let (u, v) = mbkd_scenes::frame(Vec3::Z);
+/// assert_eq!(u.cross(v), Vec3::Z);
+/// ```
+pub fn frame(n: Vec3) -> (Vec3, Vec3) {
     let sign = if n.z < 0.0 { -1.0 } else { 1.0 };
     let a = -1.0 / (sign + n.z);
     let b = n.x * n.y * a;

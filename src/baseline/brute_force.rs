@@ -47,7 +47,7 @@ impl BruteForce {
 }
 
 impl<P: Primitive> BruteForce<Shapes<P>> {
-    /// Brute force over caller-defined primitives.
+    /// Brute force over custom primitives.
     ///
     /// # Errors
     /// As [`RayTree::of_primitives`](crate::RayTree::of_primitives) reports them.

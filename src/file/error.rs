@@ -51,8 +51,8 @@ pub enum FileError {
         /// The condition that does not hold.
         what: &'static str,
     },
-    /// A file cannot hold a caller-defined shape of a scene.
-    OwnShape {
+    /// A file cannot hold a custom primitive of a scene.
+    CustomShape {
         /// Its index among the shapes.
         shape: usize,
     },
@@ -90,11 +90,8 @@ impl fmt::Display for FileError {
                 write!(f, "the file is damaged: its checksum is {found:016x}, not {expected:016x}")
             }
             FileError::Broken { what } => write!(f, "the file does not hold a valid tree: {what}"),
-            FileError::OwnShape { shape } => {
-                write!(
-                    f,
-                    "shape {shape} has a caller-defined type, which a file cannot hold; only spheres can be saved"
-                )
+            FileError::CustomShape { shape } => {
+                write!(f, "shape {shape} is a custom primitive, which a file cannot hold; only spheres can be saved")
             }
             FileError::Lazy => {
                 f.write_str("a lazy tree cannot be written to a file: build the same scene with another policy")

@@ -22,7 +22,7 @@ const CHECKSUM_AT: usize = 24;
 pub(crate) enum FileKind {
     /// A `RayTree` over meshes and spheres.
     Scene = 1,
-    /// A `RayTree` over the caller's own primitives, which are not in the file.
+    /// A `RayTree` over custom primitives, which are not in the file.
     Primitives = 2,
     /// A `PointTree`.
     Points = 3,
@@ -36,7 +36,7 @@ impl FileKind {
     fn name(self) -> &'static str {
         match self {
             FileKind::Scene => "a ray tree of a scene",
-            FileKind::Primitives => "a ray tree of the caller's own primitives",
+            FileKind::Primitives => "a ray tree of custom primitives",
             FileKind::Points => "a point tree",
         }
     }

@@ -23,7 +23,7 @@ pub(crate) const LEAST_SQUARED: f32 = 1.0 / (1u64 << 60) as f32;
 /// | the distance, rounded to f32 | 1 |
 /// | directions smaller than 2^-24 taken as that | 1 |
 /// | the slab test: the reciprocal, two products, two sums (one of them fused or not) | 6 |
-/// | caller-defined primitives see the origin unrounded | 1 |
+/// | custom primitives see the origin unrounded | 1 |
 ///
 /// These are 18; two more cover that boxes are padded by a rounded number.
 pub(crate) const KERNEL_ULPS: f32 = 20.0;

@@ -27,7 +27,10 @@ impl TimeInterval {
     /// The whole shutter.
     pub const FULL: TimeInterval = TimeInterval { begin: 0.0, end: BEYOND };
 
-    /// The interval from `begin` to `end`; an error unless `0 <= begin < end <= 1`.
+    /// The interval from `begin` to `end`.
+    ///
+    /// # Errors
+    /// [`IntervalError`] unless `0 <= begin < end <= 1`.
     pub fn new(begin: f32, end: f32) -> Result<TimeInterval, IntervalError> {
         if 0.0 <= begin && begin < end && end <= 1.0 {
             Ok(TimeInterval { begin, end: if end == 1.0 { BEYOND } else { end } })

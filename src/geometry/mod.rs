@@ -9,7 +9,7 @@ mod box3;
 mod clip;
 mod closest_on_triangle;
 mod corner_bounds;
-mod double;
+mod double_double;
 mod in_file;
 mod interval;
 mod keys;
@@ -26,7 +26,7 @@ pub(crate) use box3::{Box3, Extent, KERNEL_ULPS, LEAST_SQUARED, Line, LinearBox3
 pub(crate) use clip::clip_triangle;
 pub(crate) use closest_on_triangle::closest_on_triangle;
 pub(crate) use corner_bounds::CornerBounds;
-pub(crate) use double::Double;
+pub(crate) use double_double::DoubleDouble;
 pub use interval::TimeInterval;
 pub(crate) use keys::KeyTime;
 pub(crate) use lane_bounds::LaneBounds;

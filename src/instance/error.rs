@@ -69,6 +69,12 @@ pub enum InstanceError {
         /// The instance.
         instance: usize,
     },
+    /// The keys of all instances up to this one are more than 32 bits can number. (Keys on straight lines between others do not
+    /// count, once their instance is added.)
+    TooManyKeys {
+        /// The instance.
+        instance: usize,
+    },
     /// An error that every build of a tree can return: parameters, too many primitives.
     Build(BuildError),
 }
@@ -110,6 +116,11 @@ impl fmt::Display for InstanceError {
             InstanceError::TooDeep { instance } => {
                 write!(f, "instance {instance}: instances are nested more than {MAX_NESTING} levels deep")
             }
+            InstanceError::TooManyKeys { instance } => write!(
+                f,
+                "instance {instance}: with its keys, the instances have more than one tree can number (2^32 - 1); give fewer keys, or \
+                 divide the instances among several trees"
+            ),
             InstanceError::Build(error) => error.fmt(f),
         }
     }

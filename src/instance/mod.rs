@@ -7,8 +7,8 @@
 //!
 //! Contents: transforms as they are given (`transform`) and as queries evaluate them (`motion`), the extent of the instanced
 //! tree (`extent`), bounds of moving instances (`bounds`), how far rounded rays deviate (`distortion`), the primitive set for the
-//! build of the wide tree (`placements`), the tree (`tree`), its traversal (`query`), public queries (`tree_queries`), closest
-//! points (`closest_point`), and rays that leave a surface (`secondary_ray`).
+//! build of the wide tree (`placements`), the tree (`tree`), its counts and sizes (`statistics`), its traversal (`query`), public
+//! queries (`tree_queries`), closest points (`closest_point`), and rays that leave a surface (`secondary_ray`).
 
 mod bounds;
 mod closest_point;
@@ -22,6 +22,7 @@ mod hit;
 mod motion;
 mod placements;
 mod query;
+mod statistics;
 mod surface;
 mod transform;
 mod tree;
@@ -29,5 +30,6 @@ mod tree_queries;
 
 pub use error::InstanceError;
 pub use hit::{InstanceHit, InstancePath, InstancePoint, MAX_NESTING};
+pub use statistics::InstanceStatistics;
 pub use transform::{Pose, Transform};
-pub use tree::{Instance, InstanceOf, InstanceStatistics, InstanceTree};
+pub use tree::{Instance, InstanceOf, InstanceTree};

@@ -124,6 +124,14 @@ fn lerp(a: DVec3, b: DVec3, w: f64) -> DVec3 {
     if w < 0.5 { a + (b - a) * w } else { b + (b - a) * (w - 1.0) }
 }
 
+/// The number of the first of `more` keys that follow `stored` ones; an error if 32 bits cannot number them all.
+fn first_key(stored: usize, more: usize, instance: usize) -> Result<u32, InstanceError> {
+    match u32::try_from(stored.saturating_add(more)) {
+        Ok(_) => Ok(stored as u32),
+        Err(_) => Err(InstanceError::TooManyKeys { instance }),
+    }
+}
+
 impl Motions {
     /// Checks a transform, adds it, and returns its effect on rounding errors; none of a transform that maps everything to one point
     /// at all times.
@@ -134,7 +142,7 @@ impl Motions {
     ) -> Result<(Motion, Option<Distortion>), InstanceError> {
         check_numbers(transform, instance)?;
         if let Some(places) = places_of_point(transform) {
-            return Ok((self.add_point(&places), None));
+            return Ok((self.add_point(&places, instance)?, None));
         }
         let (motion, distortion) = match transform {
             Transform::Matrices(keys) => self.add_matrices(keys, instance),
@@ -144,14 +152,14 @@ impl Motions {
     }
 
     /// Adds the motion of a point, which maps no ray inward ([`Motions::inward`]).
-    fn add_point(&mut self, places: &[DVec3]) -> Motion {
-        let first = self.matrices.len() as u32;
+    fn add_point(&mut self, places: &[DVec3], instance: usize) -> Result<Motion, InstanceError> {
+        let first = first_key(self.matrices.len(), places.len(), instance)?;
         self.matrices.extend(places.iter().map(|&place| Columns::new(DMat3::ZERO, place)));
-        match *places {
+        Ok(match *places {
             // With this matrix instead of an inverse, directions become zero.
             [place] => Motion::Static { key: first, inverse: Columns::new(DMat3::ZERO, place) },
             _ => Motion::Matrices { first, keys: places.len() as u32 },
-        }
+        })
     }
 
     fn add_matrices(&mut self, keys: &[DAffine3], instance: usize) -> Result<(Motion, Distortion), InstanceError> {
@@ -161,7 +169,7 @@ impl Motions {
             let of_key = Distortion::between(matrix.matrix3, matrix.matrix3);
             distortion = distortion.max(of_key.ok_or(InstanceError::Singular { instance, key })?);
         }
-        let first = self.matrices.len() as u32;
+        let first = first_key(self.matrices.len(), keys.len(), instance)?;
         // Equal keys are merged into one.
         if keys.iter().all(|&key| key == begin) {
             self.matrices.push(Columns::new(begin.matrix3, begin.translation));
@@ -193,7 +201,7 @@ impl Motions {
             let pose = Pose { rotation: begin.rotation.normalize(), ..*begin };
             return self.add_matrices(&[pose.matrix()], instance);
         }
-        let first = self.poses.len() as u32;
+        let first = first_key(self.poses.len(), keys.len(), instance)?;
         for (i, pose) in keys.iter().enumerate() {
             self.poses.push(PoseKey::new(pose, keys.get(i + 1).unwrap_or(pose)));
         }
@@ -474,6 +482,15 @@ mod tests {
             for (key, given) in given.iter().enumerate() {
                 assert!(motions.matrix(&motion, key as f64 / 64.0).abs_diff_eq(*given, 1e-14));
             }
+        }
+    }
+
+    #[test]
+    fn keys_beyond_what_32_bits_number_are_an_error() {
+        let most = u32::MAX as usize;
+        assert_eq!(first_key(most - 3, 3, 7), Ok(u32::MAX - 3));
+        for (stored, more) in [(most - 3, 4), (most, 1), (0, most + 1), (most + 1, 0), (1, usize::MAX)] {
+            assert_eq!(first_key(stored, more, 7), Err(InstanceError::TooManyKeys { instance: 7 }), "{stored} {more}");
         }
     }
 

@@ -8,15 +8,15 @@ use super::placements::{Placed, Placements};
 use super::transform::Transform;
 use crate::error::BuildError;
 use crate::geometry::{Aabb, LinearBounds, Ray, TimeInterval};
-use crate::layout::{Bytes, Statistics, ValidationError, WideSource, WideTree, counted};
+use crate::layout::{ValidationError, WideSource, WideTree};
 use crate::parallel;
 use crate::params::WideParams;
 use crate::primitive::PrimitiveSet;
-use crate::progress::Progress;
+use crate::progress::{Callback, Progress};
 use crate::ray::{Outline, RayTree};
 use crate::simd::{Portable, SimdLevel};
 use glam::{DAffine3, DVec3};
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::sync::Arc;
 
 /// The contents of an [`Instance`].
@@ -42,7 +42,7 @@ impl From<Arc<InstanceTree>> for InstanceOf {
 
 impl InstanceOf {
     /// Identifies the tree by its address.
-    fn address(&self) -> usize {
+    pub(super) fn address(&self) -> usize {
         match self {
             InstanceOf::Tree(tree) => Arc::as_ptr(tree) as usize,
             InstanceOf::Instances(tree) => Arc::as_ptr(tree) as usize,
@@ -168,46 +168,10 @@ pub struct InstanceTree {
     bounds: Option<Aabb>,
 }
 
-/// Counts and sizes of an [`InstanceTree`]. Printed with `{}`, they are one line.
-///
-/// ```
-/// use mbkd::{BuildParams, Instance, InstanceTree, Pose, RayTree, TriangleMesh, WideParams, glam::Vec3};
-/// use std::sync::Arc;
-/// let card = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
-/// let card = Arc::new(RayTree::build(&[card], &BuildParams::default())?);
-/// let all = (0..2).map(|_| Instance::new(card.clone(), vec![Pose::IDENTITY])).collect();
-/// let printed = InstanceTree::build(all, &WideParams::default())?.statistics().to_string();
-/// assert!(printed.starts_with("2 instances of 1 tree, 2 primitives placed; "));
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct InstanceStatistics {
-    /// Instances at all levels together, counted once per placement, hidden ones included.
-    pub instances: u64,
-    /// Primitives, counted once per placement that is not hidden.
-    pub primitives: u64,
-    /// Distinct trees of primitives.
-    pub trees: usize,
-    /// Bytes of those trees and their primitives.
-    pub tree_bytes: usize,
-    /// Bytes of everything else: instances, their transforms, the trees over them.
-    pub instance_bytes: usize,
-    /// The outermost tree, whose primitives are the instances that are not hidden.
-    pub outermost: Statistics,
-}
-
-impl core::fmt::Display for InstanceStatistics {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        let InstanceStatistics { instances, primitives, trees, tree_bytes, instance_bytes, .. } = *self;
-        write!(f, "{} of {}, ", counted(instances, "instance", "instances"), counted(trees as u64, "tree", "trees"))?;
-        write!(f, "{} placed; ", counted(primitives, "primitive", "primitives"))?;
-        write!(f, "{} for the trees, {} for the instances", Bytes(tree_bytes), Bytes(instance_bytes))
-    }
-}
-
 impl core::fmt::Debug for InstanceTree {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_struct("InstanceTree").field("statistics", &self.statistics()).finish_non_exhaustive()
+        // What is known without visiting the placed trees.
+        f.debug_struct("InstanceTree").field("len", &self.len()).field("levels", &self.levels).finish_non_exhaustive()
     }
 }
 
@@ -238,11 +202,48 @@ impl InstanceTree {
     /// # Errors
     /// An [`InstanceError`] that names the transform or parameter at fault. An empty tree is valid.
     pub fn build(instances: Vec<Instance>, params: &WideParams) -> Result<InstanceTree, InstanceError> {
-        parallel::entered(instances.len(), || InstanceTree::padded(instances, params, 1.0))
+        InstanceTree::build_reporting(instances, params, &Progress::new(None))
+    }
+
+    /// [`InstanceTree::build`] that calls `progress` as [`RayTree::build_with_progress`] does for a wide tree.
+    ///
+    /// ```
+    /// use core::ops::ControlFlow;
+    /// use mbkd::{BuildError, InstanceError, InstanceTree, WideParams};
+    /// let stop = |_: f32| ControlFlow::Break(());
+    /// let tree = InstanceTree::build_with_progress(Vec::new(), &WideParams::default(), &stop);
+    /// assert_eq!(tree.unwrap_err(), InstanceError::Build(BuildError::Cancelled));
+    /// ```
+    ///
+    /// # Errors
+    /// As [`InstanceTree::build`]; [`BuildError::Cancelled`] if `progress` broke.
+    pub fn build_with_progress(
+        instances: Vec<Instance>,
+        params: &WideParams,
+        progress: Callback<'_>,
+    ) -> Result<InstanceTree, InstanceError> {
+        InstanceTree::build_reporting(instances, params, &Progress::new(Some(progress)))
+    }
+
+    /// Builds on one thread if there are few instances.
+    fn build_reporting(
+        instances: Vec<Instance>,
+        params: &WideParams,
+        progress: &Progress,
+    ) -> Result<InstanceTree, InstanceError> {
+        parallel::entered(instances.len(), || {
+            let tree = InstanceTree::padded(instances, params, 1.0, progress)?;
+            if progress.complete() { Err(BuildError::Cancelled.into()) } else { Ok(tree) }
+        })
     }
 
     /// [`InstanceTree::build`] with this share of the padding of boxes: 1, or less in tests.
-    fn padded(instances: Vec<Instance>, params: &WideParams, padding: f64) -> Result<InstanceTree, InstanceError> {
+    fn padded(
+        instances: Vec<Instance>,
+        params: &WideParams,
+        padding: f64,
+        progress: &Progress,
+    ) -> Result<InstanceTree, InstanceError> {
         params.validate()?;
         if instances.len() >= u32::MAX as usize {
             return Err(BuildError::TooManyPrimitives { found: instances.len() }.into());
@@ -267,7 +268,7 @@ impl InstanceTree {
         let extents = trees.iter().map(InstanceOf::extent).collect();
         let mut placements = Placements::new(placed, motions, extents, padding)?;
         let bounds = placements.bounds_where(|tree| !trees[tree as usize].is_empty());
-        let wide = WideTree::build(&placements, params, &Progress::new(None))?;
+        let wide = WideTree::build(&placements, params, progress)?;
         placements.release_build_data();
         Ok(InstanceTree { wide, placements, trees, simd: SimdLevel::best(), levels, bounds })
     }
@@ -342,57 +343,6 @@ impl InstanceTree {
     pub fn with_simd(self, simd: SimdLevel) -> InstanceTree {
         InstanceTree { simd, ..self }
     }
-
-    /// The sizes and counts of the tree. Visits every instance.
-    pub fn statistics(&self) -> InstanceStatistics {
-        let left_out = self.wide.left_out(&self.placements);
-        let mut of = InstanceStatistics {
-            instances: 0,
-            primitives: 0,
-            trees: 0,
-            tree_bytes: 0,
-            instance_bytes: 0,
-            outermost: Statistics { left_out, ..self.wide.statistics(&self.placements) },
-        };
-        let mut seen = HashSet::new();
-        (of.instances, of.primitives) = self.count(&mut of, &mut seen);
-        of
-    }
-
-    /// Adds the bytes of all trees not seen yet; returns the numbers of instances and primitives.
-    fn count(&self, of: &mut InstanceStatistics, seen: &mut HashSet<usize>) -> (u64, u64) {
-        let own = self.wide.statistics(&self.placements);
-        of.instance_bytes += own.bytes + own.primitive_bytes + self.trees.capacity() * size_of::<InstanceOf>();
-        let mut placed = vec![0u64; self.trees.len()];
-        for one in &self.placements.placed {
-            placed[one.tree as usize] += 1;
-        }
-        let mut shown = placed.clone();
-        for &id in self.placements.hidden() {
-            shown[self.placements.placed[id as usize].tree as usize] -= 1;
-        }
-        let (mut instances, mut primitives) = (0u64, 0u64);
-        for ((tree, placed), shown) in self.trees.iter().zip(placed).zip(shown) {
-            let new = seen.insert(tree.address());
-            let (more, below) = match tree {
-                InstanceOf::Tree(tree) => {
-                    let statistics = tree.statistics();
-                    if new {
-                        of.trees += 1;
-                        of.tree_bytes += statistics.bytes + statistics.primitive_bytes;
-                    }
-                    (0, statistics.primitives as u64)
-                }
-                InstanceOf::Instances(tree) => {
-                    let mut nothing = *of;
-                    tree.count(if new { of } else { &mut nothing }, seen)
-                }
-            };
-            instances = instances.saturating_add(placed.saturating_mul(more.saturating_add(1)));
-            primitives = primitives.saturating_add(shown.saturating_mul(below));
-        }
-        (instances, primitives)
-    }
 }
 
 #[cfg(test)]
@@ -430,8 +380,8 @@ mod tests {
             let matrix3 = DMat3::from_cols(DVec3::X, shear, random.vec().as_dvec3() + DVec3::Z * 2.0);
             let matrix = DAffine3 { matrix3, translation: random.vec().as_dvec3() };
             let instance = Instance::new(tree.clone(), matrix);
-            let placed = InstanceTree::padded(vec![instance.clone(), instance], &WideParams::default(), padding)
-                .expect("instances");
+            let (both, params) = (vec![instance.clone(), instance], WideParams::default());
+            let placed = InstanceTree::padded(both, &params, padding, &Progress::new(None)).expect("instances");
             for _ in 0..200 {
                 // The edges along y are those where the box of the image is tight.
                 let edge = Vec3::new(

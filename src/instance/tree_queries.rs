@@ -119,6 +119,35 @@ impl InstanceTree {
         self.any(ray, InstancePath::default(), &mut InstanceGuards::Observed(observer))
     }
 
+    /// [`InstanceTree::all_hits`], reporting each step to `observer`.
+    ///
+    /// ```
+    /// use core::ops::ControlFlow;
+    /// use std::sync::Arc;
+    /// use mbkd::glam::{DAffine3, DVec3, Vec3};
+    /// use mbkd::{BuildParams, Counters, Instance, InstanceTree, Ray, RayTree, TriangleMesh, WideParams};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let of = Arc::new(RayTree::build(&[mesh], &BuildParams::default())?);
+    /// let place = |z: f64| Instance::new(of.clone(), DAffine3::from_translation(DVec3::Z * z));
+    /// let tree = InstanceTree::build(vec![place(1.0), place(2.0)], &WideParams::default())?;
+    /// let (mut hits, mut work) = (0, Counters::default());
+    /// let _ = tree.all_hits_observed(&Ray::new(Vec3::new(0.2, 0.2, 0.0), Vec3::Z), &mut work, |_| {
+    ///     hits += 1;
+    ///     ControlFlow::Continue(())
+    /// });
+    /// assert_eq!(hits, 2);
+    /// assert!(work.leaves >= 2);
+    /// # Ok::<(), mbkd::InstanceError>(())
+    /// ```
+    pub fn all_hits_observed(
+        &self,
+        ray: &Ray,
+        observer: &mut impl Observer,
+        mut visitor: impl FnMut(InstanceHit) -> ControlFlow<()>,
+    ) -> ControlFlow<()> {
+        self.all(ray, InstancePath::default(), &mut InstanceGuards::Observed(observer), &mut visitor)
+    }
+
     /// [`InstanceTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
     pub fn closest_hits(&self, rays: &[Ray], hits: &mut Vec<Option<InstanceHit>>) {
         answer_each(rays, hits, |_, ray| self.closest_hit(ray));

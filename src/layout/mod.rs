@@ -58,7 +58,7 @@ pub(crate) use leaf_block::WideSource;
 pub(crate) use leaf_lanes::{Between, CornerLanes, sphere_row};
 pub(crate) use list_boxes::ListBoxes;
 pub(crate) use refit::Moved;
-pub(crate) use refit_plan::Plan;
+pub(crate) use refit_plan::RefitPlan;
 pub(crate) use sphere_leaf::{SPHERE_ROWS, SphereLeaf};
 pub use statistics::Statistics;
 pub(crate) use statistics::{Bytes, counted};

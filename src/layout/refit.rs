@@ -12,7 +12,7 @@
 use super::leaf_block::{MovedLeaf, WideSource};
 use super::leaf_ids::Ids;
 use super::node_boxes::{BoxRows, MeasuredBoxes};
-use super::refit_plan::{Above, Plan, Slice, Touched};
+use super::refit_plan::{Above, RefitPlan, Slice, Touched};
 use super::shared_blocks::{SharedBounds, SharedLeaf, SharedLeaves};
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS};
 use super::wide_tree::WideTree;
@@ -79,9 +79,9 @@ impl WideTree {
     /// area of its root, relative to the cost when it was built.
     ///
     /// The first refit makes `plan`, which belongs to the tree from then on.
-    pub fn refit<S: WideSource>(&mut self, set: &S, moved: &Moved, plan: &mut Option<Box<Plan>>) -> (Done, f64) {
+    pub fn refit<S: WideSource>(&mut self, set: &S, moved: &Moved, plan: &mut Option<Box<RefitPlan>>) -> (Done, f64) {
         let plan = plan.get_or_insert_with(|| {
-            let mut plan = Box::new(Plan::of(self, set));
+            let mut plan = Box::new(RefitPlan::of(self, set));
             // Everything is visited, and nothing is written.
             plan.built = self.refit_by(set, &Moved::Nothing, &mut plan).1;
             plan
@@ -91,7 +91,7 @@ impl WideTree {
     }
 
     /// Refits the units of a plan, and then the nodes above them. Returns the work done, and the cost per area of the root.
-    fn refit_by<S: WideSource>(&mut self, set: &S, moved: &Moved, plan: &mut Plan) -> (Done, f64) {
+    fn refit_by<S: WideSource>(&mut self, set: &S, moved: &Moved, plan: &mut RefitPlan) -> (Done, f64) {
         let (lists, level) = (self.lists, SimdLevel::best());
         let touched = plan.touched(moved.list().as_deref());
         let places = &plan.places;
@@ -238,7 +238,7 @@ impl<S: WideSource> Pass<'_, S> {
     }
 
     /// Refits the units in which something may have changed; returns their numbers, results and work.
-    fn units(&self, words: &mut [u32], plan: &Plan, touched: &Touched) -> Vec<(usize, Subtree, Done)> {
+    fn units(&self, words: &mut [u32], plan: &RefitPlan, touched: &Touched) -> Vec<(usize, Subtree, Done)> {
         let mut units: Vec<usize> = (0..plan.units.len()).filter(|&i| touched.units[i]).collect();
         units.sort_unstable_by_key(|&i| plan.units[i].words.start);
         let ranges: Vec<Range<usize>> = units.iter().map(|&i| plan.units[i].words.clone()).collect();

@@ -75,7 +75,7 @@ pub(super) struct Touched {
 
 /// The partition of a tree, made by its first refit.
 #[derive(Default)]
-pub(crate) struct Plan {
+pub(crate) struct RefitPlan {
     pub units: Vec<Unit>,
     /// Children before their parents.
     pub above: Vec<Above>,
@@ -113,15 +113,15 @@ struct Extent {
 struct Exploration<'a, S> {
     tree: &'a WideTree,
     set: &'a S,
-    plan: Plan,
+    plan: RefitPlan,
     /// The meshes of subtrees that may be part of a unit, some of them repeated.
     meshes: Vec<u32>,
 }
 
-impl Plan {
+impl RefitPlan {
     /// The plan for a finished tree. Visits every block.
-    pub fn of<S: WideSource>(tree: &WideTree, set: &S) -> Plan {
-        let mut exploration = Exploration { tree, set, plan: Plan::default(), meshes: Vec::new() };
+    pub fn of<S: WideSource>(tree: &WideTree, set: &S) -> RefitPlan {
+        let mut exploration = Exploration { tree, set, plan: RefitPlan::default(), meshes: Vec::new() };
         if tree.root != ChildRef::NOTHING && !tree.root.kind().is_leaf() {
             let whole = exploration.explore(tree.root, TimeInterval::FULL, None);
             exploration.close(tree.root, whole, TimeInterval::FULL, None);
@@ -260,7 +260,7 @@ impl WideTree {
     /// The triangles of other meshes whose vertices a refit reads if these meshes move: those in the leaf blocks that it rewrites, and in
     /// the few leaf blocks that are the whole tree or a whole time slice, since these have no box in a node. `None` if there are more than
     /// `most`.
-    pub fn beside<S: WideSource>(&self, set: &S, moved: &[bool], plan: &Plan, most: usize) -> Option<Vec<u32>> {
+    pub fn beside<S: WideSource>(&self, set: &S, moved: &[bool], plan: &RefitPlan, most: usize) -> Option<Vec<u32>> {
         let list = (0..).zip(moved).filter(|&(_, &moved)| moved).map(|(mesh, _)| mesh);
         let list: Vec<u32> = list.collect();
         let touched = plan.mixed_of.of_meshes(&list, plan.mixed.len());

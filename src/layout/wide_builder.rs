@@ -1,7 +1,7 @@
 //! The build of a wide tree from primitives.
 //!
 //! There are two groups of primitives: triangles, whose corners are in leaf blocks, and others, which leaves list
-//! (spheres, whose positions follow such a list, and the caller's own). Each group is first drafted: the binary tree
+//! (spheres, whose positions follow such a list, and custom primitives). Each group is first drafted: the binary tree
 //! and its collapse are made (`time/draft.rs`), and the subtrees that get a temporal split are chosen
 //! (`time/choose.rs`). Those are written first, each below a time node of its own; then the rest of the tree, in which
 //! they are children like leaf blocks.

@@ -1,7 +1,7 @@
 //! Classification of references against split planes: on which side an object is, and when.
 //!
 //! This is the core of the paper (section 3.1): an object that crosses the plane during the shutter is referenced on
-//! each side for the time interval it spends there. The code is the same for triangles, spheres, caller-defined
+//! each side for the time interval it spends there. The code is the same for triangles, spheres, custom
 //! primitives and points: all of them have a linear [`Extent`] along the plane's axis, and differ
 //! in the rounding of the crossing times ([`Rounding`]).
 //! Repeated at every plane of the descent, with the interval that results from the plane above, it is

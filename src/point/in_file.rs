@@ -8,7 +8,7 @@ use super::layout::plane_tree::PlaneTree;
 use super::layout::slice_tree::SliceTree;
 use super::layout::static_file::StaticRecord;
 use super::layout::static_tree::StaticTree;
-use super::leaf_order::moving_reference::TimeSlice;
+use super::leaf_order::moving_reference::SegmentSlice;
 use super::precise::{PreciseRecord, PreciseTree};
 use super::search::layers::Layer;
 use super::statistics::{PointLayerKind, PointLayerStatistics, PointStatistics};
@@ -231,9 +231,9 @@ impl LayerRecord {
 
 /// The trees of time slices, or an error if searches cannot traverse one of them.
 fn checked_trees<R, T>(
-    slices: Vec<TimeSlice>,
+    slices: Vec<SegmentSlice>,
     records: Vec<R>,
-    checked: impl Fn(R, TimeSlice) -> Result<T, FileError>,
+    checked: impl Fn(R, SegmentSlice) -> Result<T, FileError>,
 ) -> Result<Vec<T>, FileError> {
     records.into_iter().zip(slices).map(|(record, slice)| checked(record, slice)).collect()
 }
@@ -246,10 +246,10 @@ fn require_points<T: SliceTree>(points: usize, trees: &[T]) -> Result<(), FileEr
 
 /// The time slices of a layer with this many trees, made by `slices_of`.
 fn checked_slices(
-    slices_of: fn(usize, usize) -> Vec<TimeSlice>,
+    slices_of: fn(usize, usize) -> Vec<SegmentSlice>,
     (keys, per_segment): (usize, usize),
     trees: usize,
-) -> Result<Vec<TimeSlice>, FileError> {
+) -> Result<Vec<SegmentSlice>, FileError> {
     let known = (1..=MAX_KEYS).contains(&keys) && (1..=MAX_POINT_TIME_SLICES).contains(&per_segment);
     // Some slices are so short that they contain no time.
     let few = known && (keys - 1).max(1) * per_segment <= 8 * trees;

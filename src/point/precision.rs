@@ -9,7 +9,7 @@
 /// let wall = PointTree::build(&[[-1.0f64, 0.0, 0.0], [1.0, 0.0, 0.0]], &in_f64)?;
 /// let fluid = PointTree::build(&[[0.1f64, 0.0, 0.0], [1.1, 0.0, 0.0]], &in_f64)?;
 /// let mut lists = NeighborCsr::new();
-/// fluid.neighbor_lists(0.0, 0.5).among(&wall).rows_by_id().run(&mut lists)?;
+/// fluid.neighbor_lists(0.0, 0.5).among(&wall).in_order().run(&mut lists)?;
 /// assert_eq!((lists.offsets(), lists.ids()), (&[0, 0, 1][..], &[1][..]));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```

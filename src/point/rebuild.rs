@@ -5,7 +5,7 @@ use super::error::PointError;
 use super::layout::static_tree::StaticTree;
 use super::search::layers::Layer;
 use super::statistics::PointLayerKind;
-use super::tree::{PointParams, PointTree};
+use super::tree::{PointParams, PointTree, work_of};
 use crate::parallel;
 use crate::primitive::PointSet;
 use crate::progress::Progress;
@@ -35,8 +35,7 @@ impl PointTree {
     /// # Errors
     /// As [`PointTree::build`]; the tree is then as it was.
     pub fn rebuild<P: PointSet + ?Sized>(&mut self, points: &P, params: &PointParams) -> Result<bool, PointError> {
-        // As in a build: a static point takes less than an eighth of the time of a triangle.
-        parallel::entered(points.len() / 8, || self.read_and_rebuild(points, params))
+        parallel::entered(work_of(points), || self.read_and_rebuild(points, params))
     }
 
     fn read_and_rebuild<P: PointSet + ?Sized>(&mut self, points: &P, params: &PointParams) -> Result<bool, PointError> {

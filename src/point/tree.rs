@@ -1,13 +1,14 @@
 //! The point tree as callers build and query it, and its parameters.
 
 use super::build::automatic::{moving_layers, plan_for_all};
+use super::build::partition::Partition;
 use super::build::plan::{Plan, moving_layer, precise_time_slices};
 use super::build::source::{Input, Source};
 use super::build::static_apart::static_apart;
 use super::error::PointError;
 use super::layout::plane_tree::PlaneTree;
 use super::layout::static_tree::StaticTree;
-use super::leaf_order::moving_reference::TimeSlice;
+use super::leaf_order::moving_reference::SegmentSlice;
 use super::precise::{PreciseLayer, PreciseTree};
 use super::precision::Precision;
 use super::search::layers::{Layer, LayerView};
@@ -72,7 +73,16 @@ impl Default for PointParams {
 }
 
 impl PointParams {
-    /// An error for the first field that is out of range.
+    /// Checks that every field is in its range.
+    ///
+    /// ```
+    /// use mbkd::{PointError, PointParams};
+    /// let wrong = PointParams { max_references: 0.5, ..PointParams::default() };
+    /// assert!(matches!(wrong.validate(), Err(PointError::Parameter { name: "max_references", .. })));
+    /// ```
+    ///
+    /// # Errors
+    /// [`PointError::Parameter`] with the name of the first field that is not.
     pub fn validate(&self) -> Result<(), PointError> {
         if !(self.max_references >= 1.0 && self.max_references <= 1024.0) {
             return Err(PointError::Parameter { name: "max_references", expected: "from 1 to 1024" });
@@ -175,6 +185,9 @@ impl PointTree {
     /// let tree = PointTree::build_with_progress(&points, &PointParams::default(), &stop);
     /// assert_eq!(tree.unwrap_err(), PointError::Cancelled);
     /// ```
+    ///
+    /// # Errors
+    /// As [`PointTree::build`]; [`PointError::Cancelled`] if `progress` broke.
     pub fn build_with_progress<P: PointSet + ?Sized>(
         points: &P,
         params: &PointParams,
@@ -188,9 +201,7 @@ impl PointTree {
         params: &PointParams,
         progress: &Progress,
     ) -> Result<PointTree, PointError> {
-        // A static point takes less than an eighth of the time of a triangle.
-        let work = if points.keys() == 1 { points.len() / 8 } else { points.len() };
-        parallel::entered(work, || PointTree::read_and_build(points, params, progress))
+        parallel::entered(work_of(points), || PointTree::read_and_build(points, params, progress))
     }
 
     fn read_and_build<P: PointSet + ?Sized>(
@@ -240,11 +251,8 @@ impl PointTree {
             return Ok(tree);
         }
         let share = |points: usize| progress.subtask(points as f64 / len as f64);
-        let is_static: Vec<bool> = match source.all_static() {
-            true => Vec::new(),
-            false => source.static_points(),
-        };
-        let count = if source.all_static() { len } else { is_static.iter().filter(|&&s| s).count() };
+        let partition = Partition::of(source);
+        let count = partition.count;
         if count == len {
             let layer = Layer::Static(source.static_tree(len, 0..len, progress));
             tree.add(layer, PointLayerKind::Static, len, ALL_STATIC.into());
@@ -253,7 +261,7 @@ impl PointTree {
         let separate = params.structure == PointStructure::Automatic && static_apart(source, count, params.simd);
         if separate {
             let why = format!("{count} of {len} points are static");
-            let layer = Layer::Static(source.static_tree(count, (0..len).filter(|&i| is_static[i]), &share(count)));
+            let layer = Layer::Static(source.static_tree(count, partition.static_points(), &share(count)));
             tree.add(layer, PointLayerKind::Static, count, why);
         }
         if let Some(plan) = forced(params) {
@@ -261,7 +269,7 @@ impl PointTree {
             tree.add(moving_layer(source, &all, plan, progress), kind(plan), len, "as requested".into());
             return Ok(tree);
         }
-        let moving: Vec<u32> = (0..len as u32).filter(|&i| !(separate && is_static[i as usize])).collect();
+        let moving = if separate { partition.moving_points() } else { (0..len as u32).collect() };
         for chosen in moving_layers(source, &moving, params.max_references, params.simd, &share(moving.len())) {
             tree.add(chosen.layer, kind(chosen.plan), chosen.points, chosen.why);
         }
@@ -279,8 +287,8 @@ impl PointTree {
     /// Adds layers of points in f64: static ones, and moving ones.
     fn add_precise(&mut self, source: &Source, params: &PointParams, progress: &Progress) -> Result<(), PointError> {
         let (len, keys) = (source.len, source.keys);
-        let is_static = source.static_points();
-        let count = is_static.iter().filter(|&&s| s).count();
+        let partition = Partition::of(source);
+        let count = partition.count;
         let (plan, why) = match forced(params) {
             Some(Plan::Planes(_)) => {
                 let expected = "one without planes where positions are kept in f64 (or ask for `Precision::Single`)";
@@ -289,31 +297,28 @@ impl PointTree {
             Some(plan) => (plan, "as requested; positions in f64".to_string()),
             None if count == len => (SIMPLE, String::new()),
             None => {
-                let points: Vec<u32> = (0..len as u32).filter(|&i| !is_static[i as usize]).collect();
-                let (plan, why) = plan_for_all(source, &points, params.max_references, params.simd, progress);
+                let (plan, why) =
+                    plan_for_all(source, &partition.moving_points(), params.max_references, params.simd, progress);
                 (plan, format!("{why}; trials used positions rounded to f32"))
             }
         };
         let separate = count == len || count as f64 >= MIN_STATIC_SHARE * len as f64 && forced(params).is_none();
         if separate {
-            let whole = TimeSlice { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
+            let whole = SegmentSlice { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
             let progress = progress.subtask(count as f64 / len as f64);
-            let all = 0..len as u32;
-            let (numbers, why) = match count == len {
-                true => (all.collect(), ALL_STATIC_IN_F64.to_string()),
-                false => (
-                    all.filter(|&i| is_static[i as usize]).collect(),
-                    format!("{count} of {len} points are static; positions in f64"),
-                ),
+            let numbers = partition.static_points().map(|point| point as u32).collect();
+            let why = match count == len {
+                true => ALL_STATIC_IN_F64.to_string(),
+                false => format!("{count} of {len} points are static; positions in f64"),
             };
             let tree = PreciseTree::build(source, whole, numbers, false, &progress);
             self.add_precise_layer(vec![tree], PointLayerKind::Static, count, why);
         }
         if count < len {
-            let moving: Vec<u32> = (0..len as u32).filter(|&i| !(separate && is_static[i as usize])).collect();
+            let moving = if separate { partition.moving_points() } else { (0..len as u32).collect() };
             let (count, slices) = (moving.len(), precise_time_slices(keys, plan.time_slices()));
             let progress = progress.subtask(count as f64 / (len * slices.len()) as f64);
-            let tree = |slice: TimeSlice| {
+            let tree = |slice: SegmentSlice| {
                 let points = if progress.cancelled() { Vec::new() } else { moving.clone() };
                 PreciseTree::build(source, slice, points, true, &progress)
             };
@@ -420,6 +425,11 @@ impl core::fmt::Debug for PointTree {
             .field("statistics", &self.statistics)
             .finish_non_exhaustive()
     }
+}
+
+/// The work of building a tree, in triangles: a static point takes less than an eighth of the time of one.
+pub(super) fn work_of<P: PointSet + ?Sized>(points: &P) -> usize {
+    if points.keys() == 1 { points.len() / 8 } else { points.len() }
 }
 
 /// The kind of layer that a plan makes.

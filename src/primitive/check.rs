@@ -126,6 +126,9 @@ impl std::error::Error for PrimitiveError {}
 /// check_primitive(&ball, 1000)?;
 /// # Ok::<(), mbkd::PrimitiveError>(())
 /// ```
+///
+/// # Errors
+/// A [`PrimitiveError`] that says which rule of the contract is broken, by which ray or point.
 pub fn check_primitive(primitive: &impl Primitive, samples: usize) -> Result<(), PrimitiveError> {
     let active = primitive.active();
     let mut random = Random(0x9e37_79b9_7f4a_7c15);

@@ -252,7 +252,7 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     }
     /// The map between world and tree space.
     fn frame(&self) -> &Frame;
-    /// An error if a caller-defined primitive has returned invalid bounds since the set was made.
+    /// An error if a custom primitive has returned invalid bounds since the set was made.
     fn input_error(&self) -> Result<(), BuildError> {
         Ok(())
     }
@@ -272,7 +272,7 @@ pub(super) fn include_each<S: PrimitiveSet + ?Sized>(
     }
 }
 
-/// Caller-defined primitives, as a [`RayTree`](crate::RayTree) holds them.
+/// Custom primitives, as a [`RayTree`](crate::RayTree) holds them.
 pub struct Shapes<P> {
     shapes: Vec<P>,
     /// Active intervals; empty if all shapes exist throughout the shutter.

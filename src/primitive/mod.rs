@@ -1,4 +1,4 @@
-//! Moving primitives: triangle meshes, spheres, caller-defined primitives, points.
+//! Moving primitives: triangle meshes, spheres, custom primitives, points.
 
 mod bent_bounds;
 mod check;

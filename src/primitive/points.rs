@@ -125,7 +125,7 @@ impl<P: Position> PointSet for [P] {
 /// ```
 /// use mbkd::{MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
 /// let photons = [
-///     MovingPoint::fixed(Vec3::ZERO).active(TimeInterval::new(0.0, 0.5)?),
+///     MovingPoint::fixed(Vec3::ZERO).with_active(TimeInterval::new(0.0, 0.5)?),
 ///     MovingPoint::new(Vec3::X, -Vec3::X),
 /// ];
 /// let tree = PointTree::build(&photons, &PointParams::default())?;
@@ -155,7 +155,7 @@ impl MovingPoint {
     }
 
     /// The same point, active during `interval` only.
-    pub fn active(self, interval: TimeInterval) -> MovingPoint {
+    pub fn with_active(self, interval: TimeInterval) -> MovingPoint {
         MovingPoint { active: interval, ..self }
     }
 }

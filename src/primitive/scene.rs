@@ -1,4 +1,4 @@
-//! Scenes of meshes, spheres and caller-defined primitives.
+//! Scenes of meshes, spheres and custom primitives.
 
 use super::custom::{Primitive, PrimitiveSet, Shapes, ShapesExtent, include_each, with_merged_keys};
 use super::intersection::{Intersection, SurfacePoint};
@@ -16,20 +16,20 @@ use glam::DVec3;
 /// ```
 /// use mbkd::{MovingSphere, Shape, glam::DVec3};
 /// let ball: Shape = MovingSphere::fixed(DVec3::ZERO, 1.0).into();
-/// let own = Shape::own(MovingSphere::fixed(DVec3::X, 1.0)); // anything that implements `Primitive`
-/// assert!(matches!((ball, own), (Shape::Sphere(_), Shape::Own(_))));
+/// let custom = Shape::custom(MovingSphere::fixed(DVec3::X, 1.0)); // or a type of yours
+/// assert!(matches!((ball, custom), (Shape::Sphere(_), Shape::Custom(_))));
 /// ```
 pub enum Shape {
     /// A moving sphere.
     Sphere(MovingSphere),
-    /// A caller-defined primitive.
-    Own(Box<dyn Primitive>),
+    /// A custom primitive.
+    Custom(Box<dyn Primitive>),
 }
 
 impl Shape {
-    /// A caller-defined primitive.
-    pub fn own(primitive: impl Primitive + 'static) -> Shape {
-        Shape::Own(Box::new(primitive))
+    /// A custom primitive: any type that implements [`Primitive`].
+    pub fn custom(primitive: impl Primitive + 'static) -> Shape {
+        Shape::Custom(Box::new(primitive))
     }
 }
 
@@ -43,7 +43,7 @@ impl Primitive for Shape {
     fn bounds(&self, over: TimeInterval) -> LinearBounds {
         match self {
             Shape::Sphere(sphere) => sphere.bounds(over),
-            Shape::Own(own) => own.bounds(over),
+            Shape::Custom(custom) => custom.bounds(over),
         }
     }
 
@@ -51,35 +51,35 @@ impl Primitive for Shape {
     fn intersect(&self, ray: &Ray) -> Option<Intersection> {
         match self {
             Shape::Sphere(sphere) => sphere.intersect(ray),
-            Shape::Own(own) => own.intersect(ray),
+            Shape::Custom(custom) => custom.intersect(ray),
         }
     }
 
     fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
         match self {
             Shape::Sphere(sphere) => sphere.closest_point(point, time),
-            Shape::Own(own) => own.closest_point(point, time),
+            Shape::Custom(custom) => custom.closest_point(point, time),
         }
     }
 
     fn active(&self) -> TimeInterval {
         match self {
             Shape::Sphere(sphere) => sphere.active,
-            Shape::Own(own) => own.active(),
+            Shape::Custom(custom) => custom.active(),
         }
     }
 
     fn as_sphere(&self) -> Option<&MovingSphere> {
         match self {
             Shape::Sphere(sphere) => Some(sphere),
-            Shape::Own(own) => own.as_sphere(),
+            Shape::Custom(custom) => custom.as_sphere(),
         }
     }
 
     fn merge_keys(&mut self) {
         match self {
             Shape::Sphere(sphere) => sphere.merge_keys(),
-            Shape::Own(own) => own.merge_keys(),
+            Shape::Custom(custom) => custom.merge_keys(),
         }
     }
 }

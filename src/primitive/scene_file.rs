@@ -1,4 +1,4 @@
-//! Scenes in files: triangles and spheres. For caller-defined primitives a file has only their number, bounds and
+//! Scenes in files: triangles and spheres. For custom primitives a file has only their number, bounds and
 //! intervals, to verify that the same ones are passed when the file is loaded.
 
 use super::custom::{Primitive, PrimitiveSet, Shapes, ShapesExtent};
@@ -21,11 +21,11 @@ pub(crate) struct SceneRecord {
 }
 
 impl Scene {
-    /// Writes everything; an error if a shape has a caller-defined type.
+    /// Writes everything; an error if a shape is a custom primitive.
     pub(crate) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
         let (mut key_counts, mut active, mut keys) = (Vec::new(), Vec::new(), Vec::new());
         for (i, shape) in self.shapes.shapes().iter().enumerate() {
-            let Shape::Sphere(sphere) = shape else { return Err(FileError::OwnShape { shape: i }) };
+            let Shape::Sphere(sphere) = shape else { return Err(FileError::CustomShape { shape: i }) };
             key_counts.push(sphere.keys.len() as u32);
             active.push(sphere.active.to_bounds());
             keys.extend(sphere.keys.iter().map(|(center, radius)| [center.x, center.y, center.z, *radius]));
@@ -64,7 +64,7 @@ impl SceneRecord {
     }
 }
 
-/// The contents of a file for caller-defined primitives, not validated yet.
+/// The contents of a file for custom primitives, not validated yet.
 pub(crate) struct ShapesRecord {
     frame: Frame,
     len: u64,

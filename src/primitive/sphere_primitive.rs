@@ -1,4 +1,4 @@
-//! Spheres as primitives: the second kind of primitive, and an example for caller-defined ones.
+//! Spheres as primitives: the second kind of primitive, and an example for custom ones.
 
 use super::custom::Primitive;
 use super::intersection::{Intersection, SurfacePoint};

@@ -6,7 +6,6 @@ use crate::file::{self, Decoder, Encoder, FileError, FileKind, broken};
 use crate::layout::WideTree;
 use crate::mbkd::KdTree;
 use crate::primitive::{Primitive, SceneRecord, Shapes, ShapesRecord};
-use crate::simd::SimdLevel;
 use std::io::{Read, Write};
 use std::path::Path;
 
@@ -60,8 +59,7 @@ impl<G: Geometry> RayTree<G> {
             }
             Layout::Lazy(_) => return Err(FileError::Lazy),
         };
-        let (simd, queries, outline) = (SimdLevel::best(), G::QUERIES, layout.outline(geometry.frame()));
-        Ok(RayTree { geometry, layout, outline, statistics, from_file: true, plan: None, simd, queries })
+        Ok(RayTree::assemble(geometry, layout, statistics, true))
     }
 }
 
@@ -86,7 +84,7 @@ impl<G: Geometry> RayTree<G> {
     /// ```
     ///
     /// # Errors
-    /// [`FileError::OwnShape`] if a scene has a shape of a custom type, [`FileError::Lazy`] for a lazy tree, and
+    /// [`FileError::CustomShape`] if a scene has a custom primitive, [`FileError::Lazy`] for a lazy tree, and
     /// errors of the sink.
     pub fn write_to(&self, sink: &mut impl Write) -> Result<(), FileError> {
         self.encode(sink)

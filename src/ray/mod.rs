@@ -1,6 +1,6 @@
 //! Ray trees: rays against moving geometry, each ray at its own time.
 //!
-//! [`RayTree::build`] takes triangle meshes, [`RayTree::of_scene`] meshes, spheres and the caller's own primitives
+//! [`RayTree::build`] takes triangle meshes, [`RayTree::of_scene`] meshes, spheres and custom primitives
 //! ([`Primitive`](crate::Primitive)) together, and [`RayTree::of_primitives`] primitives of one type; [`BuildParams`] selects the
 //! tree. [`RayTree::closest_hit`], [`RayTree::any_hit`] and [`RayTree::all_hits`] answer one [`Ray`], their plural forms many.
 //!

@@ -7,7 +7,7 @@ use super::traversal::batch::Task;
 use super::{Hit, Indices, Observer, Ray, Space, answer_in_order};
 use crate::error::BuildError;
 use crate::geometry::{Aabb, Frame, LinearBounds};
-use crate::layout::{Plan, Statistics, TreeBox, ValidationError};
+use crate::layout::{RefitPlan, Statistics, TreeBox, ValidationError};
 use crate::parallel;
 use crate::params::BuildParams;
 use crate::primitive::{Primitive, Scene, Shape, Shapes, TriangleMesh};
@@ -56,7 +56,7 @@ pub struct RayTree<G = Scene> {
     /// Whether the tree was read from a file, which does not contain the triangles of the build.
     pub(super) from_file: bool,
     /// The refit plan; `None` before the first refit.
-    pub(super) plan: Option<Box<Plan>>,
+    pub(super) plan: Option<Box<RefitPlan>>,
     pub(super) simd: SimdLevel,
     pub(super) queries: Queries<G>,
 }
@@ -66,7 +66,14 @@ pub(super) type InBatch<'a> = Option<Visible<&'a (dyn Fn(usize, &Hit) -> bool + 
 
 impl<G: Geometry> core::fmt::Debug for RayTree<G> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_struct("RayTree").field("statistics", &self.statistics()).finish_non_exhaustive()
+        // What is known without visiting the tree.
+        let layout = match &self.layout {
+            Layout::Wide(_) => "wide",
+            Layout::Kd(_) => "k-d",
+            Layout::Lazy(_) => "lazy",
+        };
+        let mut tree = f.debug_struct("RayTree");
+        tree.field("primitives", &self.geometry.len()).field("layout", &layout).finish_non_exhaustive()
     }
 }
 
@@ -78,8 +85,13 @@ impl<G: Geometry> RayTree<G> {
         if progress.complete() {
             return Err(BuildError::Cancelled);
         }
+        Ok(RayTree::assemble(geometry, layout, statistics, false))
+    }
+
+    /// The tree of a layout over its primitives.
+    pub(super) fn assemble(geometry: G, layout: Layout, statistics: Statistics, from_file: bool) -> RayTree<G> {
         let (simd, queries, outline) = (SimdLevel::best(), G::QUERIES, layout.outline(geometry.frame()));
-        Ok(RayTree { geometry, layout, outline, statistics, from_file: false, plan: None, simd, queries })
+        RayTree { geometry, layout, outline, statistics, from_file, plan: None, simd, queries }
     }
 
     /// The tree in the form that queries take.

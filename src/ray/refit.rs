@@ -135,7 +135,7 @@ impl RayTree {
     ///
     /// # Errors
     /// [`RefitError`] if this tree cannot hold the meshes; it is then unchanged. (Except that if one of the custom
-    /// shapes returns bad bounds over a part of the shutter, the tree has the new positions, and treats that shape as
+    /// primitives returns bad bounds over a part of the shutter, the tree has the new positions, and treats that shape as
     /// unbounded.)
     pub fn refit(&mut self, meshes: &[TriangleMesh]) -> Result<Refit, RefitError> {
         self.refit_scene(meshes, None, Moved::All)
@@ -162,12 +162,33 @@ impl RayTree {
     /// # Errors
     /// As [`RayTree::refit`]; [`RefitError::NoMesh`] for an index beyond the meshes.
     pub fn refit_moved(&mut self, meshes: &[TriangleMesh], moved: &[usize]) -> Result<Refit, RefitError> {
-        if let Some(&mesh) = moved.iter().find(|&&mesh| mesh >= meshes.len()) {
-            return Err(RefitError::NoMesh { mesh, meshes: meshes.len() });
-        }
-        let mut flags = vec![false; meshes.len() + 1];
-        moved.iter().for_each(|&mesh| flags[mesh] = true);
-        self.refit_scene(meshes, None, Moved::Some(flags))
+        self.refit_scene(meshes, None, Moved::Some(moved_flags(meshes, moved, false)?))
+    }
+
+    /// [`RayTree::refit_with_shapes`] where of the meshes only those with these indices differ from the last time, as for
+    /// [`RayTree::refit_moved`]; any of the shapes may. All meshes are read, and only the parts of the tree are rewritten that hold these
+    /// meshes or shapes.
+    ///
+    /// ```
+    /// use mbkd::glam::{DVec3, Vec3};
+    /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree, Shape, TriangleMesh};
+    /// let floor = [TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::NEG_ONE, Vec3::X, Vec3::Y])];
+    /// let ball = |z: f64| vec![Shape::from(MovingSphere::fixed(DVec3::new(0.0, 0.0, z), 1.0))];
+    /// let mut tree = RayTree::of_scene(&floor, ball(2.0), &BuildParams::default())?;
+    /// tree.refit_moved_with_shapes(&floor, &[], ball(3.0)).unwrap();
+    /// assert_eq!(tree.closest_hit(&Ray::new(Vec3::new(0.0, 0.0, 9.0), Vec3::NEG_Z)).unwrap().t, 5.0);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`RayTree::refit_moved`] and [`RayTree::refit_with_shapes`].
+    pub fn refit_moved_with_shapes(
+        &mut self,
+        meshes: &[TriangleMesh],
+        moved: &[usize],
+        shapes: Vec<Shape>,
+    ) -> Result<Refit, RefitError> {
+        self.refit_scene(meshes, Some(shapes), Moved::Some(moved_flags(meshes, moved, true)?))
     }
 
     /// [`RayTree::refit`] of a tree with spheres and custom primitives, as many as before ([`RayTree::of_scene`]).
@@ -205,7 +226,10 @@ impl RayTree {
                 let of_shapes = shapes.iter().flat_map(OtherShapes::active);
                 self.existed_before(meshes.iter().map(|mesh| mesh.active).chain(of_shapes))?;
             }
-            if let Some(refit) = self.refit_some(meshes, &moved)? {
+            // Other shapes have to be put among the primitives, which takes all meshes.
+            if shapes.is_none()
+                && let Some(refit) = self.refit_some(meshes, &moved)?
+            {
                 return Ok(refit);
             }
             let geometry = self.geometry.again(meshes, shapes)?;
@@ -233,6 +257,16 @@ impl RayTree {
         let masks_differ = masks != self.geometry.masks();
         self.rewrite(moved, masks_differ, None).map(Some)
     }
+}
+
+/// Whether each mesh is named as moved, and after them whether shapes move.
+fn moved_flags(meshes: &[TriangleMesh], moved: &[usize], shapes: bool) -> Result<Vec<bool>, RefitError> {
+    let mut flags = vec![false; meshes.len()];
+    for &mesh in moved {
+        *flags.get_mut(mesh).ok_or(RefitError::NoMesh { mesh, meshes: meshes.len() })? = true;
+    }
+    flags.push(shapes);
+    Ok(flags)
 }
 
 impl<P: Primitive> RayTree<Shapes<P>> {

@@ -9,7 +9,7 @@ use super::compiled::Layout;
 use super::hit::Hit;
 use super::ray_tree::RayTree;
 use crate::geometry::Ray;
-use crate::primitive::{MovingSphere, Shape};
+use crate::primitive::{MovingSphere, Primitive, Shape, Shapes};
 use glam::{DVec3, Vec3};
 
 /// A point of a surface, and how a ray gets off it.
@@ -90,7 +90,7 @@ impl RayTree {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn point_at(&self, ray: &Ray, hit: &Hit, time: f32) -> Option<DVec3> {
-        if let Some(sphere) = self.sphere_of(hit) {
+        if let Some(sphere) = self.shape_of(hit).and_then(Primitive::as_sphere) {
             let unit = MovingSphere::normal_of_hit(sphere.at(ray.time), ray, hit.t)?;
             let (center, radius) = sphere.at(time);
             return Some(center + unit * radius);
@@ -100,12 +100,10 @@ impl RayTree {
         (!point.is_nan()).then_some(point)
     }
 
-    /// The sphere that was hit; `None` if it was another primitive.
-    fn sphere_of(&self, hit: &Hit) -> Option<&MovingSphere> {
-        match (self.geometry.triangles.id(hit.mesh, hit.primitive), self.shapes().get(hit.primitive as usize)) {
-            (None, Some(Shape::Sphere(sphere))) => Some(sphere),
-            _ => None,
-        }
+    /// The shape that was hit; `None` if it was a triangle.
+    fn shape_of(&self, hit: &Hit) -> Option<&Shape> {
+        let triangle = self.geometry.triangles.id(hit.mesh, hit.primitive);
+        if triangle.is_none() { self.shapes().get(hit.primitive as usize) } else { None }
     }
 
     /// The ray from the point where `ray` hit the surface into the direction `dir`, at the same time: for shadow rays, reflections,
@@ -114,8 +112,8 @@ impl RayTree {
     ///
     /// The origin moves by 2^-36 of the coordinates and the size of the triangle (of a sphere's radius), which is far less than their
     /// coordinates in f32 are rounded by, and by what those of the point are; further on triangles that are more than a thousand times as
-    /// long as wide. What else is in the scene does not matter. A custom shape has no known surface: there the origin moves by 2^-22 of the
-    /// distance from the origin of `ray`.
+    /// long as wide. What else is in the scene does not matter. A custom primitive that is no sphere ([`Primitive::as_sphere`]) has no known
+    /// surface: there the origin moves by 2^-22 of the distance from the origin of `ray`.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -130,14 +128,11 @@ impl RayTree {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn secondary_ray(&self, ray: &Ray, hit: &Hit, dir: Vec3) -> Ray {
-        let from = self.departure(ray, hit, dir.as_dvec3());
-        Ray::new(from.point + from.away * from.lift, dir).at_time(ray.time)
+        self.departure(ray, hit, dir.as_dvec3()).ray(dir, ray.time)
     }
 
     /// Where a ray into a direction leaves what another one hit.
     pub(crate) fn departure(&self, ray: &Ray, hit: &Hit, dir: DVec3) -> Departure {
-        let side = |normal: DVec3| if normal.dot(dir) < 0.0 { -normal } else { normal };
-        let rounding = |point: DVec3| OF_COORDINATE * point.abs().max_element();
         let [a, b, c] = self.vertices(hit, ray.time);
         let (ab, ac) = (b - a, c - a);
         let normal = ab.cross(ac);
@@ -148,19 +143,60 @@ impl RayTree {
             let coordinate = |p: DVec3| p.abs().max((p - origin).abs()).max_element();
             let size = longest.sqrt() + coordinate(a).max(coordinate(b)).max(coordinate(c));
             let lift = size * OF_TRIANGLE.max(OF_SLIVER * longest / normal.length()) + rounding(point);
-            return Departure { point, away: side(unit), lift };
+            return Departure { point, away: side(unit, dir), lift };
         }
-        if let Some(sphere) = self.sphere_of(hit) {
+        Departure::from_shape(self.shape_of(hit), ray, hit, dir)
+    }
+}
+
+impl<P: Primitive> RayTree<Shapes<P>> {
+    /// The ray from the point where `ray` hit the surface into the direction `dir`, as [`RayTree::secondary_ray`] makes it: exact on
+    /// primitives that are spheres ([`Primitive::as_sphere`]), moved by 2^-22 of the distance on others.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree, glam::{DVec3, Vec3}};
+    /// let tree = RayTree::of_primitives(vec![MovingSphere::fixed(DVec3::ZERO, 0.7)], &BuildParams::default())?;
+    /// let ray = Ray::new(Vec3::new(0.1, 0.2, 5.0), Vec3::NEG_Z);
+    /// let hit = tree.closest_hit(&ray).unwrap();
+    /// assert!(!tree.any_hit(&tree.secondary_ray(&ray, &hit, Vec3::Z)));
+    /// assert!(tree.any_hit(&tree.secondary_ray(&ray, &hit, Vec3::NEG_Z)), "the far side, from inside");
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn secondary_ray(&self, ray: &Ray, hit: &Hit, dir: Vec3) -> Ray {
+        let shape = self.primitives().get(hit.primitive as usize);
+        Departure::from_shape(shape, ray, hit, dir.as_dvec3()).ray(dir, ray.time)
+    }
+}
+
+impl Departure {
+    /// Where a ray into a direction leaves a shape that another one hit.
+    fn from_shape(shape: Option<&impl Primitive>, ray: &Ray, hit: &Hit, dir: DVec3) -> Departure {
+        if let Some(sphere) = shape.and_then(Primitive::as_sphere) {
             let (center, radius) = sphere.at(ray.time);
             if let Some(unit) = MovingSphere::normal_of_hit((center, radius), ray, hit.t) {
                 let point = center + unit * radius;
-                return Departure { point, away: side(unit), lift: OF_TRIANGLE * radius + rounding(point) };
+                return Departure { point, away: side(unit, dir), lift: OF_TRIANGLE * radius + rounding(point) };
             }
         }
         let seen = ray.point(hit.t);
         // Back to where the ray came from, or on if it goes on.
         let on = ray.dir.as_dvec3().normalize_or_zero();
         let lift = OF_DISTANCE * (seen - ray.origin).length() + rounding(seen);
-        Departure { point: seen, away: if on.dot(dir) < 0.0 { -on } else { on }, lift }
+        Departure { point: seen, away: side(on, dir), lift }
     }
+
+    /// The ray that leaves, at a time of the shutter.
+    fn ray(&self, dir: Vec3, time: f32) -> Ray {
+        Ray::new(self.point + self.away * self.lift, dir).at_time(time)
+    }
+}
+
+/// The one of two opposite unit vectors that is on the side of a direction.
+fn side(unit: DVec3, dir: DVec3) -> DVec3 {
+    if unit.dot(dir) < 0.0 { -unit } else { unit }
+}
+
+/// How far the coordinates of a point are rounded.
+fn rounding(point: DVec3) -> f64 {
+    OF_COORDINATE * point.abs().max_element()
 }

@@ -29,7 +29,7 @@ fn with_active_intervals(n: usize, random: &mut Random) -> Vec<MovingPoint> {
     let mut points = moving(n, random);
     for point in &mut points {
         let (a, b) = (random.unit(), random.unit());
-        *point = point.active(TimeInterval::new(a.min(b), a.max(b) + 1e-6).unwrap_or(TimeInterval::FULL));
+        *point = point.with_active(TimeInterval::new(a.min(b), a.max(b) + 1e-6).unwrap_or(TimeInterval::FULL));
     }
     points
 }
@@ -147,7 +147,7 @@ fn answers(tree: &PointTree, searches: usize, seed: u64) -> String {
     let mut lists = NeighborCsr::default();
     let made = tree.neighbor_lists(0.3, 0.02).sorted().with_distances().run(&mut lists);
     writeln!(out, "{} {made:?} {:?}", visitor.0, lists.iter().take(50).collect::<Vec<_>>()).unwrap();
-    let made = tree.neighbor_lists(0.7, 0.02).rows_by_id().run(&mut lists);
+    let made = tree.neighbor_lists(0.7, 0.02).in_order().run(&mut lists);
     writeln!(out, "{made:?} {}", lists.iter().count()).unwrap();
     if let Ok(interval) = TimeInterval::new(0.2, 0.3) {
         let swept = tree.neighbor_lists_swept(interval, 0.01).map(|lists| format!("{:?}", lists.encounters()));
@@ -193,7 +193,7 @@ fn with_fast_points(
         if i.is_multiple_of(one_in) {
             return MovingPoint::new(open, open + random.vec() * fast);
         }
-        MovingPoint::new(open, open + random.vec() * 1e-3).active(active(random))
+        MovingPoint::new(open, open + random.vec() * 1e-3).with_active(active(random))
     };
     (0..40_000).map(point).collect()
 }

@@ -268,11 +268,11 @@ fn files_are_the_same_for_any_number_of_threads() {
 }
 
 #[test]
-fn own_shapes_in_a_scene_are_refused_and_own_primitives_are_handed_in_again() {
+fn custom_shapes_in_a_scene_are_refused_and_custom_primitives_are_handed_in_again() {
     let ball = |x: f64| MovingSphere::new(vec![(DVec3::X * x, 0.5), (DVec3::new(x, 1.0, 0.0), 0.4)]);
-    let shapes = vec![ball(0.0).into(), Shape::own(ball(1.0))];
+    let shapes = vec![ball(0.0).into(), Shape::custom(ball(1.0))];
     let tree = RayTree::of_scene(&[], shapes, &BuildParams::default()).unwrap();
-    assert!(matches!(tree.write_to(&mut Vec::new()), Err(FileError::OwnShape { shape: 1 })));
+    assert!(matches!(tree.write_to(&mut Vec::new()), Err(FileError::CustomShape { shape: 1 })));
 
     let balls: Vec<MovingSphere> = (0..50).map(|i| ball(f64::from(i))).collect();
     for params in [BuildParams::default(), BuildParams::paper()] {
@@ -358,7 +358,7 @@ fn hostile_files_are_refused_or_answer_something() {
 
 /// Files of trees over the caller's primitives, which rays are tested against by their boxes.
 #[test]
-fn files_of_own_primitives_come_back_and_hostile_ones_are_refused_or_answer_something() {
+fn files_of_custom_primitives_come_back_and_hostile_ones_are_refused_or_answer_something() {
     let mut random = Random(17);
     let mut counts = [0; 2];
     for (number, (keys, division)) in

@@ -87,10 +87,10 @@ fn batches_equal_single_queries_for_any_number_of_threads() {
     assert_eq!((lists.len(), within.len(), within.is_empty()), (queries.len(), queries.len(), false));
     for (i, (q, t)) in queries.iter().enumerate() {
         assert_eq!(nearest[i], tree.nearest(*q, *t));
-        assert_eq!(lists.get(i), tree.nearest_n(*q, *t, 9));
-        assert_eq!(within.get(i), tree.query(*q, *t).radius(0.1).collect_sorted());
+        assert_eq!(lists.row(i), tree.nearest_n(*q, *t, 9));
+        assert_eq!(within.row(i), tree.query(*q, *t).radius(0.1).collect_sorted());
     }
-    assert!(nearest[17].is_none() && nearest[18].is_none() && lists.get(19).is_empty());
+    assert!(nearest[17].is_none() && nearest[18].is_none() && lists.row(19).is_empty());
     assert_eq!(lists.iter().count(), queries.len());
     let empty: [(Vec3, f32); 0] = [];
     assert!(tree.nearest_n_batch(&empty, 3).is_empty() && tree.nearest_batch(&empty).is_empty());
@@ -113,8 +113,8 @@ fn filtered_batches_are_single_filtered_queries() {
             for (i, (q, t)) in queries.iter().enumerate() {
                 let query = tree.query(*q, *t).filter(|id| accept(i, id));
                 assert_eq!(nearest[i], query.nearest(), "{kind}, {structure:?}");
-                assert_eq!(lists.get(i), query.nearest_n(6), "{kind}, {structure:?}");
-                assert_eq!(within.get(i), query.radius(0.2).collect_sorted(), "{kind}, {structure:?}");
+                assert_eq!(lists.row(i), query.nearest_n(6), "{kind}, {structure:?}");
+                assert_eq!(within.row(i), query.radius(0.2).collect_sorted(), "{kind}, {structure:?}");
             }
             assert!(
                 nearest[7].is_none() && nearest.iter().flatten().count() > 1000 && within.iter().any(|l| l.len() > 1)
@@ -218,7 +218,8 @@ fn closest_approaches_of_static_points_do_not_depend_on_the_structure() {
             let (time, velocity) = (key + rng.signed() * 1e-4, rng.vec());
             let [from, to] = [0.0, 1.0].map(|at: f32| cloud.keys[0][i] + beside + velocity * (at - time));
             let nearest = |tree: &PointTree, id: Option<u32>| {
-                tree.closest_approach_if(from, to, TimeInterval::FULL, |other| id.is_none_or(|id| id == other)).unwrap()
+                tree.closest_approach_filtered(from, to, TimeInterval::FULL, |other| id.is_none_or(|id| id == other))
+                    .unwrap()
             };
             for id in [None, Some(i as u32)] {
                 let found = trees.each_ref().map(|tree| nearest(tree, id));
@@ -250,7 +251,7 @@ fn closest_approaches_of_crowds_are_those_of_their_lowest_ids() {
             for _ in 0..20 {
                 let (from, to) = (rng.vec(), rng.vec());
                 let found = tree.closest_approach(from, to, TimeInterval::FULL).unwrap();
-                let expected = tree.closest_approach_if(from, to, TimeInterval::FULL, lowest).unwrap();
+                let expected = tree.closest_approach_filtered(from, to, TimeInterval::FULL, lowest).unwrap();
                 assert_eq!(found, expected, "{keys} keys, {structure:?}, {from} to {to}");
             }
         }
@@ -263,8 +264,8 @@ fn closest_approach_with_predicate_and_invalid_paths() {
     let tree = PointTree::build(&points, &PointParams::default()).unwrap();
     let all = TimeInterval::FULL;
     assert_eq!(tree.closest_approach(Vec3::ZERO, Vec3::ZERO, all).unwrap().time, 0.5);
-    assert_eq!(tree.closest_approach_if(Vec3::ZERO, Vec3::ZERO, all, |id| id != 0).unwrap().id, 1);
-    assert!(tree.closest_approach_if(Vec3::ZERO, Vec3::ZERO, all, |_| false).is_none());
+    assert_eq!(tree.closest_approach_filtered(Vec3::ZERO, Vec3::ZERO, all, |id| id != 0).unwrap().id, 1);
+    assert!(tree.closest_approach_filtered(Vec3::ZERO, Vec3::ZERO, all, |_| false).is_none());
     assert!(tree.closest_approach(Vec3::NAN, Vec3::ZERO, all).is_none());
     assert!(tree.closest_approach(Vec3::ZERO, Vec3::splat(1e30), all).is_none());
 }

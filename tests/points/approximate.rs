@@ -44,8 +44,9 @@ fn a_radius_is_never_shrunk_and_any_epsilon_answers() {
     for kind in KINDS {
         let mut rng = Rng(7);
         let cloud = cloud(kind, 900, &mut rng);
-        let points: Vec<MovingPoint> =
-            (0..900).map(|i| MovingPoint::new(cloud.keys[0][i], cloud.keys[1][i]).active(cloud.active[i])).collect();
+        let points: Vec<MovingPoint> = (0..900)
+            .map(|i| MovingPoint::new(cloud.keys[0][i], cloud.keys[1][i]).with_active(cloud.active[i]))
+            .collect();
         for structure in [PointStructure::Automatic, PointStructure::TimeSlices(3), PointStructure::Mbkd] {
             for simd in SimdLevel::available() {
                 let params = PointParams { structure, simd, ..PointParams::default() };

@@ -107,7 +107,7 @@ fn compare(cloud: &Cloud, tree: &PointTree, q: DVec3, time: f32, about: &str) {
         assert!(found.distance_squared <= exact.distance_squared * 2.25 * 1.000_001, "{about}");
     }
     assert_eq!(near.len(), within.len().min(8));
-    assert_eq!(tree.nearest_n_batch(&[(q, time)], 4).get(0), &all[..4.min(all.len())]);
+    assert_eq!(tree.nearest_n_batch(&[(q, time)], 4).row(0), &all[..4.min(all.len())]);
 }
 
 pub const STRUCTURES: [PointStructure; 3] =

@@ -27,7 +27,7 @@ impl Case<'_> {
         if self.other {
             query = query.among(among);
         }
-        query.with_distances().with_displacements().sorted().rows_by_id()
+        query.with_distances().with_displacements().sorted().in_order()
     }
 
     fn bound(&self, i: usize, j: usize) -> f32 {

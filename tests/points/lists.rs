@@ -94,7 +94,7 @@ fn check_against(
     what: &str,
 ) {
     let query = case.query(trees[0], trees[1]);
-    query.rows_by_id().sorted().with_distances().with_displacements().run(lists).unwrap();
+    query.in_order().sorted().with_distances().with_displacements().run(lists).unwrap();
     assert_eq!(lists.len(), cloud.len(), "{what}");
     let [x, y, z] = lists.displacements();
     for (i, list) in expected.iter().enumerate() {
@@ -279,7 +279,7 @@ fn empty_sets_and_single_points_have_empty_lists() {
     for (tree, among, rows, found) in
         [(&empty, &empty, 0, 0), (&empty, &one, 0, 0), (&one, &empty, 1, 0), (&one, &one, 1, 1)]
     {
-        tree.neighbor_lists(0.0, 1.0).among(among).rows_by_id().run(&mut lists).unwrap();
+        tree.neighbor_lists(0.0, 1.0).among(among).in_order().run(&mut lists).unwrap();
         assert_eq!((lists.len(), lists.neighbors(), lists.offsets().len()), (rows, found, rows + 1));
     }
     one.neighbor_lists(0.0, 1.0).run(&mut lists).unwrap();
@@ -321,7 +321,7 @@ fn bad_queries_get_errors() {
     assert_eq!(error(query), ListError::FarFromPeriod { axis: 2 });
     let set = PointArrays { keys: &[&[[0.0f32; 3], [1.0; 3]]], active: &[], ids: &[5, 1] };
     let named = PointTree::build(&set, &PointParams::default()).unwrap();
-    assert_eq!(error(named.neighbor_lists(0.0, 1.0).rows_by_id()), ListError::Ids { id: 5 });
+    assert_eq!(error(named.neighbor_lists(0.0, 1.0).in_order()), ListError::Ids { id: 5 });
     let rounded = PointParams { precision: Precision::Single, ..PointParams::default() };
     let wide = PointTree::build(&[[5.0f64; 3], [6.0; 3]], &rounded).unwrap();
     assert_eq!(error(tree.neighbor_lists(0.0, 1.0).among(&wide)), ListError::Origins);
@@ -332,13 +332,13 @@ fn buffers_are_reused() {
     let cloud = cloud("uniform", 5_000, &mut Rng(1));
     let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
     let mut lists = NeighborCsr::new();
-    tree.neighbor_lists(0.0, 0.2).with_distances().rows_by_id().run(&mut lists).unwrap();
-    tree.neighbor_lists(0.0, 0.2).with_distances().rows_by_id().run(&mut lists).unwrap();
+    tree.neighbor_lists(0.0, 0.2).with_distances().in_order().run(&mut lists).unwrap();
+    tree.neighbor_lists(0.0, 0.2).with_distances().in_order().run(&mut lists).unwrap();
     let (bytes, address) = (lists.bytes(), [lists.ids().as_ptr(), lists.points().as_ptr()]);
     for radius in [0.1, 0.2, 0.0, 0.2] {
         // Twice, because rows by id are swapped with the others.
         for _ in 0..2 {
-            tree.neighbor_lists(0.0, radius).with_distances().rows_by_id().run(&mut lists).unwrap();
+            tree.neighbor_lists(0.0, radius).with_distances().in_order().run(&mut lists).unwrap();
         }
         assert_eq!((lists.bytes(), [lists.ids().as_ptr(), lists.points().as_ptr()]), (bytes, address));
     }
@@ -352,7 +352,7 @@ fn lists_of_tight_clusters_in_a_large_set() {
     let points: Vec<Vec3> = (0..300_000).map(|i| place(i / 200) + rng.vec() * 1e-3).collect();
     let tree = PointTree::build(&points, &PointParams::default()).unwrap();
     let mut lists = NeighborCsr::new();
-    tree.neighbor_lists(0.0, 5e-4).rows_by_id().run(&mut lists).unwrap();
+    tree.neighbor_lists(0.0, 5e-4).in_order().run(&mut lists).unwrap();
     for i in (0..points.len()).step_by(37) {
         assert_eq!(lists.row(i).len() + 1, tree.query(points[i], 0.0).radius(5e-4).count(), "point {i}");
     }
@@ -383,7 +383,7 @@ fn rebuilt_trees_answer_like_new_ones() {
             let new = PointTree::build(&points, &params).unwrap();
             let lists = [&tree, &new].map(|tree| {
                 let mut lists = NeighborCsr::new();
-                tree.neighbor_lists(0.0, 0.15).rows_by_id().sorted().with_distances().run(&mut lists).unwrap();
+                tree.neighbor_lists(0.0, 0.15).in_order().sorted().with_distances().run(&mut lists).unwrap();
                 lists
             });
             assert_eq!(lists[0].offsets(), lists[1].offsets(), "{count} points, step {step}");

@@ -366,7 +366,7 @@ fn closest_times_of_active_intervals_that_begin_and_end_at_a_key() {
         row.sort_unstable_by_key(|e| e.id);
         assert_eq!(row, expected, "{structure:?}");
         // The closest approach to the first point: of this one it is at the end, where no encounter begins.
-        let end = tree.closest_approach_if(Vec3::ZERO, Vec3::ZERO, TimeInterval::FULL, |id| id == 3).unwrap();
+        let end = tree.closest_approach_filtered(Vec3::ZERO, Vec3::ZERO, TimeInterval::FULL, |id| id == 3).unwrap();
         assert_eq!((end.time, end.distance), (0.5, 1.5), "{structure:?}");
     }
 }

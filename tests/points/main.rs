@@ -3,6 +3,7 @@
 #[cfg(feature = "rayon")]
 mod api;
 mod approximate;
+mod bounds;
 mod double;
 #[cfg(feature = "rayon")]
 mod double_lists;

@@ -28,7 +28,7 @@ fn interval() -> impl Strategy<Value = TimeInterval> {
 fn moving_point() -> impl Strategy<Value = MovingPoint> {
     let displacement = prop_oneof![Just(Vec3::ZERO), place(), place().prop_map(|p| p * 0.01)];
     (place(), displacement, interval())
-        .prop_map(|(p, displacement, active)| MovingPoint::new(p, p + displacement).active(active))
+        .prop_map(|(p, displacement, active)| MovingPoint::new(p, p + displacement).with_active(active))
 }
 
 fn structure() -> impl Strategy<Value = PointStructure> {

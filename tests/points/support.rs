@@ -136,7 +136,7 @@ pub fn cloud(kind: &str, count: usize, rng: &mut Rng) -> Cloud {
             "short intervals" => {
                 let begin = rng.unit() * 0.95;
                 let end = (begin + 0.02 + 0.08 * rng.unit()).min(1.0);
-                MovingPoint::new(p, p + rng.vec() * spacing).active(TimeInterval::new(begin, end).unwrap())
+                MovingPoint::new(p, p + rng.vec() * spacing).with_active(TimeInterval::new(begin, end).unwrap())
             }
             // All points coincide at mid-shutter, and are on a grid before.
             "converging" => {

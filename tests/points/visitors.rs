@@ -47,7 +47,7 @@ fn every_point_is_visited_once_at_its_position() {
         .map(|i| {
             let from = vec();
             let point = MovingPoint::new(from, from + vec() * if i % 20 == 0 { 1.5 } else { 0.1 });
-            if i % 3 == 0 { point.active(some_time) } else { point }
+            if i % 3 == 0 { point.with_active(some_time) } else { point }
         })
         .collect();
     let still: Vec<MovingPoint> = (0..3000).map(|_| MovingPoint::fixed(vec())).collect();

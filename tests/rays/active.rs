@@ -459,7 +459,7 @@ fn a_tree_asks_each_primitive_once_for_its_interval() {
     }
     let asked = Arc::new(AtomicU32::new(0));
     let ball = |x: f64| Asked(MovingSphere::fixed(DVec3::X * x, 1.0), asked.clone());
-    let shape = |x: f64| vec![Shape::own(ball(x))];
+    let shape = |x: f64| vec![Shape::custom(ball(x))];
     let calls = || asked.swap(0, Relaxed);
     let mut tree = RayTree::of_primitives(vec![ball(0.0)], &BuildParams::default()).unwrap();
     assert_eq!(calls(), 1);

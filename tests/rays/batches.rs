@@ -22,7 +22,7 @@ fn tree(division: Division, level: SimdLevel) -> RayTree {
     let shapes = (0..60).map(|i| {
         let at = random.vec().as_dvec3();
         if i % 10 == 3 {
-            return Shape::own(Brick::new(at, 0.2));
+            return Shape::custom(Brick::new(at, 0.2));
         }
         MovingSphere::new(vec![(at, 0.1), (at + random.vec().as_dvec3() * 0.3, 0.05)]).into()
     });

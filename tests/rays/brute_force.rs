@@ -164,7 +164,7 @@ fn moving_spheres() {
     assert!(trees.iter().all(|(_, tree)| tree.primitives().len() == balls.len()));
 }
 
-/// A caller-defined primitive: an axis-aligned box that rises, hit on its near face.
+/// A custom primitive: an axis-aligned box that rises, hit on its near face.
 #[derive(Clone)]
 pub struct Brick {
     low: DVec3,
@@ -214,7 +214,7 @@ impl Primitive for Brick {
 }
 
 #[test]
-fn the_callers_own_primitives() {
+fn custom_primitives() {
     let mut random = Random(17);
     let bricks: Vec<Brick> = (0..300)
         .map(|_| {

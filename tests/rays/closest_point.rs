@@ -198,7 +198,7 @@ fn points_on_the_surface_are_at_distance_zero() {
 }
 
 #[test]
-fn spheres_and_the_callers_own_primitives() {
+fn spheres_and_custom_primitives() {
     let mut random = Random(17);
     let balls: Vec<MovingSphere> = (0..300)
         .map(|i| {

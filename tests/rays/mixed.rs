@@ -1,4 +1,4 @@
-//! Meshes, spheres and caller-defined primitives in one tree equal brute force over the same kernels.
+//! Meshes, spheres and custom primitives in one tree equal brute force over the same kernels.
 
 use crate::brute_force::Brick;
 use crate::common::{Random, difference, random_ray, soup, variants};
@@ -31,7 +31,7 @@ fn shapes(count: usize) -> Vec<Shape> {
         .map(|i| {
             let (from, by) = (place(), place() * 0.3);
             if i % 10 == 3 {
-                return Shape::own(Brick::new(from, 0.3));
+                return Shape::custom(Brick::new(from, 0.3));
             }
             let sphere = MovingSphere::new(vec![(from, 0.1), (from + by, 0.05)]);
             let active = if i % 5 == 1 { TimeInterval::new(0.3, 0.6).unwrap() } else { TimeInterval::FULL };
@@ -147,7 +147,7 @@ impl Primitive for Own {
 /// How many rays were tested against such spheres.
 static ASKED: AtomicUsize = AtomicUsize::new(0);
 
-/// A primitive of the caller's own is tested by itself, which takes long: boxes exclude nearly all of them.
+/// A custom primitive is tested by itself, which takes long: boxes exclude nearly all of them.
 #[test]
 fn rays_are_tested_against_few_primitives_of_the_callers() {
     let mut random = Random(21);
@@ -156,7 +156,7 @@ fn rays_are_tested_against_few_primitives_of_the_callers() {
         MovingSphere::new(vec![(center, 0.03), (center + by, 0.03)])
     };
     let balls: Vec<MovingSphere> = (0..5000).map(|_| ball(&mut random)).collect();
-    let shapes = || balls.iter().cloned().map(Own).map(Shape::own).collect();
+    let shapes = || balls.iter().cloned().map(Own).map(Shape::custom).collect();
     let few = soup(100, 2, 0.1, 0.1, 5);
     for meshes in [vec![], vec![few], vec![soup(6000, 2, 0.01, 0.01, 6)]] {
         let tree = RayTree::of_scene(&meshes, shapes(), &BuildParams::default()).unwrap();

@@ -129,7 +129,7 @@ fn spheres_and_bricks_are_refitted() {
         let mut place = || random.vec().as_dvec3() + off;
         (0..60)
             .map(|i| match i % 6 {
-                3 => Shape::own(Brick::new(place(), 0.3)),
+                3 => Shape::custom(Brick::new(place(), 0.3)),
                 // Some move in some frames only.
                 4 if frame.is_multiple_of(2) => MovingSphere::fixed(place(), 0.1).into(),
                 _ => MovingSphere::new(vec![(place(), 0.1), (place(), 0.05)]).into(),

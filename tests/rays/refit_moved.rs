@@ -53,7 +53,7 @@ fn shapes() -> Vec<Shape> {
     let mut random = Random(3);
     let mut ball = || Shape::from(MovingSphere::new(vec![(random.vec().as_dvec3(), 0.1), (DVec3::ZERO, 0.05)]));
     let mut shapes: Vec<Shape> = (0..20).map(|_| ball()).collect();
-    shapes.push(Shape::own(Brick::new(DVec3::X, 0.3)));
+    shapes.push(Shape::custom(Brick::new(DVec3::X, 0.3)));
     shapes
 }
 
@@ -114,6 +114,46 @@ fn a_tree_that_is_told_what_moved_is_that_of_a_refit_to_all_meshes() {
                 assert_eq!(told.triangle(mesh, 0, 0.3), all.triangle(mesh, 0, 0.3), "{what}");
             }
         }
+    }
+}
+
+/// Shapes may move as well, to other keys and beyond tree space too.
+#[test]
+fn shapes_move_with_the_meshes_that_are_named() {
+    for division in [Division::Automatic, Division::SharedLeaves(4), Division::SeparateTrees(3)] {
+        let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
+        let mut random = Random(17);
+        let mut now: Vec<TriangleMesh> = meshes(200).into_iter().chain([closed_sphere(60, 2, 0.02, 9)]).collect();
+        let balls = |frame: usize| -> Vec<Shape> {
+            let mut random = Random(3 + frame as u64);
+            let far = if frame == 4 { 9.0 } else { 1.0 };
+            let mut key = || (random.vec().as_dvec3() * far, 0.1);
+            let keys = if frame == 6 { 3 } else { 2 };
+            let mut ball = || Shape::from(MovingSphere::new((0..keys).map(|_| key()).collect()));
+            (0..20).map(|_| ball()).chain([Shape::custom(Brick::new(DVec3::X * far, 0.3))]).collect()
+        };
+        let mut told = RayTree::of_scene(&now, balls(0), &params).unwrap();
+        let mut all = RayTree::of_scene(&now, balls(0), &params).unwrap();
+        for frame in 1..9 {
+            let what = format!("{division:?}, frame {frame}");
+            let chosen: Vec<usize> = (0..now.len() - 1).filter(|_| random.unit() < 0.05).collect();
+            for &i in &chosen {
+                now[i] = moved(&now[i], 0.1, &mut random);
+            }
+            let refit = told.refit_moved_with_shapes(&now, &chosen, balls(frame)).unwrap();
+            let to_all = all.refit_with_shapes(&now, balls(frame)).unwrap();
+            assert_eq!((refit.nodes, refit.leaves), (to_all.nodes, to_all.leaves), "{what}");
+            // The sphere of 14 000 triangles is visited by the first refit, and where tree space changes.
+            assert!(refit.skipped > 0 || [1, 4, 5].contains(&frame), "{what}: {refit:?}");
+            assert_eq!(told.validate(), Ok(()), "{what}");
+            let oracle = BruteForce::of_scene(&now, balls(frame)).unwrap();
+            for _ in 0..60 {
+                assert_eq!(difference(&told, &oracle, &random_ray(&mut random, 1.5)), None, "{what}");
+            }
+        }
+        let none = now.len();
+        let error = told.refit_moved_with_shapes(&now, &[none], balls(0)).unwrap_err();
+        assert_eq!(error, RefitError::NoMesh { mesh: none, meshes: none });
     }
 }
 

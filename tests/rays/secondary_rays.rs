@@ -1,11 +1,11 @@
 //! Secondary rays do not hit the surface that they leave, and begin right at it.
 
-use super::common::{Random, soup};
+use super::common::{Blob, Random, soup};
 use core::ops::ControlFlow;
 use mbkd::glam::{DAffine3, DQuat, DVec3, Vec3};
 use mbkd::{
-    BuildParams, Hit, Instance, InstanceTree, KdParams, MovingSphere, Pose, Ray, RayTree, Shape, TriangleMesh,
-    WideParams,
+    BuildParams, Hit, Instance, InstanceTree, Intersection, KdParams, LinearBounds, MovingSphere, Pose, Primitive, Ray,
+    RayTree, Shape, TimeInterval, TriangleMesh, WideParams,
 };
 use std::sync::Arc;
 
@@ -157,6 +157,52 @@ fn secondary_rays_leave_spheres_or_cross_them() {
         }
     }
     assert!(outward > 500 && inward > 400, "{outward}, {inward}");
+}
+
+/// Spheres are left as such in every tree, also behind a custom type that names its sphere; what hides its sphere is left as an
+/// unknown surface.
+#[test]
+fn trees_of_primitives_have_the_secondary_rays_of_scenes() {
+    /// Names its sphere.
+    struct Named(MovingSphere);
+    impl Primitive for Named {
+        fn bounds(&self, over: TimeInterval) -> LinearBounds {
+            self.0.bounds(over)
+        }
+        fn intersect(&self, ray: &Ray) -> Option<Intersection> {
+            self.0.intersect(ray)
+        }
+        fn as_sphere(&self) -> Option<&MovingSphere> {
+            Some(&self.0)
+        }
+    }
+    let mut random = Random(44);
+    let mut key = || (random.vec().as_dvec3(), 0.1 + 0.1 * f64::from(random.unit()));
+    let balls: Vec<MovingSphere> = (0..40).map(|_| MovingSphere::new(vec![key(), key()])).collect();
+    let params = BuildParams::default();
+    let scene = |shape: fn(MovingSphere) -> Shape| {
+        RayTree::of_scene(&[], balls.iter().cloned().map(shape).collect(), &params).unwrap()
+    };
+    let (shapes, named) = (scene(Shape::from), scene(|ball| Shape::custom(Named(ball))));
+    let unknown = scene(|ball| Shape::custom(Blob(ball)));
+    let bare = RayTree::of_primitives(balls.clone(), &params).unwrap();
+    let hidden = RayTree::of_primitives(balls.iter().cloned().map(Blob).collect(), &params).unwrap();
+    let (mut all, mut apart) = (0, 0);
+    for _ in 0..500 {
+        let ray = from_around(&mut random, DVec3::ZERO, 1.0, 5.0);
+        let Some(hit) = bare.closest_hit(&ray) else { continue };
+        let dir = random.vec();
+        let exact = bare.secondary_ray(&ray, &hit, dir);
+        assert_eq!(shapes.secondary_ray(&ray, &hit, dir), exact);
+        assert_eq!(named.secondary_ray(&ray, &hit, dir), exact);
+        let rough = hidden.secondary_ray(&ray, &hit, dir);
+        assert_eq!(unknown.secondary_ray(&ray, &hit, dir), rough);
+        let seen = ray.point(hit.t);
+        assert!((rough.origin - seen).length() < 3e-7 * (seen - ray.origin).length());
+        all += 1;
+        apart += usize::from(rough.origin != exact.origin);
+    }
+    assert!(all > 100 && apart == all, "{apart} of {all}");
 }
 
 #[test]

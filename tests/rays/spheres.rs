@@ -244,7 +244,7 @@ fn spheres_of_the_callers_equal_brute_force_and_are_tested_together() {
         let own = || balls.iter().cloned().zip(0..).map(|(ball, name)| Named(ball, name)).collect::<Vec<_>>();
         let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
         let tree = RayTree::of_primitives(own(), &params).unwrap();
-        let in_scene = RayTree::of_scene(&[], own().into_iter().map(Shape::own).collect(), &params).unwrap();
+        let in_scene = RayTree::of_scene(&[], own().into_iter().map(Shape::custom).collect(), &params).unwrap();
         let oracle = BruteForce::of_primitives(own()).unwrap();
         let (mut alone, mut among) = (Counters::default(), Counters::default());
         let mut hits = 0;

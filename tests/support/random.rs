@@ -1,18 +1,18 @@
 //! Random numbers of the tests.
 
-use mbkd::glam::Vec3;
+#[path = "../../scenes/src/split_mix.rs"]
+mod split_mix;
 
-/// The same small generator everywhere (splitmix64).
+use mbkd::glam::Vec3;
+use split_mix::split_mix;
+
+/// The same small generator everywhere.
 #[derive(Clone)]
 pub struct Random(pub u64);
 
 impl Random {
     pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        split_mix(&mut self.0)
     }
 
     /// In [0, 1).

@@ -31,7 +31,7 @@ impl<'a> Whole<'a> {
     pub fn lists(&self, time: f32, radius: f32) -> HashMap<u64, Vec<(u64, f32)>> {
         let mut lists = NeighborCsr::new();
         let query = self.tree.neighbor_lists(time, radius).periodic(self.set.periods);
-        query.with_distances().sorted().rows_by_id().run(&mut lists).unwrap();
+        query.with_distances().sorted().in_order().run(&mut lists).unwrap();
         let row = |i: usize| {
             let ends = lists.offsets()[i]..lists.offsets()[i + 1];
             let ids = lists.ids()[ends.clone()].iter().map(|&j| self.particles[j as usize].id);

@@ -1,4 +1,4 @@
-//! Moving boxes as the caller's own primitives: ours, and Embree's user geometry, with the same function for a ray and a box.
+//! Moving boxes as custom primitives: ours, and Embree's user geometry, with the same function for a ray and a box.
 
 use crate::cube::{self, Kind, last_of, vec};
 use crate::ffi::{Embree, EmbreeRay, Quality, UserShapes};

@@ -66,7 +66,7 @@ pub struct Options {
     /// Closest and any hits with a mask that hides every other mesh, instead of plain queries.
     #[arg(long)]
     pub masks: bool,
-    /// Number of boxes as the caller's own primitives, instead of the scenes.
+    /// Number of boxes as custom primitives, instead of the scenes.
     #[arg(long)]
     pub boxes: Option<usize>,
     /// Embree's library file; by default the system's, 4.x before 3.x.

@@ -6,36 +6,36 @@ use mbkd::glam::Vec3;
 use mbkd_evidence::lcg::Lcg;
 
 pub const KINDS: [Kind; 26] = [
-    Kind { name: "births", point: |r, _| at_rest(r).active(life(r.unit(), 1.0)) },
-    Kind { name: "deaths", point: |r, _| at_rest(r).active(life(0.0, r.unit())) },
-    Kind { name: "lives of .01", point: |r, _| at_rest(r).active(life(0.99 * r.unit(), 0.01)) },
-    Kind { name: "lives of .1", point: |r, _| at_rest(r).active(life(0.9 * r.unit(), 0.1)) },
-    Kind { name: "lives of .3", point: |r, _| at_rest(r).active(life(1.3 * r.unit() - 0.3, 0.3)) },
-    Kind { name: "lives of all lengths", point: |r, _| at_rest(r).active(life(r.unit(), r.unit())) },
-    Kind { name: "halves", point: |r, _| at_rest(r).active(life(0.5 * (2.0 * r.unit()).floor(), 0.5)) },
-    Kind { name: "births, random 2x", point: |r, d| random(r, 2.0 * d).active(life(r.unit(), 1.0)) },
-    Kind { name: "births, 1% fast", point: |r, d| some_fast(r, d, 0.01).active(life(r.unit(), 1.0)) },
-    Kind { name: "lives of .1, 3% fast", point: |r, d| some_fast(r, d, 0.03).active(life(0.9 * r.unit(), 0.1)) },
-    Kind { name: "lives of .1, random 5x", point: |r, d| random(r, 5.0 * d).active(life(0.9 * r.unit(), 0.1)) },
-    Kind { name: "lives of .1, random 50x", point: |r, d| random(r, 50.0 * d).active(life(0.9 * r.unit(), 0.1)) },
-    Kind { name: "lives of .9, 1% fast", point: |r, d| some_fast(r, d, 0.01).active(life(0.1 * r.unit(), 0.9)) },
-    Kind { name: "lives of .9, random 5x", point: |r, d| random(r, 5.0 * d).active(life(0.1 * r.unit(), 0.9)) },
+    Kind { name: "births", point: |r, _| at_rest(r).with_active(life(r.unit(), 1.0)) },
+    Kind { name: "deaths", point: |r, _| at_rest(r).with_active(life(0.0, r.unit())) },
+    Kind { name: "lives of .01", point: |r, _| at_rest(r).with_active(life(0.99 * r.unit(), 0.01)) },
+    Kind { name: "lives of .1", point: |r, _| at_rest(r).with_active(life(0.9 * r.unit(), 0.1)) },
+    Kind { name: "lives of .3", point: |r, _| at_rest(r).with_active(life(1.3 * r.unit() - 0.3, 0.3)) },
+    Kind { name: "lives of all lengths", point: |r, _| at_rest(r).with_active(life(r.unit(), r.unit())) },
+    Kind { name: "halves", point: |r, _| at_rest(r).with_active(life(0.5 * (2.0 * r.unit()).floor(), 0.5)) },
+    Kind { name: "births, random 2x", point: |r, d| random(r, 2.0 * d).with_active(life(r.unit(), 1.0)) },
+    Kind { name: "births, 1% fast", point: |r, d| some_fast(r, d, 0.01).with_active(life(r.unit(), 1.0)) },
+    Kind { name: "lives of .1, 3% fast", point: |r, d| some_fast(r, d, 0.03).with_active(life(0.9 * r.unit(), 0.1)) },
+    Kind { name: "lives of .1, random 5x", point: |r, d| random(r, 5.0 * d).with_active(life(0.9 * r.unit(), 0.1)) },
+    Kind { name: "lives of .1, random 50x", point: |r, d| random(r, 50.0 * d).with_active(life(0.9 * r.unit(), 0.1)) },
+    Kind { name: "lives of .9, 1% fast", point: |r, d| some_fast(r, d, 0.01).with_active(life(0.1 * r.unit(), 0.9)) },
+    Kind { name: "lives of .9, random 5x", point: |r, d| random(r, 5.0 * d).with_active(life(0.1 * r.unit(), 0.9)) },
     Kind { name: "static and fast", point: |r, d| static_and_fast(r, d) },
     Kind { name: "emitter", point: |r, _| from_place(r, 1.0, Vec3::ZERO) },
     Kind { name: "fountain", point: |r, _| from_place(r, 0.3, Vec3::Z * 2.0) },
     Kind { name: "burst", point: |r, _| burst(r) },
     Kind { name: "clusters in turn", point: |r, _| clusters_in_turn(r) },
-    Kind { name: "two streams, lives of .3", point: |r, _| streams(r).active(life(1.3 * r.unit() - 0.3, 0.3)) },
+    Kind { name: "two streams, lives of .3", point: |r, _| streams(r).with_active(life(1.3 * r.unit() - 0.3, 0.3)) },
     Kind { name: "rain", point: |r, _| rain(r) },
-    Kind { name: "coherent, lives of .1", point: |r, _| coherent(r).active(life(0.9 * r.unit(), 0.1)) },
-    Kind { name: "all in the first fifth", point: |r, _| at_rest(r).active(life(0.19 * r.unit(), 0.01)) },
+    Kind { name: "coherent, lives of .1", point: |r, _| coherent(r).with_active(life(0.9 * r.unit(), 0.1)) },
+    Kind { name: "all in the first fifth", point: |r, _| at_rest(r).with_active(life(0.19 * r.unit(), 0.01)) },
     Kind {
         name: "births in the last third",
-        point: |r, d| random(r, 2.0 * d).active(life(0.67 + 0.3 * r.unit(), 1.0)),
+        point: |r, d| random(r, 2.0 * d).with_active(life(0.67 + 0.3 * r.unit(), 1.0)),
     },
     Kind {
         name: "two short periods",
-        point: |r, _| at_rest(r).active(life(0.2 + 0.5 * (2.0 * r.unit()).floor(), 0.1)),
+        point: |r, _| at_rest(r).with_active(life(0.2 + 0.5 * (2.0 * r.unit()).floor(), 0.1)),
     },
     Kind { name: "a wave of lives", point: |r, _| wave(r) },
 ];
@@ -58,29 +58,29 @@ fn some_fast(random: &mut Lcg, spacing: f32, share: f32) -> MovingPoint {
 
 fn static_and_fast(random: &mut Lcg, spacing: f32) -> MovingPoint {
     if random.unit() < 0.5 {
-        return at_rest(random).active(life(random.unit(), 1.0));
+        return at_rest(random).with_active(life(random.unit(), 1.0));
     }
-    self::random(random, 20.0 * spacing).active(life(random.unit(), 0.2))
+    self::random(random, 20.0 * spacing).with_active(life(random.unit(), 0.2))
 }
 
 /// From a place at the beginning of a life, in any direction about a given one.
 fn from_place(random: &mut Lcg, duration: f32, way: Vec3) -> MovingPoint {
     let (birth, velocity) = (random.unit() * 0.99, way + random.direction() * random.unit());
     let begin = Vec3::splat(0.5) - velocity * birth;
-    MovingPoint::new(begin, begin + velocity).active(life(birth, duration))
+    MovingPoint::new(begin, begin + velocity).with_active(life(birth, duration))
 }
 
 /// All points fly apart from a place, soon one after the other.
 fn burst(random: &mut Lcg) -> MovingPoint {
     let (birth, velocity) = (0.3 + 0.05 * random.unit(), random.direction() * random.unit());
     let begin = random.vec() * 0.01 - velocity * birth;
-    MovingPoint::new(begin, begin + velocity).active(life(birth, 1.0))
+    MovingPoint::new(begin, begin + velocity).with_active(life(birth, 1.0))
 }
 
 fn clusters_in_turn(random: &mut Lcg) -> MovingPoint {
     let (number, mut own) = group(random, 20);
     let (place, way) = (own.vec() + random.signed() * 0.05, own.signed() * 0.1);
-    MovingPoint::new(place, place + way).active(life(number as f32 / 20.0, 0.05))
+    MovingPoint::new(place, place + way).with_active(life(number as f32 / 20.0, 0.05))
 }
 
 fn streams(random: &mut Lcg) -> MovingPoint {
@@ -92,7 +92,7 @@ fn rain(random: &mut Lcg) -> MovingPoint {
     let (birth, speed) = (random.unit() * 1.2 - 0.2, 4.0 + random.unit());
     let top = Vec3::new(random.unit(), random.unit(), 1.0);
     let begin = top + Vec3::Z * speed * birth;
-    MovingPoint::new(begin, begin - Vec3::Z * speed).active(life(birth, (birth + 0.2).min(0.2)))
+    MovingPoint::new(begin, begin - Vec3::Z * speed).with_active(life(birth, (birth + 0.2).min(0.2)))
 }
 
 fn coherent(random: &mut Lcg) -> MovingPoint {
@@ -103,5 +103,5 @@ fn coherent(random: &mut Lcg) -> MovingPoint {
 /// Lives that begin at each place when a front passes it.
 fn wave(random: &mut Lcg) -> MovingPoint {
     let place = random.vec();
-    MovingPoint::new(place, place).active(life(0.9 * place.x, 0.1))
+    MovingPoint::new(place, place).with_active(life(0.9 * place.x, 0.1))
 }

@@ -194,7 +194,7 @@ fn bad_points(random: &mut Random) -> Outcome {
         let mut lists = NeighborCsr::new();
         let few = vec![radius; random.below(tree.len() + 1)];
         let periods = [Some(radius), None, Some(number)];
-        let _ = tree.neighbor_lists(time, radius).periodic(periods).rows_by_id().run(&mut lists);
+        let _ = tree.neighbor_lists(time, radius).periodic(periods).in_order().run(&mut lists);
         let _ = tree.neighbor_lists(time, Radii::Own(&few)).run(&mut lists);
         let _ = tree.within_lists(&[q, r], time, Radii::Own(&few)).in_order().run(&mut lists);
         let _ = tree.neighbor_lists_with_skin(time, radius, number, random.any_time(), &mut lists);

@@ -75,7 +75,7 @@ impl Request<'_> {
         query = if self.once { query.pairs_once() } else { query };
         query = if self.other { query.among(trees[1]) } else { query };
         let mut lists = NeighborCsr::new();
-        let all = query.rows_by_id().sorted().with_distances();
+        let all = query.in_order().sorted().with_distances();
         let all = if self.displacements { all.with_displacements() } else { all };
         match all.run(&mut lists) {
             // The faces of boxes may reach farther than points.

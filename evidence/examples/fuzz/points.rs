@@ -74,12 +74,12 @@ fn check_batches(tree: &PointTree, queries: &[(DVec3, f32)], radius: f32, what: 
     for (i, &(q, time)) in queries.iter().enumerate() {
         let query = || tree.query(q, time).filter(|id| accept(i, id));
         same!(nearest[i], tree.nearest(q, time), "{what}: batch, {q} at {time}");
-        same!(some.get(i), tree.nearest_n(q, time, 6), "{what}: batch of 6, {q} at {time}");
-        same!(within.get(i), tree.query(q, time).radius(radius).collect_sorted(), "{what}: within, {q} at {time}");
+        same!(some.row(i), tree.nearest_n(q, time, 6), "{what}: batch of 6, {q} at {time}");
+        same!(within.row(i), tree.query(q, time).radius(radius).collect_sorted(), "{what}: within, {q} at {time}");
         same!(filtered[i], query().nearest(), "{what}: filtered batch, {q} at {time}");
-        same!(some_filtered.get(i), query().nearest_n(6), "{what}: filtered batch of 6, {q} at {time}");
+        same!(some_filtered.row(i), query().nearest_n(6), "{what}: filtered batch of 6, {q} at {time}");
         let near = query().radius(radius).collect_sorted();
-        same!(within_filtered.get(i), near, "{what}: filtered, within {radius}, {q} at {time}");
+        same!(within_filtered.row(i), near, "{what}: filtered, within {radius}, {q} at {time}");
     }
     Ok(())
 }
@@ -138,7 +138,7 @@ fn check_approach(random: &mut Random, trees: &[PointTree], cloud: &Cloud, what:
     let order = |a: &Approach| (a.distance, a.time, a.id);
     let mut best: Option<Approach> = None;
     for &id in cloud.ids.iter().filter(|_| cloud.len() < 400) {
-        let alone = trees[0].closest_approach_if(from, to, interval, |other| other == id);
+        let alone = trees[0].closest_approach_filtered(from, to, interval, |other| other == id);
         if alone.is_some_and(|alone| best.is_none_or(|best| order(&alone) < order(&best))) {
             best = alone;
         }

@@ -198,7 +198,7 @@ impl Answers {
 pub fn case(random: &mut Random) -> Outcome {
     let scene = Scene::random(random, 20_000, 28);
     if scene.meshes.is_empty() && random.one_in(2) {
-        return own_primitives(random, &scene);
+        return custom_primitives(random, &scene);
     }
     let oracle =
         BruteForce::of_scene(&scene.meshes, scene.shapes()).map_err(|error| format!("brute force: {error}"))?;
@@ -304,7 +304,7 @@ fn same_in_file(
     let (mut bytes, mut again) = (Vec::new(), Vec::new());
     match tree.write_to(&mut bytes) {
         Ok(()) => {}
-        Err(FileError::OwnShape { .. }) if scene.has_own_shapes() => return Ok(()),
+        Err(FileError::CustomShape { .. }) if scene.has_custom_shapes() => return Ok(()),
         Err(FileError::Lazy) if matches!(params.policy, Policy::Lazy(_)) => return Ok(()),
         Err(error) => return Err(format!("{what}: write: {error}")),
     }
@@ -392,7 +392,7 @@ fn refused(random: &mut Random, now: &Scene, tree: &mut RayTree, what: &str) -> 
 }
 
 /// Trees of primitives of one type.
-fn own_primitives(random: &mut Random, scene: &Scene) -> Outcome {
+fn custom_primitives(random: &mut Random, scene: &Scene) -> Outcome {
     let blobs = |scene: &Scene| scene.balls.iter().map(|(ball, _)| Blob(ball.clone())).collect::<Vec<_>>();
     let oracle = BruteForce::of_primitives(blobs(scene)).map_err(|error| error.to_string())?;
     let queries = Queries::new(random, scene, &oracle, 40);

@@ -164,13 +164,13 @@ impl Scene {
 
     pub fn shapes(&self) -> Vec<Shape> {
         let shape = |(ball, own): &(MovingSphere, bool)| {
-            if *own { Shape::own(Blob(ball.clone())) } else { Shape::from(ball.clone()) }
+            if *own { Shape::custom(Blob(ball.clone())) } else { Shape::from(ball.clone()) }
         };
         self.balls.iter().map(shape).collect()
     }
 
     /// Whether some shape has a type that a file cannot hold.
-    pub fn has_own_shapes(&self) -> bool {
+    pub fn has_custom_shapes(&self) -> bool {
         self.balls.iter().any(|(_, own)| *own)
     }
 

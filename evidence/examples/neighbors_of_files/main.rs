@@ -31,7 +31,7 @@ fn points(table: &Table, step: f32) -> Result<Vec<MovingPoint>, Box<dyn std::err
         let last = first.iter().map(|row| row[time]).fold(f32::MIN_POSITIVE, f32::max);
         let moment = |row: &Vec<f32>| {
             let begin = (row[time] / last).clamp(0.0, 0.95);
-            Ok(MovingPoint::fixed(vector(row, place)).active(TimeInterval::new(begin, begin + 0.05)?))
+            Ok(MovingPoint::fixed(vector(row, place)).with_active(TimeInterval::new(begin, begin + 0.05)?))
         };
         return first.iter().map(moment).collect();
     }

@@ -105,12 +105,12 @@ fn draw(scene: &str, maps: &[Map], side: usize) -> Result<Picture, Box<dyn Error
         for (k, map) in values.iter().enumerate() {
             for (at, value) in map.iter().enumerate() {
                 let (x, y) = (k * (side + GAP) + at % side, y0 + at / side);
-                pixels[y * width + x] = color(value / top);
+                pixels[y * width + x] = mbkd_scenes::heat(value / top);
             }
         }
         for y in y0 + side + GAP / 2..y0 + row {
             for x in 0..width {
-                pixels[y * width + x] = color(x as f32 / width as f32);
+                pixels[y * width + x] = mbkd_scenes::heat(x as f32 / width as f32);
             }
         }
     }
@@ -125,20 +125,4 @@ fn png(width: usize, height: usize, pixels: &[u8]) -> Result<Vec<u8>, Box<dyn Er
     encoder.set_depth(png::BitDepth::Eight);
     encoder.write_header()?.write_image_data(pixels)?;
     Ok(bytes)
-}
-
-/// Black over violet and orange to pale yellow: brightness rises all the way.
-fn color(x: f32) -> [u8; 3] {
-    const STOPS: [[f32; 3]; 6] = [
-        [4.0, 4.0, 12.0],
-        [58.0, 14.0, 92.0],
-        [140.0, 36.0, 104.0],
-        [214.0, 72.0, 62.0],
-        [250.0, 152.0, 38.0],
-        [252.0, 248.0, 176.0],
-    ];
-    let at = x.clamp(0.0, 1.0) * (STOPS.len() - 1) as f32;
-    let i = (at as usize).min(STOPS.len() - 2);
-    let s = at - i as f32;
-    std::array::from_fn(|k| (STOPS[i][k] + (STOPS[i + 1][k] - STOPS[i][k]) * s + 0.5) as u8)
 }

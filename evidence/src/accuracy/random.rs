@@ -1,19 +1,19 @@
 //! Random numbers that are the same on every machine.
 
-use mbkd::glam::DVec3;
+#[path = "../../../scenes/src/split_mix.rs"]
+mod split_mix;
 
-/// splitmix64
+use mbkd::glam::DVec3;
+use split_mix::split_mix;
+
+/// A generator of random numbers.
 #[derive(Clone, Debug)]
 pub struct Random(pub u64);
 
 impl Random {
     /// 64 random bits.
     pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        split_mix(&mut self.0)
     }
 
     /// In [0, 1).

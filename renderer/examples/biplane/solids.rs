@@ -1,8 +1,9 @@
 //! The solids that the parts are made of: solids of revolution, balls, rods, and wings.
 
 use mbkd::glam::{Mat3, Vec3};
-use mbkd_renderer::sampling::{cos_sin, frame};
+use mbkd_renderer::sampling::cos_sin;
 use mbkd_scenes::Shape;
+use mbkd_scenes::frame;
 
 /// Axes of a solid of revolution whose own y, its axis, points along x.
 pub const ALONG_X: Mat3 = Mat3::from_cols(Vec3::NEG_Y, Vec3::X, Vec3::Z);

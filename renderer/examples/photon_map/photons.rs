@@ -15,7 +15,8 @@ use crate::room::{EMITTED, Room, Surface, lamp_area, lamp_point, lifted, through
 use mbkd::Ray;
 use mbkd::glam::Vec3;
 use mbkd::point::{Photon, PhotonTime};
-use mbkd_renderer::sampling::{Sampler, cos_sin, frame, mix};
+use mbkd_renderer::sampling::{Sampler, cos_sin, mix};
+use mbkd_scenes::frame;
 use rayon::prelude::*;
 use std::f32::consts::PI;
 

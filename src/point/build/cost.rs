@@ -4,7 +4,7 @@
 
 use super::source::Source;
 use crate::geometry::{KeyTime, TimeInterval};
-use crate::point::leaf_order::moving_reference::TimeSlice;
+use crate::point::leaf_order::moving_reference::SegmentSlice;
 use crate::point::leaf_order::spread::spread;
 use crate::point::search::KeepLanes;
 use crate::point::search::candidates::Candidates;
@@ -34,7 +34,7 @@ impl Visits {
     /// Counts the visits of searches in layers, at points between their keys of a time slice, each at a time of its interval.
     pub(in crate::point) fn count(
         layers: &[&Layer],
-        slice: &TimeSlice,
+        slice: &SegmentSlice,
         points: &[([[f32; 3]; 2], TimeInterval)],
         simd: SimdLevel,
     ) -> Visits {
@@ -71,7 +71,7 @@ impl Visits {
         source: &Source,
         points: &[u32],
         layers: &[&Layer],
-        slice: &TimeSlice,
+        slice: &SegmentSlice,
         simd: SimdLevel,
     ) -> Visits {
         let (count, later) = (searches(points.len()), (slice.segment + 1).min(slice.keys - 1));

@@ -6,6 +6,7 @@ mod cost;
 mod excess;
 mod own_trees;
 mod partial_layer;
+pub(super) mod partition;
 pub(super) mod plan;
 mod sample;
 mod slice_points;

@@ -5,7 +5,7 @@ use super::plan::{Plan, time_slices, tree};
 use super::slice_points::{points_of_slice, points_of_slices};
 use super::source::Source;
 use crate::point::layout::moving_tree::{MovingTree, WithoutFast};
-use crate::point::leaf_order::moving_reference::TimeSlice;
+use crate::point::leaf_order::moving_reference::SegmentSlice;
 use crate::point::search::layers::Layer;
 use crate::progress::Progress;
 use crate::simd::SimdLevel;
@@ -25,7 +25,7 @@ pub(in crate::point) struct PartialLayer<'a> {
     source: &'a Source,
     pub(in crate::point) points: &'a [u32],
     pub(in crate::point) plan: Plan,
-    slices: Vec<TimeSlice>,
+    slices: Vec<SegmentSlice>,
     /// The index of the time slice of that tree.
     at: usize,
     pub(in crate::point) tree: Layer,
@@ -95,7 +95,7 @@ impl<'a> PartialLayer<'a> {
         self
     }
 
-    pub(in crate::point) fn slice(&self) -> &TimeSlice {
+    pub(in crate::point) fn slice(&self) -> &SegmentSlice {
         &self.slices[self.at]
     }
 
@@ -119,22 +119,23 @@ impl<'a> PartialLayer<'a> {
         }
         let existing = points_of_slices(self.source, self.points, &self.slices);
         let mut more = Vec::new();
-        let tree_of =
-            |(i, (slice, existing)): (usize, (&TimeSlice, Cow<[u32]>))| match ready.iter().position(|&(at, _)| at == i)
-            {
-                Some(place) => {
-                    share.finished(1.0);
-                    ready.swap_remove(place).1
-                }
-                None => tree(self.source, &existing, slice, &mut more, &share).tree,
-            };
+        let tree_of = |(i, (slice, existing)): (usize, (&SegmentSlice, Cow<[u32]>))| match ready
+            .iter()
+            .position(|&(at, _)| at == i)
+        {
+            Some(place) => {
+                share.finished(1.0);
+                ready.swap_remove(place).1
+            }
+            None => tree(self.source, &existing, slice, &mut more, &share).tree,
+        };
         let layer = Layer::Moving(self.slices.iter().zip(existing).enumerate().map(tree_of).collect());
         Chosen { layer, plan: self.plan, points: self.points.len(), why }
     }
 }
 
 /// The index of the time slice that holds a time.
-fn index_of(slices: &[TimeSlice], time: f32) -> usize {
+fn index_of(slices: &[SegmentSlice], time: f32) -> usize {
     slices.partition_point(|slice| slice.interval.end_bound() <= time)
 }
 

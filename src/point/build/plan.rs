@@ -5,7 +5,7 @@ use super::source::Source;
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::point::layout::moving_tree::{MovingTree, Placed, WithoutFast};
 use crate::point::layout::plane_tree::PlaneTree;
-use crate::point::leaf_order::moving_reference::{TimeSlice, exact_phase};
+use crate::point::leaf_order::moving_reference::{SegmentSlice, exact_phase};
 use crate::point::search::layers::Layer;
 use crate::progress::Progress;
 use crate::simd::PointBlock;
@@ -41,17 +41,17 @@ pub(in crate::point) fn middle_segment(keys: usize) -> usize {
 }
 
 /// The time slice between the keys in the middle.
-pub(in crate::point) fn middle_slice(keys: usize) -> TimeSlice {
+pub(in crate::point) fn middle_slice(keys: usize) -> SegmentSlice {
     time_slices(keys, 1)[middle_segment(keys)]
 }
 
 /// The time slices of the shutter: `per_segment` for each segment between keys.
-pub(in crate::point) fn time_slices(keys: usize, per_segment: usize) -> Vec<TimeSlice> {
+pub(in crate::point) fn time_slices(keys: usize, per_segment: usize) -> Vec<SegmentSlice> {
     (0..(keys - 1).max(1)).flat_map(|segment| time_slices_of(segment, keys, per_segment)).collect()
 }
 
 /// The same for points in f64, whose positions at a time are exact: no slice contains a time before its segment or after it.
-pub(in crate::point) fn precise_time_slices(keys: usize, per_segment: usize) -> Vec<TimeSlice> {
+pub(in crate::point) fn precise_time_slices(keys: usize, per_segment: usize) -> Vec<SegmentSlice> {
     let of = |segment| slices_between(segment, keys, per_segment, KeyTime::not_before);
     (0..(keys - 1).max(1)).flat_map(of).collect()
 }
@@ -61,7 +61,7 @@ pub(in crate::point) fn time_slices_of(
     segment: usize,
     keys: usize,
     per_segment: usize,
-) -> impl Iterator<Item = TimeSlice> {
+) -> impl Iterator<Item = SegmentSlice> {
     slices_between(segment, keys, per_segment, KeyTime::first_time)
 }
 
@@ -71,7 +71,7 @@ fn slices_between(
     keys: usize,
     per_segment: usize,
     first_time: fn(usize, usize) -> f32,
-) -> impl Iterator<Item = TimeSlice> {
+) -> impl Iterator<Item = SegmentSlice> {
     let (begin, end) = (segment * per_segment, (segment + 1) * per_segment);
     let count = (keys - 1).max(1) * per_segment;
     let bound = move |i: usize| match i {
@@ -83,7 +83,7 @@ fn slices_between(
         let interval = TimeInterval::half_open(bound(i), bound(i + 1))?;
         let at = |i: usize| exact_phase(bound(i), keys, segment);
         let phases = [if i == begin { 0.0 } else { at(i) }, if i + 1 == end { 1.0 } else { at(i + 1) }];
-        Some(TimeSlice { keys, segment, interval, phases })
+        Some(SegmentSlice { keys, segment, interval, phases })
     })
 }
 
@@ -92,7 +92,7 @@ fn slices_between(
 pub(in crate::point) fn tree(
     source: &Source,
     existing: &[u32],
-    slice: &TimeSlice,
+    slice: &SegmentSlice,
     more: &mut Vec<PointBlock>,
     progress: &Progress,
 ) -> WithoutFast {
@@ -104,7 +104,7 @@ pub(in crate::point) fn tree(
 fn tree_without_fast(
     source: &Source,
     existing: &[u32],
-    slice: &TimeSlice,
+    slice: &SegmentSlice,
     (placed, more): (Option<Placed>, &mut Vec<PointBlock>),
     leaf_size: Option<f32>,
     progress: &Progress,
@@ -142,11 +142,11 @@ pub(in crate::point) fn moving_layer(source: &Source, points: &[u32], plan: Plan
             let existing = points_of_slices(source, points, &slices);
             let mut more = Vec::new();
             let tree =
-                |(slice, points): (&TimeSlice, Cow<[u32]>)| tree(source, &points, slice, &mut more, &progress).tree;
+                |(slice, points): (&SegmentSlice, Cow<[u32]>)| tree(source, &points, slice, &mut more, &progress).tree;
             Layer::Moving(slices.iter().zip(existing).map(tree).collect())
         }
         Plan::Planes(most) => {
-            let planes = |slice: &TimeSlice| {
+            let planes = |slice: &SegmentSlice| {
                 let points = if progress.cancelled() { &[] } else { points };
                 let references = source.references(slice, points.iter().map(|&i| i as usize), |i| source.id(i));
                 PlaneTree::build(&references, *slice, most, &progress)
@@ -169,7 +169,7 @@ mod tests {
                 let bounds = slices.iter().flat_map(|p| [p.interval.begin(), p.interval.end()]);
                 let near = bounds.flat_map(|t| [t.next_down(), t, t.next_up()]);
                 for t in near.chain((0..=997).map(|i| i as f32 / 997.0)).filter(|t| (0.0..=1.0).contains(t)) {
-                    let holding: Vec<&TimeSlice> = slices.iter().filter(|p| p.interval.contains(t)).collect();
+                    let holding: Vec<&SegmentSlice> = slices.iter().filter(|p| p.interval.contains(t)).collect();
                     assert_eq!(holding.len(), 1, "{keys} keys, {per_segment} slices each, time {t}");
                     assert_eq!(KeyTime::new(t, keys).segment, holding[0].segment, "{keys} keys, time {t}");
                 }

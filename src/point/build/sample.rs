@@ -14,7 +14,7 @@ use crate::geometry::TimeInterval;
 use crate::point::layout::moving_tree::Placed;
 use crate::point::leaf_order::fast_points::Fast;
 use crate::point::leaf_order::motion_groups::Displaced;
-use crate::point::leaf_order::moving_reference::{MovingReference, TimeSlice};
+use crate::point::leaf_order::moving_reference::{MovingReference, SegmentSlice};
 use crate::point::leaf_order::point_rows::PointRows;
 use crate::point::leaf_order::select::select;
 use crate::point::leaf_order::spread::spread;
@@ -37,7 +37,7 @@ pub(in crate::point) struct Sampler<'a> {
 /// Points that are close together in the middle of a time slice.
 pub(in crate::point) struct Sample {
     pub(in crate::point) references: Vec<MovingReference>,
-    pub(in crate::point) slice: TimeSlice,
+    pub(in crate::point) slice: SegmentSlice,
     /// Number of points of the set per point of the sample.
     pub(in crate::point) scale: f64,
     /// The longest side of a leaf of usual size; 0 unless fast points are marked.
@@ -111,8 +111,8 @@ impl<'a> Sampler<'a> {
     ) -> Vec<Sample> {
         let (source, points) = (self.source, self.points);
         let segment = middle_segment(source.keys);
-        let finer: Vec<TimeSlice> = time_slices_of(segment, source.keys, per_segment).collect();
-        let slices: [TimeSlice; SAMPLES] = core::array::from_fn(|i| finer[spread(i, finer.len())]);
+        let finer: Vec<SegmentSlice> = time_slices_of(segment, source.keys, per_segment).collect();
+        let slices: [SegmentSlice; SAMPLES] = core::array::from_fn(|i| finer[spread(i, finer.len())]);
         let cells = self.cells(&slices.map(|slice| slice.middle_phase() as f32));
         let mut inside: [Vec<u32>; SAMPLES] = Default::default();
         // If many points coincide, some of them suffice.
@@ -125,7 +125,7 @@ impl<'a> Sampler<'a> {
             None => dispatch(self.simd, Scan { source, points, cells: &cells, inside: &mut inside, most }),
         }
         let whole = middle_slice(source.keys);
-        let sample = |(slice, inside): (&TimeSlice, &Vec<u32>)| {
+        let sample = |(slice, inside): (&SegmentSlice, &Vec<u32>)| {
             let mut references = source.references(&whole, inside.iter().map(|&i| i as usize), |i| i as u32);
             let (mut leaf_size, mut order) = (0.0, Vec::new());
             if marked {
@@ -300,7 +300,7 @@ mod tests {
         let intervals = [TimeInterval::FULL, TimeInterval::new(0.25, 0.5).unwrap()];
         for (n, active) in [(1, 0), (300, 0), (5000, 0), (200_000, 0), (50_000, 1)] {
             let points: Vec<MovingPoint> =
-                (0..n).map(|_| MovingPoint::new(random.vec(), random.vec()).active(intervals[active])).collect();
+                (0..n).map(|_| MovingPoint::new(random.vec(), random.vec()).with_active(intervals[active])).collect();
             let source = Source::read(&points[..], Precision::Automatic).unwrap();
             let all: Vec<u32> = (0..n as u32).collect();
             let sampler = Sampler::new(&source, &all, SimdLevel::best());

@@ -2,7 +2,7 @@
 
 use super::source::Source;
 use crate::geometry::TimeInterval;
-use crate::point::leaf_order::moving_reference::{MovingReference, References, TimeSlice};
+use crate::point::leaf_order::moving_reference::{MovingReference, References, SegmentSlice};
 use std::borrow::Cow;
 
 /// Points of a set that exist during a time slice; unless `ACTIVE`, of a set without active intervals. Their numbers are those in the set.
@@ -15,7 +15,7 @@ pub(in crate::point) struct SlicePoints<'a, const ACTIVE: bool> {
 }
 
 impl<'a, const ACTIVE: bool> SlicePoints<'a, ACTIVE> {
-    pub(in crate::point) fn new(source: &'a Source, points: &'a [u32], slice: &TimeSlice) -> Self {
+    pub(in crate::point) fn new(source: &'a Source, points: &'a [u32], slice: &SegmentSlice) -> Self {
         let keys = [slice.segment, (slice.segment + 1).min(slice.keys - 1)];
         SlicePoints { source, points, interval: slice.interval, keys }
     }
@@ -53,7 +53,7 @@ impl<const ACTIVE: bool> References for SlicePoints<'_, ACTIVE> {
             self.source.prefetch_active(number as usize);
         }
     }
-    fn timed(&self, slice: &TimeSlice) -> bool {
+    fn timed(&self, slice: &SegmentSlice) -> bool {
         ACTIVE && self.points.iter().any(|&point| self.times(point)[1] != slice.interval)
     }
     fn have_active_intervals(&self) -> bool {
@@ -62,7 +62,11 @@ impl<const ACTIVE: bool> References for SlicePoints<'_, ACTIVE> {
 }
 
 /// Of some points those that exist during a time slice.
-pub(in crate::point) fn points_of_slice<'a>(source: &Source, points: &'a [u32], slice: &TimeSlice) -> Cow<'a, [u32]> {
+pub(in crate::point) fn points_of_slice<'a>(
+    source: &Source,
+    points: &'a [u32],
+    slice: &SegmentSlice,
+) -> Cow<'a, [u32]> {
     if source.all_persist() {
         return Cow::Borrowed(points);
     }
@@ -80,7 +84,7 @@ pub(in crate::point) fn points_of_slice<'a>(source: &Source, points: &'a [u32], 
 pub(in crate::point) fn points_of_slices<'a>(
     source: &Source,
     points: &'a [u32],
-    slices: &[TimeSlice],
+    slices: &[SegmentSlice],
 ) -> Vec<Cow<'a, [u32]>> {
     if source.all_persist() {
         return vec![Cow::Borrowed(points); slices.len()];
@@ -121,7 +125,7 @@ mod tests {
         let point = |i: usize| {
             let (a, b) = (time(i), time(i + 1));
             let active = TimeInterval::new(a.min(b), a.max(b)).unwrap_or(TimeInterval::FULL);
-            MovingPoint::fixed(glam::Vec3::ZERO).active(active)
+            MovingPoint::fixed(glam::Vec3::ZERO).with_active(active)
         };
         let points: Vec<MovingPoint> = (0..1000).map(point).collect();
         let source = Source::read(&points[..], Precision::Automatic).unwrap();

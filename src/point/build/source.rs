@@ -5,7 +5,7 @@ use crate::limits::{MAX_KEYS, MAX_POINT_COORDINATE};
 use crate::parallel::{self, CHUNK};
 use crate::point::error::PointError;
 use crate::point::layout::static_tree::StaticTree;
-use crate::point::leaf_order::moving_reference::{MovingReference, TimeSlice};
+use crate::point::leaf_order::moving_reference::{MovingReference, SegmentSlice};
 use crate::point::leaf_order::point_rows::PointRows;
 use crate::point::precision::Precision;
 use crate::primitive::{DOUBLE, PointSet, SINGLE, kept_keys};
@@ -223,7 +223,7 @@ impl Source {
     /// The references to some of the points during a time slice.
     pub(in crate::point) fn references(
         &self,
-        slice: &TimeSlice,
+        slice: &SegmentSlice,
         select: impl Iterator<Item = usize>,
         id: impl Fn(usize) -> u32,
     ) -> Vec<MovingReference> {

@@ -14,7 +14,7 @@ use super::source::Source;
 use crate::point::layout::moving_tree::{MovingTree, Placed};
 use crate::point::layout::static_tree::Shape;
 use crate::point::leaf_order::motion_groups::{Displaced, MotionDivision, SAMPLE, cost_of_slices};
-use crate::point::leaf_order::moving_reference::{MovingReference, TimeSlice, positions_at};
+use crate::point::leaf_order::moving_reference::{MovingReference, SegmentSlice, positions_at};
 use crate::point::leaf_order::spread::spread;
 use crate::point::leaf_order::widest_axis::include;
 use crate::point::search::layers::Layer;
@@ -287,7 +287,7 @@ impl<'a> Trials<'a> {
     }
 
     /// The cost of layers over all points with this many references in each segment, measured in their trees of one time slice.
-    pub(in crate::point) fn measured(&self, layers: &[&Layer], references: usize, slice: &TimeSlice) -> f64 {
+    pub(in crate::point) fn measured(&self, layers: &[&Layer], references: usize, slice: &SegmentSlice) -> f64 {
         let memory = memory_cost(references * segments(self.source.keys));
         Visits::among(self.source, self.points, layers, slice, self.simd).cost() + memory
     }
@@ -359,10 +359,10 @@ struct Work {
 /// The work of searches during the time slice that a sample represents.
 fn work(sample: &Sample, searches: usize, (plan, fast): (Plan, Option<Plan>), simd: SimdLevel) -> Work {
     let Sample { references, slice, scale, .. } = sample;
-    let TimeSlice { keys, segment, interval, .. } = slice;
+    let SegmentSlice { keys, segment, interval, .. } = slice;
     let group = |plan: Plan, keep: &dyn Fn(&MovingReference) -> bool| {
         let count = plan.time_slices();
-        let answers = |slice: &TimeSlice| slice.interval.contains(interval.begin());
+        let answers = |slice: &SegmentSlice| slice.interval.contains(interval.begin());
         let slice = time_slices_of(*segment, *keys, count).find(answers).unwrap_or(*slice);
         let inside =
             |m: &MovingReference| Some(MovingReference { interval: m.active.intersect(slice.interval)?, ..*m });
@@ -394,7 +394,7 @@ fn work(sample: &Sample, searches: usize, (plan, fast): (Plan, Option<Plan>), si
 
 /// The references nearest to the middle of a sample in the middle of its time slice. Points that come among
 /// them at other times are in the sample as well, unless they come from far away.
-fn central<'a>(references: &'a [MovingReference], slice: &TimeSlice, count: usize) -> Vec<&'a MovingReference> {
+fn central<'a>(references: &'a [MovingReference], slice: &SegmentSlice, count: usize) -> Vec<&'a MovingReference> {
     let items = positions_at(references, slice.middle_phase());
     let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
     items.iter().for_each(|item| include(&mut lo, &mut hi, item.at));

@@ -11,7 +11,7 @@ use crate::geometry::KeyTime;
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::parallel;
 use crate::point::neighbor::Neighbor;
-use crate::point::queries::batch::{in_runs, morton_order};
+use crate::point::queries::batch::{answered_in_order, morton_order};
 use crate::point::queries::query::NeighborBuffer;
 use crate::point::search::{Keep, KeepAll};
 use glam::Vec3;
@@ -201,15 +201,10 @@ impl<F: Flux> PhotonMap<F> {
         let mut numbered = queries.iter().enumerate();
         numbered.try_for_each(|(number, query)| query.check().map_err(|error| error.at(number)))?;
         let positions: Vec<Vec3> = queries.iter().map(|query| query.position).collect();
-        let order = morton_order(&positions);
-        let runs = in_runs(&order, |indices| {
+        let answers = answered_in_order(&morton_order(&positions), |indices| {
             let mut scratch = GatherScratch::new();
-            indices.iter().map(|&index| self.gather(&queries[index], &mut scratch)).collect::<Vec<_>>()
+            indices.iter().map(|&index| Some(self.gather(&queries[index], &mut scratch))).collect()
         });
-        let mut answers = vec![None; queries.len()];
-        for (&index, answer) in order.iter().zip(runs.into_iter().flatten()) {
-            answers[index] = Some(answer);
-        }
         let answers = answers.into_iter().flatten().enumerate();
         answers.map(|(number, answer)| answer.map_err(|error| error.at(number))).collect()
     }

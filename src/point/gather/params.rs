@@ -28,7 +28,16 @@ impl Default for GatherParams {
 }
 
 impl GatherParams {
-    /// An error for the first field that is out of range.
+    /// Checks that every field is in its range.
+    ///
+    /// ```
+    /// use mbkd::point::{GatherError, GatherParams};
+    /// let wrong = GatherParams { neighbors: 0, ..GatherParams::default() };
+    /// assert!(matches!(wrong.validate(), Err(GatherError::Parameter { name: "neighbors", .. })));
+    /// ```
+    ///
+    /// # Errors
+    /// [`GatherError::Parameter`] with the name of the first field that is not.
     pub fn validate(&self) -> Result<(), GatherError> {
         if self.window.is_nan() || self.window <= 0.0 {
             return Err(GatherError::Parameter { name: "window", expected: "greater than 0" });

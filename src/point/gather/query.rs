@@ -2,7 +2,7 @@
 
 use super::error::GatherError;
 use super::kernel::Kernel;
-use crate::limits::MAX_POINT_COORDINATE;
+use crate::limits::{MAX_POINT_COORDINATE, is_in_range};
 use core::fmt;
 use glam::Vec3;
 
@@ -128,7 +128,7 @@ pub(super) fn valid_radius(radius: f32) -> bool {
 
 /// An error if a position is too far away or a time outside the shutter.
 pub(super) fn check_position(position: Vec3, time: f32) -> Result<(), GatherError> {
-    if !position.abs().cmple(Vec3::splat(MAX_POINT_COORDINATE as f32)).all() {
+    if !is_in_range(position) {
         return Err(GatherError::Position);
     }
     if (0.0..=1.0).contains(&time) { Ok(()) } else { Err(GatherError::Time) }

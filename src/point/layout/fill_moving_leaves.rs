@@ -5,14 +5,14 @@ use super::moving_leaf::{LaneIntervals, LeafRows};
 use crate::parallel;
 use crate::point::leaf_order::bottom_order::{MOST, Rows, SPARE};
 use crate::point::leaf_order::fast_points::{Among, displacements, sizes_of_leaves};
-use crate::point::leaf_order::moving_reference::{References, TimeSlice};
+use crate::point::leaf_order::moving_reference::{References, SegmentSlice};
 use crate::point::leaf_order::point_rows::PointRows;
 use crate::simd::{Kernel, LANES, Simd, SimdLevel, dispatch};
 
 /// What leaves are filled from.
 pub(in crate::point) struct Ordered<'a, R: ?Sized> {
     pub(in crate::point) references: &'a R,
-    pub(in crate::point) slice: &'a TimeSlice,
+    pub(in crate::point) slice: &'a SegmentSlice,
     /// Positions and numbers of the references, those of one bottom node behind those of the other.
     pub(in crate::point) rows: &'a PointRows<'a>,
     /// The longest side of a leaf of usual size, if fast references are to be left out.
@@ -155,7 +155,7 @@ impl<R: References + ?Sized> Kernel for Fill<'_, '_, R> {
 }
 
 /// Rows for trajectories of points that are active throughout a slice.
-fn throughout(slice: &TimeSlice) -> TrajectoryRows {
+fn throughout(slice: &SegmentSlice) -> TrajectoryRows {
     let times = [slice.interval.begin(), slice.interval.end_bound()];
     TrajectoryRows {
         open: [[0.0; LANES]; 3],

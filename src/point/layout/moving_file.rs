@@ -7,7 +7,7 @@ use super::static_tree::Shape;
 use crate::file::{Decoder, Encoder, FileError, record_fields, require};
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::parallel;
-use crate::point::leaf_order::moving_reference::TimeSlice;
+use crate::point::leaf_order::moving_reference::SegmentSlice;
 use crate::simd::{LANES, Lanes};
 
 record_fields!(Block { open: [Lanes<f32>; 3], close: [Lanes<f32>; 3], id: Lanes<u32> });
@@ -98,7 +98,7 @@ impl MovingRecord {
     }
 
     /// The tree of a time slice, or an error if searches cannot traverse it.
-    pub(in crate::point) fn checked(self, slice: TimeSlice) -> Result<MovingTree, FileError> {
+    pub(in crate::point) fn checked(self, slice: SegmentSlice) -> Result<MovingTree, FileError> {
         let MovingRecord { count, nodes, node_times, leaves } = self;
         let blocks = leaves.blocks.len();
         require(leaves.count() as u64 == count, "the number of leaves does not match its points")?;

@@ -11,7 +11,7 @@ use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath};
 use super::slice_tree::SliceTree;
 use super::snapshot::{CoordinateView, Target, View, diagonal, outside, rows};
 use super::static_tree::Shape;
-use crate::point::leaf_order::moving_reference::{MovingReference, References, TimeSlice, take_positions};
+use crate::point::leaf_order::moving_reference::{MovingReference, References, SegmentSlice, take_positions};
 use crate::point::leaf_order::order::{Displacements, ORDERING, order_rows};
 use crate::point::leaf_order::point_rows::{NO_POINT, PointRows};
 use crate::progress::Progress;
@@ -20,7 +20,7 @@ use crate::simd::{LANES, Lanes, Mask, PointBlock, Simd, WordBlock, huge_vec_of, 
 /// Points that move or have an active interval, in a 16-ary tree for one time slice.
 #[derive(Clone)]
 pub(in crate::point) struct MovingTree {
-    pub(in crate::point) slice: TimeSlice,
+    pub(in crate::point) slice: SegmentSlice,
     pub(in crate::point) nodes: Vec<LinearBoxes>,
     /// Index of each node's first child (node, or block on level 0).
     pub(in crate::point) first: Vec<u32>,
@@ -47,7 +47,7 @@ pub(in crate::point) struct Placed {
 }
 
 impl Placed {
-    pub(in crate::point) fn new<R: References + ?Sized>(references: &R, slice: &TimeSlice) -> Placed {
+    pub(in crate::point) fn new<R: References + ?Sized>(references: &R, slice: &SegmentSlice) -> Placed {
         let count = references.len();
         let mut placed = Placed { blocks: Block::zeroed(count.div_ceil(LANES)), count };
         take_positions(placed.rows(), references, slice.middle_phase());
@@ -64,7 +64,7 @@ impl MovingTree {
     /// Builds the complete tree: each reference is in one leaf.
     pub(in crate::point) fn build<R: References + ?Sized>(
         references: &R,
-        slice: TimeSlice,
+        slice: SegmentSlice,
         progress: &Progress,
     ) -> MovingTree {
         let placed = Placed::new(references, &slice);
@@ -76,7 +76,7 @@ impl MovingTree {
     pub(in crate::point) fn build_without_fast<R: References + ?Sized>(
         references: &R,
         placed: Placed,
-        slice: TimeSlice,
+        slice: SegmentSlice,
         without_fast: Option<f32>,
         more: &mut Vec<PointBlock>,
         progress: &Progress,
@@ -156,7 +156,7 @@ pub(in crate::point) fn first_children(shape: &Shape) -> Vec<u32> {
 }
 
 impl SliceTree for MovingTree {
-    fn time_slice(&self) -> &TimeSlice {
+    fn time_slice(&self) -> &SegmentSlice {
         &self.slice
     }
     fn references(&self) -> usize {
@@ -252,7 +252,7 @@ impl<const TIMED: bool> CoordinateView for MovingView<'_, TIMED> {
 }
 
 impl BoxTree for MovingTree {
-    fn slice(&self) -> TimeSlice {
+    fn slice(&self) -> SegmentSlice {
         self.slice
     }
     fn root_node(&self) -> (usize, usize) {

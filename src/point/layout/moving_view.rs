@@ -3,7 +3,7 @@
 use super::moving_leaf::MovingLeaves;
 use super::snapshot::{Leaves, Target};
 use crate::geometry::KeyTime;
-use crate::point::leaf_order::moving_reference::{TimeSlice, phase};
+use crate::point::leaf_order::moving_reference::{SegmentSlice, phase};
 use crate::simd::{Lanes, Simd};
 use glam::Vec3;
 
@@ -32,7 +32,7 @@ impl<T, const TIMED: bool> Copy for AtTime<'_, T, TIMED> {}
 impl<'a, T: HasLeaves, const TIMED: bool> AtTime<'a, T, TIMED> {
     /// A view of a tree whose time slice contains the time.
     #[inline(always)]
-    pub(in crate::point) fn new(tree: &'a T, slice: &TimeSlice, time: f32) -> Self {
+    pub(in crate::point) fn new(tree: &'a T, slice: &SegmentSlice, time: f32) -> Self {
         let at = KeyTime::new(time, slice.keys);
         AtTime { tree, at, phase: phase(at, slice.segment), time }
     }

@@ -1,7 +1,7 @@
 //! The interface between trees and searches over a range of times.
 
 use crate::geometry::{KeyTime, TimeInterval};
-use crate::point::leaf_order::moving_reference::TimeSlice;
+use crate::point::leaf_order::moving_reference::SegmentSlice;
 use crate::simd::{LANES, Lanes};
 use glam::{DVec3, Vec3};
 
@@ -73,7 +73,7 @@ pub(in crate::point) trait BlockTree: BoxTree {
 /// A tree whose boxes can be evaluated over a range of times.
 pub(in crate::point) trait BoxTree {
     /// The time slice that the tree covers.
-    fn slice(&self) -> TimeSlice;
+    fn slice(&self) -> SegmentSlice;
     /// Level and number of the root.
     fn root_node(&self) -> (usize, usize);
     /// The node, or block on level 0, of lane 0, and the stride from lane to lane.

@@ -5,7 +5,7 @@ use super::plane_tree::PlaneTree;
 use crate::file::{Decoder, Encoder, FileError, broken, require};
 use crate::geometry::Box3;
 use crate::mbkd::{KdNode, check_links};
-use crate::point::leaf_order::moving_reference::TimeSlice;
+use crate::point::leaf_order::moving_reference::SegmentSlice;
 
 /// The contents of a file for one tree, not validated yet.
 pub(in crate::point) struct PlaneRecord {
@@ -33,7 +33,7 @@ impl PlaneRecord {
     }
 
     /// The tree of a time slice, or an error if searches cannot traverse it.
-    pub(in crate::point) fn checked(self, slice: TimeSlice) -> Result<PlaneTree, FileError> {
+    pub(in crate::point) fn checked(self, slice: SegmentSlice) -> Result<PlaneTree, FileError> {
         let PlaneRecord { root, nodes, slack, leaves } = self;
         require(!root.min.is_nan() && !root.max.is_nan(), "its bounds are not a box")?;
         let fine = slack.len() == nodes.len() && slack.iter().all(|slack| (0.0..=f32::MAX).contains(slack));

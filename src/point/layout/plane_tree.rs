@@ -27,7 +27,7 @@ use super::slice_tree::SliceTree;
 use super::static_tree::StaticTree;
 use crate::geometry::{Box3, KeyTime, Plane};
 use crate::mbkd::{KdNode, KdView, PointReference, Trajectories, Trajectory, build_kd_over_points};
-use crate::point::leaf_order::moving_reference::{MovingReference, TimeSlice};
+use crate::point::leaf_order::moving_reference::{MovingReference, SegmentSlice};
 use crate::progress::Progress;
 use crate::simd::{Item, LANES};
 use glam::Vec3;
@@ -35,7 +35,7 @@ use glam::Vec3;
 /// Points between two keys in the k-d layout.
 #[derive(Clone)]
 pub(in crate::point) struct PlaneTree {
-    pub(in crate::point) slice: TimeSlice,
+    pub(in crate::point) slice: SegmentSlice,
     /// The bounds of all points at all times, up to the slack.
     pub(in crate::point) root: Box3,
     /// A leaf has its first block and its number of blocks.
@@ -51,7 +51,7 @@ impl PlaneTree {
     /// Builds the tree of one time slice with at most `most` references per point.
     pub(in crate::point) fn build(
         references: &[MovingReference],
-        slice: TimeSlice,
+        slice: SegmentSlice,
         most: f32,
         progress: &Progress,
     ) -> PlaneTree {
@@ -169,7 +169,7 @@ fn error(m: &MovingReference, segments: usize) -> f32 {
 }
 
 impl SliceTree for PlaneTree {
-    fn time_slice(&self) -> &TimeSlice {
+    fn time_slice(&self) -> &SegmentSlice {
         &self.slice
     }
     fn references(&self) -> usize {

@@ -1,11 +1,11 @@
 //! What the trees of time slices have in common, whatever their structure.
 
-use crate::point::leaf_order::moving_reference::TimeSlice;
+use crate::point::leaf_order::moving_reference::SegmentSlice;
 
 /// A tree over the points of a time slice.
 pub(in crate::point) trait SliceTree {
     /// The time slice that the tree covers.
-    fn time_slice(&self) -> &TimeSlice;
+    fn time_slice(&self) -> &SegmentSlice;
     /// Number of references.
     fn references(&self) -> usize;
     /// Number of nodes of sixteen boxes, or of planes.

@@ -11,7 +11,7 @@ use super::snapshot::{Boxes, CoordinateView, Leaves, Target, View, diagonal, out
 use crate::geometry::TimeInterval;
 use crate::limits::MAX_LEVELS;
 use crate::point::leaf_order::bottom_order::{MOST, Rows};
-use crate::point::leaf_order::moving_reference::TimeSlice;
+use crate::point::leaf_order::moving_reference::SegmentSlice;
 use crate::point::leaf_order::order::{ORDERING, order_rows};
 use crate::point::leaf_order::point_rows::PointRows;
 use crate::progress::Progress;
@@ -337,8 +337,8 @@ impl CoordinateView for &StaticTree {
 }
 
 impl BoxTree for StaticTree {
-    fn slice(&self) -> TimeSlice {
-        TimeSlice { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] }
+    fn slice(&self) -> SegmentSlice {
+        SegmentSlice { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] }
     }
     fn root_node(&self) -> (usize, usize) {
         View::root(&self)

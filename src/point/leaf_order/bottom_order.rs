@@ -6,7 +6,7 @@
 
 use super::complete_tree::left_part;
 use super::divide::{counted, extremes, guess, lowest_lanes, next_key};
-use super::point_rows::{NO_POINT, PointRows, PointVector};
+use super::point_rows::{NO_POINT, PointRows, PointVector, item, set_item, store_compressed, vector};
 use super::widest_axis::longest;
 use crate::simd::{Item, LANES, Lanes, Mask, Simd, lanes_at, lanes_at_mut};
 
@@ -28,13 +28,13 @@ impl<const N: usize> Rows<N> {
     #[inline(always)]
     pub(in crate::point) fn set(&mut self, i: usize, item: &Item) {
         let [x, y, z] = &mut self.at;
-        (x[i], y[i], z[i], self.index[i]) = (item.at[0], item.at[1], item.at[2], item.index);
+        set_item([x, y, z], &mut self.index, i, item);
     }
 
     #[inline(always)]
     pub(in crate::point) fn get(&self, i: usize) -> Item {
         let [x, y, z] = &self.at;
-        Item { at: [x[i], y[i], z[i]], index: self.index[i] }
+        item([x, y, z], &self.index, i)
     }
 
     /// Takes `count` points of other rows, from number `first` on.
@@ -51,10 +51,7 @@ impl<const N: usize> Rows<N> {
     #[inline(always)]
     pub(in crate::point) fn vector<S: Simd>(&self, s: S, at: usize) -> PointVector<S> {
         let [x, y, z] = &self.at;
-        PointVector {
-            at: [s.load(lanes_at(x, at)), s.load(lanes_at(y, at)), s.load(lanes_at(z, at))],
-            index: s.load_u(lanes_at(&self.index, at)),
-        }
+        vector(s, [x, y, z], &self.index, at)
     }
 
     /// Writes sixteen points to index `at` and on.
@@ -112,11 +109,8 @@ impl<const N: usize> Rows<N> {
     /// Writes the lanes of a mask to index `at` and on, and anything to the rest of a vector there.
     #[inline(always)]
     fn write<S: Simd>(&mut self, s: S, at: usize, points: &PointVector<S>, mask: Mask) {
-        let [to_x, to_y, to_z] = &mut self.at;
-        s.store_compressed(points.at[0], mask, lanes_at_mut(to_x, at));
-        s.store_compressed(points.at[1], mask, lanes_at_mut(to_y, at));
-        s.store_compressed(points.at[2], mask, lanes_at_mut(to_z, at));
-        s.store_compressed_u(points.index, mask, lanes_at_mut(&mut self.index, at));
+        let [x, y, z] = &mut self.at;
+        store_compressed(s, [x, y, z], &mut self.index, at, (points, mask));
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::bottom_order::{MOST, Rows, SPARE};
 use super::divide::{extremes, least_lane};
-use super::moving_reference::{References, TimeSlice, take_positions};
+use super::moving_reference::{References, SegmentSlice, take_positions};
 use super::order::order_rows;
 use super::point_rows::PointRows;
 use crate::progress::Progress;
@@ -20,7 +20,7 @@ pub(in crate::point) struct Fast {
 }
 
 impl Fast {
-    pub(in crate::point) fn of<R: References + ?Sized>(references: &R, slice: &TimeSlice, phase: f64) -> Fast {
+    pub(in crate::point) fn of<R: References + ?Sized>(references: &R, slice: &SegmentSlice, phase: f64) -> Fast {
         let (order, sizes) = ordered(references, phase);
         let Some(half) = sizes.len().checked_sub(1).map(|last| last / 2) else {
             return Fast { numbers: Vec::new(), leaf_size: 0.0, order: Vec::new() };
@@ -56,7 +56,7 @@ const FEW: usize = LANES / 2;
 /// References some of which may be fast.
 pub(in crate::point) struct Among<'a, R: ?Sized> {
     pub(in crate::point) references: &'a R,
-    pub(in crate::point) slice: &'a TimeSlice,
+    pub(in crate::point) slice: &'a SegmentSlice,
     /// Whether references are perhaps not active throughout the slice.
     pub(in crate::point) timed: bool,
     /// The longest side of a leaf of usual size.
@@ -124,7 +124,7 @@ impl<R: References + ?Sized> Among<'_, R> {
     /// The fast ones of a leaf, given their displacements between the keys and its longest side.
     #[inline(always)]
     fn lanes<S: Simd>(&self, s: S, numbers: &[u32], displacement: &[Lanes<f32>; 3], size: f32) -> Mask {
-        let TimeSlice { interval, phases: [begin, end], .. } = *self.slice;
+        let SegmentSlice { interval, phases: [begin, end], .. } = *self.slice;
         let mut duration = [(end - begin) as f32; LANES];
         if self.timed {
             for (lane, &number) in numbers.iter().enumerate() {
@@ -275,7 +275,7 @@ mod tests {
     use crate::random::Random;
 
     /// A tree without fast references, the numbers of those, and the numbers of what is in the tree, in ascending order.
-    fn split(references: &[MovingReference], slice: &TimeSlice) -> (MovingTree, Vec<u32>, Vec<u32>) {
+    fn split(references: &[MovingReference], slice: &SegmentSlice) -> (MovingTree, Vec<u32>, Vec<u32>) {
         let leaf_size = Some(Fast::of(references, slice, slice.middle_phase()).leaf_size);
         let (placed, progress) = (Placed::new(references, slice), Progress::new(None));
         let built = MovingTree::build_without_fast(references, placed, *slice, leaf_size, &mut Vec::new(), &progress);
@@ -288,7 +288,7 @@ mod tests {
 
     #[test]
     fn trees_leave_out_what_is_fast_and_nothing_else() {
-        let slice = TimeSlice { keys: 2, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
+        let slice = SegmentSlice { keys: 2, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
         let mut random = Random(9);
         for every in [20, 300, usize::MAX] {
             let reference = |i: usize| {
@@ -316,7 +316,7 @@ mod tests {
 
     #[test]
     fn bottom_nodes_of_fast_references_only_keep_them() {
-        let slice = TimeSlice { keys: 2, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
+        let slice = SegmentSlice { keys: 2, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
         let mut random = Random(4);
         // Behind 8000 slow ones, 2000 that fly apart from a small place.
         let reference = |i: u32| {

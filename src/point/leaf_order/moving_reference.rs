@@ -18,9 +18,9 @@ pub(in crate::point) struct MovingReference {
     pub(in crate::point) fast: bool,
 }
 
-/// A time slice: the times that a moving tree covers, within one segment between two keys.
+/// The times that a moving tree covers: a time slice of one segment between two keys.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::point) struct TimeSlice {
+pub(in crate::point) struct SegmentSlice {
     /// Number of keys of the set.
     pub(in crate::point) keys: usize,
     /// Index of the earlier key.
@@ -31,7 +31,7 @@ pub(in crate::point) struct TimeSlice {
     pub(in crate::point) phases: [f64; 2],
 }
 
-impl TimeSlice {
+impl SegmentSlice {
     /// The phase of time `t` between the keys, without rounding. (Times have 24 bits, and there are at most 2^16 keys.)
     /// At the ends of the slice, it is the phase of that end: at a key, the phase of the nearest float differs from it.
     #[inline]
@@ -107,14 +107,14 @@ impl MovingReference {
     }
 
     /// The same where it is in the middle of a time slice.
-    pub(in crate::point) fn at_rest(&self, slice: &TimeSlice) -> MovingReference {
+    pub(in crate::point) fn at_rest(&self, slice: &SegmentSlice) -> MovingReference {
         let at = self.position(slice.middle_phase());
         MovingReference { open: at, close: at, ..*self }
     }
 
-    /// The phases of its active interval, as given by [`TimeSlice::range`].
+    /// The phases of its active interval, as given by [`SegmentSlice::range`].
     #[inline(always)]
-    pub(in crate::point) fn range(&self, slice: &TimeSlice) -> [f64; 2] {
+    pub(in crate::point) fn range(&self, slice: &SegmentSlice) -> [f64; 2] {
         slice.range([self.interval.begin(), self.interval.end_bound()])
     }
 }
@@ -130,7 +130,7 @@ pub(in crate::point) trait References: Sync {
     /// Prefetches the reference with a number, if there is one; a hint.
     fn prefetch(&self, number: u32);
     /// Whether any is not active throughout a slice.
-    fn timed(&self, slice: &TimeSlice) -> bool;
+    fn timed(&self, slice: &SegmentSlice) -> bool;
     /// Whether any point does not exist throughout the shutter.
     fn have_active_intervals(&self) -> bool;
 }
@@ -155,7 +155,7 @@ impl References for [MovingReference] {
             prefetch(&reference.id);
         }
     }
-    fn timed(&self, slice: &TimeSlice) -> bool {
+    fn timed(&self, slice: &SegmentSlice) -> bool {
         self.iter().any(|m| m.interval != slice.interval)
     }
     fn have_active_intervals(&self) -> bool {
@@ -216,7 +216,7 @@ mod tests {
 
     #[test]
     fn phases_between_two_keys_are_times() {
-        let slice = TimeSlice { keys: 2, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
+        let slice = SegmentSlice { keys: 2, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
         let near_half = [0.5f32.next_down(), 0.5, 0.5f32.next_up(), 1e-30, 1.0f32.next_down(), 1.0, 1.0f32.next_up()];
         for t in (0..=997).map(|i| i as f32 / 997.0).chain(near_half) {
             assert_eq!(slice.phase(t), phase(KeyTime::new(t.min(1.0), 2), 0), "{t}");

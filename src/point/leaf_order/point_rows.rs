@@ -15,6 +15,42 @@ pub(in crate::point) struct PointVector<S: Simd> {
     pub(in crate::point) index: S::U,
 }
 
+/// A point of rows. This and the functions below are for rows of fixed length, too, whose checks of indices then disappear.
+#[inline(always)]
+pub(super) fn item([x, y, z]: [&[f32]; 3], index: &[u32], i: usize) -> Item {
+    Item { at: [x[i], y[i], z[i]], index: index[i] }
+}
+
+/// Sets a point of rows.
+#[inline(always)]
+pub(super) fn set_item([x, y, z]: [&mut [f32]; 3], index: &mut [u32], i: usize, item: &Item) {
+    (x[i], y[i], z[i], index[i]) = (item.at[0], item.at[1], item.at[2], item.index);
+}
+
+/// The sixteen points of rows from `at` on.
+#[inline(always)]
+pub(super) fn vector<S: Simd>(s: S, [x, y, z]: [&[f32]; 3], index: &[u32], at: usize) -> PointVector<S> {
+    PointVector {
+        at: [s.load(lanes_at(x, at)), s.load(lanes_at(y, at)), s.load(lanes_at(z, at))],
+        index: s.load_u(lanes_at(index, at)),
+    }
+}
+
+/// Writes the lanes of a mask to index `at` of rows and on, and anything to the rest of a vector there.
+#[inline(always)]
+pub(super) fn store_compressed<S: Simd>(
+    s: S,
+    [x, y, z]: [&mut [f32]; 3],
+    index: &mut [u32],
+    at: usize,
+    (points, mask): (&PointVector<S>, Mask),
+) {
+    s.store_compressed(points.at[0], mask, lanes_at_mut(x, at));
+    s.store_compressed(points.at[1], mask, lanes_at_mut(y, at));
+    s.store_compressed(points.at[2], mask, lanes_at_mut(z, at));
+    s.store_compressed_u(points.index, mask, lanes_at_mut(index, at));
+}
+
 impl<'a> PointRows<'a> {
     /// Room for `count` points in the memory of blocks, rounded up to a vector.
     pub(in crate::point) fn in_blocks<B: WordBlock>(blocks: &'a mut [B], count: usize) -> PointRows<'a> {
@@ -45,14 +81,14 @@ impl<'a> PointRows<'a> {
     #[inline(always)]
     pub(in crate::point) fn set(&mut self, i: usize, item: &Item) {
         let [x, y, z] = &mut self.at;
-        (x[i], y[i], z[i], self.index[i]) = (item.at[0], item.at[1], item.at[2], item.index);
+        set_item([x, y, z], self.index, i, item);
     }
 
     /// A point.
     #[inline(always)]
     pub(in crate::point) fn get(&self, i: usize) -> Item {
         let [x, y, z] = &self.at;
-        Item { at: [x[i], y[i], z[i]], index: self.index[i] }
+        item([x, y, z], self.index, i)
     }
 
     /// Writes items, and makes the rest of the last vector no points: at infinity, behind all others along every axis.
@@ -106,20 +142,14 @@ impl<'a> PointRows<'a> {
     #[inline(always)]
     pub(in crate::point) fn vector<S: Simd>(&self, s: S, at: usize) -> PointVector<S> {
         let [x, y, z] = &self.at;
-        PointVector {
-            at: [s.load(lanes_at(x, at)), s.load(lanes_at(y, at)), s.load(lanes_at(z, at))],
-            index: s.load_u(lanes_at(self.index, at)),
-        }
+        vector(s, [x, y, z], self.index, at)
     }
 
     /// Writes the lanes of a mask to index `at` and on, and anything to the rest of a vector there.
     #[inline(always)]
     pub(in crate::point) fn store_compressed<S: Simd>(&mut self, s: S, at: usize, points: &PointVector<S>, mask: Mask) {
         let [x, y, z] = &mut self.at;
-        s.store_compressed(points.at[0], mask, lanes_at_mut(x, at));
-        s.store_compressed(points.at[1], mask, lanes_at_mut(y, at));
-        s.store_compressed(points.at[2], mask, lanes_at_mut(z, at));
-        s.store_compressed_u(points.index, mask, lanes_at_mut(self.index, at));
+        store_compressed(s, [x, y, z], self.index, at, (points, mask));
     }
 
     /// The same without writing to anything behind the last of these lanes.

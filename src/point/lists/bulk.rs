@@ -3,7 +3,7 @@
 use super::csr::NeighborCsr;
 use super::error::ListError;
 use super::radii::Radii;
-use crate::limits::MAX_POINT_COORDINATE;
+use crate::limits::is_in_range;
 use crate::parallel;
 use crate::point::build::source::Source;
 use crate::point::tree::{PointParams, PointTree};
@@ -68,6 +68,10 @@ impl<Q: Position> BulkQuery<'_, Q> {
     }
 
     /// Makes the lists, in place of what `lists` held. After an error it holds no lists.
+    ///
+    /// # Errors
+    /// - [`ListError::Query`] for a query that is not finite or too far away, [`ListError::TooManyQueries`].
+    /// - [`ListError::Time`], [`ListError::Radius`] and [`ListError::MissingRadius`] as [`ListQuery::run`](super::ListQuery::run).
     pub fn run(self, lists: &mut NeighborCsr) -> Result<(), ListError> {
         parallel::entered(self.queries.len(), || self.checked_run(lists))
     }
@@ -80,8 +84,7 @@ impl<Q: Position> BulkQuery<'_, Q> {
             return Err(ListError::TooManyQueries);
         }
         let positions: Vec<Vec3> = queries.iter().map(|query| query.relative(among.origin)).collect();
-        let fine = |position: &Vec3| position.abs().cmple(Vec3::splat(MAX_POINT_COORDINATE as f32)).all();
-        if let Some(query) = positions.iter().position(|position| !fine(position)) {
+        if let Some(query) = positions.iter().position(|&position| !is_in_range(position)) {
             return Err(ListError::Query { query });
         }
         let params = PointParams { simd: among.simd, ..PointParams::default() };
@@ -99,7 +102,7 @@ impl<Q: Position> BulkQuery<'_, Q> {
             query = query.with_distances();
         }
         if self.in_order {
-            query = query.rows_by_id();
+            query = query.in_order();
         }
         query.run(lists)
     }

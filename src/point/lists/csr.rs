@@ -13,7 +13,7 @@ use super::worker::Worker;
 /// use mbkd::{NeighborCsr, PointParams, PointTree};
 /// let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3], [9.0; 3]], &PointParams::default())?;
 /// let mut lists = NeighborCsr::new();
-/// tree.neighbor_lists(0.0, 2.0).rows_by_id().run(&mut lists)?;
+/// tree.neighbor_lists(0.0, 2.0).in_order().run(&mut lists)?;
 /// assert_eq!(lists.offsets(), [0, 1, 2, 2]);
 /// assert_eq!(lists.ids(), [1, 0]);
 /// for (id, row) in lists.iter() {
@@ -45,7 +45,7 @@ impl NeighborCsr {
     }
 
     /// Number of lists: one for each point that exists at the time, or for each id with
-    /// [`rows_by_id`](super::ListQuery::rows_by_id).
+    /// [`in_order`](super::ListQuery::in_order).
     pub fn len(&self) -> usize {
         self.points.len()
     }
@@ -61,7 +61,7 @@ impl NeighborCsr {
     }
 
     /// The id of the point that each list belongs to: in the order of the tree, in which neighbours in space are close
-    /// together; or 0, 1, 2, … with [`rows_by_id`](super::ListQuery::rows_by_id).
+    /// together; or 0, 1, 2, … with [`in_order`](super::ListQuery::in_order).
     pub fn points(&self) -> &[u32] {
         &self.points
     }
@@ -92,7 +92,10 @@ impl NeighborCsr {
         if requested { &column[..self.neighbors()] } else { &[] }
     }
 
-    /// The ids of list `row`. Panics where `row` is not less than [`NeighborCsr::len`].
+    /// The ids of list `row`.
+    ///
+    /// # Panics
+    /// If `row` is not less than [`NeighborCsr::len`].
     pub fn row(&self, row: usize) -> &[u32] {
         &self.columns.ids[self.offsets[row]..self.offsets[row + 1]]
     }

@@ -123,12 +123,22 @@ impl<'a> ListQuery<'a> {
     /// of point i, empty if it does not exist at the time. (Ids of points that do not exist then are not checked.)
     ///
     /// Otherwise lists are in the order of the tree, in which they are made. Costs a copy of all lists.
-    pub fn rows_by_id(mut self) -> Self {
+    pub fn in_order(mut self) -> Self {
         self.request.by_id = true;
         self
     }
 
     /// Makes the lists, in place of what `lists` held. After an error it holds no lists.
+    ///
+    /// # Errors
+    /// - [`ListError::Time`] outside [0, 1].
+    /// - [`ListError::Radius`] for a radius that is negative or NaN, [`ListError::MissingRadius`] for a point without one.
+    /// - [`ListError::Period`] for a period that is not finite or not above zero, [`ListError::FarFromPeriod`] for points more
+    ///   than a million periods from zero.
+    /// - [`ListError::Origins`] and [`ListError::Double`] if the two trees keep their positions in different ways
+    ///   ([`ListQuery::among`]).
+    /// - [`ListError::Ids`] if lists in the order of ids are requested, and ids are not 0, 1, 2, … ([`ListQuery::in_order`]).
+    /// - [`ListError::TooManyNeighbors`] for a list that is too long ([`ListQuery::max_neighbors`]).
     pub fn run(self, lists: &mut NeighborCsr) -> Result<(), ListError> {
         parallel::entered(self.request.tree.len(), || self.checked_run(lists))
     }

@@ -13,7 +13,7 @@ use crate::simd::Simd;
 /// let radii = [1.0, 0.5, 1.9];
 /// let tree = PointTree::build(&centers, &PointParams::default())?;
 /// let mut contacts = NeighborCsr::new();
-/// tree.neighbor_lists(0.0, Radii::Sum { own: &radii, others: &radii }).pairs_once().rows_by_id().run(&mut contacts)?;
+/// tree.neighbor_lists(0.0, Radii::Sum { own: &radii, others: &radii }).pairs_once().in_order().run(&mut contacts)?;
 /// assert_eq!(contacts.ids(), [1]);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```

@@ -9,7 +9,7 @@ use crate::geometry::TimeInterval;
 use crate::parallel;
 use crate::point::build::source::Source;
 use crate::point::layout::moving_leaf::LaneIntervals;
-use crate::point::leaf_order::moving_reference::TimeSlice;
+use crate::point::leaf_order::moving_reference::SegmentSlice;
 use crate::point::leaf_order::order::ORDERING;
 use crate::progress::Progress;
 use crate::simd::{LANES, huge_vec_of};
@@ -19,7 +19,7 @@ impl PreciseTree {
     /// and exist throughout the shutter.
     pub(in crate::point) fn build(
         source: &Source,
-        slice: TimeSlice,
+        slice: SegmentSlice,
         mut numbers: Vec<u32>,
         moves: bool,
         progress: &Progress,

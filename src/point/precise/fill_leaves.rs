@@ -7,7 +7,7 @@ use crate::parallel;
 use crate::point::build::source::Source;
 use crate::point::layout::moving_leaf::LaneIntervals;
 use crate::point::layout::snapshot::ExactRows;
-use crate::point::leaf_order::moving_reference::TimeSlice;
+use crate::point::leaf_order::moving_reference::SegmentSlice;
 use crate::simd::LANES;
 use core::iter;
 use glam::DVec3;
@@ -22,14 +22,14 @@ pub(super) const AHEAD: usize = 16;
 #[derive(Clone, Copy)]
 pub(super) struct PointsOfSlice<'a> {
     pub(super) source: &'a Source,
-    pub(super) slice: TimeSlice,
+    pub(super) slice: SegmentSlice,
 }
 
 impl PointsOfSlice<'_> {
     /// Positions of a point at the keys of the segment.
     #[inline(always)]
     pub(super) fn keys(&self, point: u32) -> [DVec3; 2] {
-        let TimeSlice { segment, keys, .. } = self.slice;
+        let SegmentSlice { segment, keys, .. } = self.slice;
         [segment, (segment + 1).min(keys - 1)].map(|key| self.source.exact(point as usize, key))
     }
 

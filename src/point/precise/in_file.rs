@@ -8,7 +8,7 @@ use crate::point::layout::moving_file::never;
 use crate::point::layout::moving_leaf::LaneIntervals;
 use crate::point::layout::snapshot::{Boxes, ExactRows};
 use crate::point::layout::static_file::{FARTHEST_FACE, are_fine};
-use crate::point::leaf_order::moving_reference::TimeSlice;
+use crate::point::leaf_order::moving_reference::SegmentSlice;
 use crate::simd::{LANES, Lanes};
 use glam::DVec3;
 
@@ -63,7 +63,7 @@ impl PreciseRecord {
     }
 
     /// The tree of a time slice around an origin, or an error if searches cannot traverse it.
-    pub(in crate::point) fn checked(self, slice: TimeSlice, origin: DVec3) -> Result<PreciseTree, FileError> {
+    pub(in crate::point) fn checked(self, slice: SegmentSlice, origin: DVec3) -> Result<PreciseTree, FileError> {
         let (moves, timed) = (self.moves(), !self.node_times.is_empty());
         let PreciseRecord { count, nodes, slopes, blocks, ends, node_times, block_times, active } = self;
         require(count <= (blocks.len() * LANES) as u64, "it has more points than leaves could hold")?;

@@ -17,7 +17,7 @@ use crate::point::layout::over_interval::{BoxTree, PointPath};
 use crate::point::layout::slice_tree::SliceTree;
 use crate::point::layout::snapshot::{Boxes, CoordinateView, ExactRows, Leaves, Target, View, diagonal, outside, rows};
 use crate::point::layout::static_tree::Shape;
-use crate::point::leaf_order::moving_reference::{TimeSlice, exact_phase};
+use crate::point::leaf_order::moving_reference::{SegmentSlice, exact_phase};
 use crate::simd::{LANES, Lanes, Mask, Simd, prefetch};
 use glam::{DVec3, Vec3};
 
@@ -55,7 +55,7 @@ const SHRINK: f32 = 1.0 - 1.0 / 1_048_576.0;
 /// Points given in f64, in a complete 16-ary tree for one time slice.
 #[derive(Clone)]
 pub(in crate::point) struct PreciseTree {
-    pub(super) slice: TimeSlice,
+    pub(super) slice: SegmentSlice,
     pub(super) shape: Shape,
     pub(super) nodes: Vec<Node>,
     /// Displacements of the faces until the end of the slice; empty if all points are static.
@@ -113,7 +113,7 @@ impl PreciseTree {
     /// The phase of a time between the keys; exact.
     #[inline(always)]
     fn phase_at(&self, time: f32) -> f64 {
-        let TimeSlice { keys, segment, phases: [begin, end], .. } = self.slice;
+        let SegmentSlice { keys, segment, phases: [begin, end], .. } = self.slice;
         exact_phase(time, keys, segment).clamp(begin, end)
     }
 
@@ -135,7 +135,7 @@ impl PreciseTree {
 }
 
 impl SliceTree for PreciseTree {
-    fn time_slice(&self) -> &TimeSlice {
+    fn time_slice(&self) -> &SegmentSlice {
         &self.slice
     }
     fn references(&self) -> usize {
@@ -376,7 +376,7 @@ fn magnitude<S: Simd>(s: S, x: S::F) -> S::F {
 }
 
 impl BoxTree for PreciseTree {
-    fn slice(&self) -> TimeSlice {
+    fn slice(&self) -> SegmentSlice {
         self.slice
     }
     fn root_node(&self) -> (usize, usize) {
@@ -472,7 +472,7 @@ mod tests {
                 |size: f64| DVec3::new(random.signed_f64(), random.signed_f64(), random.signed_f64()) * size;
             let points: Vec<DVec3> = (0..256).map(|_| random_vec(size) + offset).collect();
             let source = Source::read(&points, Precision::Automatic).expect("points are in order");
-            let slice = TimeSlice { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
+            let slice = SegmentSlice { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
             if !source.is_precise() {
                 continue;
             }

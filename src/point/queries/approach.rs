@@ -25,7 +25,7 @@ use crate::limits::MAX_POINT_COORDINATE;
 use crate::mbkd::KdView;
 use crate::point::layout::over_interval::{BoxTree, PointPath, greater, lesser};
 use crate::point::layout::plane_tree::{PlaneTree, plane_error};
-use crate::point::leaf_order::moving_reference::{TimeSlice, exact_phase};
+use crate::point::leaf_order::moving_reference::{SegmentSlice, exact_phase};
 use crate::point::search::layers::Layer;
 use crate::point::tree::PointTree;
 use crate::primitive::Position;
@@ -145,7 +145,7 @@ const STEPS: usize = 4;
 impl QueryPath {
     /// The begin and the end of the interval as phases in the segment of a time slice; exact.
     #[inline(always)]
-    fn phases(&self, slice: &TimeSlice) -> [f64; 2] {
+    fn phases(&self, slice: &SegmentSlice) -> [f64; 2] {
         self.times.map(|time| exact_phase(time as f32, slice.keys, slice.segment))
     }
 
@@ -201,7 +201,7 @@ impl QueryPath {
 
     /// Searches a tree of boxes.
     fn search_boxes<T: BoxTree>(&self, simd: SimdLevel, tree: &T, keep: &impl Fn(u32) -> bool, search: &mut Search) {
-        let TimeSlice { keys, segment, .. } = tree.slice();
+        let SegmentSlice { keys, segment, .. } = tree.slice();
         let segments = if keys < 2 { self.segments() } else { segment..segment + 1 };
         let (top, root) = tree.root_node();
         let mut open = BinaryHeap::from([Reverse((0, top, root))]);
@@ -351,7 +351,7 @@ impl PointTree {
     /// # Ok::<(), mbkd::PointError>(())
     /// ```
     pub fn closest_approach<Q: Position>(&self, from: Q, to: Q, interval: TimeInterval) -> Option<Approach> {
-        self.closest_approach_if(from, to, interval, |_| true)
+        self.closest_approach_filtered(from, to, interval, |_| true)
     }
 
     /// The same among the points whose id the predicate returns true for. It must be pure.
@@ -361,11 +361,11 @@ impl PointTree {
     /// let points = [MovingPoint::new(Vec3::X, -Vec3::X), MovingPoint::fixed(Vec3::Y * 3.0)];
     /// let tree = PointTree::build(&points, &PointParams::default())?;
     /// let (own, interval) = (0, TimeInterval::FULL);
-    /// let other = tree.closest_approach_if(Vec3::X, -Vec3::X, interval, |id| id != own).unwrap();
+    /// let other = tree.closest_approach_filtered(Vec3::X, -Vec3::X, interval, |id| id != own).unwrap();
     /// assert_eq!((other.id, other.time, other.distance), (1, 0.5, 3.0));
     /// # Ok::<(), mbkd::PointError>(())
     /// ```
-    pub fn closest_approach_if<Q: Position>(
+    pub fn closest_approach_filtered<Q: Position>(
         &self,
         from: Q,
         to: Q,
@@ -417,7 +417,7 @@ mod tests {
     /// Points of a time slice in which the median moves with the velocity `plane` and is at zero at the end, like the plane through
     /// it, with points on either side; and runners with a velocity of their own that cross the plane about then.
     fn crossing_at_the_end(
-        slice: &TimeSlice,
+        slice: &SegmentSlice,
         plane: f32,
         runners: f32,
         sides: [usize; 2],
@@ -443,8 +443,8 @@ mod tests {
         let (mut random, mut lost) = (Random(43), 0);
         // The slices that end before the key does, in segments.
         let slices = (500..540).flat_map(|keys| time_slices(keys, 1));
-        let behind = |slice: &TimeSlice, time: f32| exact_phase(time, slice.keys, slice.segment) - 1.0;
-        let size = |slice: &TimeSlice| (slice.keys - 1) as f64 / 16_777_216.0;
+        let behind = |slice: &SegmentSlice, time: f32| exact_phase(time, slice.keys, slice.segment) - 1.0;
+        let size = |slice: &SegmentSlice| (slice.keys - 1) as f64 / 16_777_216.0;
         for slice in slices.filter(|slice| behind(slice, slice.interval.end()) < -0.7 * size(slice)) {
             let references = crossing_at_the_end(&slice, plane, runners, sides, &mut random);
             let tree = PlaneTree::build(&references, slice, 16.0, &Progress::new(None));

@@ -22,7 +22,7 @@ use glam::Vec3;
 /// let queries: Vec<_> = points.iter().map(|p| (*p, 0.5)).collect();
 /// let lists = tree.nearest_n_batch(&queries, 2);
 /// assert_eq!(lists.len(), 3);
-/// assert_eq!(lists.get(2).iter().map(|n| n.id).collect::<Vec<_>>(), [2, 1]);
+/// assert_eq!(lists.row(2).iter().map(|n| n.id).collect::<Vec<_>>(), [2, 1]);
 /// # Ok::<(), mbkd::PointError>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
@@ -43,8 +43,11 @@ impl NeighborLists {
         self.len() == 0
     }
 
-    /// The neighbours of a query. Panics if `query` is not less than [`NeighborLists::len`].
-    pub fn get(&self, query: usize) -> &[Neighbor] {
+    /// The neighbours of a query.
+    ///
+    /// # Panics
+    /// If `query` is not less than [`NeighborLists::len`].
+    pub fn row(&self, query: usize) -> &[Neighbor] {
         &self.neighbors[self.begin[query]..self.begin[query + 1]]
     }
 
@@ -55,7 +58,7 @@ impl NeighborLists {
 }
 
 /// Number of queries that one thread answers in a row.
-pub(in crate::point) const RUN: usize = 512;
+const RUN: usize = 512;
 
 impl PointTree {
     /// The nearest point of each query `(point, time)`, as [`PointTree::nearest`] gives it.
@@ -109,8 +112,8 @@ impl PointTree {
     /// use mbkd::{PointParams, PointTree};
     /// let tree = PointTree::build(&[[0.0f32; 3], [1.0, 0.0, 0.0], [5.0; 3]], &PointParams::default())?;
     /// let lists = tree.within_batch(&[([0.75f32, 0.0, 0.0], 0.0), ([9.0; 3], 0.0)], 1.0);
-    /// assert_eq!(lists.get(0).iter().map(|near| near.id).collect::<Vec<_>>(), [1, 0]);
-    /// assert!(lists.get(1).is_empty());
+    /// assert_eq!(lists.row(0).iter().map(|near| near.id).collect::<Vec<_>>(), [1, 0]);
+    /// assert!(lists.row(1).is_empty());
     /// # Ok::<(), mbkd::PointError>(())
     /// ```
     pub fn within_batch<Q: Position>(&self, queries: &[(Q, f32)], radius: f32) -> NeighborLists {
@@ -139,19 +142,13 @@ impl PointTree {
         queries: &[(Q, f32)],
         answer: impl Fn(usize, NeighborQuery<'_>) -> T + Sync,
     ) -> Vec<T> {
-        let order = self.order(queries);
-        let runs = in_runs(&order, |indices| {
+        answered_in_order(&self.order(queries), |indices| {
             let one = |&index: &usize| {
                 let (point, time) = queries[index];
                 answer(index, self.query(point, time))
             };
-            indices.iter().map(one).collect::<Vec<_>>()
-        });
-        let mut answers = vec![T::default(); queries.len()];
-        for (&index, found) in order.iter().zip(runs.into_iter().flatten()) {
-            answers[index] = found;
-        }
-        answers
+            indices.iter().map(one).collect()
+        })
     }
 
     fn lists<Q: Position>(
@@ -201,8 +198,21 @@ impl PointTree {
     }
 }
 
+/// Answers queries in an order of their indices, a run of it at a time, in parallel; returns the answers by index.
+pub(in crate::point) fn answered_in_order<T: Clone + Default + Send>(
+    order: &[usize],
+    answers_of: impl Fn(&[usize]) -> Vec<T> + Send + Sync,
+) -> Vec<T> {
+    let runs = in_runs(order, answers_of);
+    let mut answers = vec![T::default(); order.len()];
+    for (&index, answer) in order.iter().zip(runs.into_iter().flatten()) {
+        answers[index] = answer;
+    }
+    answers
+}
+
 /// Answers the runs of an order in parallel; returns the results in the order of the runs.
-pub(in crate::point) fn in_runs<R: Send>(order: &[usize], one: impl Fn(&[usize]) -> R + Send + Sync) -> Vec<R> {
+fn in_runs<R: Send>(order: &[usize], one: impl Fn(&[usize]) -> R + Send + Sync) -> Vec<R> {
     parallel::map(order.len().div_ceil(RUN), |run| one(&order[run * RUN..order.len().min((run + 1) * RUN)]))
 }
 

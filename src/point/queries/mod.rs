@@ -2,6 +2,7 @@
 
 pub(super) mod approach;
 pub(super) mod batch;
+mod bounds;
 pub(super) mod compiled;
 pub(super) mod iter;
 mod pair_approach;

@@ -12,7 +12,7 @@
 //! positions by the length of the query's interval, so that equal times and parallel paths are recognized without rounding.
 //! The distance is rounded to f32 once at the end: it is within half an ulp, and 2^-95 M, of the exact one.
 
-use crate::geometry::Double;
+use crate::geometry::DoubleDouble;
 use crate::point::layout::over_interval::PointPath;
 use glam::DVec3;
 
@@ -26,9 +26,9 @@ pub(in crate::point) struct QueryPath {
 }
 
 /// Three coordinates.
-type Vector = [Double; 3];
+type Vector = [DoubleDouble; 3];
 
-fn dot(a: &Vector, b: &Vector) -> Double {
+fn dot(a: &Vector, b: &Vector) -> DoubleDouble {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
@@ -74,7 +74,7 @@ impl Overlap {
 
     /// Time and distance of the closest approach.
     pub(in crate::point) fn closest(&self, path: &QueryPath, point: &PointPath) -> (f32, f32) {
-        let number = |x: f64| Double::from(x);
+        let number = |x: f64| DoubleDouble::from(x);
         let start = number(path.times[0] * self.segments);
         let duration = number(path.times[1] * self.segments) - start;
         // For a query at one moment only, either position is right.

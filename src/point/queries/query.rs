@@ -1,7 +1,7 @@
 //! The interface of neighbour queries: point, time, radius and filter, and then one of several runs.
 
 use super::compiled::{self, MaybeFiltered, Query};
-use crate::limits::MAX_POINT_COORDINATE;
+use crate::limits::is_in_range;
 use crate::point::neighbor::Neighbor;
 use crate::point::search::candidates::Candidates;
 use crate::point::search::{Keep, KeepAll, KeepIf, KeepLanes, NeighborWork};
@@ -9,7 +9,6 @@ use crate::point::tree::PointTree;
 use crate::primitive::Position;
 use crate::simd::{Lanes, Mask};
 use core::ops::ControlFlow;
-use glam::Vec3;
 
 /// Memory for results and candidates. A loop that reuses a buffer allocates nothing once the buffer has grown to the size
 /// that the queries need.
@@ -57,9 +56,7 @@ impl<'a> NeighborQuery<'a> {
     #[inline(always)]
     pub(in crate::point) fn new(tree: &'a PointTree, at: impl Position, time: f32) -> Self {
         let (exact, point) = (at.wide(), at.relative(tree.origin));
-        let most = Vec3::splat(MAX_POINT_COORDINATE as f32);
-        // Also false for NaN.
-        let valid = point.abs().cmple(most).all() && (0.0..=1.0).contains(&time);
+        let valid = is_in_range(point) && (0.0..=1.0).contains(&time);
         let bound = if valid { f32::MAX } else { -1.0 };
         NeighborQuery { query: Query { tree, point, exact, time, bound, shrink: 1.0, keep: KeepAll } }
     }

@@ -153,8 +153,8 @@ impl<'a> TreeRay<'a> {
             let step = dir.dir.as_dvec3() * power_of_two(127 - dir.field as i32);
             advance = distance_to_scene(from, step, 1.001 * reach, line)?;
             origin = from + step * advance;
-            // The origin in f64 was rounded three times, and so are the kernel's computations with the original one, and those of the
-            // caller's own primitives. Together this is less than a tenth of what is allowed for.
+            // The origin in f64 was rounded three times, and so are the kernel's computations with the original one, and those of
+            // custom primitives. Together this is less than a tenth of what is allowed for.
             lost = (32.0 * f64::EPSILON * away) as f32;
         }
         let origin = origin.as_vec3();

@@ -26,7 +26,7 @@
 
 use super::shear::Sheared;
 use super::tree_ray::TreeRay;
-use crate::geometry::Double;
+use crate::geometry::DoubleDouble;
 use crate::ray::hit::SetHit;
 use crate::simd::{Mask, Portable, Simd};
 use glam::{DVec2, DVec3};
@@ -147,7 +147,7 @@ fn exact_edges(x: [f64; 4], y: [f64; 4]) -> [f64; 4] {
 
 /// An edge function, with an exact sign and zero only where the exact function is.
 fn exact_edge(p: DVec2, q: DVec2) -> f64 {
-    let product = |a: f64, b: f64| Double::from(a) * Double::from(b);
+    let product = |a: f64, b: f64| DoubleDouble::from(a) * DoubleDouble::from(b);
     (product(p.x, q.y) - product(p.y, q.x)).to_f64()
 }
 

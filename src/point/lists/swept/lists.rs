@@ -82,7 +82,7 @@ impl EncounterLists {
         &self.encounters[..self.end()]
     }
 
-    /// The encounters of list `row`. Panics where `row` is not less than [`EncounterLists::len`].
+    /// The encounters of list `row`.
     ///
     /// ```
     /// use mbkd::{MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
@@ -94,6 +94,9 @@ impl EncounterLists {
     /// assert_eq!(lists.offsets(), [0, 1, 2]);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
+    ///
+    /// # Panics
+    /// If `row` is not less than [`EncounterLists::len`].
     pub fn row(&self, row: usize) -> &[Encounter] {
         &self.encounters[self.offsets[row]..self.offsets[row + 1]]
     }

@@ -134,7 +134,7 @@ pub(super) fn begins_with_a_slice(layers: &[Layer], time: f32) -> bool {
 
 /// Whether a time that is the begin or the end of a time slice, and a key rounded to f32, lies within the segment in
 /// exact arithmetic: the rounded time is after the key that the slice begins with, or before the key that it ends with.
-fn beside_key(slice: &moving_reference::TimeSlice, time: f32) -> bool {
+fn beside_key(slice: &moving_reference::SegmentSlice, time: f32) -> bool {
     let begins = slice.phases[0] == 0.0 && time == slice.interval.begin();
     let ends = slice.phases[1] == 1.0 && time == slice.interval.end();
     let along = f64::from(time) * (slice.keys.max(2) - 1) as f64 - slice.segment as f64;

@@ -1,6 +1,6 @@
 //! A custom primitive: flat moving discs, in one tree with a sphere.
 //!
-//! `cargo run --release --example own_primitive`
+//! `cargo run --release --example custom_primitive`
 
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
@@ -61,7 +61,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     // The discs and a ball in one tree.
     let ball = MovingSphere::new(vec![(DVec3::ZERO, 0.5), (DVec3::ZERO, 1.5)]);
-    let mut shapes: Vec<Shape> = (0..5000).map(|i| Shape::own(disc(i))).collect();
+    let mut shapes: Vec<Shape> = (0..5000).map(|i| Shape::custom(disc(i))).collect();
     shapes.push(ball.into());
     let tree = RayTree::of_scene(&[], shapes, &BuildParams::default())?;
 

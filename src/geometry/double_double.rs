@@ -8,22 +8,22 @@ use core::ops::{Add, Mul, Sub};
 
 /// `high + low`, where `low` is at most half an ulp of `high`.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Double {
+pub(crate) struct DoubleDouble {
     high: f64,
     low: f64,
 }
 
 /// The sum and its rounding error.
-fn sum(a: f64, b: f64) -> Double {
+fn sum(a: f64, b: f64) -> DoubleDouble {
     let high = a + b;
     let of_b = high - a;
-    Double { high, low: (a - (high - of_b)) + (b - of_b) }
+    DoubleDouble { high, low: (a - (high - of_b)) + (b - of_b) }
 }
 
 /// The same if `a` is not the smaller magnitude.
-fn sum_in_order(a: f64, b: f64) -> Double {
+fn sum_in_order(a: f64, b: f64) -> DoubleDouble {
     let high = a + b;
-    Double { high, low: b - (high - a) }
+    DoubleDouble { high, low: b - (high - a) }
 }
 
 /// The upper 26 bits and the rest.
@@ -34,51 +34,51 @@ fn split(a: f64) -> [f64; 2] {
 }
 
 /// The product and its rounding error.
-fn product(a: f64, b: f64) -> Double {
+fn product(a: f64, b: f64) -> DoubleDouble {
     let high = a * b;
     let ([a, a_rest], [b, b_rest]) = (split(a), split(b));
-    Double { high, low: ((a * b - high) + a * b_rest + a_rest * b) + a_rest * b_rest }
+    DoubleDouble { high, low: ((a * b - high) + a * b_rest + a_rest * b) + a_rest * b_rest }
 }
 
-impl From<f64> for Double {
-    fn from(x: f64) -> Double {
-        Double { high: x, low: 0.0 }
+impl From<f64> for DoubleDouble {
+    fn from(x: f64) -> DoubleDouble {
+        DoubleDouble { high: x, low: 0.0 }
     }
 }
 
-impl Double {
+impl DoubleDouble {
     /// The nearest f64.
     pub fn to_f64(self) -> f64 {
         self.high
     }
 
     /// The quotient, up to 2^-100.
-    pub fn over(self, by: Double) -> Double {
+    pub fn over(self, by: DoubleDouble) -> DoubleDouble {
         let first = self.high / by.high;
-        let rest = self - by * Double::from(first);
+        let rest = self - by * DoubleDouble::from(first);
         sum_in_order(first, rest.high / by.high)
     }
 }
 
-impl Add for Double {
-    type Output = Double;
-    fn add(self, other: Double) -> Double {
+impl Add for DoubleDouble {
+    type Output = DoubleDouble;
+    fn add(self, other: DoubleDouble) -> DoubleDouble {
         let (high, low) = (sum(self.high, other.high), sum(self.low, other.low));
         let partly = sum_in_order(high.high, high.low + low.high);
         sum_in_order(partly.high, partly.low + low.low)
     }
 }
 
-impl Sub for Double {
-    type Output = Double;
-    fn sub(self, other: Double) -> Double {
-        self + Double { high: -other.high, low: -other.low }
+impl Sub for DoubleDouble {
+    type Output = DoubleDouble;
+    fn sub(self, other: DoubleDouble) -> DoubleDouble {
+        self + DoubleDouble { high: -other.high, low: -other.low }
     }
 }
 
-impl Mul for Double {
-    type Output = Double;
-    fn mul(self, other: Double) -> Double {
+impl Mul for DoubleDouble {
+    type Output = DoubleDouble;
+    fn mul(self, other: DoubleDouble) -> DoubleDouble {
         let of_high = product(self.high, other.high);
         sum_in_order(of_high.high, of_high.low + (self.high * other.low + self.low * other.high))
     }
@@ -96,7 +96,7 @@ mod tests {
         let mut next = || (random.bits() >> 24) as i64 - (1 << 39);
         for _ in 0..10_000 {
             let (a, b, c, d) = (next(), next(), next() >> 20, next() >> 20);
-            let number = |x: i64| Double::from(x as f64);
+            let number = |x: i64| DoubleDouble::from(x as f64);
             let found = number(a) * number(b) + number(c) * number(d) - number(a);
             let exact = i128::from(a) * i128::from(b) + i128::from(c) * i128::from(d) - i128::from(a);
             assert_eq!(found.high as i128 + found.low as i128, exact);
@@ -107,8 +107,8 @@ mod tests {
 
     #[test]
     fn quotients_have_a_hundred_bits() {
-        let third = Double::from(1.0).over(Double::from(3.0));
-        let rest = third * Double::from(3.0) - Double::from(1.0);
+        let third = DoubleDouble::from(1.0).over(DoubleDouble::from(3.0));
+        let rest = third * DoubleDouble::from(3.0) - DoubleDouble::from(1.0);
         assert!(third.low != 0.0 && rest.high.abs() < 2f64.powi(-100), "{rest:?}");
     }
 }

@@ -1,0 +1,63 @@
+//! Which points of a set are static.
+
+use super::source::Source;
+
+/// The static points of a set, and the others.
+pub(in crate::point) struct Partition {
+    len: usize,
+    /// Whether each point is static; empty if all are known to be.
+    is_static: Vec<bool>,
+    /// Number of static points.
+    pub(in crate::point) count: usize,
+}
+
+impl Partition {
+    pub(in crate::point) fn of(source: &Source) -> Partition {
+        let len = source.len;
+        if source.all_static() {
+            return Partition { len, is_static: Vec::new(), count: len };
+        }
+        let is_static = source.static_points();
+        let count = is_static.iter().filter(|&&is_static| is_static).count();
+        Partition { len, is_static, count }
+    }
+
+    fn is_static(&self, point: usize) -> bool {
+        self.is_static.get(point).is_none_or(|&is_static| is_static)
+    }
+
+    /// The static points, ascending.
+    pub(in crate::point) fn static_points(&self) -> impl Iterator<Item = usize> {
+        (0..self.len).filter(|&point| self.is_static(point))
+    }
+
+    /// All other points, ascending.
+    pub(in crate::point) fn moving_points(&self) -> Vec<u32> {
+        (0..self.len as u32).filter(|&point| !self.is_static(point as usize)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::point::precision::Precision;
+    use crate::primitive::MovingPoint;
+    use glam::Vec3;
+
+    fn of(points: &[MovingPoint]) -> (usize, Vec<usize>, Vec<u32>) {
+        let source = Source::read(points, Precision::Single).expect("valid points");
+        let partition = Partition::of(&source);
+        (partition.count, partition.static_points().collect(), partition.moving_points())
+    }
+
+    #[test]
+    fn every_point_is_on_one_side() {
+        let [still, moving] = [MovingPoint::fixed(Vec3::X), MovingPoint::new(Vec3::X, Vec3::Y)];
+        assert_eq!(of(&[still, moving, moving, still]), (2, vec![0, 3], vec![1, 2]));
+        assert_eq!(of(&[still, still]), (2, vec![0, 1], vec![]));
+        assert_eq!(of(&[moving]), (0, vec![], vec![0]));
+        let source = Source::read(&[[1.0f32; 3], [2.0; 3]], Precision::Single).expect("valid points");
+        let partition = Partition::of(&source);
+        assert_eq!((partition.count, partition.static_points().count(), partition.moving_points().len()), (2, 2, 0));
+    }
+}

@@ -1,0 +1,61 @@
+//! The box around all points of a [`PointTree`].
+
+use crate::geometry::Aabb;
+use crate::point::layout::over_interval::BoxTree;
+use crate::point::layout::plane_tree::PlaneTree;
+use crate::point::search::layers::Layer;
+use crate::point::tree::PointTree;
+use crate::simd::LANES;
+use glam::DVec3;
+
+impl PointTree {
+    /// A box around all points over the shutter, slightly enlarged for rounding; `None` if there are none. Points with active intervals
+    /// count while they exist, and may enlarge it by what their motion would add in the rest of a time slice. Reads the root of each
+    /// tree only.
+    ///
+    /// ```
+    /// use mbkd::{MovingPoint, PointParams, PointTree, glam::{DVec3, Vec3}};
+    /// let points = [MovingPoint::new(Vec3::ZERO, Vec3::X), MovingPoint::fixed(Vec3::Y)];
+    /// let bounds = PointTree::build(&points, &PointParams::default())?.bounds().unwrap();
+    /// assert!(bounds.contains(DVec3::ZERO) && bounds.contains(DVec3::X) && bounds.contains(DVec3::Y));
+    /// assert!(bounds.max.abs_diff_eq(DVec3::new(1.0, 1.0, 0.0), 1e-5));
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    pub fn bounds(&self) -> Option<Aabb> {
+        let of_layer = |layer: &Layer| match layer {
+            Layer::Static(tree) => swept_root(tree),
+            Layer::Moving(trees) => union(trees.iter().map(swept_root)),
+            Layer::Planes(trees) => union(trees.iter().map(cell_of_root)),
+        };
+        // Layers in f32 are relative to the origin, those in f64 are not.
+        let Aabb { min, max } = union(self.layers.iter().map(of_layer));
+        let single = Aabb { min: min + self.origin, max: max + self.origin };
+        let double = union(self.precise.iter().flat_map(|layer| &layer.trees).map(swept_root));
+        (!self.is_empty()).then(|| single.union(double))
+    }
+}
+
+fn union(boxes: impl Iterator<Item = Aabb>) -> Aabb {
+    boxes.fold(Aabb::EMPTY, Aabb::union)
+}
+
+/// The box that the root of a tree sweeps during its time slice. Its faces move linearly, so those at the ends suffice.
+fn swept_root(tree: &impl BoxTree) -> Aabb {
+    let ((_, root), slice) = (tree.root_node(), tree.slice());
+    let [begin, _] = tree.times(root);
+    let present = || (0..LANES).filter(|&lane| begin[lane].is_finite());
+    let phases = slice.range([slice.interval.begin(), slice.interval.end()]);
+    union(phases.into_iter().flat_map(|phase| {
+        let faces = tree.faces(root, &[phase; LANES]);
+        present().map(move |lane| {
+            let [min, max] = faces.map(|face| DVec3::from_array(face.map(|row| row[lane])));
+            Aabb { min, max }
+        })
+    }))
+}
+
+/// The cell of the root of a k-d tree, which holds all of its time slice, grown by its slack.
+fn cell_of_root(tree: &PlaneTree) -> Aabb {
+    let [min, max] = [tree.root.min, tree.root.max].map(|corner| corner.as_dvec3());
+    Aabb { min, max }.pad(tree.slack(0))
+}
