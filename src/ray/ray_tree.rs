@@ -73,7 +73,7 @@ impl<G: Geometry> core::fmt::Debug for RayTree<G> {
 impl<G: Geometry> RayTree<G> {
     fn of(mut geometry: G, params: &BuildParams, progress: &Progress) -> Result<RayTree<G>, BuildError> {
         params.validate()?;
-        let (layout, statistics) = geometry.lay_out(params, progress)?;
+        let (layout, statistics) = geometry.lay_out(params, &progress.rest(1.0))?;
         geometry.input_error()?;
         if progress.complete() {
             return Err(BuildError::Cancelled);
@@ -479,6 +479,9 @@ impl<P: Primitive> RayTree<Shapes<P>> {
     }
 }
 
+/// The share of reading the input in a build, about.
+const READING: f64 = 0.05;
+
 /// A tree of a scene, on one thread if it is small.
 fn of_scene(
     meshes: &[TriangleMesh],
@@ -487,7 +490,11 @@ fn of_scene(
     progress: Option<Callback<'_>>,
 ) -> Result<RayTree, BuildError> {
     let primitives = shapes.len() + meshes.iter().map(TriangleMesh::len).sum::<usize>();
-    parallel::entered(primitives, || RayTree::of(Scene::new(meshes, shapes)?, params, &Progress::new(progress)))
+    parallel::entered(primitives, || {
+        let progress = Progress::new(progress);
+        let scene = Scene::read(meshes, shapes, &progress.subtask(READING))?;
+        RayTree::of(scene, params, &progress)
+    })
 }
 
 /// A tree of custom primitives, on one thread if there are few.
@@ -496,7 +503,11 @@ fn of_primitives<P: Primitive>(
     params: &BuildParams,
     progress: Option<Callback<'_>>,
 ) -> Result<RayTree<Shapes<P>>, BuildError> {
-    parallel::entered(primitives.len(), || RayTree::of(Shapes::new(primitives)?, params, &Progress::new(progress)))
+    parallel::entered(primitives.len(), || {
+        let progress = Progress::new(progress);
+        let shapes = Shapes::read(primitives, &progress.subtask(READING))?;
+        RayTree::of(shapes, params, &progress)
+    })
 }
 
 #[cfg(test)]
