@@ -130,3 +130,62 @@ impl Drop for Progress<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::parallel;
+
+    /// What is reported, when work is done with progress that is cancelled at a report (counted from 1).
+    fn reported(cancel_at: usize, work: impl FnOnce(&Progress)) -> Vec<f32> {
+        let told = Mutex::new(Vec::new());
+        let hear = |done: f32| {
+            let mut told = told.lock().unwrap();
+            told.push(done);
+            if told.len() == cancel_at { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        work(&Progress::new(Some(&hear)));
+        told.into_inner().unwrap()
+    }
+
+    #[test]
+    fn parts_count_as_finished_when_they_are_dropped() {
+        let told = reported(usize::MAX, |progress| {
+            progress.subtask(0.25).finished(0.5);
+            let half = progress.subtask(0.5);
+            half.finished(0.5);
+            // More than all is all.
+            half.finished(2.0);
+            drop(half);
+            drop(progress.rest(0.5));
+            let units = progress.in_units(4);
+            units.subtask(2.0).finished(1.0);
+            units.finished(1.0);
+            drop(units);
+            assert!(!progress.complete());
+        });
+        assert_eq!(told, [0.125, 0.25, 0.5, 0.75, 0.875, 0.937, 0.968, 0.999, 1.0]);
+    }
+
+    /// While a thread reports, others pass by, so it is not certain how many reports there are.
+    #[test]
+    fn reports_of_many_threads_increase_and_end_with_the_cancellation() {
+        for cancel_at in [1, 7, 100, usize::MAX] {
+            let told = reported(cancel_at, |progress| {
+                let units = progress.in_units(100_000);
+                drop(parallel::map(100_000, |_| units.finished(1.0)));
+                assert_eq!(progress.cancelled(), progress.check().is_err());
+                assert!(progress.cancelled() || cancel_at > 1);
+            });
+            assert!(!told.is_empty() && told.is_sorted_by(|a, b| a < b) && told.len() <= cancel_at, "{told:?}");
+        }
+    }
+
+    #[test]
+    fn nothing_is_counted_if_nobody_hears_it() {
+        let progress = Progress::new(None);
+        progress.in_units(2).finished(1.0);
+        assert_eq!(progress.done.load(Ordering::Relaxed), 0);
+        assert!(!progress.complete());
+    }
+}

@@ -12,7 +12,7 @@ use crate::layout::{Bytes, Statistics, ValidationError, WideSource, WideTree, co
 use crate::parallel;
 use crate::params::WideParams;
 use crate::primitive::PrimitiveSet;
-use crate::progress::Progress;
+use crate::progress::{Callback, Progress};
 use crate::ray::{Outline, RayTree};
 use crate::simd::{Portable, SimdLevel};
 use glam::{DAffine3, DVec3, Vec3};
@@ -211,6 +211,12 @@ impl core::fmt::Debug for InstanceTree {
     }
 }
 
+/// The share of reading the instances in a build, about.
+const READING: f64 = 0.3;
+
+/// Instances between two reports of progress. Not fitted: they take a few hundred microseconds.
+const REPORTED: usize = 1024;
+
 impl InstanceTree {
     /// Builds a tree over instances; paths consist of indices into `instances`.
     ///
@@ -238,11 +244,41 @@ impl InstanceTree {
     /// # Errors
     /// An [`InstanceError`] that names the transform or parameter at fault. An empty tree is valid.
     pub fn build(instances: Vec<Instance>, params: &WideParams) -> Result<InstanceTree, InstanceError> {
-        parallel::entered(instances.len(), || InstanceTree::padded(instances, params, 1.0))
+        parallel::entered(instances.len(), || InstanceTree::padded(instances, params, 1.0, &Progress::new(None)))
+    }
+
+    /// [`InstanceTree::build`] that calls `progress` as [`RayTree::build_with_progress`] does. `Break` cancels the build, which then
+    /// returns [`BuildError::Cancelled`] in an [`InstanceError::Build`].
+    ///
+    /// ```
+    /// use core::ops::ControlFlow;
+    /// use mbkd::{BuildError, InstanceError, InstanceTree, WideParams};
+    /// let stop = |_: f32| ControlFlow::Break(());
+    /// let tree = InstanceTree::build_with_progress(Vec::new(), &WideParams::default(), &stop);
+    /// assert_eq!(tree.unwrap_err(), InstanceError::Build(BuildError::Cancelled));
+    /// ```
+    ///
+    /// # Errors
+    /// As [`InstanceTree::build`], and [`BuildError::Cancelled`] if `progress` broke.
+    pub fn build_with_progress(
+        instances: Vec<Instance>,
+        params: &WideParams,
+        progress: Callback<'_>,
+    ) -> Result<InstanceTree, InstanceError> {
+        parallel::entered(instances.len(), || {
+            let progress = Progress::new(Some(progress));
+            let tree = InstanceTree::padded(instances, params, 1.0, &progress)?;
+            if progress.complete() { Err(BuildError::Cancelled.into()) } else { Ok(tree) }
+        })
     }
 
     /// [`InstanceTree::build`] with this share of the padding of boxes: 1, or less in tests.
-    fn padded(instances: Vec<Instance>, params: &WideParams, padding: f64) -> Result<InstanceTree, InstanceError> {
+    fn padded(
+        instances: Vec<Instance>,
+        params: &WideParams,
+        padding: f64,
+        progress: &Progress,
+    ) -> Result<InstanceTree, InstanceError> {
         params.validate()?;
         if instances.len() >= u32::MAX as usize {
             return Err(BuildError::TooManyPrimitives { found: instances.len() }.into());
@@ -250,7 +286,13 @@ impl InstanceTree {
         let mut motions = Motions::default();
         let (mut trees, mut known, mut levels) = (Vec::new(), HashMap::new(), 1);
         let mut placed = Vec::with_capacity(instances.len());
+        let reading = progress.subtask(READING);
+        let reading = reading.in_units(instances.len());
         for (i, instance) in instances.into_iter().enumerate() {
+            if i.is_multiple_of(REPORTED) {
+                reading.check()?;
+                reading.finished(REPORTED as f64);
+            }
             let Instance { of, transform, mask, active } = instance;
             let (motion, distortion) = motions.add(&transform, i)?;
             levels = levels.max(1 + of.levels());
@@ -267,7 +309,7 @@ impl InstanceTree {
         let extents = trees.iter().map(InstanceOf::extent).collect();
         let mut placements = Placements::new(placed, motions, extents, padding)?;
         let bounds = placements.bounds_where(|tree| !trees[tree as usize].is_empty());
-        let wide = WideTree::build(&placements, params, &Progress::new(None))?;
+        let wide = WideTree::build(&placements, params, &progress.rest(1.0))?;
         placements.release_build_data();
         Ok(InstanceTree { wide, placements, trees, simd: SimdLevel::best(), levels, bounds })
     }
@@ -449,8 +491,13 @@ mod tests {
             let matrix3 = DMat3::from_cols(DVec3::X, shear, random.vec().as_dvec3() + DVec3::Z * 2.0);
             let matrix = DAffine3 { matrix3, translation: random.vec().as_dvec3() };
             let instance = Instance::new(tree.clone(), matrix);
-            let placed = InstanceTree::padded(vec![instance.clone(), instance], &WideParams::default(), padding)
-                .expect("instances");
+            let placed = InstanceTree::padded(
+                vec![instance.clone(), instance],
+                &WideParams::default(),
+                padding,
+                &Progress::new(None),
+            )
+            .expect("instances");
             for _ in 0..200 {
                 // The edges along y are those where the box of the image is tight.
                 let edge = Vec3::new(

@@ -409,9 +409,10 @@ impl RayTree {
     /// [`RayTree::build`] that calls `progress` from time to time with the finished fraction (above 0, and at the end 1), from any of its
     /// threads. `Break` cancels the build, which then returns [`BuildError::Cancelled`].
     ///
-    /// A k-d tree calls it at every half percent. A wide tree calls it after each of its steps, of which the first takes half of the time or more
-    /// (of separate trees for time slices, one tree takes a step), and is cancelled between them; a lazy tree after each half of its coarse
-    /// build.
+    /// Fractions increase by a tenth of a percent at least, mostly by little more, and 1 comes last. They are about proportional to time, as
+    /// far as it is known what follows: a moving scene may turn out to need time slices, and a tree that exceeds its budget is built
+    /// again within what is left. One thread calls at a time. After `Break` there is no further call, and the build ends within a few percent of its
+    /// time.
     ///
     /// ```
     /// use core::ops::ControlFlow;

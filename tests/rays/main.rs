@@ -17,6 +17,7 @@ mod metamorphic;
 mod mixed;
 mod own_shapes;
 mod precise;
+mod progress;
 mod refit;
 mod refit_moved;
 mod scenes;
