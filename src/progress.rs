@@ -106,8 +106,12 @@ impl<'a> Progress<'a> {
         let step = |done: u64| (done * STEPS / WHOLE).min(STEPS - 1);
         let Some(callback) = self.callback.filter(|_| step(before) != step(now)) else { return };
         let Ok(mut reported) = self.reported.try_lock() else { return };
-        let now = step(self.done.load(Ordering::Relaxed));
-        if now > *reported && !self.cancelled() {
+        // Once more for what others have finished during the first call.
+        for _ in 0..2 {
+            let now = step(self.done.load(Ordering::Relaxed));
+            if now <= *reported || self.cancelled() {
+                return;
+            }
             *reported = now;
             if callback(now as f32 / STEPS as f32).is_break() {
                 self.cancelled.store(true, Ordering::Relaxed);
