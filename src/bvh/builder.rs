@@ -11,6 +11,7 @@ use super::reference::Reference;
 use super::visits::{SurfaceDensity, mean_half_area};
 use crate::geometry::{Box3, LinearBox3};
 use crate::parallel;
+use crate::progress::Progress;
 use crate::simd::{SimdLevel, concat, huge_vec};
 use crate::tuning::wide::{LARGE_LEAF, MANY_BOXES, MIN_OVERLAP};
 use core::ops::RangeInclusive;
@@ -51,15 +52,19 @@ const SAH_DEPTH: u32 = 44;
 const PARALLEL: usize = 4096;
 const SUBTREES: usize = 32;
 
+/// Smaller subtrees do not report their progress. Not fitted: building one takes about a millisecond.
+const REPORTED: usize = 4096;
+
 /// Builds over references, which are reordered. Nodes of at most `leaf.start` references become leaves, and those of at
 /// most `leaf.end` if they overlap so much that splitting hardly pays (see [`MIN_OVERLAP`]). With a `density`, which
 /// predicts how often boxes are visited, the largest of such nodes are split further (see [`LARGE_LEAF`]). Leaves hold
-/// references of one kind.
+/// references of one kind. Once `progress` is cancelled, large nodes become leaves, whatever they hold.
 pub(crate) fn build_binary(
     references: &mut [Reference],
     leaf: RangeInclusive<usize>,
     kinds: Option<&LeafKind<'_>>,
     density: Option<SurfaceDensity>,
+    progress: &Progress,
 ) -> BinaryTree {
     let n = references.len();
     if n == 0 {
@@ -74,8 +79,9 @@ pub(crate) fn build_binary(
     // A single reference far away makes the root box large, but not the sum over references.
     let (small, bent) = (*leaf.start().max(&1), kinds.is_some());
     let large = density.map(|density| (density, large_visits(density, &bounds, references, small, bent)));
-    let builder = Builder { simd, leaf: small, overlapping_leaf: *leaf.end(), large, alone, kinds };
-    let mut subtrees = builder.subtrees(references, Task { first: 0, depth: 0, overlapping: false, bounds, centres });
+    let builder = Builder { simd, leaf: small, overlapping_leaf: *leaf.end(), large, alone, kinds, progress };
+    let task = Task { first: 0, depth: 0, overlapping: false, bounds, centres, share: 1.0 };
+    let mut subtrees = builder.subtrees(references, task);
     match subtrees.len() {
         1 => subtrees.remove(0),
         _ => concat(&subtrees),
@@ -171,6 +177,7 @@ struct Builder<'a> {
     alone: usize,
     /// The kinds, if leaves may only hold references of one kind.
     kinds: Option<&'a LeafKind<'a>>,
+    progress: &'a Progress<'a>,
 }
 
 /// A subtree to be built.
@@ -184,6 +191,8 @@ struct Task {
     bounds: LinearBox3,
     /// The box of the references' centres.
     centres: Box3,
+    /// The fraction of the whole work, for progress.
+    share: f64,
 }
 
 impl Builder<'_> {
@@ -195,7 +204,11 @@ impl Builder<'_> {
             Table::lend(|table| self.subtree(references, task, &mut nodes, table));
             return vec![nodes];
         }
+        if self.progress.cancelled() {
+            return vec![vec![BinaryNode::new(&task, n)]];
+        }
         let (low, high, middle) = Table::lend(|table| self.divide(references, &task, table));
+        let (low, high) = self.shared(&task, n, (low, high), middle);
         let (low_references, high_references) = references.split_at_mut(middle);
         let (left, right) =
             parallel::both(|| self.subtrees(low_references, low), || self.subtrees(high_references, high));
@@ -212,6 +225,10 @@ impl Builder<'_> {
     fn subtree(&self, references: &mut [Reference], task: Task, nodes: &mut BinaryTree, table: &mut Table) -> bool {
         let (at, n) = (nodes.len(), references.len());
         nodes.push(BinaryNode::new(&task, n));
+        let reports = n > REPORTED;
+        if reports && self.progress.cancelled() {
+            return false;
+        }
         let few = n <= self.leaf || task.overlapping && n <= self.overlapping_leaf;
         let sides = if few && (n == 1 || !self.is_large(&task.bounds)) {
             let middle = self.kinds.and_then(|kind| by_kind(references, kind));
@@ -224,12 +241,29 @@ impl Builder<'_> {
             nodes[at].moving = moving;
             return moving;
         };
+        let (low, high) = if reports { self.shared(&task, n, (low, high), middle) } else { (low, high) };
         let (low_references, high_references) = references.split_at_mut(middle);
         let left = self.subtree(low_references, low, nodes, table);
         nodes[at].right = (nodes.len() - at) as u32;
         let right = self.subtree(high_references, high, nodes, table);
         nodes[at].moving = left | right;
         left | right
+    }
+
+    /// Reports that a node of `n` references is divided, and gives its children their shares of the remaining work: dividing takes as
+    /// long on each level. Children that do not report count as finished.
+    fn shared(&self, task: &Task, n: usize, sides: (Task, Task), middle: usize) -> (Task, Task) {
+        let levels = (n as f64 / self.leaf as f64).log2().max(0.0) + 1.0;
+        let below = task.share * (1.0 - 1.0 / levels);
+        let (mut reported, mut sides) = (task.share - below, [(sides.0, middle), (sides.1, n - middle)]);
+        for (side, count) in &mut sides {
+            side.share = below * *count as f64 / n as f64;
+            if *count <= REPORTED {
+                reported += side.share;
+            }
+        }
+        self.progress.finished(reported);
+        (sides[0].0, sides[1].0)
     }
 
     /// Whether a node of few references is among the largest: over a floor and walls, or over a wall and the objects
@@ -246,6 +280,7 @@ impl Builder<'_> {
             overlapping,
             bounds,
             centres,
+            share: 0.0,
         };
         // Two references can be partitioned in one way only.
         if references.len() > 2
@@ -264,7 +299,8 @@ impl Builder<'_> {
     fn split_at(&self, references: &[Reference], task: &Task, middle: usize) -> (Task, Task, usize) {
         let of = |begin: usize, references: &[Reference]| {
             let (bounds, centres) = summary(self.simd, references);
-            Task { first: task.first + begin as u32, depth: task.depth + 1, overlapping: false, bounds, centres }
+            let first = task.first + begin as u32;
+            Task { first, depth: task.depth + 1, overlapping: false, bounds, centres, share: 0.0 }
         };
         (of(0, &references[..middle]), of(middle, &references[middle..]), middle)
     }
@@ -314,7 +350,7 @@ mod tests {
     fn only_the_largest_leaves_are_split_further() {
         let built = |density: Option<SurfaceDensity>| {
             let mut references = room();
-            let nodes = build_binary(&mut references, 8..=16, None, density);
+            let nodes = build_binary(&mut references, 8..=16, None, density, &Progress::new(None));
             let leaves: Vec<BinaryNode> = nodes.into_iter().filter(|node| node.right == 0).collect();
             assert_eq!(leaves.iter().map(|leaf| leaf.count).sum::<u32>(), 2010);
             leaves
@@ -343,7 +379,7 @@ mod tests {
         };
         let references: Vec<Reference> = (0..128).map(tile).collect();
         let leaves = |density: Option<SurfaceDensity>| {
-            let nodes = build_binary(&mut references.clone(), 8..=16, None, density);
+            let nodes = build_binary(&mut references.clone(), 8..=16, None, density, &Progress::new(None));
             nodes.iter().filter(|node| node.right == 0).count()
         };
         // Each is visited by a sixteenth of the rays.

@@ -15,6 +15,7 @@ use super::reference::Reference;
 use super::visits::mean_half_area;
 use crate::geometry::{LaneBounds, LinearBox3};
 use crate::parallel;
+use crate::progress::Progress;
 use crate::simd::{Kernel, Simd, SimdLevel, dispatch, huge_vec};
 use crate::tuning::lazy::{CELLS, CROWDED, PLACED, SUBTREE_COST};
 use core::ops::Range;
@@ -26,18 +27,31 @@ const BIN_CHUNK: usize = 1 << 16;
 /// Primitives whose bounds are found before they are binned: they stay in a near cache.
 const BLOCK: usize = 256;
 
+/// Primitives between two reports of progress while they are binned: a multiple of [`BLOCK`]. Not fitted: they take a few hundred
+/// microseconds.
+const REPORTED: usize = 16 * BLOCK;
+
+/// The share of binning in the whole, about.
+const BINNING: f64 = 0.8;
+
 /// Writes the bounds of some primitives, in ascending order. Called through `dyn`, since a grid within a cell asks for those of others.
 pub(crate) type BoundsOf<'a> = dyn Fn(&[u32], &mut [LaneBounds]) + Sync + 'a;
 
 /// A binary tree over `0..n` whose leaves have at most `most` primitives, and the ids of these in the order of the tree; those of a
-/// leaf are a few ascending runs. `bounds` writes those of some primitives in ascending order.
-pub(crate) fn coarse_tree(n: usize, bounds: &BoundsOf<'_>, most: usize) -> (BinaryTree, Vec<u32>) {
+/// leaf are a few ascending runs. `bounds` writes those of some primitives in ascending order. Once `progress` is cancelled, the tree
+/// is of no use.
+pub(crate) fn coarse_tree(n: usize, bounds: &BoundsOf<'_>, most: usize, progress: &Progress) -> (BinaryTree, Vec<u32>) {
     if n == 0 {
         return (BinaryTree::new(), Vec::new());
     }
     let grid = Grid::around(n, bounds, most);
     let chunk = if parallel::threads() == 1 { n } else { BIN_CHUNK };
-    let tasks = parallel::map(n.div_ceil(chunk), |i| grid.binned(bounds, i * chunk..n.min((i + 1) * chunk)));
+    let binning = progress.subtask(BINNING);
+    let binning = binning.in_units(n);
+    let tasks = parallel::map(n.div_ceil(chunk), |i| grid.binned(bounds, i * chunk..n.min((i + 1) * chunk), &binning));
+    if progress.cancelled() {
+        return (BinaryTree::new(), Vec::new());
+    }
     let mut counts = vec![0u32; grid.cells()];
     let mut cells = Vec::new();
     for (key, count) in counts.iter_mut().enumerate() {
@@ -47,7 +61,7 @@ pub(crate) fn coarse_tree(n: usize, bounds: &BoundsOf<'_>, most: usize) -> (Bina
             cells.push(Reference::new(bounds.bounds(), key as u32));
         }
     }
-    let tree = build_binary(&mut cells, 1..=1, None, None);
+    let tree = build_binary(&mut cells, 1..=1, None, None, &Progress::new(None));
     // Where the ids of each cell begin, in the order of the tree.
     let (mut first, mut places) = (0, vec![0u32; grid.cells()]);
     for cell in &cells {
@@ -63,7 +77,8 @@ pub(crate) fn coarse_tree(n: usize, bounds: &BoundsOf<'_>, most: usize) -> (Bina
     }
     let counts: Vec<u32> = cells.iter().map(|cell| counts[cell.id() as usize]).collect();
     let parts = parts(&tree, &counts, most);
-    let mut builder = CoarseBuilder { bounds, tree: &tree, parts: &parts, most, binary: BinaryTree::new(), ids };
+    let (binary, progress) = (BinaryTree::new(), progress.in_units(n));
+    let mut builder = CoarseBuilder { bounds, tree: &tree, parts: &parts, most, binary, ids, progress: &progress };
     builder.node(0, 0);
     (builder.binary, builder.ids)
 }
@@ -125,13 +140,19 @@ impl Grid {
     }
 
     /// Bins some primitives into the cells.
-    fn binned(&self, of: &BoundsOf<'_>, ids: Range<usize>) -> Binned {
+    fn binned(&self, of: &BoundsOf<'_>, ids: Range<usize>, progress: &Progress) -> Binned {
         let mut bounds = huge_vec(self.cells());
         bounds.resize(self.cells(), LaneBounds::EMPTY);
         let mut binned = Binned { keys: Vec::with_capacity(ids.len()), counts: vec![0; self.cells()], bounds };
         let (mut block_ids, mut block) = ([0; BLOCK], [LaneBounds::EMPTY; BLOCK]);
         let simd = SimdLevel::best();
         for first in ids.clone().step_by(BLOCK) {
+            if (first - ids.start).is_multiple_of(REPORTED) {
+                if progress.cancelled() {
+                    break;
+                }
+                progress.finished(REPORTED.min(ids.end - first) as f64);
+            }
             let count = BLOCK.min(ids.end - first);
             let (block_ids, block) = (&mut block_ids[..count], &mut block[..count]);
             (first as u32..).zip(&mut *block_ids).for_each(|(id, to)| *to = id);
@@ -202,6 +223,8 @@ struct CoarseBuilder<'a> {
     binary: BinaryTree,
     /// All ids, those of each cell together.
     ids: Vec<u32>,
+    /// In primitives.
+    progress: &'a Progress<'a>,
 }
 
 impl CoarseBuilder<'_> {
@@ -214,7 +237,9 @@ impl CoarseBuilder<'_> {
         }
         let at = self.binary.len();
         self.binary.push(BinaryNode { first, count, right: 0, ..node });
-        if !whole {
+        if whole {
+            self.progress.finished(count.into());
+        } else {
             let middle = self.node(x + 1, first);
             self.binary[at].right = (self.binary.len() - at) as u32;
             self.node(x + node.right as usize, middle);
@@ -225,6 +250,7 @@ impl CoarseBuilder<'_> {
     /// Appends a subtree over the primitives of one cell.
     fn crowded_cell(&mut self, first: u32, count: u32) {
         let all = self.ids.len();
+        let progress = self.progress.subtask(count.into());
         let ids = &mut self.ids[first as usize..][..count as usize];
         if ids.len() > CROWDED * self.most && ids.len() <= all / 2 {
             let (bounds, given) = (self.bounds, ids.to_vec());
@@ -232,7 +258,7 @@ impl CoarseBuilder<'_> {
                 let ids: Vec<u32> = places.iter().map(|&at| given[at as usize]).collect();
                 bounds(&ids, out);
             };
-            let (below, order) = coarse_tree(given.len(), &of, self.most);
+            let (below, order) = coarse_tree(given.len(), &of, self.most, &progress);
             self.binary.extend(below.iter().map(|node| BinaryNode { first: first + node.first, ..*node }));
             ids.iter_mut().zip(order).for_each(|(id, at)| *id = given[at as usize]);
             return;
@@ -243,7 +269,7 @@ impl CoarseBuilder<'_> {
             (self.bounds)(ids, &mut block[..ids.len()]);
             Reference::write(ids, &block, references);
         }
-        let below = build_binary(&mut references, self.most..=self.most, None, None);
+        let below = build_binary(&mut references, self.most..=self.most, None, None, &progress);
         self.binary.extend(below.iter().map(|node| BinaryNode { first: first + node.first, ..*node }));
         for (id, r) in ids.iter_mut().zip(&references) {
             *id = r.id();
@@ -300,7 +326,7 @@ mod tests {
                 let bounds = |ids: &[u32], out: &mut [LaneBounds]| {
                     ids.iter().zip(out).for_each(|(&id, to)| *to = LaneBounds::of(&bounds(id)));
                 };
-                let (tree, mut ids) = coarse_tree(n as usize, &bounds, most);
+                let (tree, mut ids) = coarse_tree(n as usize, &bounds, most, &Progress::new(None));
                 assert_eq!(check(&references, &tree, &ids, 0, most), tree.len());
                 let leaves = tree.iter().filter(|node| node.right == 0).count();
                 assert!(leaves <= 8 * (n as usize).div_ceil(most), "{leaves} leaves for {n}, {most} in each");
@@ -325,7 +351,7 @@ mod tests {
             let bounds = |ids: &[u32], out: &mut [LaneBounds]| {
                 ids.iter().zip(out).for_each(|(&id, to)| *to = LaneBounds::of(&references[id as usize]));
             };
-            coarse_tree(600, &bounds, 2048).0.iter().filter(|node| node.right == 0).count()
+            coarse_tree(600, &bounds, 2048, &Progress::new(None)).0.iter().filter(|node| node.right == 0).count()
         };
         assert_eq!([0.0, 1.0].map(leaves), [1, 1]);
         assert!(leaves(20.0) > 1);

@@ -8,6 +8,7 @@
 use super::builder::BinaryNode;
 use super::visits::SurfaceDensity;
 use crate::parallel;
+use crate::progress::Progress;
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch, huge_vec, lanes_at};
 
 /// Relative costs of the steps of a query.
@@ -64,20 +65,25 @@ const MOST_WAITING: usize = 64;
 /// Trees of at least this many nodes are processed by several threads.
 const PARALLEL: usize = 8192;
 
+/// Nodes between two reports of progress. Not fitted: they take about a millisecond.
+const REPORTED: usize = 4096;
+
 impl Collapse {
     /// Decides for every node, from the leaves up. `leaf_cost` gives the cost of a node as a leaf block (relative to
-    /// one visit), or `None` if it cannot be one.
+    /// one visit), or `None` if it cannot be one. Once `progress` is cancelled, decisions are missing.
     pub fn new(
         nodes: &[BinaryNode],
         cost_model: CostModel,
         leaf_cost: impl Fn(&BinaryNode) -> Option<f32> + Sync,
+        progress: &Progress,
     ) -> Collapse {
         let mut left = huge_vec(nodes.len());
         left.resize(nodes.len(), [0u8; LANES]);
         let mut one = huge_vec(nodes.len());
         one.resize(nodes.len(), 0.0f32);
         if !nodes.is_empty() {
-            Solver { simd: SimdLevel::best(), cost_model, leaf_cost }.subtree(nodes, &mut left, &mut one);
+            let progress = &progress.in_units(nodes.len());
+            Solver { simd: SimdLevel::best(), cost_model, leaf_cost, progress }.subtree(nodes, &mut left, &mut one);
         }
         Collapse { left, one }
     }
@@ -135,13 +141,15 @@ impl Collapse {
 }
 
 /// The inputs of the decisions.
-struct Solver<L> {
+struct Solver<'a, L> {
     simd: SimdLevel,
     cost_model: CostModel,
     leaf_cost: L,
+    /// In nodes.
+    progress: &'a Progress<'a>,
 }
 
-impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Solver<L> {
+impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Solver<'_, L> {
     /// Decides for a subtree: `nodes` in preorder, and the slices of the decisions that belong to them.
     fn subtree(&self, nodes: &[BinaryNode], left: &mut [[u8; LANES]], one: &mut [f32]) -> Costs {
         if nodes.len() > PARALLEL && nodes[0].right > 0 && parallel::threads() > 1 {
@@ -200,7 +208,7 @@ impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Solver<L> {
 
 /// A node above two solved subtrees.
 struct Join<'a, L> {
-    solver: &'a Solver<L>,
+    solver: &'a Solver<'a, L>,
     node: &'a BinaryNode,
     own: (&'a mut [u8; LANES], &'a mut f32),
     children: (&'a Costs, &'a Costs),
@@ -217,7 +225,7 @@ impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Kernel for Join<'_, L> {
 
 /// A whole subtree, last node first: the costs of subtrees whose parents are still to come form a stack.
 struct Sweep<'a, L> {
-    solver: &'a Solver<L>,
+    solver: &'a Solver<'a, L>,
     nodes: &'a [BinaryNode],
     left: &'a mut [[u8; LANES]],
     one: &'a mut [f32],
@@ -230,18 +238,25 @@ impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Kernel for Sweep<'_, L> {
     fn run<S: Simd>(self, s: S) -> Costs {
         let nothing = Costs { by_places: [0.0; LANES], enough: 1 };
         let mut waiting: Vec<Costs> = Vec::with_capacity(self.nodes.len().min(MOST_WAITING));
-        for ((node, left), one) in self.nodes.iter().zip(self.left).zip(self.one).rev() {
-            let costs = if node.right == 0 {
-                let factor = if node.moving { 1.0 } else { self.solver.cost_model.static_factor };
-                let cost = (self.solver.leaf_cost)(node).unwrap_or(f32::INFINITY);
-                *one = cost * self.solver.cost_model.density.visits(&node.bounds) * factor;
-                Costs { by_places: [*one; LANES], enough: 1 }
-            } else {
-                let l = waiting.pop().unwrap_or(nothing);
-                let r = waiting.pop().unwrap_or(nothing);
-                self.solver.node(s, node, (left, one), (&l, &r))
-            };
-            waiting.push(costs);
+        let decisions = self.left.rchunks_mut(REPORTED).zip(self.one.rchunks_mut(REPORTED));
+        for (nodes, (left, one)) in self.nodes.rchunks(REPORTED).zip(decisions) {
+            if self.solver.progress.cancelled() {
+                break;
+            }
+            for ((node, left), one) in nodes.iter().zip(left).zip(one).rev() {
+                let costs = if node.right == 0 {
+                    let factor = if node.moving { 1.0 } else { self.solver.cost_model.static_factor };
+                    let cost = (self.solver.leaf_cost)(node).unwrap_or(f32::INFINITY);
+                    *one = cost * self.solver.cost_model.density.visits(&node.bounds) * factor;
+                    Costs { by_places: [*one; LANES], enough: 1 }
+                } else {
+                    let l = waiting.pop().unwrap_or(nothing);
+                    let r = waiting.pop().unwrap_or(nothing);
+                    self.solver.node(s, node, (left, one), (&l, &r))
+                };
+                waiting.push(costs);
+            }
+            self.solver.progress.finished(nodes.len() as f64);
         }
         waiting.pop().unwrap_or(nothing)
     }
@@ -306,8 +321,8 @@ mod tests {
                     Reference::new(LinearBox3 { begin: around(begin, size), end: around(end, size) }, id)
                 })
                 .collect();
-            let nodes = build_binary(&mut references, 4..=4, None, None);
-            let collapse = Collapse::new(&nodes, COST_MODEL, leaf_cost);
+            let nodes = build_binary(&mut references, 4..=4, None, None, &Progress::new(None));
+            let collapse = Collapse::new(&nodes, COST_MODEL, leaf_cost, &Progress::new(None));
             let (expected, made) = (least(&nodes, 0)[0], cost_of(&nodes, &collapse, 0));
             assert!((made / expected - 1.0).abs() < 1e-4, "{n}: {made} instead of {expected}");
             assert!((f64::from(collapse.total()) / expected - 1.0).abs() < 1e-4);

@@ -152,6 +152,7 @@ mod tests {
     use crate::bvh::builder::build_binary;
     use crate::bvh::visits::SurfaceDensity;
     use crate::geometry::Box3;
+    use crate::progress::Progress;
     use crate::random::Random;
     use glam::Vec3;
 
@@ -166,7 +167,12 @@ mod tests {
 
     fn collapsed(nodes: &[BinaryNode]) -> Collapse {
         let fits = |node: &BinaryNode| node.count as usize <= COST_MODEL.most;
-        Collapse::new(nodes, COST_MODEL, |node| fits(node).then_some(COST_MODEL.leaf_of(node.count as usize)))
+        Collapse::new(
+            nodes,
+            COST_MODEL,
+            |node| fits(node).then_some(COST_MODEL.leaf_of(node.count as usize)),
+            &Progress::new(None),
+        )
     }
 
     /// Small boxes, some of which move, and large ones around all of them.
@@ -187,7 +193,7 @@ mod tests {
     fn large_blocks_around_small_ones_become_one() {
         for (large, moving) in [(12, false), (12, true), (40, false)] {
             let mut references = references(large, 4000, moving);
-            let nodes = build_binary(&mut references, 8..=16, None, Some(COST_MODEL.density));
+            let nodes = build_binary(&mut references, 8..=16, None, Some(COST_MODEL.density), &Progress::new(None));
             let before = collapsed(&nodes);
             let better = join_leaves(&nodes, &before, &mut references, &COST_MODEL).expect("several blocks");
             let after = collapsed(&better);
@@ -211,7 +217,7 @@ mod tests {
     fn trees_of_which_little_is_to_be_gained_stay_as_they_are() {
         for count in [1, 30, 4096] {
             let mut references = references(0, count, false);
-            let nodes = build_binary(&mut references, 8..=16, None, None);
+            let nodes = build_binary(&mut references, 8..=16, None, None, &Progress::new(None));
             assert!(join_leaves(&nodes, &collapsed(&nodes), &mut references, &COST_MODEL).is_none(), "{count}");
         }
     }

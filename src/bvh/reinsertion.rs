@@ -14,9 +14,16 @@ use super::collapse::CostModel;
 use super::reference::Reference;
 use super::replace_subtree::ReplacedSubtree;
 use crate::geometry::LinearBox3;
+use crate::progress::Progress;
 use crate::tuning::reinsertion::{LEAST_GAIN, LEAST_NODES, MOST_STEPS, ROUNDS, SHARE};
 use core::cmp::Reverse;
 use std::collections::BinaryHeap;
+
+/// The share of each round in the rest of the draft, about: the search takes that long, and is repeated for twice as many subtrees.
+const ROUND_SHARE: f64 = 0.02;
+
+/// Subtrees between two reports of progress. Not fitted: trying them takes about a millisecond.
+const REPORTED: usize = 512;
 
 /// A changed tree is at most so many levels deep above what is not changed. Few moves make a tree deeper at all.
 const MOST_LEVELS: u32 = 128;
@@ -26,18 +33,19 @@ const MOST_LEVELS: u32 = 128;
 ///
 /// References stay where they are. So those below a node are no longer side by side, unless the node may be a leaf block: then they are
 /// appended in its order. The cost of a tree of `n` nodes is that of copying it, and of some hundred nanoseconds for each of the few
-/// percent of its subtrees that are tried.
+/// percent of its subtrees that are tried. Once `progress` is cancelled, no more are.
 pub(crate) fn reinsert(
     nodes: &[BinaryNode],
     references: &mut Vec<Reference>,
     replaced: &mut [ReplacedSubtree],
     cost_model: &CostModel,
+    progress: &Progress,
 ) -> Option<BinaryTree> {
     if nodes.len() < LEAST_NODES {
         return None;
     }
     let mut tree = Reinsertion::new(nodes, replaced.iter().map(|subtree| subtree.node).collect(), cost_model);
-    tree.improve().then(|| tree.write(references, replaced)).flatten()
+    tree.improve(progress).then(|| tree.write(references, replaced)).flatten()
 }
 
 /// The bounds of a subtree, and whether any reference in it moves.
@@ -141,23 +149,37 @@ impl<'a> Reinsertion<'a> {
     }
 
     /// Moves subtrees as long as that pays, twice as many in each round: a move makes others worthwhile. Returns whether any was moved.
-    fn improve(&mut self) -> bool {
+    ///
+    /// Nobody knows how many rounds there will be, so each takes a share of what is left of `progress`.
+    fn improve(&mut self, progress: &Progress) -> bool {
         let count = ((self.nodes.len() as f32 * SHARE) as usize).max(LEAST_NODES);
         for round in 0..ROUNDS {
             let largest = self.largest(count << round);
             let cost: f32 = largest.iter().map(|&x| self.cost(x)).sum();
             if round == 0 {
-                let promised: f32 = largest.iter().filter_map(|&x| self.find(x)).map(|(_, gain)| gain).sum();
+                let progress = progress.rest(ROUND_SHARE);
+                let (progress, mut promised) = (progress.in_units(largest.len()), 0.0);
+                for some in largest.chunks(REPORTED) {
+                    if progress.cancelled() {
+                        return false;
+                    }
+                    promised = some.iter().filter_map(|&x| self.find(x)).fold(promised, |sum, (_, gain)| sum + gain);
+                    progress.finished(some.len() as f64);
+                }
                 if promised < LEAST_GAIN * cost {
                     return false;
                 }
             }
-            let mut gained = 0.0;
-            for x in largest {
-                if let Some((to, gain)) = self.find(x) {
-                    self.insert(x, to);
-                    gained += gain;
+            let progress = progress.rest(ROUND_SHARE * f64::from(1 << round));
+            let (progress, mut gained) = (progress.in_units(largest.len()), 0.0);
+            for some in largest.chunks(REPORTED).take_while(|_| !progress.cancelled()) {
+                for &x in some {
+                    if let Some((to, gain)) = self.find(x) {
+                        self.insert(x, to);
+                        gained += gain;
+                    }
                 }
+                progress.finished(some.len() as f64);
             }
             if gained < LEAST_GAIN * cost {
                 break;
@@ -423,9 +445,10 @@ mod tests {
         let mut random = Random(31);
         for count in [200, 3000, 20_000] {
             let mut references = rooms(&mut random, count);
-            let nodes = build_binary(&mut references, 8..=16, None, Some(COST_MODEL.density));
+            let nodes = build_binary(&mut references, 8..=16, None, Some(COST_MODEL.density), &Progress::new(None));
             let before = checked(&nodes, &references, &[], count);
-            let better = reinsert(&nodes, &mut references, &mut [], &COST_MODEL).expect("walls are in the way");
+            let better = reinsert(&nodes, &mut references, &mut [], &COST_MODEL, &Progress::new(None))
+                .expect("walls are in the way");
             let after = checked(&better, &references, &[], count);
             let most = if count < 1000 { 1.0 } else { 0.97 };
             assert!(after < most * before, "{count}: {before} {after}");
@@ -436,7 +459,7 @@ mod tests {
     fn replaced_subtrees_are_moved_as_a_whole() {
         let mut random = Random(32);
         let mut references = rooms(&mut random, 5000);
-        let nodes = build_binary(&mut references, 4..=8, None, Some(COST_MODEL.density));
+        let nodes = build_binary(&mut references, 4..=8, None, Some(COST_MODEL.density), &Progress::new(None));
         let mut replaced: Vec<ReplacedSubtree> = Vec::new();
         let mut x = 1;
         while x < nodes.len() {
@@ -459,7 +482,7 @@ mod tests {
         };
         let before = first_of(&nodes, &replaced);
         assert_eq!(before.len(), 9);
-        let better = reinsert(&nodes, &mut references, &mut replaced, &COST_MODEL).unwrap();
+        let better = reinsert(&nodes, &mut references, &mut replaced, &COST_MODEL, &Progress::new(None)).unwrap();
         checked(&better, &references, &replaced, 5000);
         assert_eq!(first_of(&better, &replaced), before);
         assert!(replaced.is_sorted_by_key(|r| r.node));
@@ -475,8 +498,8 @@ mod tests {
                     Reference::new(LinearBox3 { begin: b, end: b }, id)
                 })
                 .collect();
-            let nodes = build_binary(&mut references, 8..=16, None, None);
-            reinsert(&nodes, &mut references, &mut [], &COST_MODEL).is_some()
+            let nodes = build_binary(&mut references, 8..=16, None, None, &Progress::new(None));
+            reinsert(&nodes, &mut references, &mut [], &COST_MODEL, &Progress::new(None)).is_some()
         };
         assert_eq!([1, 20, 4096].map(of), [false; 3]);
     }
@@ -490,8 +513,8 @@ mod tests {
                 Reference::new(LinearBox3 { begin: b, end: b }, id)
             })
             .collect();
-        let nodes = build_binary(&mut references, 1..=1, None, None);
-        if let Some(better) = reinsert(&nodes, &mut references, &mut [], &COST_MODEL) {
+        let nodes = build_binary(&mut references, 1..=1, None, None, &Progress::new(None));
+        if let Some(better) = reinsert(&nodes, &mut references, &mut [], &COST_MODEL, &Progress::new(None)) {
             checked(&better, &references, &[], 4000);
             let (mut deepest, mut waiting) = (0, vec![(0, 0)]);
             while let Some((x, depth)) = waiting.pop() {

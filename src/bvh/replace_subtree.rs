@@ -90,6 +90,7 @@ mod tests {
     use crate::bvh::reference::Reference;
     use crate::bvh::visits::SurfaceDensity;
     use crate::geometry::{Box3, LinearBox3};
+    use crate::progress::Progress;
     use crate::random::Random;
     use glam::Vec3;
 
@@ -136,8 +137,8 @@ mod tests {
                 Reference::new(LinearBox3 { begin: a, end: b }, id)
             })
             .collect();
-        let nodes = build_binary(&mut references, 4..=4, None, None);
-        let new = || Collapse::new(&nodes, COST_MODEL, leaf_cost);
+        let nodes = build_binary(&mut references, 4..=4, None, None, &Progress::new(None));
+        let new = || Collapse::new(&nodes, COST_MODEL, leaf_cost, &Progress::new(None));
         // With their present cost, taken as single children.
         let mut replaced = Vec::new();
         let mut x = 0;

@@ -175,6 +175,12 @@ impl core::fmt::Debug for InstanceTree {
     }
 }
 
+/// The share of reading the instances in a build, about.
+const READING: f64 = 0.3;
+
+/// Instances between two reports of progress. Not fitted: they take a few hundred microseconds.
+const REPORTED: usize = 1024;
+
 impl InstanceTree {
     /// Builds a tree over instances; paths consist of indices into `instances`.
     ///
@@ -205,7 +211,8 @@ impl InstanceTree {
         InstanceTree::build_reporting(instances, params, &Progress::new(None))
     }
 
-    /// [`InstanceTree::build`] that calls `progress` as [`RayTree::build_with_progress`] does for a wide tree.
+    /// [`InstanceTree::build`] that calls `progress` as [`RayTree::build_with_progress`] does. `Break` cancels the build, which then
+    /// returns [`BuildError::Cancelled`] in an [`InstanceError::Build`].
     ///
     /// ```
     /// use core::ops::ControlFlow;
@@ -251,7 +258,13 @@ impl InstanceTree {
         let mut motions = Motions::default();
         let (mut trees, mut known, mut levels) = (Vec::new(), HashMap::new(), 1);
         let mut placed = Vec::with_capacity(instances.len());
+        let reading = progress.subtask(READING);
+        let reading = reading.in_units(instances.len());
         for (i, instance) in instances.into_iter().enumerate() {
+            if i.is_multiple_of(REPORTED) {
+                reading.check()?;
+                reading.finished(REPORTED as f64);
+            }
             let Instance { of, transform, mask, active } = instance;
             let (motion, distortion) = motions.add(&transform, i)?;
             levels = levels.max(1 + of.levels());
@@ -268,7 +281,7 @@ impl InstanceTree {
         let extents = trees.iter().map(InstanceOf::extent).collect();
         let mut placements = Placements::new(placed, motions, extents, padding)?;
         let bounds = placements.bounds_where(|tree| !trees[tree as usize].is_empty());
-        let wide = WideTree::build(&placements, params, progress)?;
+        let wide = WideTree::build(&placements, params, &progress.rest(1.0))?;
         placements.release_build_data();
         Ok(InstanceTree { wide, placements, trees, simd: SimdLevel::best(), levels, bounds })
     }

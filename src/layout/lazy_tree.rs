@@ -19,7 +19,7 @@ use super::leaf_block::{WideSource, write_list};
 use super::left_out::InSlices;
 use super::statistics::Statistics;
 use super::tree_box::TreeBox;
-use super::wide_builder::{most_in_subtree, step};
+use super::wide_builder::most_in_subtree;
 use super::wide_node::ChildRef;
 use super::wide_tree::{BlockMasks, WideTree};
 use super::write::Nodes;
@@ -61,20 +61,22 @@ struct Subtree {
     tree: OnceLock<WideTree>,
 }
 
+/// The share of dividing primitives into subtrees in the build, about.
+const DIVIDING: f64 = 0.98;
+
 impl LazyTree {
     /// Divides the primitives of a set into subtrees, and builds the tree above them.
     pub fn build<S: WideSource>(set: &S, params: &LazyParams, progress: &Progress) -> Result<LazyTree, BuildError> {
         let over = TimeInterval::FULL;
         let most = params.subtree.min(most_in_subtree(set));
         let bounds = |ids: &[u32], out: &mut [LaneBounds]| set.lane_bounds(ids, over, &VertexTubes::default(), out);
-        let (binary, ids) = coarse_tree(set.len(), &bounds, most);
-        step(progress, 0.5)?;
+        let (binary, ids) = coarse_tree(set.len(), &bounds, most, &progress.subtask(DIVIDING));
+        progress.check()?;
         // In preorder, the leaves are in the order of their primitives.
         let leaves = binary.iter().filter(|node| node.right == 0);
         let subtrees: Vec<Subtree> = leaves.map(|leaf| Subtree { first: leaf.first, tree: OnceLock::new() }).collect();
         let top = top(&binary, &subtrees, over)?;
         let groups = groups(&binary, GROUP * most);
-        step(progress, 0.5)?;
         let mut tree = LazyTree { top, ids, subtrees, groups, params: params.wide };
         tree.top.masks = BlockMasks::of(&tree.top, set, |leaf| Some(tree.primitives(tree.below(leaf))));
         Ok(tree)
@@ -207,7 +209,10 @@ fn top(binary: &[BinaryNode], subtrees: &[Subtree], over: TimeInterval) -> Resul
         return Ok(top);
     }
     // Each subtree is a leaf, whatever its cost.
-    let collapse = Collapse::new(binary, COST_MODEL, |node| (node.right == 0).then_some(COST_MODEL.leaf_of(LANES)));
+    // There are few subtrees.
+    let progress = Progress::new(None);
+    let leaf_cost = |node: &BinaryNode| (node.right == 0).then_some(COST_MODEL.leaf_of(LANES));
+    let collapse = Collapse::new(binary, COST_MODEL, leaf_cost, &progress);
     let leaves = |arena: &mut Arena, of: &[BinaryNode], lists: &mut [ChildRef]| {
         for (node, list) in of.iter().zip(lists) {
             let subtree = subtrees.partition_point(|subtree| subtree.first < node.first);
@@ -215,7 +220,8 @@ fn top(binary: &[BinaryNode], subtrees: &[Subtree], over: TimeInterval) -> Resul
         }
         Ok(())
     };
-    top.root = Nodes { binary, collapse: &collapse, over, leaves: &leaves, writes: true }.write(&mut top.arena)?;
+    top.root = Nodes { binary, collapse: &collapse, over, leaves: &leaves, writes: true, progress: &progress }
+        .write(&mut top.arena)?;
     top.arena.align();
     top.arena.compact();
     top.counts = top.counted_nodes();

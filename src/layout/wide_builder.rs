@@ -36,8 +36,7 @@ struct Subtree {
 }
 
 impl WideTree {
-    /// Builds over all primitives of a set within the bytes that the parameters allow. Progress is reported, and
-    /// cancellation noticed, after each draft and each written group.
+    /// Builds over all primitives of a set within the bytes that the parameters allow.
     pub fn build<S: WideSource>(set: &S, params: &WideParams, progress: &Progress) -> Result<WideTree, BuildError> {
         let mut held = huge_vec(set.len());
         parallel::fill(&mut held, set.len(), |id| id as u32);
@@ -47,11 +46,14 @@ impl WideTree {
         }
         let listed: Vec<u32> = held.extract_if(.., |id| set.is_listed(*id)).collect();
         let budget = allowed_bytes(params, set.len(), set.further_key_bytes());
-        let mut tree = WideTree::fitted(set, [&held, &listed], &DraftParams::new(*params), budget, progress)?;
+        let of_tree = progress.subtask(1.0 - INDEXING);
+        let mut tree = WideTree::fitted(set, [&held, &listed], &DraftParams::new(*params), budget, &of_tree)?;
         let bytes = tree.arena.bytes();
         if bytes > budget && !params.division.is_forced() {
             return Err(BuildError::OverBudget { bytes, budget });
         }
+        drop(of_tree);
+        progress.check()?;
         (tree.counts, tree.blocks) = tree.index_leaves(set);
         tree.find_masks(set);
         if tree.leaves_out {
@@ -120,7 +122,8 @@ impl WideTree {
         let primitives = ids.iter().map(|ids| ids.len()).sum();
         let mut wide = params.wide;
         for attempt in 0..ATTEMPTS {
-            let built = WideTree::unlimited(set, ids, &DraftParams { wide, ..*params }, progress);
+            let progress = progress.rest(ATTEMPT);
+            let built = WideTree::unlimited(set, ids, &DraftParams { wide, ..*params }, &progress);
             let bytes = match &built {
                 Ok(tree) => Some(tree.arena.bytes()),
                 // More than an arena holds.
@@ -133,7 +136,7 @@ impl WideTree {
             drop(built);
             wide = with_less(wide, bytes.map(|bytes| budget as f32 / bytes as f32), primitives, attempt);
         }
-        WideTree::unlimited(set, ids, &DraftParams { wide, ..*params }, progress)
+        WideTree::unlimited(set, ids, &DraftParams { wide, ..*params }, &progress.rest(1.0))
     }
 
     /// Builds over triangles and listed primitives without a limit.
@@ -152,7 +155,7 @@ impl WideTree {
                 // All blocks written from now on are lists.
                 tree.lists = tree.lists.min(tree.arena.len());
             }
-            subtrees.push(tree.group(set, ids, params, &|done| step(progress, share * done))?);
+            subtrees.push(tree.group(set, ids, params, &progress.subtask(share))?);
         }
         tree.root = tree.join(subtrees)?;
         tree.keyed_rows = KeyedRows::of(set, ids[0], tree.slices);
@@ -167,51 +170,57 @@ impl WideTree {
         set: &S,
         ids: &[u32],
         params: &DraftParams,
-        step: Step<'_>,
+        progress: &Progress,
     ) -> Result<Subtree, BuildError> {
         if let Division::SeparateTrees(count) = params.wide.division {
-            return self.separate_trees(set, ids, count, params, step);
+            return self.separate_trees(set, ids, count, params, progress);
         }
         let when = if params.wide.division == Division::Whole { Reinsertion::Now } else { Reinsertion::OfStatic };
-        let mut draft = draft_tree(set, ids, TimeSlice::WHOLE, params, None, when);
-        step(0.5)?;
-        let regions = regions(set, &draft, params, LEAST_TREELET);
-        step(0.25)?;
+        let may_divide = params.wide.division != Division::Whole && some_change(set, ids);
+        let share = if may_divide { DRAFT_BEFORE_SLICES } else { DRAFT };
+        let draft = draft_tree(set, ids, TimeSlice::WHOLE, params, None, when, &progress.subtask(share));
+        let mut draft = draft.ok_or(BuildError::Cancelled)?;
+        let regions = regions(set, &draft, params, LEAST_TREELET, progress);
+        progress.check()?;
         if let [Region { node: 0, division: Division::SeparateTrees(count), .. }] = regions[..] {
             // The draft is dropped before the trees are made: holding one at a time takes less memory.
             drop(draft);
             let params = params.of_each_tree(count, share_of_slices(set, ids.iter().copied(), count));
-            return self.separate_trees(set, ids, count, &params, &|done| step(0.25 * done));
+            return self.separate_trees(set, ids, count, &params, &progress.rest(1.0));
         }
-        let all = draft.references.len() as f64;
+        let work = |region: &Region| f64::from(draft.binary[region.node as usize].count) * work(region.division);
+        let mut left = draft.references.len() as f64 + regions.iter().map(work).sum::<f64>();
         let (mut replaced, mut roots) = (Vec::new(), Vec::new());
         for region in regions {
             let node = draft.binary[region.node as usize];
+            let share = if region.node == 0 { 1.0 } else { work(&region) / left };
+            left -= work(&region);
+            let progress = progress.rest(share);
             let root = match region.division {
                 Division::SeparateTrees(count) => {
                     let ids = primitives(&draft, region.node);
                     let params = params.of_each_tree(count, share_of_slices(set, ids.iter().copied(), count));
-                    self.separate_trees(set, &ids, count, &params, &|_| step(0.0))?.root
+                    self.separate_trees(set, &ids, count, &params, &progress)?.root
                 }
                 Division::SharedLeaves(count) => {
                     let slices: Vec<usize> = (0..count).collect();
-                    let shared = SharedLeaves::build(set, &draft, region.node, count, &slices);
-                    self.write_shared_leaves(set, &draft, &shared)?
+                    let of_nodes = progress.subtask(SHARED_NODES);
+                    let shared = SharedLeaves::build(set, &draft, region.node, count, &slices, &of_nodes);
+                    drop(of_nodes);
+                    progress.check()?;
+                    self.write_shared_leaves(set, &draft, &shared, &progress)?
                 }
                 Division::Automatic | Division::Whole => continue,
             };
-            step(0.25 * f64::from(node.count) / all)?;
             if region.node == 0 {
                 return Ok(Subtree { bounds: node.bounds, root });
             }
             replaced.push(ReplacedSubtree { node: region.node, cost: region.cost });
             roots.push((node.first, root));
         }
-        draft.replace_subtrees(set, &mut replaced);
-        let subtree = self.write_draft(set, &draft, &roots)?;
-        let written = replaced.iter().map(|g| f64::from(draft.binary[g.node as usize].count)).sum::<f64>();
-        step(0.25 * (1.0 - written / all))?;
-        Ok(subtree)
+        draft.replace_subtrees(set, &mut replaced, progress);
+        progress.check()?;
+        self.write_draft(set, &draft, &roots, progress)
     }
 
     /// Builds a separate tree for each of equal time slices, over what exists in it.
@@ -221,21 +230,22 @@ impl WideTree {
         ids: &[u32],
         count: usize,
         params: &DraftParams,
-        step: Step<'_>,
+        progress: &Progress,
     ) -> Result<Subtree, BuildError> {
         self.slices = self.slices.max(count);
         let mut written = Vec::with_capacity(count);
         for slice in (0..count).map(|index| TimeSlice { index, of: count }) {
             let held = held_in(set, ids, slice);
             self.leaves_out |= held.len() < ids.len();
-            let draft = draft_tree(set, &held, slice, params, None, Reinsertion::Now);
+            let progress = progress.subtask(1.0 / count as f64);
+            let draft = draft_tree(set, &held, slice, params, None, Reinsertion::Now, &progress.subtask(DRAFT));
+            let draft = draft.ok_or(BuildError::Cancelled)?;
             let before = self.arena.len();
-            written.push(self.write_draft(set, &draft, &[])?);
+            written.push(self.write_draft(set, &draft, &[], &progress)?);
             if slice.index == 0 {
                 // The others will have about the same size; growing step by step would hold most of it twice.
                 self.arena.reserve((self.arena.len() - before) * (count - 1) / 50 * 51);
             }
-            step(1.0 / count as f64)?;
         }
         self.over_time(written)
     }
@@ -259,6 +269,7 @@ impl WideTree {
         set: &S,
         draft: &Draft,
         replaced: &[(u32, ChildRef)],
+        progress: &Progress,
     ) -> Result<Subtree, BuildError> {
         self.presplit |= draft.presplit;
         let leaves = |arena: &mut Arena, of: &[BinaryNode], blocks: &mut [ChildRef]| {
@@ -270,8 +281,8 @@ impl WideTree {
             }
             leaf_blocks(arena, set, draft, &of[large..], &mut blocks[large..])
         };
-        let nodes =
-            Nodes { binary: &draft.binary, collapse: &draft.collapse, over: draft.over, leaves: &leaves, writes: true };
+        let (binary, collapse) = (&draft.binary, &draft.collapse);
+        let nodes = Nodes { binary, collapse, over: draft.over, leaves: &leaves, writes: true, progress };
         Ok(Subtree { bounds: draft.binary[0].bounds, root: nodes.write(&mut self.arena)? })
     }
 
@@ -281,6 +292,7 @@ impl WideTree {
         set: &S,
         draft: &Draft,
         shared: &SharedLeaves,
+        progress: &Progress,
     ) -> Result<ChildRef, BuildError> {
         self.presplit |= draft.presplit;
         // A block may be in a slice without some of its primitives, which its box there does not hold.
@@ -298,9 +310,12 @@ impl WideTree {
             ids.iter_mut().zip(of).for_each(|(id, r)| *id = r.id());
             set.leaf_words(&ids[..of.len()], draft.slice).next_multiple_of(LANES) as u32
         });
-        let blocks = write_blocks(&mut self.arena, &shared.clusters, &words, further, &leaves)?;
+        let blocks =
+            write_blocks(&mut self.arena, &shared.clusters, &words, further, &leaves, &progress.rest(SHARED_BLOCKS))?;
         let mut slices = Vec::new();
+        let rest = progress.rest(1.0);
         for tree in &shared.trees {
+            let progress = &rest.subtask(1.0 / shared.trees.len() as f64);
             let leaves = |_: &mut Arena, of: &[BinaryNode], known: &mut [ChildRef]| {
                 for (node, block) in of.iter().zip(known) {
                     *block = blocks[tree.order[node.first as usize] as usize];
@@ -308,7 +323,7 @@ impl WideTree {
                 Ok(())
             };
             let (binary, collapse) = (&tree.binary, &tree.collapse);
-            let nodes = Nodes { binary, collapse, over: tree.over, leaves: &leaves, writes: false };
+            let nodes = Nodes { binary, collapse, over: tree.over, leaves: &leaves, writes: false, progress };
             slices.push(nodes.write(&mut self.arena)?);
         }
         write_time(&mut self.arena, &slices)
@@ -329,6 +344,31 @@ impl WideTree {
         }
         Ok(subtrees.first().map_or(ChildRef::NOTHING, |subtree| subtree.root))
     }
+}
+
+/// Shares of the steps of a build, about, for its progress: of the index of leaf blocks in the whole; of an attempt in what is left,
+/// since most builds need only one; of the draft in an attempt, if nothing changes and if time slices may follow; of hierarchies
+/// for shared leaves in their region, and of writing these leaves in the rest.
+const INDEXING: f64 = 0.03;
+const ATTEMPT: f64 = 0.95;
+const DRAFT: f64 = 0.8;
+const DRAFT_BEFORE_SLICES: f64 = 0.4;
+const SHARED_NODES: f64 = 0.6;
+const SHARED_BLOCKS: f64 = 0.7;
+
+/// The work of writing a region, about, per reference; that of what is not divided is 1.
+fn work(division: Division) -> f64 {
+    match division {
+        Division::Automatic | Division::Whole => 1.0,
+        Division::SharedLeaves(count) => 1.0 + 0.3 * count as f64,
+        Division::SeparateTrees(count) => 4.0 * count as f64,
+    }
+}
+
+/// Whether any of a few evenly spaced primitives changes during the shutter.
+fn some_change<S: WideSource>(set: &S, ids: &[u32]) -> bool {
+    let few: Vec<u32> = ids.iter().step_by(ids.len() / 256 + 1).copied().collect();
+    any_changes(set, &few)
 }
 
 /// Further builds that are tried if a tree is larger than allowed.
@@ -352,7 +392,7 @@ const LEAST_BYTES: usize = 8192;
 
 /// The division of the largest region of a sample, if all regions together have at least half of it.
 fn division_of_most<S: WideSource>(set: &S, draft: &Draft, params: &DraftParams) -> Division {
-    let regions = regions(set, draft, params, NEIGHBOURS);
+    let regions = regions(set, draft, params, NEIGHBOURS, &Progress::new(None));
     let count = |region: &Region| draft.binary[region.node as usize].count as usize;
     if 2 * regions.iter().map(count).sum::<usize>() < draft.references.len() {
         return Division::Whole;
@@ -381,14 +421,6 @@ pub(super) fn most_in_subtree<S: WideSource>(set: &S) -> usize {
     let any = set.further_key_bytes() > 0;
     let most = if any { (0..set.len() as u32).map(|id| further_key_bytes(set, id)).max() } else { None };
     ((1 << 31) / REFERENCES / (256 + most.unwrap_or(0))).max(1)
-}
-
-/// Reports the finished fraction of a group; an error if the build was cancelled.
-pub(crate) type Step<'a> = &'a dyn Fn(f64) -> Result<(), BuildError>;
-
-pub(super) fn step(progress: &Progress, done: f64) -> Result<(), BuildError> {
-    progress.finished(done);
-    if progress.cancelled() { Err(BuildError::Cancelled) } else { Ok(()) }
 }
 
 /// Writes leaf blocks. In large scenes their primitives come from memory, so the next ones are prefetched.

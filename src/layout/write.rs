@@ -9,6 +9,7 @@ use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS, children_mut
 use crate::bvh::{BinaryNode, Collapse, WideChild, mean_half_area};
 use crate::error::BuildError;
 use crate::geometry::{Box3, LinearBox3, TimeInterval};
+use crate::progress::Progress;
 use crate::simd::{Arena, LANES, Mask, SimdLevel};
 use crate::tuning::wide::BYTES_PER_REFERENCE;
 use glam::Vec3;
@@ -89,9 +90,13 @@ pub(crate) fn write_blocks(
     words: &[u32],
     further: usize,
     leaves: LeafWriter<'_>,
+    progress: &Progress,
 ) -> Result<Vec<ChildRef>, BuildError> {
+    let progress = progress.in_units(of.len());
     let tasks: Vec<&[BinaryNode]> = of.chunks(BLOCKS).collect();
     let write = |task: usize, fragment: &mut Fragment| {
+        progress.check()?;
+        progress.finished(tasks[task].len() as f64);
         fragment.tops.resize(tasks[task].len(), ChildRef::NOTHING);
         leaves(&mut fragment.arena, tasks[task], &mut fragment.tops)
     };
@@ -121,6 +126,7 @@ pub(crate) struct Nodes<'a> {
     pub leaves: LeafWriter<'a>,
     /// Whether `leaves` writes the blocks, or returns blocks that are in the final arena already.
     pub writes: bool,
+    pub progress: &'a Progress<'a>,
 }
 
 impl Nodes<'_> {
@@ -138,7 +144,10 @@ impl Nodes<'_> {
         let sizes: Vec<u32> = roots.iter().map(|&root| size(&self.binary[root as usize])).collect();
         // Time nodes are not written here: they are in the final arena already.
         let inside = |child: ChildRef| child.kind() != Kind::Time && (self.writes || !child.kind().is_leaf());
+        let progress = self.progress.in_units(self.binary[0].count as usize);
         let write = |i: usize, fragment: &mut Fragment| {
+            progress.check()?;
+            progress.finished(self.binary[roots[i] as usize].count.into());
             if let [root] = roots[..] {
                 let bytes = BYTES_PER_REFERENCE * self.binary[root as usize].count as f32;
                 fragment.arena.reserve(bytes as usize / size_of::<u32>());

@@ -212,7 +212,7 @@ impl PointTree {
         params.validate()?;
         let read = || {
             progress.finished(READING);
-            if progress.cancelled() { Err(PointError::Cancelled) } else { Ok(progress.subtask(1.0 - READING)) }
+            if progress.cancelled() { Err(PointError::Cancelled) } else { Ok(progress.rest(1.0)) }
         };
         // A cancelled build ends early, with an incomplete tree.
         let tree = match Input::read(points, params.precision)? {
@@ -250,7 +250,6 @@ impl PointTree {
             tree.add_precise(source, params, progress)?;
             return Ok(tree);
         }
-        let share = |points: usize| progress.subtask(points as f64 / len as f64);
         let partition = Partition::of(source);
         let count = partition.count;
         if count == len {
@@ -261,7 +260,8 @@ impl PointTree {
         let separate = params.structure == PointStructure::Automatic && static_apart(source, count, params.simd);
         if separate {
             let why = format!("{count} of {len} points are static");
-            let layer = Layer::Static(source.static_tree(count, partition.static_points(), &share(count)));
+            let progress = progress.subtask(count as f64 / len as f64);
+            let layer = Layer::Static(source.static_tree(count, partition.static_points(), &progress));
             tree.add(layer, PointLayerKind::Static, count, why);
         }
         if let Some(plan) = forced(params) {
@@ -270,7 +270,7 @@ impl PointTree {
             return Ok(tree);
         }
         let moving = if separate { partition.moving_points() } else { (0..len as u32).collect() };
-        for chosen in moving_layers(source, &moving, params.max_references, params.simd, &share(moving.len())) {
+        for chosen in moving_layers(source, &moving, params.max_references, params.simd, &progress.rest(1.0)) {
             tree.add(chosen.layer, kind(chosen.plan), chosen.points, chosen.why);
         }
         Ok(tree)
@@ -305,7 +305,7 @@ impl PointTree {
         let separate = count == len || count as f64 >= MIN_STATIC_SHARE * len as f64 && forced(params).is_none();
         if separate {
             let whole = SegmentSlice { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
-            let progress = progress.subtask(count as f64 / len as f64);
+            let progress = progress.rest(count as f64 / len as f64);
             let numbers = partition.static_points().map(|point| point as u32).collect();
             let why = match count == len {
                 true => ALL_STATIC_IN_F64.to_string(),
@@ -317,10 +317,10 @@ impl PointTree {
         if count < len {
             let moving = if separate { partition.moving_points() } else { (0..len as u32).collect() };
             let (count, slices) = (moving.len(), precise_time_slices(keys, plan.time_slices()));
-            let progress = progress.subtask(count as f64 / (len * slices.len()) as f64);
+            let progress = progress.in_units(slices.len());
             let tree = |slice: SegmentSlice| {
                 let points = if progress.cancelled() { Vec::new() } else { moving.clone() };
-                PreciseTree::build(source, slice, points, true, &progress)
+                PreciseTree::build(source, slice, points, true, &progress.subtask(1.0))
             };
             self.add_precise_layer(slices.into_iter().map(tree).collect(), kind(plan), count, why);
         }

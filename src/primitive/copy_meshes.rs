@@ -8,6 +8,7 @@ use super::triangles::{Triangles, Vertices};
 use crate::error::{BuildError, RefitError};
 use crate::geometry::{Aabb, Frame, TimeInterval};
 use crate::parallel;
+use crate::progress::Progress;
 use crate::simd::{huge_vec, prefetch};
 use core::ops::Range;
 use glam::Vec3;
@@ -16,25 +17,31 @@ impl Triangles {
     /// Checks the meshes and copies them into tree space.
     #[cfg(test)]
     pub(crate) fn new(meshes: &[TriangleMesh]) -> Result<Triangles, BuildError> {
-        Triangles::with_bounds(meshes, Aabb::EMPTY)
+        Triangles::with_bounds(meshes, Aabb::EMPTY, &Progress::new(None))
     }
 
     /// Checks the meshes and copies them into a tree space that also holds the bounds of other primitives.
-    pub(crate) fn with_bounds(meshes: &[TriangleMesh], others: Aabb) -> Result<Triangles, BuildError> {
-        let frame = frame_of(meshes, extents(meshes, &[])?.iter().map(|of| of.swept), others);
+    pub(crate) fn with_bounds(
+        meshes: &[TriangleMesh],
+        others: Aabb,
+        progress: &Progress,
+    ) -> Result<Triangles, BuildError> {
+        let extents = extents(meshes, &[], &progress.subtask(CHECKING))?;
+        let frame = frame_of(meshes, extents.iter().map(|of| of.swept), others);
         // Redundant keys are dropped: static meshes and linear motion have no cost for them.
-        let kept: Vec<usize> = meshes.iter().map(|mesh| mesh.kept_keys(frame)).collect();
-        Triangles::copied(meshes, frame, &kept)
+        let kept = each(meshes, &progress.subtask(MERGING), |_, mesh| Ok(mesh.kept_keys(frame)))?;
+        Triangles::copied(meshes, frame, &kept, &progress.rest(1.0))
     }
 
     /// The same meshes with other positions and the same numbers of kept keys.
     pub(crate) fn with_positions(&self, meshes: &[TriangleMesh], others: Aabb) -> Result<Triangles, RefitError> {
         self.require_same_sizes(meshes)?;
-        let extents = extents(meshes, &self.extents).map_err(RefitError::Input)?;
+        let progress = Progress::new(None);
+        let extents = extents(meshes, &self.extents, &progress).map_err(RefitError::Input)?;
         let frame = frame_of(meshes, extents.iter().map(|of| of.swept), others);
         let kept =
             (0..).zip(meshes).map(|(i, mesh)| self.keys_again(i, mesh, frame)).collect::<Result<Vec<usize>, _>>()?;
-        let again = Triangles::copied(meshes, frame, &kept).map_err(RefitError::Input)?;
+        let again = Triangles::copied(meshes, frame, &kept, &progress).map_err(RefitError::Input)?;
         match again.meshes.iter().zip(&self.meshes).position(|(a, b)| a.indices != b.indices) {
             Some(mesh) => Err(RefitError::Topology { mesh }),
             None => Ok(Triangles { extents, ..again }),
@@ -67,7 +74,12 @@ impl Triangles {
     }
 
     /// Copies meshes that were checked, with `kept` evenly spaced keys of each.
-    fn copied(meshes: &[TriangleMesh], frame: Frame, kept: &[usize]) -> Result<Triangles, BuildError> {
+    fn copied(
+        meshes: &[TriangleMesh],
+        frame: Frame,
+        kept: &[usize],
+        progress: &Progress,
+    ) -> Result<Triangles, BuildError> {
         let total = meshes.iter().map(TriangleMesh::len).sum();
         let counts = counts(meshes, kept.iter().copied());
         if counts[1] >= u32::MAX as usize {
@@ -76,8 +88,8 @@ impl Triangles {
         let mut positions = huge_vec(counts[1]);
         let mut corners = huge_vec(total);
         let (mut infos, mut bent, mut precise) = (Vec::with_capacity(meshes.len()), 0, 0);
-        for (mesh, &keys) in meshes.iter().zip(kept) {
-            let first = corners.len() as u32;
+        each(meshes, progress, |i, mesh| {
+            let (keys, first) = (kept[i], corners.len() as u32);
             let corner = append(&mut positions, mesh, keys, frame);
             parallel::fill(&mut corners, mesh.len(), |t| mesh.indices[t].map(&corner));
             let (active, mask, indices) = (mesh.active, mesh.mask, digest(&mesh.indices));
@@ -86,7 +98,8 @@ impl Triangles {
             let stride = usize::from(keys > 1);
             infos.push(MeshInfo { first, bent_before: bent, keys, stride, active, mask, indices, precise: in_f64 });
             bent += if keys > 2 { mesh.len() } else { 0 };
-        }
+            Ok(())
+        })?;
         let index = MeshIndex::new(meshes.iter().map(TriangleMesh::len), total);
         let always_active = meshes.iter().all(|m| m.active == TimeInterval::FULL);
         let vertices = Vertices { positions, corners };
@@ -187,9 +200,30 @@ fn append_keys<P: Copy + Sync>(
     parallel::each(&mut blocks, |(first, block)| copy(*first, block));
 }
 
+/// Shares of the steps of reading meshes, about.
+const CHECKING: f64 = 0.25;
+const MERGING: f64 = 0.25;
+
+/// Does something with each mesh and its index; meshes count by their sizes in `progress`.
+fn each<T>(
+    meshes: &[TriangleMesh],
+    progress: &Progress,
+    mut f: impl FnMut(usize, &TriangleMesh) -> Result<T, BuildError>,
+) -> Result<Vec<T>, BuildError> {
+    let size = |mesh: &TriangleMesh| mesh.keys.len() * mesh.keys.vertices(0) + mesh.len();
+    let progress = progress.in_units(meshes.iter().map(size).sum());
+    let done = (0..).zip(meshes).map(|(i, mesh)| {
+        progress.check()?;
+        let done = f(i, mesh)?;
+        progress.finished(size(mesh) as f64);
+        Ok(done)
+    });
+    done.collect()
+}
+
 /// Checks meshes, and returns how far each reaches. `before` is how far they did with the same triangles, or empty.
-fn extents(meshes: &[TriangleMesh], before: &[MeshExtent]) -> Result<Vec<MeshExtent>, BuildError> {
-    let extents = (0..).zip(meshes).map(|(i, mesh)| mesh.extent(i, before.get(i))).collect::<Result<_, _>>()?;
+fn extents(meshes: &[TriangleMesh], before: &[MeshExtent], progress: &Progress) -> Result<Vec<MeshExtent>, BuildError> {
+    let extents = each(meshes, progress, |i, mesh| mesh.extent(i, before.get(i)))?;
     let found: usize = meshes.iter().map(TriangleMesh::len).sum();
     if found >= u32::MAX as usize {
         return Err(BuildError::TooManyPrimitives { found });

@@ -11,6 +11,7 @@ use crate::error::BuildError;
 use crate::geometry::{Aabb, Box3, CornerBounds, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
 use crate::limits::MAX_COORDINATE;
 use crate::parallel::{self, CHUNK};
+use crate::progress::Progress;
 use crate::simd::{LANES, prefetch};
 use core::sync::atomic::{AtomicU32, Ordering};
 use glam::DVec3;
@@ -317,13 +318,18 @@ pub(crate) struct ShapesExtent {
 
 impl ShapesExtent {
     /// Checks that the bounds of shapes over their whole intervals are valid boxes.
-    pub fn of<P: Primitive>(shapes: &[P]) -> Result<ShapesExtent, BuildError> {
+    pub fn of<P: Primitive>(shapes: &[P], progress: &Progress) -> Result<ShapesExtent, BuildError> {
         if shapes.len() >= NONE as usize {
             return Err(BuildError::TooManyPrimitives { found: shapes.len() });
         }
         let mut active: Vec<TimeInterval> = shapes.iter().map(Primitive::active).collect();
         let mut swept = Aabb::EMPTY;
+        let progress = progress.in_units(shapes.len());
         for (primitive, (shape, &active)) in shapes.iter().zip(&active).enumerate() {
+            if primitive.is_multiple_of(CHUNK) {
+                progress.check()?;
+                progress.finished(CHUNK as f64);
+            }
             let bounds = shape.bounds(active);
             if !are_boxes(bounds) {
                 return Err(BuildError::BadBounds { primitive });
@@ -360,8 +366,13 @@ pub(super) fn with_merged_keys<P: Primitive>(mut shapes: Vec<P>) -> Vec<P> {
 impl<P: Primitive> Shapes<P> {
     /// A set of shapes, after checking their bounds over their whole intervals.
     pub(crate) fn new(shapes: Vec<P>) -> Result<Shapes<P>, BuildError> {
+        Shapes::read(shapes, &Progress::new(None))
+    }
+
+    /// The same as a part of a build.
+    pub(crate) fn read(shapes: Vec<P>, progress: &Progress) -> Result<Shapes<P>, BuildError> {
         let shapes = with_merged_keys(shapes);
-        let extent = ShapesExtent::of(&shapes)?;
+        let extent = ShapesExtent::of(&shapes, progress)?;
         let frame = Frame::around(extent.swept);
         Ok(Shapes::within(shapes, extent, frame))
     }

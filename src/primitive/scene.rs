@@ -9,6 +9,7 @@ use super::vertex_tubes::VertexTubes;
 use super::window::Intervals;
 use crate::error::{BuildError, RefitError};
 use crate::geometry::{Box3, CornerBounds, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
+use crate::progress::Progress;
 use glam::DVec3;
 
 /// A shape that shares a tree with meshes ([`RayTree::of_scene`](crate::RayTree::of_scene)).
@@ -113,16 +114,22 @@ impl OtherShapes {
 impl Scene {
     /// Checks all primitives and maps them to one tree space.
     pub(crate) fn new(meshes: &[TriangleMesh], shapes: Vec<Shape>) -> Result<Scene, BuildError> {
+        Scene::read(meshes, shapes, &Progress::new(None))
+    }
+
+    /// The same as a part of a build.
+    pub(crate) fn read(meshes: &[TriangleMesh], shapes: Vec<Shape>, progress: &Progress) -> Result<Scene, BuildError> {
         let shapes = with_merged_keys(shapes);
-        let extent = ShapesExtent::of(&shapes)?;
-        let triangles = Triangles::with_bounds(meshes, extent.swept)?;
+        let all = shapes.len() + meshes.iter().map(TriangleMesh::len).sum::<usize>();
+        let extent = ShapesExtent::of(&shapes, &progress.subtask(shapes.len() as f64 / all.max(1) as f64))?;
+        let triangles = Triangles::with_bounds(meshes, extent.swept, &progress.rest(1.0))?;
         Scene::of(triangles, shapes, extent)
     }
 
     /// Other shapes for this scene, if they are valid and as many.
     pub(crate) fn other_shapes(&self, shapes: Vec<Shape>) -> Result<OtherShapes, RefitError> {
         let shapes = with_merged_keys(shapes);
-        let extent = ShapesExtent::of(&shapes).map_err(RefitError::Input)?;
+        let extent = ShapesExtent::of(&shapes, &Progress::new(None)).map_err(RefitError::Input)?;
         let (expected, found) = (self.shapes.len(), shapes.len());
         if found == expected { Ok(OtherShapes { shapes, extent }) } else { Err(RefitError::Shapes { expected, found }) }
     }

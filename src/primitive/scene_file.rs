@@ -8,6 +8,7 @@ use super::triangles_file::TrianglesRecord;
 use crate::error::BuildError;
 use crate::file::{Decoder, Encoder, FileError, require};
 use crate::geometry::{Frame, TimeInterval};
+use crate::progress::Progress;
 use glam::DVec3;
 
 /// The contents of a file for a scene, not validated yet.
@@ -58,7 +59,7 @@ impl SceneRecord {
             shapes.push(Shape::Sphere(MovingSphere { keys, active: TimeInterval::of_bounds(bounds)? }));
         }
         let wrong = |_: BuildError| FileError::Broken { what: "a sphere has invalid coordinates" };
-        let extent = ShapesExtent::of(&shapes).map_err(wrong)?;
+        let extent = ShapesExtent::of(&shapes, &Progress::new(None)).map_err(wrong)?;
         let wrong = |_: BuildError| FileError::Broken { what: "there are too many primitives" };
         Scene::of_sets(triangles, Shapes::within(shapes, extent, self.frame)).map_err(wrong)
     }

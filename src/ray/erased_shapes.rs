@@ -85,6 +85,14 @@ impl PrimitiveSet for ErasedShapes<'_> {
         self.kinds_differ
     }
 
+    fn prefetch(&self, id: u32) {
+        self.shapes.prefetch(id);
+    }
+
+    fn prefetch_vertices(&self, id: u32, over: TimeInterval) {
+        self.shapes.prefetch_vertices(id, over);
+    }
+
     fn further_key_bytes(&self) -> usize {
         self.shapes.further_key_bytes()
     }

@@ -20,6 +20,7 @@ use super::trials::{Trial, decide};
 use crate::bvh::BinaryNode;
 use crate::params::Division;
 use crate::primitive::PrimitiveSet;
+use crate::progress::Progress;
 use crate::tuning::slices::{FEW, LEVELS, MAX_AREA_OF_HALVES, MIN_GAIN, MIN_SIMILARITY, NEARLY_ALL};
 use crate::tuning::wide::BYTES_PER_REFERENCE;
 
@@ -40,8 +41,15 @@ const MOST_BYTES: f64 = 1.5 * (1u64 << 30) as f64;
 
 /// The regions of a draft for the whole shutter, in the order of their nodes; none lies below another. A region has more references
 /// than a leaf block, unless it is the whole draft: where trees are written, its node is told from those of leaf blocks by its size.
-/// `treelet` is the least size of a treelet.
-pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &DraftParams, treelet: usize) -> Vec<Region> {
+/// `treelet` is the least size of a treelet. Each trial takes a share of what is left of `progress`; once that is cancelled, regions are
+/// missing.
+pub(crate) fn regions<S: PrimitiveSet>(
+    set: &S,
+    draft: &Draft,
+    params: &DraftParams,
+    treelet: usize,
+    progress: &Progress,
+) -> Vec<Region> {
     let forced =
         |division| vec![Region { node: 0, division, cost: draft.collapse.total(), time: draft.collapse.total() }];
     match params.wide.division {
@@ -59,7 +67,7 @@ pub(crate) fn regions<S: PrimitiveSet>(set: &S, draft: &Draft, params: &DraftPar
     find(draft, 0, &treelets, least, &mut found);
     let most = allowed_growth(draft, &found, params);
     let decided_within = |most: f32, node: u32| {
-        let Trial { division, cost, time } = decide(set, draft, node, most, params)?;
+        let Trial { division, cost, time } = decide(set, draft, node, most, params, progress)?;
         let undivided = draft.collapse.cost(node);
         Some(Region { node, division, cost: cost * undivided, time: time * undivided })
     };
@@ -258,8 +266,9 @@ mod tests {
         let set = Triangles::new(&scene.meshes).unwrap();
         let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
         let params = DraftParams::new(WideParams::default());
-        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &params, None, Reinsertion::Later);
-        let regions = regions(&set, &draft, &params, LEAST_TREELET);
+        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &params, None, Reinsertion::Later, &Progress::new(None))
+            .expect("a draft");
+        let regions = regions(&set, &draft, &params, LEAST_TREELET, &Progress::new(None));
         for pair in regions.windows(2) {
             let (a, b) = (&draft.binary[pair[0].node as usize], &draft.binary[pair[1].node as usize]);
             assert!(pair[0].node < pair[1].node && a.first + a.count <= b.first);
@@ -320,7 +329,9 @@ mod tests {
             &DraftParams::new(WideParams::default()),
             None,
             Reinsertion::Later,
+            &Progress::new(None),
         );
+        let draft = draft.expect("a draft");
         let mut treelets = treelets(&set, &draft, LEAST_TREELET);
         let (right, low, high) = sides(&draft, 0, &treelets);
         let middles = [sides(&draft, 1, low).0, sides(&draft, right, high).0];

@@ -15,6 +15,7 @@ use crate::geometry::{LaneBounds, LinearBox3, TimeInterval};
 use crate::parallel;
 use crate::params::WideParams;
 use crate::primitive::PrimitiveSet;
+use crate::progress::Progress;
 use crate::simd::{LANES, huge_vec};
 use crate::tuning::presplit::{
     MAX_PRESPLIT_COST, MIN_AREA_RATIO, PRESPLIT_SAMPLE, PRESPLIT_SAMPLES, UNCERTAIN_PRESPLIT_COST,
@@ -83,28 +84,42 @@ impl Draft {
     }
 
     /// Makes subtrees single children, which others have replaced, and moves subtrees to better places unless that has been done.
-    /// Afterwards only the references of nodes that may be leaf blocks are side by side.
-    pub fn replace_subtrees<S: PrimitiveSet>(&mut self, set: &S, replaced: &mut [ReplacedSubtree]) {
+    /// Afterwards only the references of nodes that may be leaf blocks are side by side. Of no use once `progress` is cancelled.
+    pub fn replace_subtrees<S: PrimitiveSet>(
+        &mut self,
+        set: &S,
+        replaced: &mut [ReplacedSubtree],
+        progress: &Progress,
+    ) {
         if !self.reinserted {
-            if let Some(better) = reinsert(&self.binary, &mut self.references, replaced, &self.cost_model) {
+            let better = reinsert(&self.binary, &mut self.references, replaced, &self.cost_model, progress);
+            if let Some(better) = better {
                 self.binary = better;
-                self.collapse = collapse(set, &self.binary, &self.references, self.cost_model);
+                self.collapse_again(set, progress);
             }
             if replaced.is_empty() {
-                self.join_leaves(set);
+                self.join_leaves(set, progress);
             }
         }
-        self.collapse.replace_subtrees(&self.binary, self.cost_model, replaced);
+        if !progress.cancelled() {
+            self.collapse.replace_subtrees(&self.binary, self.cost_model, replaced);
+        }
+    }
+
+    fn collapse_again<S: PrimitiveSet>(&mut self, set: &S, progress: &Progress) {
+        let progress = progress.rest(COLLAPSE_AGAIN);
+        self.collapse = collapse(set, &self.binary, &self.references, self.cost_model, &progress);
     }
 
     /// Joins leaf blocks that are no neighbours, if that pays and all primitives are of one kind.
-    fn join_leaves<S: PrimitiveSet>(&mut self, set: &S) {
+    fn join_leaves<S: PrimitiveSet>(&mut self, set: &S, progress: &Progress) {
         let cost_model = CostModel { most: set.per_leaf().min(self.cost_model.most), ..self.cost_model };
-        if !set.kinds_differ()
+        if !progress.cancelled()
+            && !set.kinds_differ()
             && let Some(better) = join_leaves(&self.binary, &self.collapse, &mut self.references, &cost_model)
         {
             self.binary = better;
-            self.collapse = collapse(set, &self.binary, &self.references, self.cost_model);
+            self.collapse_again(set, progress);
         }
     }
 
@@ -180,7 +195,7 @@ impl Reinsertion {
 }
 
 /// Drafts one tree, pre-split if that pays. A cost model is given if its costs are to be compared with those of other
-/// trees.
+/// trees. `None` once `progress` is cancelled.
 pub(crate) fn draft_tree<S: PrimitiveSet>(
     set: &S,
     ids: &[u32],
@@ -188,30 +203,48 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
     params: &DraftParams,
     cost_model: Option<CostModel>,
     reinsertion: Reinsertion,
-) -> Draft {
-    let Prepared { mut references, ratio, budget, cost_model } = prepare(set, ids, slice, params, cost_model);
+    progress: &Progress,
+) -> Option<Draft> {
+    let Prepared { mut references, ratio, budget, cost_model } =
+        prepare(set, ids, slice, params, cost_model, &progress.subtask(PREPARING));
     let draft = match params.decided {
         // A sample of a few would be all of them.
         None if budget.is_some() && references.len() <= *PRESPLIT_SAMPLE.start() => {
-            let mut better = draft_better(set, references, slice, budget, cost_model);
+            let mut better = draft_better(set, references, slice, budget, cost_model, progress)?;
             if reinsertion.is_due(set, &better.binary, &better.references) {
-                better.replace_subtrees(set, &mut []);
+                better.replace_subtrees(set, &mut [], progress);
                 better.reinserted = true;
             }
             better
         }
         decided => {
             // If that was decided, elongated primitives are to be split.
-            let pays = |&budget: &f32| decided.is_some() || presplit_pays(set, &references, slice, budget, cost_model);
+            let pays = |&budget: &f32| {
+                decided.is_some() || presplit_pays(set, &references, slice, budget, cost_model, progress)
+            };
             let budget = budget.filter(pays);
+            if progress.cancelled() {
+                return None;
+            }
             if let Some(budget) = budget {
                 presplit(&mut references, |id| set.corner_bounds(id, slice.interval()), budget);
             }
-            draft_with(set, references, slice, budget.is_some(), cost_model, reinsertion)
+            let rest = &progress.rest(1.0);
+            draft_with(set, references, slice, budget.is_some(), cost_model, reinsertion, rest)?
         }
     };
-    Draft { primitives: ids.len(), ratio, ..draft }
+    (!progress.cancelled()).then(|| Draft { primitives: ids.len(), ratio, ..draft })
 }
+
+/// Shares of the steps of a draft, about: making references is so much of the whole, the object splits are so much of the rest, and a
+/// collapse is so much of what follows if subtrees are moved before it and leaf blocks may be joined after it.
+const PREPARING: f64 = 0.1;
+const SPLITTING: f64 = 0.75;
+const COLLAPSE: f64 = 0.6;
+const COLLAPSE_AGAIN: f64 = 0.3;
+
+/// The share in the rest of a draft of each sample that decides whether to pre-split.
+const PRESPLIT_TRIAL: f64 = 0.05;
 
 /// What a draft is made of.
 struct Prepared {
@@ -230,6 +263,7 @@ fn prepare<S: PrimitiveSet>(
     slice: TimeSlice,
     params: &DraftParams,
     cost_model: Option<CostModel>,
+    progress: &Progress,
 ) -> Prepared {
     let over = slice.interval();
     let ratio = params.decided.map_or_else(|| area_ratio(set, ids, over), |decided| decided.ratio);
@@ -239,7 +273,7 @@ fn prepare<S: PrimitiveSet>(
     let most = if elongated { (ids.len() as f64 * f64::from(budget)) as usize + 1 } else { ids.len() };
     // Some more for reinsertion.
     let mut references = huge_vec(most + most / 16);
-    add_references(set, ids, over, &mut references);
+    add_references(set, ids, over, &mut references, progress);
     let cost_model = cost_model.unwrap_or_else(|| {
         let density = SurfaceDensity::of(&references, ratio.unwrap_or(LEAST_AREA_RATIO));
         CostModel { density, ..COST_MODEL }
@@ -254,24 +288,37 @@ fn draft_better<S: PrimitiveSet>(
     slice: TimeSlice,
     budget: Option<f32>,
     cost_model: CostModel,
-) -> Draft {
-    let draft = |references, split: bool| draft_with(set, references, slice, split, cost_model, Reinsertion::Later);
+    progress: &Progress,
+) -> Option<Draft> {
+    let draft = |references, split: bool| {
+        draft_with(set, references, slice, split, cost_model, Reinsertion::Later, &progress.rest(0.5))
+    };
     let Some(budget) = budget else { return draft(references, false) };
-    let whole = draft(references.clone(), false);
+    let whole = draft(references.clone(), false)?;
     presplit(&mut references, |id| set.corner_bounds(id, slice.interval()), budget);
-    let split = draft(references, true);
-    if split.collapse.total() < whole.collapse.total() * MAX_PRESPLIT_COST { split } else { whole }
+    let split = draft(references, true)?;
+    Some(if split.collapse.total() < whole.collapse.total() * MAX_PRESPLIT_COST { split } else { whole })
 }
 
 /// Primitives whose bounds are computed together: they stay in a near cache.
 const TOGETHER: usize = 256;
 
-/// Appends a reference for each of some primitives.
-fn add_references<S: PrimitiveSet>(set: &S, ids: &[u32], over: TimeInterval, references: &mut Vec<Reference>) {
+/// Primitives between two reports of progress: a multiple of that. Not fitted: they take a few hundred microseconds.
+const REPORTED: usize = 16 * TOGETHER;
+
+/// Appends a reference for each of some primitives. Once `progress` is cancelled, some are missing or of nothing.
+fn add_references<S: PrimitiveSet>(
+    set: &S,
+    ids: &[u32],
+    over: TimeInterval,
+    references: &mut Vec<Reference>,
+    progress: &Progress,
+) {
     if !ids.is_sorted() {
         return parallel::fill(references, ids.len(), |i| Reference::new(set.bounds(ids[i], over), ids[i]));
     }
     let tubes = set.tubes(ids, over);
+    let progress = progress.in_units(ids.len());
     let write = |ids: &[u32], references: &mut [Reference]| {
         let mut bounds = [LaneBounds::EMPTY; TOGETHER];
         set.lane_bounds(ids, over, &tubes, &mut bounds[..ids.len()]);
@@ -279,32 +326,41 @@ fn add_references<S: PrimitiveSet>(set: &S, ids: &[u32], over: TimeInterval, ref
     };
     let unset = Reference::new(LinearBox3::EMPTY, 0);
     if parallel::threads() == 1 {
-        for ids in ids.chunks(TOGETHER) {
-            let first = references.len();
-            references.resize(first + ids.len(), unset);
-            write(ids, &mut references[first..]);
+        for ids in ids.chunks(REPORTED).take_while(|_| !progress.cancelled()) {
+            for ids in ids.chunks(TOGETHER) {
+                let first = references.len();
+                references.resize(first + ids.len(), unset);
+                write(ids, &mut references[first..]);
+            }
+            progress.finished(ids.len() as f64);
         }
         return;
     }
     references.resize(ids.len(), unset);
-    let mut parts: Vec<_> = ids.chunks(TOGETHER).zip(references.chunks_mut(TOGETHER)).collect();
-    parallel::each(&mut parts, |(ids, references)| write(ids, references));
+    let mut parts: Vec<_> = ids.chunks(REPORTED).zip(references.chunks_mut(REPORTED)).collect();
+    parallel::each(&mut parts, |(ids, references)| {
+        if !progress.cancelled() {
+            let parts = ids.chunks(TOGETHER).zip(references.chunks_mut(TOGETHER));
+            parts.for_each(|(ids, references)| write(ids, references));
+            progress.finished(ids.len() as f64);
+        }
+    });
 }
 
 /// Drafts a tree over a sample, pre-split if that pays for the sample as a whole, and returns the decision. There is no draft if
 /// nothing is to be decided: the sample does not change, and pre-splits are out of the question.
 pub(crate) fn draft_sample<S: PrimitiveSet>(set: &S, ids: &[u32], params: &WideParams) -> (Option<Draft>, Presplit) {
-    let params = DraftParams::new(*params);
+    let (params, progress) = (DraftParams::new(*params), &Progress::new(None));
     let ratio = area_ratio(set, ids, TimeInterval::FULL);
     if !is_elongated(params.most_references(), ratio) && !any_changes(set, ids) {
         return (None, Presplit { ratio, pays: false });
     }
     let params = DraftParams { decided: Some(Presplit { ratio, pays: true }), ..params };
-    let Prepared { references, budget, cost_model, .. } = prepare(set, ids, TimeSlice::WHOLE, &params, None);
-    let draft = draft_better(set, references, TimeSlice::WHOLE, budget, cost_model);
-    let draft = Draft { primitives: ids.len(), ratio, ..draft };
-    let decided = draft.decided();
-    (Some(draft), decided)
+    let Prepared { references, budget, cost_model, .. } = prepare(set, ids, TimeSlice::WHOLE, &params, None, progress);
+    let draft = draft_better(set, references, TimeSlice::WHOLE, budget, cost_model, progress);
+    let draft = draft.map(|draft| Draft { primitives: ids.len(), ratio, ..draft });
+    let decided = draft.as_ref().map_or(Presplit { ratio, pays: false }, Draft::decided);
+    (draft, decided)
 }
 
 /// Whether triangles fill so little of their boxes that pre-splitting may pay.
@@ -319,14 +375,18 @@ fn presplit_pays<S: PrimitiveSet>(
     slice: TimeSlice,
     budget: f32,
     cost_model: CostModel,
+    progress: &Progress,
 ) -> bool {
     let over = slice.interval();
     let n = references.len();
     let most = (n / (16 * PRESPLIT_SAMPLES)).clamp(*PRESPLIT_SAMPLE.start(), *PRESPLIT_SAMPLE.end());
     let (mut with, mut without) = (0.0, 0.0);
     for sample in neighbourhoods(references, PRESPLIT_SAMPLES, most) {
+        let progress = progress.rest(PRESPLIT_TRIAL);
         let cost = |references: Vec<Reference>| {
-            draft_with(set, references, slice, true, cost_model, Reinsertion::Later).collapse.total()
+            let draft =
+                draft_with(set, references, slice, true, cost_model, Reinsertion::Later, &progress.subtask(0.5));
+            draft.map_or(0.0, |draft| draft.collapse.total())
         };
         let mut split = sample.clone();
         presplit(&mut split, |id| set.corner_bounds(id, over), budget);
@@ -340,7 +400,8 @@ fn presplit_pays<S: PrimitiveSet>(
     with < without * MAX_PRESPLIT_COST
 }
 
-/// Drafts one tree; `presplit` tells whether references may be sub-references, which bound a part of their primitive.
+/// Drafts one tree; `presplit` tells whether references may be sub-references, which bound a part of their primitive. `None` once
+/// `progress` is cancelled.
 fn draft_with<S: PrimitiveSet>(
     set: &S,
     mut references: Vec<Reference>,
@@ -348,7 +409,8 @@ fn draft_with<S: PrimitiveSet>(
     presplit: bool,
     cost_model: CostModel,
     reinsertion: Reinsertion,
-) -> Draft {
+    progress: &Progress,
+) -> Option<Draft> {
     let kind = |id: u32| set.leaf_kind(id);
     let kinds: Option<&LeafKind<'_>> = if set.kinds_differ() { Some(&kind) } else { None };
     let per_leaf = set.per_leaf();
@@ -357,12 +419,15 @@ fn draft_with<S: PrimitiveSet>(
     let n = references.len();
     let one_block = kinds.is_none() && n <= per_leaf && COST_MODEL.leaf_of(n) <= COST_MODEL.node;
     let (leaf, density) = if one_block { (n..=n, None) } else { (stop..=overlapping, Some(cost_model.density)) };
-    let mut binary = build_binary(&mut references, leaf, kinds, density);
+    let mut binary = build_binary(&mut references, leaf, kinds, density, &progress.subtask(SPLITTING));
+    if progress.cancelled() {
+        return None;
+    }
     let now = reinsertion.is_due(set, &binary, &references);
-    if now && let Some(better) = reinsert(&binary, &mut references, &mut [], &cost_model) {
+    if now && let Some(better) = reinsert(&binary, &mut references, &mut [], &cost_model, progress) {
         binary = better;
     }
-    let collapse = collapse(set, &binary, &references, cost_model);
+    let collapse = collapse(set, &binary, &references, cost_model, &progress.rest(if now { COLLAPSE } else { 1.0 }));
     let primitives = references.len();
     let over = slice.interval();
     let mut draft = Draft {
@@ -378,9 +443,9 @@ fn draft_with<S: PrimitiveSet>(
         collapse,
     };
     if now {
-        draft.join_leaves(set);
+        draft.join_leaves(set, progress);
     }
-    draft
+    (!progress.cancelled()).then_some(draft)
 }
 
 /// Collapses a binary tree over references into wide nodes and leaf blocks.
@@ -389,18 +454,20 @@ fn collapse<S: PrimitiveSet>(
     binary: &BinaryTree,
     references: &[Reference],
     cost_model: CostModel,
+    progress: &Progress,
 ) -> Collapse {
     let kind = |id: u32| set.leaf_kind(id);
     let kinds: Option<&LeafKind<'_>> = if set.kinds_differ() { Some(&kind) } else { None };
     let per_leaf = set.per_leaf();
-    Collapse::new(binary, cost_model, |node| {
+    let leaf_cost = |node: &BinaryNode| {
         if node.count as usize > per_leaf {
             return None;
         }
         let block = &references[node.first as usize..][..node.count as usize];
         let fits = kinds.is_none_or(|kind| one_block(set, block, kind, node.right == 0));
         fits.then_some(COST_MODEL.leaf_of(node.count as usize))
-    })
+    };
+    Collapse::new(binary, cost_model, leaf_cost, progress)
 }
 
 /// Whether references may form a leaf block: they are of one kind and, unless they cannot be split further, fit.

@@ -7,6 +7,7 @@ use crate::bvh::{BinaryNode, BinaryTree, Collapse, CostModel, Reference, build_b
 use crate::geometry::{Box3, LinearBox3, TimeInterval, ULP};
 use crate::parallel;
 use crate::primitive::{Intervals, PrimitiveSet};
+use crate::progress::Progress;
 use crate::simd::{LANES, huge_vec, huge_vec_of};
 
 /// The hierarchies and their shared leaf blocks.
@@ -26,16 +27,39 @@ pub(crate) struct Slice {
 }
 
 impl SharedLeaves {
-    /// Rebuilds the nodes above the leaf blocks of a draft's subtree for some of `count` equal time slices of the shutter, in order.
-    pub fn build<S: PrimitiveSet>(set: &S, draft: &Draft, of: u32, count: usize, slices: &[usize]) -> SharedLeaves {
+    /// Rebuilds the nodes above the leaf blocks of a draft's subtree for some of `count` equal time slices of the shutter, in order. Of no
+    /// use once `progress` is cancelled.
+    pub fn build<S: PrimitiveSet>(
+        set: &S,
+        draft: &Draft,
+        of: u32,
+        count: usize,
+        slices: &[usize],
+        progress: &Progress,
+    ) -> SharedLeaves {
         let clusters = draft.collapse.leaves(&draft.binary, of);
         // The boxes at the beginning of each slice, where they are needed.
         let needed = |i: usize| i > 0 && (slices.contains(&i) || slices.contains(&(i - 1)));
-        let boundary = |i: usize| if needed(i) { boundary(set, draft, &clusters, i, count) } else { Some(Vec::new()) };
+        let of_bounds = progress.subtask(BOUNDS);
+        let of_bounds = of_bounds.in_units((0..count).filter(|&i| needed(i)).count());
+        let boundary = |i: usize| {
+            if !needed(i) || progress.cancelled() {
+                return Some(Vec::new());
+            }
+            let boxes = boundary(set, draft, &clusters, i, count)?;
+            of_bounds.finished(1.0);
+            Some(boxes)
+        };
         let boundaries: Option<Vec<Vec<Box3>>> = (0..count).map(boundary).collect();
         let of_count: Vec<TimeSlice> = slices.iter().map(|&index| TimeSlice { index, of: count }).collect();
         let over: Vec<TimeInterval> = of_count.iter().map(|slice| slice.interval()).collect();
-        let in_slices = if boundaries.is_none() { bounds_in(set, draft, &clusters, &of_count) } else { Vec::new() };
+        let in_slices =
+            if boundaries.is_none() { bounds_in(set, draft, &clusters, &of_count, &of_bounds) } else { Vec::new() };
+        drop(of_bounds);
+        if progress.cancelled() {
+            return SharedLeaves { clusters, trees: Vec::new() };
+        }
+        let share = progress.rest(1.0);
         let trees = parallel::map(slices.len(), |nth| {
             let (slice, over) = (slices[nth], over[nth]);
             let bounds = |i: usize| match &boundaries {
@@ -45,7 +69,7 @@ impl SharedLeaves {
                 },
                 None => in_slices[i * slices.len() + nth],
             };
-            Slice::build(&clusters, over, draft.cost_model, bounds)
+            Slice::build(&clusters, over, draft.cost_model, bounds, &share.subtask(1.0 / slices.len() as f64))
         });
         SharedLeaves { clusters, trees }
     }
@@ -56,6 +80,12 @@ impl SharedLeaves {
     }
 }
 
+/// The share of the bounds of leaf blocks, about.
+const BOUNDS: f64 = 0.3;
+
+/// The share of object splits in a hierarchy over leaf blocks, about.
+const SPLITTING: f64 = 0.8;
+
 /// Leaf blocks whose bounds are computed by one thread.
 const BLOCKS: usize = 256;
 
@@ -65,18 +95,24 @@ fn bounds_in<S: PrimitiveSet>(
     draft: &Draft,
     clusters: &[BinaryNode],
     slices: &[TimeSlice],
+    progress: &Progress,
 ) -> Vec<LinearBox3> {
     let over: Vec<TimeInterval> = slices.iter().map(|slice| slice.interval()).collect();
     let times: Vec<TimeInterval> = slices.iter().map(|slice| slice.query_times()).collect();
     let mut all = huge_vec_of(LinearBox3::EMPTY, clusters.len() * over.len());
     let mut parts: Vec<_> = clusters.chunks(BLOCKS).zip(all.chunks_mut(BLOCKS * over.len())).collect();
     let needed = over.iter().copied().reduce(TimeInterval::hull).unwrap_or(TimeInterval::FULL);
+    let progress = progress.in_units(clusters.len());
     parallel::each(&mut parts, |(clusters, bounds)| {
+        if progress.cancelled() {
+            return;
+        }
         let mut intervals = Intervals::new(&over);
         for (i, (cluster, bounds)) in clusters.iter().zip(bounds.chunks_mut(over.len())).enumerate() {
             prefetch_blocks(set, draft, clusters, i, needed);
             include_slice_bounds(set, draft.references(cluster), draft, (&mut intervals, &times), bounds);
         }
+        progress.finished(clusters.len() as f64);
     });
     all
 }
@@ -119,6 +155,7 @@ impl Slice {
         over: TimeInterval,
         cost_model: CostModel,
         bounds: impl Fn(usize) -> LinearBox3 + Sync,
+        progress: &Progress,
     ) -> Slice {
         let n = clusters.len();
         let mut blocks = huge_vec(n);
@@ -129,13 +166,14 @@ impl Slice {
             // No hierarchy is empty.
             blocks.push(Reference::new(clusters[0].bounds, 0));
         }
-        let binary = build_binary(&mut blocks, 1..=1, None, None);
-        let collapse = Collapse::new(&binary, cost_model, |node| {
+        let binary = build_binary(&mut blocks, 1..=1, None, None, &progress.subtask(SPLITTING));
+        let leaf_cost = |node: &BinaryNode| {
             (node.count == 1).then(|| {
                 let block = &clusters[blocks[node.first as usize].id() as usize];
                 cost_model.leaf_of(block.count as usize)
             })
-        });
+        };
+        let collapse = Collapse::new(&binary, cost_model, leaf_cost, &progress.rest(1.0));
         Slice { over, binary, collapse, order: blocks.iter().map(Reference::id).collect() }
     }
 }

@@ -156,6 +156,7 @@ mod tests {
     use super::*;
     use crate::params::WideParams;
     use crate::primitive::Triangles;
+    use crate::progress::Progress;
     use crate::scene;
 
     /// What moves and what does not are side by side. The reference in the middle of a treelet may be static though most of the cost
@@ -166,7 +167,8 @@ mod tests {
         let set = Triangles::new(&scene.meshes).unwrap();
         let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
         let params = DraftParams::new(WideParams::default());
-        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &params, None, Reinsertion::Later);
+        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &params, None, Reinsertion::Later, &Progress::new(None))
+            .expect("a draft");
         let mut static_middle = 0;
         for treelet in treelets(&set, &draft, 256) {
             let node = &draft.binary[treelet.node as usize];

@@ -13,6 +13,7 @@ use crate::limits::MAX_TIME_SLICES;
 use crate::parallel;
 use crate::params::Division;
 use crate::primitive::PrimitiveSet;
+use crate::progress::Progress;
 use crate::tuning::slices::{
     ENOUGH, KEY_LATENCY_SHARE, LEAST_SAMPLE, MAX_FURTHER_TIME, MAX_SEPARATE_TIME, MAX_SPLIT_COST, MAX_TWO_SLICES_COST,
     NODE_BYTES_SHARE, NODE_LATENCY_SHARE, SAMPLED, SAMPLES,
@@ -20,15 +21,20 @@ use crate::tuning::slices::{
 use crate::tuning::wide::{BYTES_PER_REFERENCE, CACHED};
 use std::sync::OnceLock;
 
-/// The division of a region that takes the least time; `None` if none pays. A region may grow by the factor `most`.
+/// The share of each trial of a division in the rest of the build, about.
+const TRIAL: f64 = 0.02;
+
+/// The division of a region that takes the least time; `None` if none pays. A region may grow by the factor `most`. Nobody knows how many
+/// trials there will be, so each takes a share of what is left of `progress`.
 pub(super) fn decide<S: PrimitiveSet>(
     set: &S,
     draft: &Draft,
     region: u32,
     most: f32,
     params: &DraftParams,
+    progress: &Progress,
 ) -> Option<Trial> {
-    let samples = Samples::new(set, draft, region, params);
+    let samples = Samples::new(set, draft, region, params, progress);
     if samples.changing.is_empty() {
         return None;
     }
@@ -99,7 +105,7 @@ impl<S: PrimitiveSet> Search<'_, S> {
         // Once a division has paid, the estimate may fall a little short too.
         let limit = if self.best.is_some() { 1.1 * self.limit } else { self.limit };
         let latency = latency(division, self.samples.keys);
-        if !fits || latency * self.least_cost(count) >= limit {
+        if !fits || latency * self.least_cost(count) >= limit || self.samples.progress.cancelled() {
             return None;
         }
         let cost = self.samples.cost(division);
@@ -175,10 +181,17 @@ struct Samples<'a, S> {
     /// The share of the cost of nodes that are larger than samples, which gain nothing from straight motion. From bent motion they
     /// do: it makes all boxes larger, not only those of neighbours that separate. And if less exists, fewer nodes are above it.
     above: f32,
+    progress: &'a Progress<'a>,
 }
 
 impl<'a, S: PrimitiveSet> Samples<'a, S> {
-    fn new(set: &'a S, draft: &'a Draft, region: u32, params: &'a DraftParams) -> Samples<'a, S> {
+    fn new(
+        set: &'a S,
+        draft: &'a Draft,
+        region: u32,
+        params: &'a DraftParams,
+        progress: &'a Progress<'a>,
+    ) -> Samples<'a, S> {
         let (samples, most) = samples(draft, region);
         let changes = |&&(x, _): &&(u32, f32)| draft.changes(set, x);
         let (changing, shares): (Vec<u32>, Vec<f32>) = samples.iter().filter(changes).copied().unzip();
@@ -186,7 +199,19 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
         let keys = mean_keys(set, changing.iter().flat_map(|&x| draft.references(&draft.binary[x as usize])));
         let all_gain = set.bent() || !set.always_active();
         let above = if all_gain { 0.0 } else { cost_above(draft, region, most) / draft.collapse.cost(region) };
-        Samples { set, draft, region, params, changing, shares, unchanged, keys, shared: Default::default(), above }
+        Samples {
+            set,
+            draft,
+            region,
+            params,
+            changing,
+            shares,
+            unchanged,
+            keys,
+            shared: Default::default(),
+            above,
+            progress,
+        }
     }
 
     /// The cost of trees for the shortest slices, relative to no division.
@@ -215,13 +240,17 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
     /// The mean cost of each sample during the slices that are tried in it, with shared leaves.
     fn shared_leaves(&self, count: usize) -> &[f32] {
         self.shared[count.ilog2() as usize].get_or_init(|| {
-            parallel::map(self.changing.len(), |i| self.shared_leaves_in(i, count, &self.slices(i, count).0))
+            let (samples, progress) = (self.changing.len(), self.progress.rest(TRIAL));
+            let progress = progress.in_units(samples);
+            parallel::map(samples, |i| {
+                self.shared_leaves_in(i, count, &self.slices(i, count).0, &progress.subtask(1.0))
+            })
         })
     }
 
     /// The mean cost of a sample during some of `count` slices, with shared leaves.
-    fn shared_leaves_in(&self, i: usize, count: usize, slices: &[usize]) -> f32 {
-        SharedLeaves::build(self.set, self.draft, self.changing[i], count, slices).cost()
+    fn shared_leaves_in(&self, i: usize, count: usize, slices: &[usize], progress: &Progress) -> f32 {
+        SharedLeaves::build(self.set, self.draft, self.changing[i], count, slices, progress).cost()
     }
 
     /// The cost of separate trees for some of `count` slices, relative to no division. Whether long triangles are pre-split is decided
@@ -231,21 +260,25 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
     /// there, whose cost is known for all slices.
     fn separate_trees(&self, count: usize, params: &DraftParams) -> f32 {
         let shared = if self.set.always_active() { &[] } else { self.shared_leaves(count) };
+        let progress = self.progress.rest(TRIAL);
+        let progress = progress.in_units(self.changing.len());
         let costs = |i: usize, mut decided: Option<Presplit>| {
+            let progress = progress.subtask(1.0);
             let (ids, (slices, existing)) = (primitives(self.draft, self.changing[i]), self.tree_slices(i, count));
             let mut sum = 0.0;
             for &index in &slices {
                 let slice = TimeSlice { index, of: count };
                 let params = DraftParams { decided, ..*params };
                 let held = held_in(self.set, &ids, slice);
-                let draft =
-                    draft_tree(self.set, &held, slice, &params, Some(self.draft.cost_model), Reinsertion::Later);
+                let (cost_model, progress) = (Some(self.draft.cost_model), progress.subtask(1.0 / slices.len() as f64));
+                let draft = draft_tree(self.set, &held, slice, &params, cost_model, Reinsertion::Later, &progress);
+                let Some(draft) = draft else { return ([1.0; 2], decided) };
                 sum += draft.collapse.total();
                 decided = Some(draft.decided());
             }
             let mut mean = sum / slices.len() as f32;
             if let Some(cost) = shared.get(i) {
-                let there = self.shared_leaves_in(i, count, &slices);
+                let there = self.shared_leaves_in(i, count, &slices, &progress);
                 mean *= if there > 0.0 { cost / there } else { 1.0 };
             }
             ([existing * mean, self.whole(i, count, &slices)], decided)
@@ -375,7 +408,8 @@ mod tests {
     fn drafted(scene: &scene::Scene) -> (Triangles, Draft) {
         let set = Triangles::new(&scene.meshes).unwrap();
         let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
-        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &params(), None, Reinsertion::Later);
+        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &params(), None, Reinsertion::Later, &Progress::new(None))
+            .expect("a draft");
         (set, draft)
     }
 
@@ -410,8 +444,8 @@ mod tests {
     fn samples_try_slices_evenly_and_separate_trees_those_in_the_middle() {
         let scene = scene::tornado(60_000);
         let (set, draft) = drafted(&scene);
-        let params = params();
-        let samples = Samples::new(&set, &draft, 0, &params);
+        let (params, progress) = (params(), Progress::new(None));
+        let samples = Samples::new(&set, &draft, 0, &params, &progress);
         let tried = |count: usize| (0..SAMPLES).flat_map(|i| samples.slices(i, count).0).collect::<Vec<_>>();
         assert_eq!([tried(2), tried(4), tried(8)], [vec![0, 0, 1, 1], vec![0, 1, 2, 3], vec![1, 3, 5, 7]]);
         let trees = |count: usize| (0..SAMPLES).flat_map(|i| samples.tree_slices(i, count).0).collect::<Vec<_>>();
@@ -456,7 +490,7 @@ mod tests {
     fn some_of_the_slices_with_shared_leaves_are_those_of_all() {
         let (set, draft) = drafted(&scene::tornado(4000));
         let costs = |slices: &[usize]| {
-            let shared = SharedLeaves::build(&set, &draft, 0, 4, slices);
+            let shared = SharedLeaves::build(&set, &draft, 0, 4, slices, &Progress::new(None));
             shared.trees.iter().map(|tree| tree.collapse.total()).collect::<Vec<_>>()
         };
         let all = costs(&[0, 1, 2, 3]);
@@ -471,7 +505,8 @@ mod tests {
         let params = params();
         let ids = primitives(&draft, 0);
         for count in [2, 4] {
-            let predicted = Samples::new(&set, &draft, 0, &params).cost(Division::SeparateTrees(count));
+            let predicted =
+                Samples::new(&set, &draft, 0, &params, &Progress::new(None)).cost(Division::SeparateTrees(count));
             let tree = |index: usize| {
                 let params = params.of_each_tree(count, 1.0);
                 draft_tree(
@@ -481,7 +516,9 @@ mod tests {
                     &params,
                     Some(draft.cost_model),
                     Reinsertion::Later,
+                    &Progress::new(None),
                 )
+                .expect("a draft")
                 .collapse
                 .total()
             };

@@ -5,7 +5,7 @@ use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
     Approach, MovingPoint, PointArrays, PointColumns, PointError, PointLayerKind, PointParams, PointSet,
-    PointStructure, PointTree, SimdLevel, TimeInterval,
+    PointStructure, PointTree, Precision, SimdLevel, TimeInterval,
 };
 use std::sync::Mutex;
 
@@ -66,6 +66,48 @@ fn builds_report_progress_and_can_be_cancelled() {
             assert_eq!(none.unwrap_err(), PointError::Cancelled, "{what}");
             // Skipped work is not reported as finished. The k-d tree makes leaves of the remaining nodes.
             assert!(most < 0.9 || structure == PointStructure::Mbkd, "{what}: went on to {most}");
+        }
+    }
+}
+
+/// On one thread, where each report comes.
+#[test]
+fn builds_report_evenly() {
+    const LARGEST_GAP: f32 = 0.12;
+    let mut rng = Rng(22);
+    let still: Vec<Vec3> = (0..200_000).map(|_| rng.vec()).collect();
+    let mut moved = |by: f32| still.iter().map(|&p| p + rng.vec() * by).collect::<Vec<Vec3>>();
+    let (hardly, far) = (moved(1e-4), moved(0.2));
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    for (what, keys, params) in [
+        ("static", &[&still[..]][..], PointParams::default()),
+        ("hardly moving", &[&still, &hardly], PointParams::default()),
+        ("moving", &[&still, &far], PointParams::default()),
+        ("time slices", &[&still, &far], params(PointStructure::TimeSlices(4))),
+        ("k-d tree", &[&still, &far], params(PointStructure::Mbkd)),
+        ("in f64", &[&still, &far], PointParams { precision: Precision::Double, ..PointParams::default() }),
+    ] {
+        let build = |enough: &(dyn Fn(usize) -> bool + Sync)| {
+            let told = Mutex::new(Vec::new());
+            let hear = |done: f32| {
+                let mut told = told.lock().unwrap();
+                told.push(done);
+                if enough(told.len()) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            };
+            let arrays = PointArrays { keys, active: &[], ids: &[] };
+            let tree = pool.install(|| PointTree::build_with_progress(&arrays, &params, &hear));
+            (tree.map(|tree| tree.len()), told.into_inner().unwrap())
+        };
+        let (whole, told) = build(&|_| false);
+        assert_eq!(whole, Ok(200_000), "{what}");
+        assert_eq!(told.iter().position(|&done| done == 1.0), Some(told.len() - 1), "{what}: {told:?}");
+        let before = [0.0].iter().chain(&told);
+        let gaps = before.zip(&told).map(|(before, done)| done - before);
+        assert!(gaps.clone().all(|gap| gap > 0.0 && gap <= LARGEST_GAP), "{what}: {told:?}");
+        for share in [0.0, 0.3, 0.6, 0.9] {
+            let last = ((told.len() as f64 * share) as usize).max(1);
+            let (none, until) = build(&|count| count == last);
+            assert_eq!((none, &until[..]), (Err(PointError::Cancelled), &told[..last]), "{what}, at report {last}");
         }
     }
 }

@@ -18,6 +18,7 @@ mod lazy;
 mod metamorphic;
 mod mixed;
 mod precise;
+mod progress;
 mod refit;
 mod refit_moved;
 mod scenes;

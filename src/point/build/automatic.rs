@@ -41,7 +41,7 @@ pub(in crate::point) fn moving_layers(
         let layer = PartialLayer::new(source, points, Plan::Boxes(1), progress);
         return vec![layer.finish(WHY_FEW.to_string(), progress)];
     }
-    let mut trials = Trials::new(source, points, max_references, simd);
+    let mut trials = Trials::new(source, points, max_references, simd, progress);
     let (mut fast, mut slow, mut ready) = (Vec::new(), Vec::new(), None);
     if trials.stay_together() {
         let WithoutFast { tree, by_motion, .. } = linear_tree(source, points, trials.placed.take(), None, progress);
@@ -104,7 +104,7 @@ pub(in crate::point) fn plan_for_all(
     if points.len() <= FEW {
         return (Plan::Boxes(1), WHY_FEW.to_string());
     }
-    let mut trials = Trials::new(source, points, max_references, simd);
+    let mut trials = Trials::new(source, points, max_references, simd, progress);
     trials.try_one_tree();
     trials.try_slices(false);
     let why = explain(&trials);
@@ -226,11 +226,11 @@ impl<'a> Separated<'a> {
     fn finish(self, why: String, progress: &Progress) -> Vec<Chosen> {
         let Separated { slow, fast, cost } = self;
         let all = (slow.points.len() + fast.points.len()) as f64;
-        let share = |of: &PartialLayer| progress.subtask(of.points.len() as f64 / all);
-        let (of_slow, of_fast) = (share(&slow), share(&fast));
+        let of_slow = progress.rest(slow.points.len() as f64 / all);
         let why = format!("{why}; in the whole set fast points apart in {} {cost:.1}", name(fast.plan));
         let slow = slow.finish(why, &of_slow);
-        vec![slow, fast.finish("fast points, apart from the others".to_string(), &of_fast)]
+        drop(of_slow);
+        vec![slow, fast.finish("fast points, apart from the others".to_string(), progress)]
     }
 }
 

@@ -1,7 +1,7 @@
 //! Layers of which one tree or two are built, for their searches to be counted before the others are.
 
 use super::cost::Visits;
-use super::plan::{Plan, time_slices, tree};
+use super::plan::{PROBABLE, Plan, time_slices, tree};
 use super::slice_points::{points_of_slice, points_of_slices};
 use super::source::Source;
 use crate::point::layout::moving_tree::{MovingTree, WithoutFast};
@@ -57,9 +57,8 @@ impl<'a> PartialLayer<'a> {
         let slices = time_slices(source.keys, plan.time_slices());
         let at = index_of(&slices, time);
         let existing = points_of_slice(source, points, &slices[at]);
-        // Counted as progress once it is known whether it is used.
-        let WithoutFast { tree, by_motion, .. } =
-            tree(source, &existing, &slices[at], &mut Vec::new(), &progress.subtask(0.0));
+        let progress = progress.rest(PROBABLE / slices.len() as f64);
+        let WithoutFast { tree, by_motion, .. } = tree(source, &existing, &slices[at], &mut Vec::new(), &progress);
         PartialLayer { source, points, plan, slices, at, tree: Layer::Moving(vec![tree]), by_motion, other: None }
     }
 
@@ -106,9 +105,7 @@ impl<'a> PartialLayer<'a> {
 
     /// Builds the other trees.
     pub(in crate::point) fn finish(self, why: String, progress: &Progress) -> Chosen {
-        let share = progress.subtask(1.0 / self.slices.len() as f64);
         if self.slices.len() == 1 {
-            share.finished(1.0);
             return Chosen { layer: self.tree, plan: self.plan, points: self.points.len(), why };
         }
         let mut ready: Vec<(usize, MovingTree)> = Vec::new();
@@ -117,17 +114,15 @@ impl<'a> PartialLayer<'a> {
                 ready.extend(trees.into_iter().map(|tree| (at, tree)));
             }
         }
+        let progress = progress.in_units(self.slices.len() - ready.len());
         let existing = points_of_slices(self.source, self.points, &self.slices);
         let mut more = Vec::new();
         let tree_of = |(i, (slice, existing)): (usize, (&SegmentSlice, Cow<[u32]>))| match ready
             .iter()
             .position(|&(at, _)| at == i)
         {
-            Some(place) => {
-                share.finished(1.0);
-                ready.swap_remove(place).1
-            }
-            None => tree(self.source, &existing, slice, &mut more, &share).tree,
+            Some(place) => ready.swap_remove(place).1,
+            None => tree(self.source, &existing, slice, &mut more, &progress.subtask(1.0)).tree,
         };
         let layer = Layer::Moving(self.slices.iter().zip(existing).enumerate().map(tree_of).collect());
         Chosen { layer, plan: self.plan, points: self.points.len(), why }

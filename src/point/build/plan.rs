@@ -119,8 +119,10 @@ fn tree_without_fast(
     MovingTree::build_without_fast(&references, Placed::new(&references, slice), *slice, leaf_size, more, progress)
 }
 
-/// The tree of one time slice between the keys in the middle; see [`tree_without_fast`]. It counts as progress once it is known
-/// whether it is used.
+/// The share in the rest of a build of trees that will probably be used, but may turn out to be one of several that are tried.
+pub(in crate::point) const PROBABLE: f64 = 0.9;
+
+/// The tree of one time slice between the keys in the middle; see [`tree_without_fast`].
 pub(in crate::point) fn linear_tree(
     source: &Source,
     points: &[u32],
@@ -130,26 +132,28 @@ pub(in crate::point) fn linear_tree(
 ) -> WithoutFast {
     let slice = middle_slice(source.keys);
     let existing = points_of_slice(source, points, &slice);
-    tree_without_fast(source, &existing, &slice, (placed, &mut Vec::new()), leaf_size, &progress.subtask(0.0))
+    let progress = progress.rest(PROBABLE / segments(source.keys) as f64);
+    tree_without_fast(source, &existing, &slice, (placed, &mut Vec::new()), leaf_size, &progress)
 }
 
 /// Builds a moving layer of some of the points.
 pub(in crate::point) fn moving_layer(source: &Source, points: &[u32], plan: Plan, progress: &Progress) -> Layer {
     let slices = time_slices(source.keys, plan.time_slices());
-    let progress = progress.subtask(1.0 / slices.len() as f64);
+    let progress = progress.in_units(slices.len());
     match plan {
         Plan::Boxes(_) => {
             let existing = points_of_slices(source, points, &slices);
             let mut more = Vec::new();
-            let tree =
-                |(slice, points): (&SegmentSlice, Cow<[u32]>)| tree(source, &points, slice, &mut more, &progress).tree;
+            let tree = |(slice, points): (&SegmentSlice, Cow<[u32]>)| {
+                tree(source, &points, slice, &mut more, &progress.subtask(1.0)).tree
+            };
             Layer::Moving(slices.iter().zip(existing).map(tree).collect())
         }
         Plan::Planes(most) => {
             let planes = |slice: &SegmentSlice| {
                 let points = if progress.cancelled() { &[] } else { points };
                 let references = source.references(slice, points.iter().map(|&i| i as usize), |i| source.id(i));
-                PlaneTree::build(&references, *slice, most, &progress)
+                PlaneTree::build(&references, *slice, most, &progress.subtask(1.0))
             };
             Layer::Planes(slices.iter().map(planes).collect())
         }

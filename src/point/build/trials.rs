@@ -57,7 +57,11 @@ pub(in crate::point) struct Trials<'a> {
     fast_at_rest: f64,
     /// What trees of the samples that are divided by motion cost at least, relative to points at rest; 1 for those divided by position.
     flows: Vec<f64>,
+    progress: &'a Progress<'a>,
 }
+
+/// The share of each trial in the rest of the build, about.
+const TRIAL: f64 = 0.05;
 
 const LINEAR: Plan = Plan::Boxes(1);
 
@@ -66,7 +70,14 @@ const BOUNDED: usize = 2;
 
 impl<'a> Trials<'a> {
     /// Samples of points, at least one.
-    pub(in crate::point) fn new(source: &'a Source, points: &'a [u32], most: f32, simd: SimdLevel) -> Trials<'a> {
+    pub(in crate::point) fn new(
+        source: &'a Source,
+        points: &'a [u32],
+        most: f32,
+        simd: SimdLevel,
+        progress: &'a Progress<'a>,
+    ) -> Trials<'a> {
+        let _reported = progress.rest(TRIAL);
         let sampler = Sampler::new(source, points, simd);
         let mut placed = sampler.placed();
         let whole = sampler.samples(1, placed.as_mut(), true);
@@ -90,6 +101,7 @@ impl<'a> Trials<'a> {
             at_rest,
             fast_at_rest,
             flows,
+            progress,
         }
     }
 
@@ -138,7 +150,7 @@ impl<'a> Trials<'a> {
             goes_on[1] = goes_on[1]
                 && self.fast_at_rest <= self.least()
                 && self.may_have(slices, references_with_fast(&self.whole, slices));
-            if goes_on == [false; 2] {
+            if goes_on == [false; 2] || self.progress.cancelled() {
                 break;
             }
             let (samples, plan) = (self.sampler.samples(slices, None, goes_on[1]), Plan::Boxes(slices));
@@ -162,7 +174,7 @@ impl<'a> Trials<'a> {
         // Where few points cause most of the work, it decreases faster than expected.
         let limit = MAX_COST * self.expected(1, linear)(guess);
         let mut slices = if self.tried(guess).is_some_and(|cost| cost < limit) { guess / 2 } else { 1 };
-        while slices > 1 {
+        while slices > 1 && !self.progress.cancelled() {
             let samples = self.sampler.samples(slices, None, false);
             let cost = self.add(&samples, Plan::Boxes(slices), None);
             slices = if cost * MAX_COST <= self.least() { slices / 2 } else { 1 };
@@ -301,6 +313,7 @@ impl<'a> Trials<'a> {
 
     /// The work of searches in samples, on average. Those without active points in their time slice are skipped.
     fn work(&self, samples: &[Sample], plans: (Plan, Option<Plan>), searches: usize) -> Work {
+        let _reported = self.progress.rest(TRIAL);
         let non_empty = samples.iter().filter(|sample| !sample.references.is_empty());
         let count = non_empty.clone().count().max(1);
         let searches = searches.div_ceil(count);

@@ -3,6 +3,7 @@
 use super::snapshot::Boxes;
 use crate::parallel;
 use crate::point::leaf_order::bottom_order::{MOST, Rows, SPARE};
+use crate::progress::Progress;
 use crate::simd::{Kernel, LANES, PointBlock, Simd, SimdLevel, dispatch};
 
 /// Where the points of bottom nodes come from.
@@ -31,8 +32,9 @@ pub(in crate::point) struct BottomNodes<'a> {
 /// Nodes that one thread fills at a time.
 const SHARE: usize = 64;
 
-/// Takes the points of each bottom node, puts them in order, and writes its blocks and boxes.
-pub(in crate::point) fn fill(bottoms: BottomNodes<'_>, points: &impl Points) {
+/// Takes the points of each bottom node, puts them in order, and writes its blocks and boxes. `progress` counts points; once it is
+/// cancelled, nothing more is written.
+pub(in crate::point) fn fill(bottoms: BottomNodes<'_>, points: &impl Points, progress: &Progress) {
     let BottomNodes { first, count, nodes, blocks, leaf_blocks } = bottoms;
     if nodes.len() > SHARE {
         let half = nodes.len() / 2;
@@ -40,14 +42,19 @@ pub(in crate::point) fn fill(bottoms: BottomNodes<'_>, points: &impl Points) {
         let (blocks, more_blocks) = blocks.split_at_mut(half * LANES * leaf_blocks);
         let left = (half * LANES * LANES * leaf_blocks).min(count);
         parallel::both(
-            || fill(BottomNodes { first, count: left, nodes, blocks, leaf_blocks }, points),
+            || fill(BottomNodes { first, count: left, nodes, blocks, leaf_blocks }, points, progress),
             || {
                 let (first, count) = (first + left, count - left);
-                fill(BottomNodes { first, count, nodes: more_nodes, blocks: more_blocks, leaf_blocks }, points)
+                let (nodes, blocks) = (more_nodes, more_blocks);
+                fill(BottomNodes { first, count, nodes, blocks, leaf_blocks }, points, progress)
             },
         );
         return;
     }
+    if progress.cancelled() {
+        return;
+    }
+    progress.finished(count.min(nodes.len() * LANES * LANES * leaf_blocks) as f64);
     // What is written does not depend on the instruction set.
     dispatch(SimdLevel::best(), Fill { bottoms: BottomNodes { first, count, nodes, blocks, leaf_blocks }, points });
 }

@@ -7,6 +7,7 @@ use crate::point::leaf_order::bottom_order::{MOST, Rows, SPARE};
 use crate::point::leaf_order::fast_points::{Among, displacements, sizes_of_leaves};
 use crate::point::leaf_order::moving_reference::{References, SegmentSlice};
 use crate::point::leaf_order::point_rows::PointRows;
+use crate::progress::Progress;
 use crate::simd::{Kernel, LANES, Simd, SimdLevel, dispatch};
 
 /// What leaves are filled from.
@@ -40,10 +41,12 @@ const BELOW: usize = LANES * LANES;
 const SHARE: usize = 64;
 
 /// Takes the references of each bottom node, puts them in order, and writes its leaves and boxes. Returns the numbers of
-/// those that were left out; the last lanes of their bottom nodes remain empty.
+/// those that were left out; the last lanes of their bottom nodes remain empty. `progress` counts references; once it is cancelled, nothing
+/// more is written.
 pub(in crate::point) fn fill<R: References + ?Sized>(
     bottoms: MovingBottomNodes<'_>,
     from: &Ordered<'_, R>,
+    progress: &Progress,
 ) -> Vec<u32> {
     let MovingBottomNodes { first, count, nodes, times, boxes, leaves } = bottoms;
     if nodes.len() > SHARE {
@@ -61,10 +64,14 @@ pub(in crate::point) fn fill<R: References + ?Sized>(
             boxes: more_boxes,
             leaves: more_leaves,
         };
-        let (mut fast, more_fast) = parallel::both(|| fill(low, from), || fill(high, from));
+        let (mut fast, more_fast) = parallel::both(|| fill(low, from, progress), || fill(high, from, progress));
         fast.extend(more_fast);
         return fast;
     }
+    if progress.cancelled() {
+        return Vec::new();
+    }
+    progress.finished(count.min(nodes.len() * BELOW) as f64);
     // What is written does not depend on the instruction set.
     dispatch(SimdLevel::best(), Fill { bottoms: MovingBottomNodes { first, count, nodes, times, boxes, leaves }, from })
 }

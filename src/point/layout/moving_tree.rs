@@ -114,7 +114,8 @@ impl MovingTree {
             boxes: &mut boxes,
             leaves: leaves.rows(),
         };
-        let fast = fill(bottoms, &Ordered { references, slice: &slice, rows: &rows, without_fast });
+        let ordered = Ordered { references, slice: &slice, rows: &rows, without_fast };
+        let fast = fill(bottoms, &ordered, &progress.in_units(count));
         for level in 1..shape.levels {
             for (node, children) in (shape.begin[level]..).zip(boxes.chunks(LANES)) {
                 for (lane, child) in children.iter().enumerate() {
@@ -127,7 +128,6 @@ impl MovingTree {
             boxes = boxes.chunks(LANES).map(LinearBox::around).collect();
         }
         let first = first_children(&shape);
-        progress.finished(1.0 - ORDERING);
         let references = count - fast.len();
         let tree = MovingTree { slice, nodes, first, leaves, node_times, levels: shape.levels, references };
         WithoutFast { tree, fast, by_motion }

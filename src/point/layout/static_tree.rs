@@ -144,17 +144,22 @@ impl StaticTree {
             None,
             &progress.subtask(ORDERING),
         );
-        let tree = StaticTree::around(count, blocks, shape, &Sorted { rows: &rows, id_of });
-        progress.finished(1.0 - ORDERING);
-        tree
+        StaticTree::around(count, blocks, shape, &Sorted { rows: &rows, id_of }, &progress.rest(1.0))
     }
 
     /// The tree over points that come bottom node by bottom node.
-    fn around(count: usize, blocks: Vec<PointBlock>, shape: Shape, points: &impl Points) -> StaticTree {
+    fn around(
+        count: usize,
+        blocks: Vec<PointBlock>,
+        shape: Shape,
+        points: &impl Points,
+        progress: &Progress,
+    ) -> StaticTree {
         let nodes = huge_vec_of(Boxes::NONE, shape.nodes());
         let mut tree = StaticTree { nodes, blocks, shape, ordered: None };
         let (nodes, blocks) = (&mut tree.nodes[..shape.begin[1]], &mut tree.blocks[..]);
-        fill(BottomNodes { first: 0, count, nodes, blocks, leaf_blocks: shape.leaf_blocks }, points);
+        let bottoms = BottomNodes { first: 0, count, nodes, blocks, leaf_blocks: shape.leaf_blocks };
+        fill(bottoms, points, &progress.in_units(count));
         for level in 1..shape.levels {
             for node in shape.begin[level]..shape.begin[level + 1] {
                 let first = View::first_child(&&tree, level, node);
@@ -173,7 +178,7 @@ impl StaticTree {
     /// order again. `at` has the position of each id.
     pub(in crate::point) fn moved(self, at: &[[f32; 3]]) -> StaticTree {
         let mut ordered = self.ordered.unwrap_or_else(|| Ordered { spread: self.spread(), excess: 0.0 });
-        let mut tree = StaticTree::around(at.len(), self.blocks, self.shape, &Moved { at });
+        let mut tree = StaticTree::around(at.len(), self.blocks, self.shape, &Moved { at }, &Progress::new(None));
         let spread = tree.spread();
         if spread > ordered.spread {
             ordered.excess += spread / ordered.spread - 1.0;

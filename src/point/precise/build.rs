@@ -41,10 +41,11 @@ impl PreciseTree {
             displacement: moves.then_some(&displacement as OfPoint<'_>),
         };
         order(&mut numbers, tree.shape.leaf(), to_order, &progress.subtask(ORDERING));
-        let boxes = tree.fill_leaves(points, &numbers);
+        let boxes = tree.fill_leaves(points, &numbers, &progress.rest(1.0));
         drop(numbers);
-        tree.write_nodes(boxes);
-        progress.finished(1.0 - ORDERING);
+        if !progress.cancelled() {
+            tree.write_nodes(boxes);
+        }
         tree
     }
 

@@ -8,6 +8,7 @@ use crate::point::build::source::Source;
 use crate::point::layout::moving_leaf::LaneIntervals;
 use crate::point::layout::snapshot::ExactRows;
 use crate::point::leaf_order::moving_reference::SegmentSlice;
+use crate::progress::Progress;
 use crate::simd::LANES;
 use core::iter;
 use glam::DVec3;
@@ -82,7 +83,14 @@ struct Leaves<'a> {
 
 impl PreciseTree {
     /// Writes points, in order, into the leaves, which are empty; returns the boxes around each leaf.
-    pub(super) fn fill_leaves(&mut self, points: PointsOfSlice<'_>, numbers: &[u32]) -> Vec<LinearBox> {
+    ///
+    /// Once `progress` is cancelled, the other leaves are left empty, without boxes.
+    pub(super) fn fill_leaves(
+        &mut self,
+        points: PointsOfSlice<'_>,
+        numbers: &[u32],
+        progress: &Progress,
+    ) -> Vec<LinearBox> {
         let (moves, leaf_blocks) = (self.moves(), self.shape.leaf_blocks);
         let leaf = leaf_blocks * LANES;
         let mut ends = sections(&mut self.ends, leaf_blocks);
@@ -95,9 +103,14 @@ impl PreciseTree {
                 Leaves { numbers, blocks, ends, block_times, active: active.next().unwrap_or_default() }
             })
             .collect();
-        let boxes = parallel::each(&mut shares, |leaves| match moves {
-            true => leaves.fill_moving(points),
-            false => leaves.fill_static(points, leaf_blocks),
+        let progress = progress.in_units(shares.len());
+        let boxes = parallel::each(&mut shares, |leaves| {
+            if progress.cancelled() {
+                return Vec::new();
+            }
+            let boxes = if moves { leaves.fill_moving(points) } else { leaves.fill_static(points, leaf_blocks) };
+            progress.finished(1.0);
+            boxes
         });
         boxes.into_iter().flatten().collect()
     }

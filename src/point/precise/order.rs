@@ -21,10 +21,12 @@ const SHARE: usize = 1 << 14;
 /// Orders the numbers of points so that leaf i holds the i-th run of `leaf` of them. Once `progress` is cancelled, ranges are left
 /// unordered.
 pub(super) fn order(numbers: &mut [u32], leaf: usize, points: Points<'_>, progress: &Progress) {
-    order_range(numbers, leaf, points, &progress.subtask(1.0 / numbers.len() as f64));
+    let progress = progress.in_units(2 * numbers.len());
+    order_range(numbers, leaf, points, &progress);
 }
 
-/// Orders a range that begins where a subtree does. A point counts 1 for `progress`.
+/// Orders a range that begins where a subtree does. A point counts 1 for `progress` when it is
+/// in its part, and 1 when that is ordered.
 fn order_range(numbers: &mut [u32], leaf: usize, points: Points<'_>, progress: &Progress) {
     let count = numbers.len();
     let part = leaf * LANES * LANES;
@@ -34,7 +36,7 @@ fn order_range(numbers: &mut [u32], leaf: usize, points: Points<'_>, progress: &
     let Some(block) = subtrees_of(count, subtree(count, leaf), leaf) else {
         return progress.finished(count as f64);
     };
-    if count > part && order_parts_in_f32(numbers, part, points, progress) {
+    if count > part && order_parts_in_f32(numbers, part, points, &progress.subtask(count as f64)) {
         let mut parts: Vec<&mut [u32]> = numbers.chunks_mut(part).collect();
         parallel::each(&mut parts, |part| order_range(part, leaf, points, progress));
         return;

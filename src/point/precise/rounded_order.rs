@@ -32,10 +32,8 @@ const LEAST: f64 = 1.0 / 65536.0;
 /// Orders a range so that each run of `part` points is one of its subtrees. Whether that succeeded; if not, the points stay where
 /// they are.
 pub(super) fn order_parts_in_f32(numbers: &mut [u32], part: usize, points: Points<'_>, progress: &Progress) -> bool {
-    // Only whether it is cancelled matters: the points are not finished.
-    let progress = progress.subtask(0.0);
     by_rounded(numbers, part, points, |from, to, _| {
-        order_rows(from, to, part / LANES, None, &progress);
+        order_rows(from, to, part / LANES, None, progress);
     })
 }
 
