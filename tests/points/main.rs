@@ -6,6 +6,7 @@ mod approximate;
 mod double;
 #[cfg(feature = "rayon")]
 mod double_lists;
+#[cfg(feature = "rayon")]
 mod double_swept;
 #[cfg(feature = "rayon")]
 #[path = "../support/encounter.rs"]

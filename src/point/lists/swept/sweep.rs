@@ -217,7 +217,7 @@ mod tests {
     use crate::point::layout::over_interval::PointPath;
     use crate::primitive::PointArrays;
     use crate::random::Random;
-    use crate::{PointParams, PointStructure};
+    use crate::{PointParams, PointStructure, Precision};
     use glam::Vec3;
 
     /// Counts the encounters that are reported to it.
@@ -234,6 +234,13 @@ mod tests {
         ) {
             self.0 += encounters.entering().count();
         }
+    }
+
+    /// How many encounters are reported, and the number of pairings.
+    fn reported<C: SweptCoordinate>(tree: &PointTree, times: [f32; 2], radius: f32) -> [usize; 2] {
+        let boxed = tree.box_tree(times);
+        let sweep = Sweep::<C>::new(boxed.as_ref().unwrap_or(tree), times, radius, None);
+        [sweep.run(|| Reported(0)).iter().map(|reported| reported.0).sum(), sweep.pairings.len()]
     }
 
     /// Whatever the time slices, a pair is reported once in a segment between keys: visitors see as many encounters as
@@ -264,29 +271,35 @@ mod tests {
             for (begin, end) in [(0.0, 1.0), (0.25, 0.5), (0.3, 0.8)] {
                 let interval = TimeInterval::new(begin, end).unwrap();
                 let mut of_linear = None;
-                for structure in [
-                    PointStructure::Linear,
-                    PointStructure::TimeSlices(2),
-                    PointStructure::TimeSlices(8),
-                    PointStructure::Automatic,
-                    PointStructure::Mbkd,
+                for (structure, precision) in [
+                    (PointStructure::Linear, Precision::Single),
+                    (PointStructure::TimeSlices(2), Precision::Single),
+                    (PointStructure::TimeSlices(8), Precision::Single),
+                    (PointStructure::Automatic, Precision::Single),
+                    (PointStructure::Mbkd, Precision::Single),
+                    (PointStructure::Linear, Precision::Double),
+                    (PointStructure::TimeSlices(8), Precision::Double),
+                    (PointStructure::Automatic, Precision::Double),
                 ] {
-                    let params = PointParams { structure, ..PointParams::default() };
+                    let params = PointParams { structure, precision, ..PointParams::default() };
                     let tree = PointTree::build(&PointArrays { keys, active, ids: &[] }, &params).unwrap();
                     for radius in [0.2, 9.0] {
-                        let what =
-                            format!("{} keys, {} intervals, {structure:?}, radius {radius}", keys.len(), active.len());
+                        let (keys, intervals) = (keys.len(), active.len());
+                        let what = format!(
+                            "{keys} keys, {intervals} intervals, {structure:?}, {precision:?}, radius {radius}"
+                        );
                         let mut lists = EncounterLists::new();
                         tree.neighbor_lists_swept_into(interval, radius, &mut lists).unwrap();
-                        let boxed = tree.box_tree([begin, end]);
-                        let sweep = Sweep::<f32>::new(boxed.as_ref().unwrap_or(&tree), [begin, end], radius, None);
-                        let reported: usize = sweep.run(|| Reported(0)).iter().map(|reported| reported.0).sum();
+                        let [reported, pairings] = match precision {
+                            Precision::Double => reported::<f64>(&tree, [begin, end], radius),
+                            _ => reported::<f32>(&tree, [begin, end], radius),
+                        };
                         let found = lists.encounters().len();
-                        if keys.len() == 2 {
+                        if keys == 2 {
                             assert_eq!(reported, found, "{what}");
                         }
-                        assert!(reported <= found * (keys.len() - 1), "{what}: {reported} for {found}");
-                        divided += usize::from(sweep.pairings.len() > 1);
+                        assert!(reported <= found * (keys - 1), "{what}: {reported} for {found}");
+                        divided += usize::from(pairings > 1);
                         if radius < 1.0 {
                             assert_eq!(found, *of_linear.get_or_insert(found), "{what}");
                         }
