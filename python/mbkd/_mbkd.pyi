@@ -151,6 +151,7 @@ def neighbor_lists(
     displacements: bool,
     sorted: bool,
     by_id: bool,
+    max_neighbors: int | None,
     workers: int,
 ) -> _Columns: ...
 def neighbor_lists_with_skin(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mbkd
-from ._arrays import floats, interval, keys_of, number, only_euclidean, per_query, places
+from ._arrays import floats, interval, keys_of, number, only_euclidean, per_query, places, whole
 from .lists import Encounters, NeighborLists
 
 Progress = Callable[[float], object]
@@ -396,6 +396,7 @@ class PointTree:
         displacements: bool = False,
         sorted: bool = False,
         rows: str = "points",
+        max_neighbors: int | None = None,
         workers: int = 1,
     ) -> NeighborLists:
         """Find all neighbours of every point within a radius.
@@ -424,6 +425,8 @@ class PointTree:
             'points': list i belongs to point i, and is empty if the point does not exist at the time. 'tree': lists stay
             in the order of their computation, without those of points that do not exist, and `NeighborLists.points` has
             the point of each list. This saves a copy of all lists.
+        max_neighbors : int, optional
+            A list with more neighbours raises a ValueError, before memory runs out where points clump. Default: no limit.
         """
         if rows not in ("points", "tree"):
             raise ValueError(f"rows must be 'points' or 'tree', not {rows!r}")
@@ -447,6 +450,7 @@ class PointTree:
             displacements,
             sorted,
             by_id,
+            None if max_neighbors is None else whole(max_neighbors, "max_neighbors", 0, 2**32),
             workers,
         )
         return NeighborLists(offsets, ids, points, far if distances else None, ways if displacements else None)
@@ -468,7 +472,7 @@ class PointTree:
     ) -> Encounters:
         """Find all points that come within a radius of each point at any time of an interval, and the times.
 
-        This is decided in float64, for exact linear motion between the float32 positions at the keys.
+        This is decided in float64, for exact linear motion between the positions at the keys, in float32 or float64.
         """
         offsets, ids, columns = _mbkd.neighbor_lists_swept(self._tree, interval(between), r, workers)
         return Encounters(offsets, ids, *columns)

@@ -26,7 +26,7 @@ const MOST_KEPT: usize = 1 << 29;
 
 /// The lists of all points at a time. `radii` has one element, or one for each point. In the second case, if `larger`, two points
 /// are neighbours if they are within the larger of their radii, if `summed` within the sum; otherwise each point lists the points
-/// within its own radius.
+/// within its own radius. With `max_neighbors` a longer list is an error.
 #[pyfunction]
 pub fn neighbor_lists<'py>(
     py: Python<'py>,
@@ -41,6 +41,7 @@ pub fn neighbor_lists<'py>(
     displacements: bool,
     sorted: bool,
     by_id: bool,
+    max_neighbors: Option<usize>,
     workers: isize,
 ) -> PyResult<Columns<'py>> {
     let radii = slice(&radii)?;
@@ -59,6 +60,7 @@ pub fn neighbor_lists<'py>(
     query = if distances { query.with_distances() } else { query };
     query = if displacements { query.with_displacements() } else { query };
     query = if sorted { query.sorted() } else { query };
+    query = max_neighbors.map_or(query, |most| query.max_neighbors(most));
     query = among.map_or(query, |among| query.among(&among.tree));
     query = points.periods.as_ref().map_or(query, |periods| query.periodic(periods.for_lists()));
     let mut lists = memory();

@@ -67,10 +67,27 @@ def test_periodic_lists_are_those_of_queries():
     assert np.abs(lists.displacements).max() <= 0.2
 
 
-def test_swept_lists_are_all_that_meet():
-    tree = PointTree(OPEN, keys=CLOSE)
+def test_a_limit_of_neighbours():
+    tree = PointTree(OPEN)
+    lists = tree.neighbor_lists(0.2, sorted=True)
+    most = np.diff(lists.offsets).max()
+    limited = tree.neighbor_lists(0.2, sorted=True, max_neighbors=most)
+    np.testing.assert_array_equal(limited.ids, lists.ids)
+    with pytest.raises(ValueError, match="more neighbours"):
+        tree.neighbor_lists(0.2, max_neighbors=most - 1)
+    assert len(tree.neighbor_lists(0.2, max_neighbors=2**32).ids) == len(lists.ids)
+
+
+# In float64, so far away that float32 does not tell the points from each other.
+FAR = np.array([1e9, -2e9, 3e9])
+
+
+@pytest.mark.parametrize("keys", [(OPEN, CLOSE), (OPEN + FAR, CLOSE + FAR)], ids=["f32", "f64"])
+def test_swept_lists_are_all_that_meet(keys):
+    first, last = keys
+    tree = PointTree(first, keys=last)
     met = tree.neighbor_lists_swept(0.1)
-    a, way = (x.astype(np.float64)[:, None] - x.astype(np.float64)[None] for x in (OPEN, CLOSE))
+    a, way = (x.astype(np.float64)[:, None] - x.astype(np.float64)[None] for x in keys)
     way = way - a
     with np.errstate(invalid="ignore", divide="ignore"):
         t = np.clip(-(a * way).sum(2) / (way * way).sum(2), 0, 1)
@@ -85,15 +102,17 @@ def test_swept_lists_are_all_that_meet():
     assert 0 < len(part.ids) < len(met.ids)
 
 
-def test_lists_with_a_skin_miss_nothing_until_they_say():
-    tree = PointTree(OPEN, keys=CLOSE)
+@pytest.mark.parametrize("keys", [(OPEN, CLOSE), (OPEN + FAR, CLOSE + FAR)], ids=["f32", "f64"])
+def test_lists_with_a_skin_miss_nothing_until_they_say(keys):
+    first, last = keys
+    tree = PointTree(first, keys=last)
     lists = tree.neighbor_lists_with_skin(0.1, 0.05, time=0.25)
     assert 0.25 < lists.valid_until < 1
     listed = {(int(p), int(j)) for p, row in enumerate(lists) for j in row}
     for time in np.linspace(0.25, np.nextafter(np.float32(lists.valid_until), np.float32(0)), 20):
         assert set(map(tuple, tree.query_pairs(0.1, time=time).tolist())) <= listed
     assert 0 < certified_duration(0.1, 0.05, 2.0) <= 0.0125
-    still = PointTree(OPEN).neighbor_lists_with_skin(0.1, 0.05)
+    still = PointTree(first).neighbor_lists_with_skin(0.1, 0.05)
     assert still.valid_until == 1
 
 

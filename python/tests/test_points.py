@@ -250,7 +250,10 @@ WRONG = [
     (lambda: PointTree(SINGLE).neighbor_lists(0.1)[500], IndexError, "no list 500"),
     (lambda: PointTree(SINGLE).neighbor_lists(0.1)[1:3], TypeError, "slice"),
     (lambda: PointTree(SINGLE).neighbor_lists(-1), ValueError, "radius"),
-    (lambda: PointTree(DOUBLE).neighbor_lists_swept(0.1), ValueError, "f32"),
+    (lambda: PointTree(DOUBLE).neighbor_lists(0.1, among=PointTree(SINGLE)), ValueError, "same precision"),
+    (lambda: PointTree(SINGLE).neighbor_lists(0.1, max_neighbors=-1), ValueError, "max_neighbors"),
+    (lambda: PointTree(SINGLE).neighbor_lists(0.1, max_neighbors=2.0), TypeError, "max_neighbors"),
+    (lambda: PointTree(SINGLE).neighbor_lists(9, max_neighbors=498), ValueError, "point 0 has more neighbours"),
     (lambda: PointTree(SINGLE).neighbor_lists(np.ones(3)), ValueError, "r must"),
 ]
 

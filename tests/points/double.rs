@@ -217,8 +217,11 @@ fn queries_that_f64_points_do_not_support_are_rejected() {
     let single = PointTree::build(&[[0.0f32; 3]], &PointParams::default()).unwrap();
     assert_eq!(query.among(&single).run(&mut lists), Err(ListError::Double));
     assert_eq!(single.neighbor_lists(0.0, 1.0).among(&tree).run(&mut lists), Err(ListError::Double));
-    assert_eq!(tree.neighbor_lists_with_skin(0.0, 1.0, 0.1, 1.0, &mut lists), Err(ListError::Double));
-    assert!(matches!(tree.neighbor_lists_swept(TimeInterval::FULL, 1.0), Err(ListError::Double)));
+    assert_eq!(tree.neighbor_lists_with_skin(0.0, 1.0, -0.1, 1.0, &mut lists), Err(ListError::Skin));
+    assert_eq!(tree.neighbor_lists_with_skin(0.0, f32::NAN, 0.1, 1.0, &mut lists), Err(ListError::Radius { id: None }));
+    assert_eq!(tree.neighbor_lists_with_skin(0.5, 1.0, 0.1, 0.4, &mut lists), Err(ListError::Time));
+    let swept = tree.neighbor_lists_swept(TimeInterval::FULL, -1.0);
+    assert_eq!(swept, Err(ListError::Radius { id: None }));
     // Rounded to f32, all of it works.
     let keys: Vec<&[DVec3]> = cloud.keys.iter().map(|key| &key[..]).collect();
     let set = PointArrays { keys: &keys, active: &[], ids: &[] };

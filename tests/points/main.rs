@@ -8,6 +8,8 @@ mod double;
 #[cfg(feature = "rayon")]
 mod double_lists;
 #[cfg(feature = "rayon")]
+mod double_swept;
+#[cfg(feature = "rayon")]
 #[path = "../support/encounter.rs"]
 mod encounter;
 mod exact;

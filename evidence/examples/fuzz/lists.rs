@@ -294,7 +294,7 @@ pub fn case(random: &mut Random) -> Outcome {
             check_positions(random, &pair[0], &clouds[0], request.time, radius, what)?;
         }
     }
-    if !double && clouds[0].len() < 250 {
+    if clouds[0].len() < 250 {
         let all: Vec<(PointTree, String)> = trees.into_iter().map(|([own, _], what)| (own, what)).collect();
         check_swept(random, &all, &clouds[0], radius.min(1e18))?;
         for (tree, what) in &all {

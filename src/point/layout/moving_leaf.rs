@@ -215,7 +215,7 @@ impl MovingLeaves {
 
     /// The points of a block between its keys.
     #[inline(always)]
-    pub(in crate::point) fn path_rows(&self, block: usize) -> PathRows {
+    pub(in crate::point) fn path_rows(&self, block: usize) -> PathRows<f32> {
         let Block { open, close, id } = &self.blocks[block];
         let rows = PathRows::always_active(open, close, id);
         match self.active.get(block) {

@@ -7,7 +7,7 @@ use super::fill_moving_leaves::{MovingBottomNodes, Ordered, fill};
 use super::linear_bounds::{LinearBox, LinearBoxes};
 use super::moving_leaf::{Block, LaneIntervals, MovingLeaves};
 use super::moving_view::{AtTime, HasLeaves};
-use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath};
+use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath, magnitude_of_boxes};
 use super::slice_tree::SliceTree;
 use super::snapshot::{CoordinateView, Target, View, diagonal, outside, rows};
 use super::static_tree::Shape;
@@ -131,11 +131,6 @@ impl MovingTree {
         let references = count - fast.len();
         let tree = MovingTree { slice, nodes, first, leaves, node_times, levels: shape.levels, references };
         WithoutFast { tree, fast, by_motion }
-    }
-
-    /// Whether references have intervals.
-    pub(in crate::point) fn timed(&self) -> bool {
-        !self.node_times.is_empty()
     }
 
     /// The tree at a time, which lies in its slice.
@@ -281,11 +276,28 @@ impl BoxTree for MovingTree {
 }
 
 impl BlockTree for MovingTree {
+    type Coordinate = f32;
     #[inline(always)]
-    fn rows(&self, block: usize) -> PathRows {
+    fn rows(&self, block: usize) -> PathRows<f32> {
         self.leaves.path_rows(block)
     }
     fn has_active_intervals(&self) -> bool {
         !self.leaves.active.is_empty()
+    }
+    fn timed(&self) -> bool {
+        !self.node_times.is_empty()
+    }
+    fn begins_at(&self, time: f32) -> bool {
+        self.leaves.begins_at(time)
+    }
+    #[inline(always)]
+    fn center(&self, _node: usize, _phase: f64) -> [f64; 3] {
+        [0.0; 3]
+    }
+    fn magnitude(&self) -> f64 {
+        magnitude_of_boxes(self)
+    }
+    fn displacements(&self) -> [[f64; 3]; 2] {
+        [[0.0; 3]; 2]
     }
 }

@@ -28,26 +28,22 @@ impl PointPath {
     }
 }
 
-/// Trajectories of sixteen points between two keys, in f32, in rows; absent lanes have the id `u32::MAX`.
+/// Trajectories of sixteen points between two keys, in rows; absent lanes have the id `u32::MAX`.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
-pub(in crate::point) struct PathRows {
-    pub(in crate::point) open: [Lanes<f32>; 3],
-    pub(in crate::point) close: [Lanes<f32>; 3],
+pub(in crate::point) struct PathRows<C> {
+    pub(in crate::point) open: [Lanes<C>; 3],
+    pub(in crate::point) close: [Lanes<C>; 3],
     /// Whole intervals, with the end bound.
     pub(in crate::point) begin: Lanes<f32>,
     pub(in crate::point) end: Lanes<f32>,
     pub(in crate::point) id: Lanes<u32>,
 }
 
-impl PathRows {
+impl<C: Copy + Into<f64>> PathRows<C> {
     /// Points that exist throughout the shutter.
     #[inline(always)]
-    pub(in crate::point) fn always_active(
-        open: &[Lanes<f32>; 3],
-        close: &[Lanes<f32>; 3],
-        id: &Lanes<u32>,
-    ) -> PathRows {
+    pub(in crate::point) fn always_active(open: &[Lanes<C>; 3], close: &[Lanes<C>; 3], id: &Lanes<u32>) -> PathRows<C> {
         let active = TimeInterval::FULL;
         let (begin, end) = ([active.begin(); LANES], [active.end_bound(); LANES]);
         PathRows { open: *open, close: *close, begin, end, id: *id }
@@ -57,17 +53,43 @@ impl PathRows {
     #[inline(always)]
     pub(in crate::point) fn point_path(&self, lane: usize) -> Option<PointPath> {
         let active = TimeInterval::half_open(self.begin[lane], self.end[lane])?;
-        let [open, close] = [self.open, self.close].map(|rows| rows.map(|row| f64::from(row[lane])));
+        let [open, close] = [self.open, self.close].map(|rows| rows.map(|row| row[lane].into()));
         (self.id[lane] != u32::MAX).then_some(PointPath { id: self.id[lane], open, close, active })
     }
 }
 
-/// A tree whose points are kept in f32, sixteen in a block.
+/// A tree whose points are in blocks of sixteen.
 pub(in crate::point) trait BlockTree: BoxTree {
+    /// The numbers that positions are kept in.
+    type Coordinate: Copy + Into<f64>;
     /// The points of a block.
-    fn rows(&self, block: usize) -> PathRows;
+    fn rows(&self, block: usize) -> PathRows<Self::Coordinate>;
     /// Whether some points do not exist throughout the shutter.
     fn has_active_intervals(&self) -> bool;
+    /// Whether some references are not active throughout the time slice.
+    fn timed(&self) -> bool;
+    /// Whether the interval of any point begins at a time.
+    fn begins_at(&self, time: f32) -> bool;
+    /// The place at a phase that positions below a node are best measured from; of no account where they are in f32.
+    fn center(&self, node: usize, phase: f64) -> [f64; 3];
+    /// The largest magnitude of a coordinate at either key of the segment, or somewhat more.
+    fn magnitude(&self) -> f64;
+    /// The least and the greatest displacement of a point between the keys, along each axis, infinite without a point; of no account
+    /// where positions are in f32.
+    fn displacements(&self) -> [[f64; 3]; 2];
+}
+
+/// [`BlockTree::magnitude`] by the boxes at the keys.
+pub(in crate::point) fn magnitude_of_boxes<T: BoxTree>(tree: &T) -> f64 {
+    let root = tree.root_node().1;
+    let begins = tree.times(root)[0];
+    let keys = [0.0, 1.0].map(|phase| tree.faces(root, &[phase; LANES]));
+    let rows = keys.iter().flatten().flatten();
+    let largest = |row: &Lanes<f64>| {
+        let lanes = (0..LANES).filter(|&lane| begins[lane] < f32::INFINITY);
+        lanes.fold(0.0f64, |most, lane| most.max(row[lane].abs()))
+    };
+    rows.map(largest).fold(0.0, f64::max)
 }
 
 /// A tree whose boxes can be evaluated over a range of times.

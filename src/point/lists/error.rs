@@ -54,8 +54,7 @@ pub enum ListError {
     },
     /// The two trees keep positions in f32 relative to different origins, as trees do of f64 positions that are rounded.
     Origins,
-    /// A tree holds its positions in f64, and the request needs positions in f32: lists with a skin or over an interval, or points
-    /// in f64 among others in f32.
+    /// One of the two trees keeps its positions in f64 and the other in f32.
     Double,
     /// Lists were requested in the order of ids, but among the points that exist at the time, one has an id that is not
     /// less than the number of all points, or two have the same id.
@@ -86,7 +85,7 @@ impl fmt::Display for ListError {
                 "the two trees have positions in f32 relative to different origins; build both with `Precision::Double`, or from f32 positions",
             ),
             ListError::Double => f.write_str(
-                "lists with a skin or over an interval need positions in f32, and lists among another set the same precision in both; choose it where the trees are built",
+                "one of the two trees keeps positions in f64 and the other in f32; choose the same precision where they are built",
             ),
             ListError::Ids { id } => {
                 write!(f, "id {id} is not the index of a point; ask for the lists in the order of the tree")

@@ -12,11 +12,12 @@ mod fill_leaves;
 mod in_file;
 mod linear_box;
 mod order;
+mod over_interval;
 mod rounded_order;
 mod tree;
 
 pub(super) use in_file::PreciseRecord;
-pub(super) use tree::{PreciseTree, PreciseView};
+pub(super) use tree::{PreciseTree, PreciseView, between};
 
 use super::layout::slice_tree::slice_at;
 use super::layout::snapshot::Leaves;

@@ -11,9 +11,7 @@
 //! is never above that of a point in it.
 
 use super::linear_box::Node;
-use crate::geometry::TimeInterval;
 use crate::point::layout::moving_leaf::LaneIntervals;
-use crate::point::layout::over_interval::{BoxTree, PointPath};
 use crate::point::layout::slice_tree::SliceTree;
 use crate::point::layout::snapshot::{Boxes, CoordinateView, ExactRows, Leaves, Target, View, diagonal, outside, rows};
 use crate::point::layout::static_tree::Shape;
@@ -73,7 +71,7 @@ pub(in crate::point) struct PreciseTree {
 
 /// The position at a phase between two keys, from the nearer one.
 #[inline(always)]
-pub(super) fn between([a, b]: [DVec3; 2], phase: f64) -> DVec3 {
+pub(in crate::point) fn between([a, b]: [DVec3; 2], phase: f64) -> DVec3 {
     let (s, from_end) = nearer(phase);
     (if from_end { b } else { a }) + (b - a) * s
 }
@@ -112,7 +110,7 @@ impl PreciseTree {
 
     /// The phase of a time between the keys; exact.
     #[inline(always)]
-    fn phase_at(&self, time: f32) -> f64 {
+    pub(super) fn phase_at(&self, time: f32) -> f64 {
         let SegmentSlice { keys, segment, phases: [begin, end], .. } = self.slice;
         exact_phase(time, keys, segment).clamp(begin, end)
     }
@@ -120,8 +118,14 @@ impl PreciseTree {
     /// The fraction of the slice at a phase between the keys, in [0, 1].
     #[inline(always)]
     fn within(&self, phase: f64) -> f64 {
+        self.fraction(phase).clamp(0.0, 1.0)
+    }
+
+    /// The same, outside of [0, 1] where the phase is outside of the slice.
+    #[inline(always)]
+    pub(super) fn fraction(&self, phase: f64) -> f64 {
         let [begin, end] = self.slice.phases;
-        if end > begin { ((phase - begin) / (end - begin)).clamp(0.0, 1.0) } else { 0.0 }
+        if end > begin { (phase - begin) / (end - begin) } else { 0.0 }
     }
 
     /// The tree at a time of its slice, seen from a query point.
@@ -375,60 +379,10 @@ fn magnitude<S: Simd>(s: S, x: S::F) -> S::F {
     s.max(x, s.splat(0.0) - x)
 }
 
-impl BoxTree for PreciseTree {
-    fn slice(&self) -> SegmentSlice {
-        self.slice
-    }
-    fn root_node(&self) -> (usize, usize) {
-        self.shape.root()
-    }
-    fn children(&self, level: usize, node: usize) -> (usize, usize) {
-        self.shape.children(level, node)
-    }
-    fn times(&self, node: usize) -> [Lanes<f32>; 2] {
-        if let Some(times) = self.node_times.get(node) {
-            return [times.begin, times.end];
-        }
-        [self.nodes[node].boxes.lo[0].map(|x| if x < f32::INFINITY { 0.0 } else { f32::INFINITY }), [1.0; LANES]]
-    }
-    #[inline(always)]
-    fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
-        let (Node { middle, displacement, boxes }, slopes) = (&self.nodes[node], self.slopes.get(node));
-        let w = phase.map(|phase| self.within(phase));
-        let mut faces = [[[0.0; LANES]; 3]; 2];
-        for (number, (faces, boxes)) in faces.iter_mut().zip([&boxes.lo, &boxes.hi]).enumerate() {
-            for axis in 0..3 {
-                for lane in 0..LANES {
-                    let slope = slopes.map_or(0.0, |slopes| [&slopes.lo, &slopes.hi][number][axis][lane]);
-                    let middle = middle[axis] + displacement[axis] * w[lane];
-                    faces[axis][lane] = middle + (f64::from(boxes[axis][lane]) + f64::from(slope) * w[lane]);
-                }
-            }
-        }
-        faces
-    }
-    fn is_active(&self, block: usize, lane: usize, time: f32) -> bool {
-        self.block_times.get(block).is_none_or(|times| times.begin[lane] <= time && time < times.end[lane])
-    }
-    fn point_path(&self, block: usize, lane: usize) -> Option<PointPath> {
-        let Block { begin, id } = self.blocks.get(block)?;
-        let active = self.active.get(block).map(|t| TimeInterval::half_open(t.begin[lane], t.end[lane]));
-        let active = active.unwrap_or(Some(TimeInterval::FULL))?;
-        let open = begin.0.map(|row| row[lane]);
-        let close = self.ends.get(block).map_or(open, |rows| rows.0.map(|row| row[lane]));
-        (id[lane] != u32::MAX).then_some(PointPath { id: id[lane], open, close, active })
-    }
-    fn phase(&self, time: f32) -> f64 {
-        self.phase_at(time)
-    }
-    fn position(&self, point: &PointPath, time: f32) -> DVec3 {
-        between([point.open, point.close].map(DVec3::from_array), self.phase_at(time))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::TimeInterval;
     use crate::point::build::source::Source;
     use crate::point::precision::Precision;
     use crate::progress::Progress;

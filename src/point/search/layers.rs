@@ -4,6 +4,7 @@
 //! the other with the same candidates and the same bound.
 
 use crate::point::layout::moving_tree::{MovingTree, MovingView};
+use crate::point::layout::over_interval::BlockTree;
 use crate::point::layout::plane_tree::{PlaneTree, PlaneView};
 use crate::point::layout::slice_tree::slice_at;
 use crate::point::layout::snapshot::Leaves;

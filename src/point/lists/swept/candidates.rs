@@ -1,5 +1,6 @@
 //! Candidates: the blocks of points that a group can come near during a window of time.
 
+use super::coordinate::SweptCoordinate;
 use super::encounter::{CandidatePoints, Criteria, Window};
 use crate::point::layout::over_interval::{BlockTree, BoxTree, PathRows, greater, lesser};
 use crate::point::layout::snapshot::rows;
@@ -25,7 +26,22 @@ pub(super) fn phases<T: BoxTree>(tree: &T, times: [f32; 2]) -> [f64; 2] {
     [window.phase(begin - ROUNDING), window.phase(end + ROUNDING)]
 }
 
-/// The motion of sixteen points during a range of times relative to the group's mean displacement, in rows. Without a
+/// The share of a range of phases that lies before a time.
+fn early<T: BoxTree>(tree: &T, [first, last]: [f64; 2], time: f32) -> f64 {
+    let slice = tree.slice();
+    let phase = Window::of_segment(slice.keys, slice.segment, [0.0, 1.0]).phase(time.into());
+    if last > first { (phase - first) / (last - first) } else { 0.0 }
+}
+
+/// What positions are relative to: a place, and a displacement during the range of times, which is taken off everything.
+#[derive(Clone, Copy, Default)]
+struct Frame {
+    /// Of no account for f32.
+    center: [f64; 3],
+    drift: [f64; 3],
+}
+
+/// The motion of sixteen points during a range of times relative to the group's [`Frame`], in rows. Without a
 /// point, the start is infinite.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
@@ -37,14 +53,15 @@ pub(super) struct RelativePaths {
 impl RelativePaths {
     /// The motion of points between two phases of their segment.
     #[inline(always)]
-    fn new(points: &PathRows, phases: [f64; 2], drift: [f64; 3]) -> RelativePaths {
+    fn new<C: SweptCoordinate>(points: &PathRows<C>, phases: [f64; 2], frame: &Frame) -> RelativePaths {
         let mut paths = RelativePaths { start: [[f32::INFINITY; LANES]; 3], displacement: [[0.0; LANES]; 3] };
-        for (axis, drift) in drift.into_iter().enumerate() {
+        for axis in 0..3 {
+            let (center, drift) = (frame.center[axis], frame.drift[axis]);
             for lane in 0..LANES {
-                let open = f64::from(points.open[axis][lane]);
-                let displacement = f64::from(points.close[axis][lane]) - open;
+                let open: f64 = points.open[axis][lane].into();
+                let displacement = points.close[axis][lane].into() - open;
                 let (first, last) = (open + displacement * phases[0], open + displacement * phases[1]);
-                let (from, to) = (first as f32, (last - drift) as f32);
+                let (from, to) = (C::relative(first, center) as f32, (C::relative(last, center) - drift) as f32);
                 let exists = points.id[lane] != u32::MAX;
                 paths.start[axis][lane] = if exists { from } else { f32::INFINITY };
                 paths.displacement[axis][lane] = if exists { to - from } else { 0.0 };
@@ -56,8 +73,8 @@ impl RelativePaths {
 
 /// Sixteen points whose encounters are looked for.
 #[derive(Clone, Debug)]
-pub(super) struct Block {
-    pub(super) points: PathRows,
+pub(super) struct Block<C> {
+    pub(super) points: PathRows<C>,
     pub(super) paths: RelativePaths,
     /// The box around their paths.
     pub(super) lo: [f32; 3],
@@ -65,10 +82,10 @@ pub(super) struct Block {
     magnitude: f64,
 }
 
-impl Block {
+impl<C: SweptCoordinate> Block<C> {
     #[inline(always)]
-    fn new(points: PathRows, phases: [f64; 2], drift: [f64; 3]) -> Block {
-        let paths = RelativePaths::new(&points, phases, drift);
+    fn new(points: PathRows<C>, phases: [f64; 2], frame: &Frame) -> Block<C> {
+        let (paths, drift) = (RelativePaths::new(&points, phases, frame), frame.drift);
         let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
         let mut magnitude = drift.iter().fold(0.0f64, |most, x| greater(most, x.abs()));
         for axis in 0..3 {
@@ -96,22 +113,27 @@ fn halved<T: Copy>(mut lanes: Lanes<T>, f: impl Fn(T, T) -> T) -> T {
     lanes[0]
 }
 
-/// The blocks below a bottom node, and their mean displacement (`drift`), which is subtracted from all positions.
+/// The blocks below a bottom node, and their mean displacement, which is subtracted from all positions.
 #[derive(Default)]
-pub(super) struct Group {
-    pub(super) blocks: Vec<Block>,
+pub(super) struct Group<C> {
+    pub(super) blocks: Vec<Block<C>>,
     /// The times between which boxes are swept.
     times: [f32; 2],
-    drift: [f64; 3],
+    /// The share of the range of phases that lies before the first time.
+    early: f64,
+    frame: Frame,
     lo: [f32; 3],
     hi: [f32; 3],
     magnitude: f64,
+    /// Its share of the slack.
+    slack: f64,
 }
 
-impl Group {
-    /// Takes the points below bottom node `node` that are active during a range of times within the tree's own.
+impl<C: SweptCoordinate> Group<C> {
+    /// Takes the points below bottom node `node` that are active during a range of times within the tree's own. The slack is wider by
+    /// [`SweptCoordinate::excess`].
     #[inline(always)]
-    pub(super) fn take<T: BlockTree>(&mut self, tree: &T, node: usize, times: [f32; 2]) {
+    pub(super) fn take<T: BlockTree<Coordinate = C>>(&mut self, tree: &T, node: usize, times: [f32; 2], excess: f64) {
         let phases = phases(tree, times);
         let (first, stride) = tree.children(0, node);
         let active = active_lanes(tree, node, times);
@@ -124,41 +146,44 @@ impl Group {
                 let exists = points.id[lane] != u32::MAX;
                 count[lane] += if exists { 1.0 } else { 0.0 };
                 for (axis, sum) in sum.iter_mut().enumerate() {
-                    let displacement = f64::from(points.close[axis][lane] - points.open[axis][lane]);
+                    let displacement = C::displacement(points.open[axis][lane], points.close[axis][lane]);
                     sum[lane] += if exists { displacement } else { 0.0 };
                 }
             }
         }
         let count = greater(halved(count, |a, b| a + b), 1.0);
-        self.drift = sum.map(|row| halved(row, |a, b| a + b) / count * (phases[1] - phases[0]));
-        self.times = times;
+        let drift = sum.map(|row| halved(row, |a, b| a + b) / count * (phases[1] - phases[0]));
+        self.frame = Frame { center: tree.center(node, phases[0]), drift };
+        (self.times, self.early) = (times, early(tree, phases, times[0]));
         self.blocks.clear();
         (self.lo, self.hi, self.magnitude) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3], 0.0);
         for number in numbers {
-            let block = Block::new(tree.rows(number), phases, self.drift);
+            let block = Block::new(tree.rows(number), phases, &self.frame);
             for axis in 0..3 {
                 (self.lo[axis], self.hi[axis]) = (self.lo[axis].min(block.lo[axis]), self.hi[axis].max(block.hi[axis]));
             }
             self.magnitude = greater(self.magnitude, block.magnitude);
             self.blocks.push(block);
         }
+        self.slack = self.magnitude * SLACK + excess;
     }
 
-    /// The boxes of a node, swept between two phases, with the group's drift taken off, and the magnitudes of what is in
-    /// them.
+    /// The boxes of a node, swept between two phases, in the group's frame, and the magnitudes of what is in them.
     #[inline(always)]
     fn swept<S: Simd, T: BoxTree>(&self, s: S, tree: &T, phases: [f64; 2], node: usize) -> (BoxVector<S>, Lanes<f64>) {
         let ends = phases.map(|phase| tree.faces(node, &[phase; LANES]));
         let (mut lo, mut hi, mut magnitude) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3], [0.0; LANES]);
         for axis in 0..3 {
+            let (center, drift) = (self.frame.center[axis], self.frame.drift[axis]);
             for lane in 0..LANES {
-                let [first, last] = [0, 1].map(|end| [0, 1].map(|side| ends[end][side][axis][lane]));
+                let [first, last] =
+                    [0, 1].map(|end| [0, 1].map(|side| C::relative(ends[end][side][axis][lane], center)));
                 let most = greater(greater(first[0].abs(), first[1].abs()), greater(last[0].abs(), last[1].abs()));
                 // Faces and positions may be much smaller than at a key; see `super` for why that needs nothing more.
-                let slack = (most + self.magnitude) * SLACK;
+                let slack = most * SLACK + self.slack;
                 magnitude[lane] = greater(magnitude[lane], most);
-                lo[axis][lane] = (lesser(first[0], last[0] - self.drift[axis]) - slack) as f32;
-                hi[axis][lane] = (greater(first[1], last[1] - self.drift[axis]) + slack) as f32;
+                lo[axis][lane] = (lesser(first[0], last[0] - drift) - slack) as f32;
+                hi[axis][lane] = (greater(first[1], last[1] - drift) + slack) as f32;
             }
         }
         let (lo, hi) = (rows(s, &lo), rows(s, &hi));
@@ -184,17 +209,17 @@ pub(super) struct CandidateBlock {
 
 /// All blocks whose points may come near those of a group.
 #[derive(Default)]
-pub(super) struct Candidates {
+pub(super) struct Candidates<C> {
     pub(super) boxes: BoxRows,
     pub(super) blocks: Vec<CandidateBlock>,
     /// The points of the blocks, sixteen of each.
-    pub(super) others: CandidatePoints,
+    pub(super) others: CandidatePoints<C>,
     /// The windows during which blocks are compared, each with the number of blocks up to its last.
     pub(super) windows: Vec<(Window, usize)>,
     open: Vec<(usize, usize)>,
 }
 
-impl Candidates {
+impl<C: SweptCoordinate> Candidates<C> {
     pub(super) fn clear(&mut self) {
         self.boxes.clear();
         self.blocks.clear();
@@ -205,17 +230,18 @@ impl Candidates {
     /// Adds the blocks of a tree that the group can come within the radius of during `window`. Pairs nearer than `excluded_within` at
     /// the group's first time are excluded, if both points exist then.
     #[inline(always)]
-    pub(super) fn add<S: Simd, T: BlockTree>(
+    pub(super) fn add<S: Simd, T: BlockTree<Coordinate = C>>(
         &mut self,
         s: S,
         tree: &T,
-        group: &Group,
+        group: &Group<C>,
         window: Window,
         (criteria, excluded_within): (&Criteria, Option<f64>),
     ) {
         let radius = criteria.radius;
         let phases = phases(tree, group.times);
         let bound = squared_up(radius);
+        let early = greater(group.early, early(tree, phases, group.times[0]));
         self.open.clear();
         self.open.push(tree.root_node());
         while let Some((level, node)) = self.open.pop() {
@@ -235,12 +261,14 @@ impl Candidates {
                 for lane in (0..LANES).filter(|lane| near >> lane & 1 != 0) {
                     number[lane] = self.blocks.len() as u32;
                     let points = tree.rows(first + lane * stride + part);
-                    let paths = RelativePaths::new(&points, phases, group.drift);
-                    let slack = SLACK * (magnitude[lane] + group.magnitude);
+                    let paths = RelativePaths::new(&points, phases, &group.frame);
+                    let slack = SLACK * magnitude[lane] + group.slack;
                     let bound = squared_up(radius + slack + UNDERFLOW);
                     // The radius has been lowered by more than f32 adds here, rounding of its square included:
                     // see `Sweep::exclude_lists_of`.
-                    let excluded_within = excluded_within.map_or(-1.0, squared);
+                    let moved = 6.0 * (magnitude[lane] + group.magnitude) * early;
+                    let excluded_within =
+                        excluded_within.map_or(-1.0, |within| squared(C::excluded_within(within, slack, moved)));
                     let exists =
                         |i: usize| points.begin[i] <= criteria.first_time && criteria.first_time < points.end[i];
                     let excluded_within = core::array::from_fn(|i| if exists(i) { excluded_within } else { -1.0 });

@@ -1,5 +1,6 @@
 //! Encounters: pairs of moving points that come within a radius of each other, evaluated four at a time.
 
+use super::coordinate::SweptCoordinate;
 use crate::geometry::TimeInterval;
 use crate::point::layout::over_interval::{PathRows, PointPath, greater, lesser};
 use crate::simd::{LANES, Mask, Simd};
@@ -41,7 +42,7 @@ pub(super) trait Visitor {
     /// Comes to a point.
     fn begin(&mut self, own: &PointPath);
     /// The encounters of that point with four others.
-    fn visit(&mut self, own: &PointPath, others: &FourPoints, encounters: &EncounterLanes);
+    fn visit<C: SweptCoordinate>(&mut self, own: &PointPath, others: &FourPoints<C>, encounters: &EncounterLanes);
 }
 
 /// The criteria of an encounter, the same for all points of a group.
@@ -105,11 +106,11 @@ impl Window {
     /// parabola. Every step is symmetric, so both points see the same. Times are where the parabola is at its lowest and
     /// where it crosses the squared radius.
     #[inline(always)]
-    pub(super) fn encounters<S: Simd, V: Visitor>(
+    pub(super) fn encounters<S: Simd, V: Visitor, C: SweptCoordinate>(
         &self,
         s: S,
         own: &PointPath,
-        others: &CandidatePoints,
+        others: &CandidatePoints<C>,
         (hits, count): (&[u32], usize),
         criteria: &Criteria,
         visitor: &mut V,
@@ -174,7 +175,7 @@ impl<S: Simd> Overlap<S> {
 
     /// The encounters with four others.
     #[inline(always)]
-    fn encounters_with(&self, s: S, others: &FourPoints, square: S::D) -> EncounterLanes {
+    fn encounters_with<C: SweptCoordinate>(&self, s: S, others: &FourPoints<C>, square: S::D) -> EncounterLanes {
         let [open, close] = others.ends(s);
         let first = self.relative(0, open, close);
         let last = self.relative(1, open, close);
@@ -238,7 +239,7 @@ pub(super) struct EncounterLanes {
 impl EncounterLanes {
     /// Writes the encounters one behind the other; their number.
     #[inline(always)]
-    pub(super) fn write(&self, others: &FourPoints, to: &mut [Encounter; WIDTH]) -> usize {
+    pub(super) fn write<C>(&self, others: &FourPoints<C>, to: &mut [Encounter; WIDTH]) -> usize {
         let mut count = 0;
         for lane in 0..WIDTH {
             to[count % WIDTH] = Encounter {
@@ -263,21 +264,21 @@ impl EncounterLanes {
 /// A point that may be met, between two keys.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(32))]
-struct PointKeys {
+struct PointKeys<C> {
     /// Where it is at both keys.
-    keys: [f32; 6],
+    keys: [C; 6],
     id: u32,
 }
 
 /// Points that may be met.
 #[derive(Default)]
-pub(super) struct CandidatePoints {
-    points: Vec<PointKeys>,
+pub(super) struct CandidatePoints<C> {
+    points: Vec<PointKeys<C>>,
     /// Begin and end bound of their active intervals; empty if all points exist throughout.
     active: Vec<[f32; 2]>,
 }
 
-impl CandidatePoints {
+impl<C: SweptCoordinate> CandidatePoints<C> {
     pub(super) fn clear(&mut self) {
         self.points.clear();
         self.active.clear();
@@ -285,10 +286,10 @@ impl CandidatePoints {
 
     /// Appends sixteen points; unless `has_active_intervals`, they exist throughout.
     #[inline(always)]
-    pub(super) fn push(&mut self, points: &PathRows, has_active_intervals: bool) {
+    pub(super) fn push(&mut self, points: &PathRows<C>, has_active_intervals: bool) {
         let PathRows { open: [x, y, z], close: [u, v, w], begin, end, id } = points;
         let keys = |i: usize| PointKeys { keys: [x[i], y[i], z[i], u[i], v[i], w[i]], id: id[i] };
-        let all: [PointKeys; LANES] = core::array::from_fn(keys);
+        let all: [PointKeys<C>; LANES] = core::array::from_fn(keys);
         self.points.extend_from_slice(&all);
         if has_active_intervals {
             self.active.extend((0..LANES).map(|i| [begin[i], end[i]]));
@@ -297,7 +298,7 @@ impl CandidatePoints {
 
     /// Four of them.
     #[inline(always)]
-    fn four(&self, at: [u32; WIDTH]) -> FourPoints<'_> {
+    fn four(&self, at: [u32; WIDTH]) -> FourPoints<'_, C> {
         let [a, b, c, d] = at;
         let point = |i: u32| &self.points[i as usize];
         FourPoints { points: [point(a), point(b), point(c), point(d)], others: self, at }
@@ -305,28 +306,28 @@ impl CandidatePoints {
 }
 
 /// Four candidate points.
-pub(super) struct FourPoints<'a> {
-    points: [&'a PointKeys; WIDTH],
-    others: &'a CandidatePoints,
+pub(super) struct FourPoints<'a, C> {
+    points: [&'a PointKeys<C>; WIDTH],
+    others: &'a CandidatePoints<C>,
     at: [u32; WIDTH],
 }
 
-impl FourPoints<'_> {
+impl<C: SweptCoordinate> FourPoints<'_, C> {
     /// Where they are at both keys.
     #[inline(always)]
     fn ends<S: Simd>(&self, s: S) -> [[S::D; 3]; 2] {
         let [a, b, c, d] = self.points.map(|point| &point.keys);
         let [x, y, z, u] = s.transpose_d([
-            s.widen_four(&[a[0], a[1], a[2], a[3]]),
-            s.widen_four(&[b[0], b[1], b[2], b[3]]),
-            s.widen_four(&[c[0], c[1], c[2], c[3]]),
-            s.widen_four(&[d[0], d[1], d[2], d[3]]),
+            C::load_four(s, &[a[0], a[1], a[2], a[3]]),
+            C::load_four(s, &[b[0], b[1], b[2], b[3]]),
+            C::load_four(s, &[c[0], c[1], c[2], c[3]]),
+            C::load_four(s, &[d[0], d[1], d[2], d[3]]),
         ]);
         let [_, _, v, w] = s.transpose_d([
-            s.widen_four(&[a[2], a[3], a[4], a[5]]),
-            s.widen_four(&[b[2], b[3], b[4], b[5]]),
-            s.widen_four(&[c[2], c[3], c[4], c[5]]),
-            s.widen_four(&[d[2], d[3], d[4], d[5]]),
+            C::load_four(s, &[a[2], a[3], a[4], a[5]]),
+            C::load_four(s, &[b[2], b[3], b[4], b[5]]),
+            C::load_four(s, &[c[2], c[3], c[4], c[5]]),
+            C::load_four(s, &[d[2], d[3], d[4], d[5]]),
         ]);
         [[x, y, z], [u, v, w]]
     }
@@ -342,7 +343,7 @@ impl FourPoints<'_> {
         let PointKeys { keys: [x, y, z, u, v, w], id } = *self.points[lane];
         let active = self.others.active.get(self.at[lane] as usize);
         let active = active.and_then(|&[begin, end]| TimeInterval::half_open(begin, end)).unwrap_or(TimeInterval::FULL);
-        PointPath { id, open: [x, y, z].map(f64::from), close: [u, v, w].map(f64::from), active }
+        PointPath { id, open: [x, y, z].map(C::into), close: [u, v, w].map(C::into), active }
     }
 }
 

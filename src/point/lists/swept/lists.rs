@@ -1,5 +1,6 @@
 //! Lists of encounters, one for each point, in memory of the caller.
 
+use super::coordinate::SweptCoordinate;
 use super::encounter::{Encounter, EncounterLanes, FourPoints, Visitor, WIDTH};
 use super::sweep::{Sweep, Worker};
 use crate::geometry::TimeInterval;
@@ -122,7 +123,7 @@ impl PointTree {
     /// For every point all others that come within `radius` at some time of the interval, both ends included, with
     /// the times: what a step of a simulation needs in which nothing may pass unseen.
     ///
-    /// Decided in f64 for exact linear motion between the f32 positions at the keys. Points meet while both exist: not
+    /// Decided in f64 for exact linear motion between the positions at the keys, in f32 or f64. Points meet while both exist: not
     /// if one begins to exist where the other ends, as [`TimeInterval::contains`] has it. So an encounter begins before both
     /// active intervals end; if the two are still approaching each other at the end, [`Encounter::closest`] and
     /// [`Encounter::leave`] are the end itself, the limit of the times at which both exist. At a key, a point that
@@ -139,7 +140,7 @@ impl PointTree {
     /// move less than their spacing relative to their neighbours. Motion that all have in common adds little.
     ///
     /// # Errors
-    /// [`ListError::Radius`] for a radius that is negative or NaN; [`ListError::Double`] for a tree that holds positions in f64.
+    /// [`ListError::Radius`] for a radius that is negative or NaN.
     pub fn neighbor_lists_swept(&self, interval: TimeInterval, radius: f32) -> Result<EncounterLists, ListError> {
         let mut lists = EncounterLists::new();
         self.neighbor_lists_swept_into(interval, radius, &mut lists)?;
@@ -173,23 +174,16 @@ impl PointTree {
 
     fn sweep_into(&self, interval: TimeInterval, radius: f32, lists: &mut EncounterLists) -> Result<(), ListError> {
         lists.clear();
-        if !self.precise.is_empty() {
-            return Err(ListError::Double);
-        }
         if radius.is_nan() || radius < 0.0 {
             return Err(ListError::Radius { id: None });
         }
         let times = [interval.begin(), interval.end()];
         let boxed = self.box_tree(times);
-        let sweep = Sweep::new(boxed.as_ref().unwrap_or(self), times, radius, None);
-        if !sweep.once {
-            lists.merge(&sweep.run(EncounterLists::new));
-        } else if parallel::threads() == 1 {
-            let mut worker = Worker::new(core::mem::take(lists));
-            sweep.run_on_one_thread(&mut worker);
-            *lists = worker.visitor;
+        let tree = boxed.as_ref().unwrap_or(self);
+        if self.precise.is_empty() {
+            lists.make::<f32>(&Sweep::new(tree, times, radius, None));
         } else {
-            lists.make_in_parallel(&sweep);
+            lists.make::<f64>(&Sweep::new(tree, times, radius, None));
         }
         Ok(())
     }
@@ -205,7 +199,7 @@ impl Visitor for EncounterLists {
     }
 
     #[inline(always)]
-    fn visit(&mut self, _own: &PointPath, others: &FourPoints, encounters: &EncounterLanes) {
+    fn visit<C: SweptCoordinate>(&mut self, _own: &PointPath, others: &FourPoints<C>, encounters: &EncounterLanes) {
         let Some(end) = self.offsets.last_mut() else { return };
         if self.encounters.len() < *end + WIDTH {
             grow(&mut self.encounters, *end + WIDTH);
@@ -244,8 +238,21 @@ impl EncounterLists {
         }
     }
 
+    /// Makes the lists.
+    fn make<C: SweptCoordinate>(&mut self, sweep: &Sweep<'_, C>) {
+        if !sweep.once {
+            self.merge(&sweep.run(EncounterLists::new));
+        } else if parallel::threads() == 1 {
+            let mut worker = Worker::new(core::mem::take(self));
+            sweep.run_on_one_thread(&mut worker);
+            *self = worker.visitor;
+        } else {
+            self.make_in_parallel(sweep);
+        }
+    }
+
     /// Makes the lists on several threads.
-    fn make_in_parallel(&mut self, sweep: &Sweep<'_>) {
+    fn make_in_parallel<C: SweptCoordinate>(&mut self, sweep: &Sweep<'_, C>) {
         let mut shares = core::mem::take(&mut self.shares);
         // What is left of the lists before says nothing about these.
         shares.iter_mut().for_each(EncounterLists::clear);
@@ -256,7 +263,7 @@ impl EncounterLists {
             let EncounterLists { offsets, points, encounters, .. } = &mut *self;
             let begin = offsets.last().map_or(0, |end| *end);
             let mut room = encounters.get_mut(begin..).unwrap_or_default();
-            let assign = |worker: &Worker<EncounterLists>| {
+            let assign = |worker: &Worker<EncounterLists, C>| {
                 let share = &worker.visitor;
                 let (own, rest) = core::mem::take(&mut room).split_at_mut_checked(share.end())?;
                 room = rest;
@@ -265,11 +272,11 @@ impl EncounterLists {
                 offsets.extend(share.offsets[1..].iter().map(|end| begin + end));
                 Some(own)
             };
-            let make = |group: usize, worker: &mut Worker<EncounterLists>| {
+            let make = |group: usize, worker: &mut Worker<EncounterLists, C>| {
                 worker.visitor.clear();
                 sweep.run_group(group, worker);
             };
-            let copy = |worker: &Worker<EncounterLists>, room: &mut [Encounter]| {
+            let copy = |worker: &Worker<EncounterLists, C>, room: &mut [Encounter]| {
                 room.copy_from_slice(worker.visitor.encounters());
             };
             done = in_order(done..groups, &mut workers, make, assign, copy);

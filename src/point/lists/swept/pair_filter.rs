@@ -4,6 +4,7 @@
 //! the block's points is compared with these, sixteen at a time.
 
 use super::candidates::{Block, CandidateBlock, Candidates, RelativePaths, squared_up};
+use super::coordinate::SweptCoordinate;
 use super::encounter::{Criteria, Visitor};
 use crate::point::layout::snapshot::{rows, squared};
 use crate::point::lists::candidates::{Selection, Within, write};
@@ -55,10 +56,10 @@ const LANE: Lanes<u32> = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 impl PairFilter {
     /// Passes all encounters of the points of a block to a visitor.
     #[inline(always)]
-    pub(super) fn visit<S: Simd, V: Visitor>(
+    pub(super) fn visit<S: Simd, V: Visitor, C: SweptCoordinate>(
         &mut self,
         s: S,
-        (block, candidates): (&Block, &Candidates),
+        (block, candidates): (&Block<C>, &Candidates<C>),
         criteria: &Criteria,
         visitor: &mut V,
     ) {

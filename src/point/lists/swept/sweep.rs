@@ -1,22 +1,29 @@
 //! The search for all encounters of a set with itself during an interval.
 
 use super::candidates::{Candidates, Group};
+use super::coordinate::SweptCoordinate;
 use super::encounter::{Criteria, Visitor, Window};
 use super::pair_filter::PairFilter;
 use super::time_slices::{Pairing, Slice, Tree, begins_with_a_slice, pairings, time_slices_of};
 use crate::parallel;
+use crate::point::layout::over_interval::{greater, lesser};
 use crate::point::tree::PointTree;
 use crate::simd::{Kernel, Simd, dispatch};
 
 /// A search for all encounters of a set with itself.
-pub(super) struct Sweep<'a> {
+pub(super) struct Sweep<'a, C: SweptCoordinate> {
     tree: &'a PointTree,
-    slices: Vec<Slice<'a>>,
+    slices: Vec<Slice<'a, C>>,
     pairings: Vec<Pairing>,
     /// Pairing and bottom node of each group.
     groups: Vec<(usize, usize)>,
     times: [f64; 2],
     radius: f64,
+    /// The largest number of segments between keys, the largest magnitude of a coordinate, and the most by which displacements between
+    /// two keys differ along an axis; that is of no account for f32.
+    segments: usize,
+    magnitude: f64,
+    motion: f64,
     /// Pairs that are nearer than this at the first time are excluded.
     excluded_within: Option<f64>,
     /// Whether each point comes up once.
@@ -28,12 +35,13 @@ pub(super) struct Sweep<'a> {
 /// Groups that one task processes.
 const SHARE: usize = 8;
 
-impl<'a> Sweep<'a> {
+impl<'a, C: SweptCoordinate> Sweep<'a, C> {
     /// Between two times of the shutter; where a segment between keys is given, in that one only.
-    pub(super) fn new(tree: &'a PointTree, times: [f32; 2], radius: f32, segment: Option<usize>) -> Sweep<'a> {
+    pub(super) fn new(tree: &'a PointTree, times: [f32; 2], radius: f32, segment: Option<usize>) -> Sweep<'a, C> {
         let (mut slices, mut layers) = (Vec::new(), Vec::new());
-        let begins = begins_with_a_slice(&tree.layers, times[1]);
-        for layer in &tree.layers {
+        let of_tree = C::layers(tree);
+        let begins = begins_with_a_slice(&of_tree, times[1]);
+        for layer in &of_tree {
             let begin = slices.len();
             slices.extend(time_slices_of(layer, times, begins, segment));
             layers.push(begin..slices.len());
@@ -50,8 +58,13 @@ impl<'a> Sweep<'a> {
             && !slices.iter().any(Slice::timed);
         let has_active_intervals = slices.iter().any(Slice::has_active_intervals);
         let times = times.map(f64::from);
+        let segments = slices.iter().filter_map(Slice::segment).map(|(keys, _)| keys.max(2) - 1).max().unwrap_or(1);
+        let magnitude = slices.iter().map(Slice::magnitude).fold(0.0, f64::max);
         Sweep {
             tree,
+            segments,
+            magnitude,
+            motion: relative_motion(&slices),
             slices,
             pairings,
             groups,
@@ -70,15 +83,22 @@ impl<'a> Sweep<'a> {
     /// nu, which moves a point by 2Mnu; interpolation adds 4Mu, the difference of two points 2Mu; the square and its
     /// comparison with the rounded square of the radius are wrong by 4u of themselves. Along three axes, and for both
     /// points, that is below (4n + 10)·1.8Mu + 4ur.
-    pub(super) fn allow_for_rounding(mut self) -> Sweep<'a> {
+    ///
+    /// Queries among points in f64 find their phases exactly. With ε, A and R as in [`super`], their positions and those here are
+    /// wrong by 5εA each, and phases here by what moves two points by 16nεA: together (35 + 28n)εA in space. The square of a query
+    /// is rounded once, and so is that of the radius: ur. The allowance is [`SweptCoordinate::excess`] and 8ur.
+    pub(super) fn allow_for_rounding(mut self) -> Sweep<'a, C> {
         self.radius += self.rounding(self.radius);
         self
     }
 
     /// Excludes the pairs that lists at the first time with this radius contain for certain, where visitors want that.
     /// Positions are rounded both there and here, so the allowance for rounding counts twice. The second half covers that
-    /// here both positions and their difference are rounded (3·1.8Mu), and the squares are (8ur).
-    pub(super) fn exclude_lists_of(mut self, radius: f32) -> Sweep<'a> {
+    /// here both positions and their difference are rounded (3·1.8Mu), and the squares are (8ur). For points in f64 positions are
+    /// rounded relative to a group, which its slack covers, and those at the begin of its range of times are compared, which is a
+    /// little before the first time. Until then a pair moves by a share of what it moves in the range: along an axis, at most 2M' in the
+    /// group, and 2M and the drift in the other block, less than 6 (M + M') altogether.
+    pub(super) fn exclude_lists_of(mut self, radius: f32) -> Sweep<'a, C> {
         let radius = f64::from(radius);
         self.excluded_within = Some(radius - 2.0 * self.rounding(radius));
         self
@@ -86,10 +106,7 @@ impl<'a> Sweep<'a> {
 
     /// See [`Sweep::allow_for_rounding`].
     fn rounding(&self, radius: f64) -> f64 {
-        let segments =
-            self.slices.iter().filter_map(Slice::segment).map(|(keys, _)| keys.max(2) - 1).max().unwrap_or(1);
-        let magnitude = self.slices.iter().map(Slice::magnitude).fold(0.0, f64::max);
-        ((8 * segments + 20) as f64 * magnitude + 8.0 * radius) / 16_777_216.0 + 1e-18
+        C::rounding(self.segments, self.magnitude, self.motion, radius)
     }
 
     /// Shows all points and their encounters to visitors, one for each share of the points, whose order is always the
@@ -109,54 +126,66 @@ impl<'a> Sweep<'a> {
     }
 
     /// Shows the points of one group to a visitor.
-    pub(super) fn run_group<V: Visitor>(&self, group: usize, worker: &mut Worker<V>) {
+    pub(super) fn run_group<V: Visitor>(&self, group: usize, worker: &mut Worker<V, C>) {
         dispatch(self.tree.simd, Share { sweep: self, groups: &self.groups[group..=group], worker });
     }
 
     /// Shows them all to one visitor, in the same order.
-    pub(super) fn run_on_one_thread<V: Visitor>(&self, worker: &mut Worker<V>) {
+    pub(super) fn run_on_one_thread<V: Visitor>(&self, worker: &mut Worker<V, C>) {
         dispatch(self.tree.simd, Share { sweep: self, groups: &self.groups, worker });
     }
 
     /// The times during which points of two slices are compared. The slices are not in different segments.
-    fn window(&self, a: &Slice, b: &Slice) -> Window {
+    fn window(&self, a: &Slice<'a, C>, b: &Slice<'a, C>) -> Window {
         let (keys, segment) = a.segment().or(b.segment()).unwrap_or((1, 0));
         Window::of_segment(keys, segment, self.times).reported_by([a.reports, b.reports])
     }
 }
 
+/// The most by which displacements differ along an axis.
+fn relative_motion<C: SweptCoordinate>(slices: &[Slice<'_, C>]) -> f64 {
+    let (mut lo, mut hi) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    for [least, most] in slices.iter().map(Slice::displacements) {
+        for axis in 0..3 {
+            (lo[axis], hi[axis]) = (lesser(lo[axis], least[axis]), greater(hi[axis], most[axis]));
+        }
+    }
+    (0..3).fold(0.0, |most, axis| greater(most, hi[axis] - lo[axis]))
+}
+
 /// A visitor, and memory for what is shown to it.
-pub(super) struct Worker<V> {
+pub(super) struct Worker<V, C> {
     pub(super) visitor: V,
-    group: Group,
-    candidates: Candidates,
+    group: Group<C>,
+    candidates: Candidates<C>,
     filter: PairFilter,
 }
 
-impl<V> Worker<V> {
-    pub(super) fn new(visitor: V) -> Worker<V> {
+impl<V, C: SweptCoordinate> Worker<V, C> {
+    pub(super) fn new(visitor: V) -> Worker<V, C> {
         Worker { visitor, group: Group::default(), candidates: Candidates::default(), filter: PairFilter::default() }
     }
 }
 
 /// A share of the groups.
-struct Share<'a, V> {
-    sweep: &'a Sweep<'a>,
+struct Share<'a, V, C: SweptCoordinate> {
+    sweep: &'a Sweep<'a, C>,
     groups: &'a [(usize, usize)],
-    worker: &'a mut Worker<V>,
+    worker: &'a mut Worker<V, C>,
 }
 
-impl<V: Visitor> Kernel for Share<'_, V> {
+impl<V: Visitor, C: SweptCoordinate> Kernel for Share<'_, V, C> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let Share { sweep, groups, worker: Worker { visitor, group, candidates, filter } } = self;
+        let excess = C::excess(sweep.segments, sweep.magnitude, sweep.motion);
         for &(number, node) in groups {
             let pairing = &sweep.pairings[number];
             let slice = &sweep.slices[pairing.own];
             match slice.tree {
-                Tree::Static(tree) => group.take(tree, node, pairing.times),
-                Tree::Moving(tree) => group.take(tree, node, pairing.times),
+                Tree::Static(tree) => group.take(tree, node, pairing.times, excess),
+                Tree::Moving(tree) => group.take(tree, node, pairing.times, excess),
             }
             let first_time = pairing.times[0];
             // `excluded_within` holds for positions at the first time only.
@@ -188,7 +217,7 @@ mod tests {
     use crate::point::layout::over_interval::PointPath;
     use crate::primitive::PointArrays;
     use crate::random::Random;
-    use crate::{PointParams, PointStructure};
+    use crate::{PointParams, PointStructure, Precision};
     use glam::Vec3;
 
     /// Counts the encounters that are reported to it.
@@ -197,9 +226,21 @@ mod tests {
     impl Visitor for Reported {
         const EXCLUDES_LISTED: bool = false;
         fn begin(&mut self, _own: &PointPath) {}
-        fn visit(&mut self, _own: &PointPath, _others: &FourPoints, encounters: &EncounterLanes) {
+        fn visit<C: SweptCoordinate>(
+            &mut self,
+            _own: &PointPath,
+            _others: &FourPoints<C>,
+            encounters: &EncounterLanes,
+        ) {
             self.0 += encounters.entering().count();
         }
+    }
+
+    /// How many encounters are reported, and the number of pairings.
+    fn reported<C: SweptCoordinate>(tree: &PointTree, times: [f32; 2], radius: f32) -> [usize; 2] {
+        let boxed = tree.box_tree(times);
+        let sweep = Sweep::<C>::new(boxed.as_ref().unwrap_or(tree), times, radius, None);
+        [sweep.run(|| Reported(0)).iter().map(|reported| reported.0).sum(), sweep.pairings.len()]
     }
 
     /// Whatever the time slices, a pair is reported once in a segment between keys: visitors see as many encounters as
@@ -230,29 +271,35 @@ mod tests {
             for (begin, end) in [(0.0, 1.0), (0.25, 0.5), (0.3, 0.8)] {
                 let interval = TimeInterval::new(begin, end).unwrap();
                 let mut of_linear = None;
-                for structure in [
-                    PointStructure::Linear,
-                    PointStructure::TimeSlices(2),
-                    PointStructure::TimeSlices(8),
-                    PointStructure::Automatic,
-                    PointStructure::Mbkd,
+                for (structure, precision) in [
+                    (PointStructure::Linear, Precision::Single),
+                    (PointStructure::TimeSlices(2), Precision::Single),
+                    (PointStructure::TimeSlices(8), Precision::Single),
+                    (PointStructure::Automatic, Precision::Single),
+                    (PointStructure::Mbkd, Precision::Single),
+                    (PointStructure::Linear, Precision::Double),
+                    (PointStructure::TimeSlices(8), Precision::Double),
+                    (PointStructure::Automatic, Precision::Double),
                 ] {
-                    let params = PointParams { structure, ..PointParams::default() };
+                    let params = PointParams { structure, precision, ..PointParams::default() };
                     let tree = PointTree::build(&PointArrays { keys, active, ids: &[] }, &params).unwrap();
                     for radius in [0.2, 9.0] {
-                        let what =
-                            format!("{} keys, {} intervals, {structure:?}, radius {radius}", keys.len(), active.len());
+                        let (keys, intervals) = (keys.len(), active.len());
+                        let what = format!(
+                            "{keys} keys, {intervals} intervals, {structure:?}, {precision:?}, radius {radius}"
+                        );
                         let mut lists = EncounterLists::new();
                         tree.neighbor_lists_swept_into(interval, radius, &mut lists).unwrap();
-                        let boxed = tree.box_tree([begin, end]);
-                        let sweep = Sweep::new(boxed.as_ref().unwrap_or(&tree), [begin, end], radius, None);
-                        let reported: usize = sweep.run(|| Reported(0)).iter().map(|reported| reported.0).sum();
+                        let [reported, pairings] = match precision {
+                            Precision::Double => reported::<f64>(&tree, [begin, end], radius),
+                            _ => reported::<f32>(&tree, [begin, end], radius),
+                        };
                         let found = lists.encounters().len();
-                        if keys.len() == 2 {
+                        if keys == 2 {
                             assert_eq!(reported, found, "{what}");
                         }
-                        assert!(reported <= found * (keys.len() - 1), "{what}: {reported} for {found}");
-                        divided += usize::from(sweep.pairings.len() > 1);
+                        assert!(reported <= found * (keys - 1), "{what}: {reported} for {found}");
+                        divided += usize::from(pairings > 1);
                         if radius < 1.0 {
                             assert_eq!(found, *of_linear.get_or_insert(found), "{what}");
                         }

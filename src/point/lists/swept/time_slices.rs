@@ -17,25 +17,21 @@
 //! motion, one of the 64 units of slack in [`super`]. f32 rounds the times of keys. There the first and the last slice
 //! of a segment report all that is beyond them, and ranges of times are widened by more than that.
 
-use crate::point::layout::moving_tree::MovingTree;
+use super::coordinate::{SweptCoordinate, SweptLayer};
 use crate::point::layout::over_interval::{BlockTree, BoxTree};
-use crate::point::layout::static_tree::StaticTree;
 use crate::point::leaf_order::moving_reference;
-use crate::point::search::layers::Layer;
-use crate::simd::{LANES, Lanes};
+use crate::simd::LANES;
 use core::ops::Range;
 
 /// The tree of a time slice, or one for all times.
-#[derive(Clone, Copy)]
-pub(super) enum Tree<'a> {
-    Static(&'a StaticTree),
-    Moving(&'a MovingTree),
+pub(super) enum Tree<'a, C: SweptCoordinate> {
+    Static(&'a C::Static),
+    Moving(&'a C::Moving),
 }
 
 /// A tree and the times during which it is searched.
-#[derive(Clone, Copy)]
-pub(super) struct Slice<'a> {
-    pub(super) tree: Tree<'a>,
+pub(super) struct Slice<'a, C: SweptCoordinate> {
+    pub(super) tree: Tree<'a, C>,
     pub(super) times: [f32; 2],
     /// The slice reports the encounters that begin from the first of these times to before the second.
     pub(super) reports: [f64; 2],
@@ -53,20 +49,31 @@ pub(super) struct Pairing {
     pub(super) times: [f32; 2],
 }
 
-impl Slice<'_> {
+impl<C: SweptCoordinate> Slice<'_, C> {
     /// Number of keys and segment where anything moves.
     pub(super) fn segment(&self) -> Option<(usize, usize)> {
         match self.tree {
             Tree::Static(_) => None,
-            Tree::Moving(tree) => Some((tree.slice.keys, tree.slice.segment)),
+            Tree::Moving(tree) => {
+                let slice = tree.slice();
+                Some((slice.keys, slice.segment))
+            }
         }
     }
 
     /// The largest magnitude of a coordinate at either key of the segment, or somewhat more.
     pub(super) fn magnitude(&self) -> f64 {
         match self.tree {
-            Tree::Static(tree) => magnitude(tree),
-            Tree::Moving(tree) => magnitude(tree),
+            Tree::Static(tree) => tree.magnitude(),
+            Tree::Moving(tree) => tree.magnitude(),
+        }
+    }
+
+    /// The least and the greatest displacement of a point between the keys; of no account for f32.
+    pub(super) fn displacements(&self) -> [[f64; 3]; 2] {
+        match self.tree {
+            Tree::Static(tree) => tree.displacements(),
+            Tree::Moving(tree) => tree.displacements(),
         }
     }
 
@@ -87,7 +94,7 @@ impl Slice<'_> {
     fn holds(&self, time: f32) -> bool {
         match self.tree {
             Tree::Static(_) => true,
-            Tree::Moving(tree) => tree.slice.interval.contains(time) || beside_key(&tree.slice, time),
+            Tree::Moving(tree) => tree.slice().interval.contains(time) || beside_key(&tree.slice(), time),
         }
     }
 
@@ -114,22 +121,10 @@ fn bottom_nodes<T: BoxTree>(tree: &T) -> Vec<usize> {
     nodes
 }
 
-fn magnitude<T: BoxTree>(tree: &T) -> f64 {
-    let root = tree.root_node().1;
-    let begins = tree.times(root)[0];
-    let keys = [0.0, 1.0].map(|phase| tree.faces(root, &[phase; LANES]));
-    let rows = keys.iter().flatten().flatten();
-    let largest = |row: &Lanes<f64>| {
-        let lanes = (0..LANES).filter(|&lane| begins[lane] < f32::INFINITY);
-        lanes.fold(0.0f64, |most, lane| most.max(row[lane].abs()))
-    };
-    rows.map(largest).fold(0.0, f64::max)
-}
-
 /// Whether an active interval begins exactly where a time slice does.
-pub(super) fn begins_with_a_slice(layers: &[Layer], time: f32) -> bool {
-    let begins = |tree: &MovingTree| tree.slice.interval.begin() == time && tree.leaves.begins_at(time);
-    layers.iter().any(|layer| matches!(layer, Layer::Moving(trees) if trees.iter().any(begins)))
+pub(super) fn begins_with_a_slice<C: SweptCoordinate>(layers: &[SweptLayer<'_, C>], time: f32) -> bool {
+    let begins = |tree: &C::Moving| tree.slice().interval.begin() == time && tree.begins_at(time);
+    layers.iter().any(|layer| matches!(layer, SweptLayer::Moving(trees) if trees.iter().any(begins)))
 }
 
 /// Whether a time that is the begin or the end of a time slice, and a key rounded to f32, lies within the segment in
@@ -146,28 +141,26 @@ fn beside_key(slice: &moving_reference::SegmentSlice, time: f32) -> bool {
 /// A slice that begins at the last of the times is searched only where an active interval begins there too (see
 /// [`begins_with_a_slice`]), or the exact time of the key lies before it. A slice that ends at the first of the times is
 /// searched only where the exact time of the key lies behind it.
-pub(super) fn time_slices_of<'a>(
-    layer: &'a Layer,
+pub(super) fn time_slices_of<'a, C: SweptCoordinate>(
+    layer: &SweptLayer<'a, C>,
     times: [f32; 2],
     begins: bool,
     segment: Option<usize>,
-) -> Vec<Slice<'a>> {
-    let trees = match layer {
-        Layer::Static(tree) => return vec![Slice { tree: Tree::Static(tree), times, reports: ALWAYS }],
-        // See `PointTree::box_tree`.
-        Layer::Planes(_) => return Vec::new(),
-        Layer::Moving(trees) => trees.iter().filter(|tree| segment.is_none_or(|s| s == tree.slice.segment)),
+) -> Vec<Slice<'a, C>> {
+    let trees = match *layer {
+        SweptLayer::Static(tree) => return vec![Slice { tree: Tree::Static(tree), times, reports: ALWAYS }],
+        SweptLayer::Moving(trees) => trees.iter().filter(|tree| segment.is_none_or(|s| s == tree.slice().segment)),
     };
-    let slice = |tree: &'a MovingTree| {
-        let interval = tree.slice.interval;
+    let slice = |tree: &'a C::Moving| {
+        let interval = tree.slice().interval;
         let reports = [interval.begin(), interval.end_bound()].map(f64::from);
         let both = [times[0].max(interval.begin()), times[1].min(interval.end())];
         let last = both[0] == times[1] && times[0] < times[1];
         let more_than_an_end = times[0] < interval.end_bound() && (begins || !last);
-        let searched = both[0] <= both[1] && (more_than_an_end || beside_key(&tree.slice, both[0]));
+        let searched = both[0] <= both[1] && (more_than_an_end || beside_key(&tree.slice(), both[0]));
         searched.then_some(Slice { tree: Tree::Moving(tree), times: both, reports })
     };
-    let mut slices: Vec<Slice> = trees.filter_map(slice).collect();
+    let mut slices: Vec<Slice<'a, C>> = trees.filter_map(slice).collect();
     // The times of keys are rounded, and the slice beside the key may not be searched.
     for of_segment in slices.chunk_by_mut(|a, b| a.segment() == b.segment()) {
         let last = of_segment.len() - 1;
@@ -178,7 +171,11 @@ pub(super) fn time_slices_of<'a>(
 }
 
 /// Which slices are compared when. Each layer has a range of them, in the order of time.
-pub(super) fn pairings(slices: &[Slice], layers: &[Range<usize>], times: [f32; 2]) -> Vec<Pairing> {
+pub(super) fn pairings<C: SweptCoordinate>(
+    slices: &[Slice<'_, C>],
+    layers: &[Range<usize>],
+    times: [f32; 2],
+) -> Vec<Pairing> {
     let mut pairings: Vec<Pairing> = Vec::new();
     for (own, slice) in slices.iter().enumerate() {
         let begin = pairings.len();

@@ -1,0 +1,155 @@
+//! What is different where positions are kept in f32 and in f64: the trees, what is rounded, and the arithmetic of queries at a time.
+
+use crate::geometry::KeyTime;
+use crate::point::layout::moving_tree::MovingTree;
+use crate::point::layout::over_interval::{BlockTree, PointPath};
+use crate::point::layout::static_tree::StaticTree;
+use crate::point::leaf_order::moving_reference::exact_phase;
+use crate::point::precise::{PreciseTree, between};
+use crate::point::search::layers::Layer;
+use crate::point::tree::PointTree;
+use crate::simd::Simd;
+use glam::DVec3;
+
+/// Points that one structure holds.
+pub(super) enum SweptLayer<'a, C: SweptCoordinate> {
+    /// Static points that exist throughout the shutter.
+    Static(&'a C::Static),
+    /// One tree for each time slice, in the order of time.
+    Moving(&'a [C::Moving]),
+}
+
+/// A number that positions of moving points are kept in.
+pub(super) trait SweptCoordinate: Copy + Default + Into<f64> + Send + Sync {
+    /// The trees of static points and of others.
+    type Static: BlockTree<Coordinate = Self> + Sync;
+    type Moving: BlockTree<Coordinate = Self> + Sync;
+
+    /// The layers of a tree.
+    fn layers(tree: &PointTree) -> Vec<SweptLayer<'_, Self>>;
+    /// A coordinate relative to the centre of a group.
+    fn relative(x: f64, center: f64) -> f64;
+    /// The displacement between two keys.
+    fn displacement(open: Self, close: Self) -> f64;
+    /// Four of them side by side.
+    fn load_four<S: Simd>(s: S, four: &[Self; 4]) -> S::D;
+
+    /// How far beyond the radius, apart from what f32 rounds, two points may be whose encounter is reported: see [`super`]. `motion` is
+    /// the most by which displacements between two keys differ along an axis.
+    fn excess(segments: usize, magnitude: f64, motion: f64) -> f64;
+    /// How much the distances of points that queries at a time take for within a radius may exceed it, or those of
+    /// encounters fall short of the exact ones: see [`Sweep::allow_for_rounding`](super::sweep::Sweep::allow_for_rounding).
+    fn rounding(segments: usize, magnitude: f64, motion: f64, radius: f64) -> f64;
+    /// The distance up to which pairs are excluded by their positions in f32, given that up to which they may be in truth, the slack
+    /// of the test, and by how much they move in it before the first time.
+    fn excluded_within(distance: f64, slack: f64, moved: f64) -> f64;
+
+    /// The segment between keys in which queries find a time.
+    fn segment(time: f32, keys: usize) -> usize;
+    /// A time such that queries find all times before it in this segment or one before, and all these are before the later key.
+    fn segment_end(segment: usize, keys: usize) -> f32;
+    /// The squared distance of two points as queries at a time compute it.
+    fn squared_distance(points: [&PointPath; 2], time: f32, keys: usize) -> f32;
+}
+
+impl SweptCoordinate for f32 {
+    type Static = StaticTree;
+    type Moving = MovingTree;
+
+    fn layers(tree: &PointTree) -> Vec<SweptLayer<'_, f32>> {
+        let layers = tree.layers.iter().map(|layer| match layer {
+            Layer::Static(tree) => SweptLayer::Static(tree),
+            Layer::Moving(trees) => SweptLayer::Moving(trees),
+            // See `PointTree::box_tree`.
+            Layer::Planes(_) => SweptLayer::Moving(&[]),
+        });
+        layers.collect()
+    }
+    #[inline(always)]
+    fn relative(x: f64, _center: f64) -> f64 {
+        x
+    }
+    #[inline(always)]
+    fn displacement(open: f32, close: f32) -> f64 {
+        f64::from(close - open)
+    }
+    #[inline(always)]
+    fn load_four<S: Simd>(s: S, four: &[f32; 4]) -> S::D {
+        s.widen_four(four)
+    }
+    /// The slack covers it.
+    fn excess(_segments: usize, _magnitude: f64, _motion: f64) -> f64 {
+        0.0
+    }
+    fn rounding(segments: usize, magnitude: f64, _motion: f64, radius: f64) -> f64 {
+        ((8 * segments + 20) as f64 * magnitude + 8.0 * radius) / 16_777_216.0 + 1e-18
+    }
+    #[inline(always)]
+    fn excluded_within(distance: f64, _slack: f64, _moved: f64) -> f64 {
+        distance
+    }
+    fn segment(time: f32, keys: usize) -> usize {
+        KeyTime::new(time, keys).segment
+    }
+    fn segment_end(segment: usize, keys: usize) -> f32 {
+        let next_key = (segment + 1) as f64 / (keys.max(2) - 1) as f64;
+        // The f32 nearest to the key needs no rounding down: what is certain ends before it, and all f32 before it are
+        // before the key. But queries may locate the last of them at the key: a point that begins to exist then is not in this
+        // segment.
+        (next_key as f32).min(KeyTime::first_time(segment + 1, keys))
+    }
+    fn squared_distance([a, b]: [&PointPath; 2], time: f32, keys: usize) -> f32 {
+        let at = KeyTime::new(time, keys);
+        let d = b.position(at) - a.position(at);
+        (d.x * d.x + d.y * d.y) + d.z * d.z
+    }
+}
+
+impl SweptCoordinate for f64 {
+    type Static = PreciseTree;
+    type Moving = PreciseTree;
+
+    fn layers(tree: &PointTree) -> Vec<SweptLayer<'_, f64>> {
+        let layers = tree.precise.iter().map(|layer| match &layer.trees[..] {
+            [tree] if !tree.moves() => SweptLayer::Static(tree),
+            trees => SweptLayer::Moving(trees),
+        });
+        layers.collect()
+    }
+    #[inline(always)]
+    fn relative(x: f64, center: f64) -> f64 {
+        x - center
+    }
+    #[inline(always)]
+    fn displacement(open: f64, close: f64) -> f64 {
+        close - open
+    }
+    #[inline(always)]
+    fn load_four<S: Simd>(s: S, four: &[f64; 4]) -> S::D {
+        s.load_d(four)
+    }
+    fn excess(segments: usize, magnitude: f64, motion: f64) -> f64 {
+        (segments + 1) as f64 * magnitude * 2f64.powi(-47) + motion * 2f64.powi(-22)
+    }
+    fn rounding(segments: usize, magnitude: f64, motion: f64, radius: f64) -> f64 {
+        f64::excess(segments, magnitude, motion) + 8.0 * radius / 16_777_216.0 + 1e-18
+    }
+    #[inline(always)]
+    fn excluded_within(distance: f64, slack: f64, moved: f64) -> f64 {
+        distance - slack - moved
+    }
+    fn segment(time: f32, keys: usize) -> usize {
+        let segments = keys.max(2) - 1;
+        // The product is exact.
+        ((f64::from(time) * segments as f64) as usize).min(segments - 1)
+    }
+    fn segment_end(segment: usize, keys: usize) -> f32 {
+        KeyTime::not_before(segment + 1, keys.max(2))
+    }
+    fn squared_distance(points: [&PointPath; 2], time: f32, keys: usize) -> f32 {
+        let phase = exact_phase(time, keys, f64::segment(time, keys));
+        let [a, b] = points.map(|point| between([point.open, point.close].map(DVec3::from_array), phase));
+        let d = b - a;
+        ((d.x * d.x + d.y * d.y) + d.z * d.z) as f32
+    }
+}

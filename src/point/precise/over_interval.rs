@@ -1,0 +1,106 @@
+//! Trees over f64 points for searches over a range of times.
+//!
+//! Beyond the ends of a time slice, faces go on along their lines: searches that take a common motion off everything need lines.
+
+use super::linear_box::Node;
+use super::tree::{ABSENT, Block, PreciseTree, between};
+use crate::geometry::TimeInterval;
+use crate::point::layout::over_interval::{BlockTree, BoxTree, PathRows, PointPath, greater, lesser};
+use crate::point::leaf_order::moving_reference::SegmentSlice;
+use crate::simd::{LANES, Lanes};
+use glam::DVec3;
+
+impl BoxTree for PreciseTree {
+    fn slice(&self) -> SegmentSlice {
+        self.slice
+    }
+    fn root_node(&self) -> (usize, usize) {
+        self.shape.root()
+    }
+    fn children(&self, level: usize, node: usize) -> (usize, usize) {
+        self.shape.children(level, node)
+    }
+    fn times(&self, node: usize) -> [Lanes<f32>; 2] {
+        if let Some(times) = self.node_times.get(node) {
+            return [times.begin, times.end];
+        }
+        [self.nodes[node].boxes.lo[0].map(|x| if x < f32::INFINITY { 0.0 } else { f32::INFINITY }), [1.0; LANES]]
+    }
+    #[inline(always)]
+    fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
+        let (Node { middle, displacement, boxes }, slopes) = (&self.nodes[node], self.slopes.get(node));
+        let w = phase.map(|phase| self.fraction(phase));
+        let mut faces = [[[0.0; LANES]; 3]; 2];
+        for (number, (faces, boxes)) in faces.iter_mut().zip([&boxes.lo, &boxes.hi]).enumerate() {
+            for axis in 0..3 {
+                for lane in 0..LANES {
+                    let slope = slopes.map_or(0.0, |slopes| [&slopes.lo, &slopes.hi][number][axis][lane]);
+                    let middle = middle[axis] + displacement[axis] * w[lane];
+                    faces[axis][lane] = middle + (f64::from(boxes[axis][lane]) + f64::from(slope) * w[lane]);
+                }
+            }
+        }
+        faces
+    }
+    fn is_active(&self, block: usize, lane: usize, time: f32) -> bool {
+        self.block_times.get(block).is_none_or(|times| times.begin[lane] <= time && time < times.end[lane])
+    }
+    fn point_path(&self, block: usize, lane: usize) -> Option<PointPath> {
+        let Block { begin, id } = self.blocks.get(block)?;
+        let active = self.active.get(block).map(|t| TimeInterval::half_open(t.begin[lane], t.end[lane]));
+        let active = active.unwrap_or(Some(TimeInterval::FULL))?;
+        let open = begin.0.map(|row| row[lane]);
+        let close = self.ends.get(block).map_or(open, |rows| rows.0.map(|row| row[lane]));
+        (id[lane] != u32::MAX).then_some(PointPath { id: id[lane], open, close, active })
+    }
+    fn phase(&self, time: f32) -> f64 {
+        self.phase_at(time)
+    }
+    fn position(&self, point: &PointPath, time: f32) -> DVec3 {
+        between([point.open, point.close].map(DVec3::from_array), self.phase_at(time))
+    }
+}
+
+impl BlockTree for PreciseTree {
+    type Coordinate = f64;
+    #[inline(always)]
+    fn rows(&self, block: usize) -> PathRows<f64> {
+        let Block { begin, id } = &self.blocks[block];
+        let rows = PathRows::always_active(&begin.0, &self.ends.get(block).unwrap_or(begin).0, id);
+        match self.active.get(block) {
+            Some(active) => PathRows { begin: active.begin, end: active.end, ..rows },
+            None => rows,
+        }
+    }
+    fn has_active_intervals(&self) -> bool {
+        !self.active.is_empty()
+    }
+    fn timed(&self) -> bool {
+        !self.node_times.is_empty()
+    }
+    fn begins_at(&self, time: f32) -> bool {
+        self.active.iter().any(|active| active.begin.contains(&time))
+    }
+    #[inline(always)]
+    fn center(&self, node: usize, phase: f64) -> [f64; 3] {
+        self.nodes[node].middle_at(self.fraction(phase))
+    }
+    fn magnitude(&self) -> f64 {
+        let rows = self.blocks.iter().map(|block| &block.begin).chain(&self.ends);
+        let coordinates = rows.flat_map(|rows| rows.0.as_flattened()).filter(|x| **x != ABSENT);
+        coordinates.fold(0.0, |most, x| greater(most, x.abs()))
+    }
+    fn displacements(&self) -> [[f64; 3]; 2] {
+        let (mut lo, mut hi) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        for (number, Block { begin, id }) in self.blocks.iter().enumerate() {
+            let end = self.ends.get(number).unwrap_or(begin);
+            for axis in 0..3 {
+                for lane in (0..LANES).filter(|&lane| id[lane] != u32::MAX) {
+                    let displacement = end.0[axis][lane] - begin.0[axis][lane];
+                    (lo[axis], hi[axis]) = (lesser(lo[axis], displacement), greater(hi[axis], displacement));
+                }
+            }
+        }
+        [lo, hi]
+    }
+}
