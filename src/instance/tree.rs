@@ -365,7 +365,7 @@ mod tests {
     use crate::params::BuildParams;
     use crate::primitive::TriangleMesh;
     use crate::random::Random;
-    use glam::DMat3;
+    use glam::{DMat3, Vec3};
 
     /// Counts hits of rays at the edges of a cube under sheared matrices, and those that are lost.
     fn lost(padding: f64, away: f32) -> (usize, usize) {

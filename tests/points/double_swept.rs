@@ -349,7 +349,7 @@ fn points_at_rest() {
     let mut met = EncounterLists::new();
     tree.neighbor_lists_swept_into(TimeInterval::FULL, 0.3, &mut met).unwrap();
     assert!(met.encounters().len() > 300 && met.encounters().iter().all(|e| (e.enter, e.leave) == (0.0, 1.0)));
-    let all = tree.neighbor_lists(0.0, 0.3).sorted().rows_by_id();
+    let all = tree.neighbor_lists(0.0, 0.3).sorted().in_order();
     all.run(&mut lists).unwrap();
     let mut rows: Vec<(u32, Vec<u32>)> = met.iter().map(|(id, row)| (id, row.iter().map(|e| e.id).collect())).collect();
     rows.iter_mut().for_each(|row| row.1.sort_unstable());

@@ -291,7 +291,8 @@ fn points_of_surfaces_are_found_again_at_other_times() {
                     }
                     _ => {
                         let [a, b, c] = inner.vertices(&hit, then);
-                        let at = a * (1.0 - f64::from(hit.u) - f64::from(hit.v)) + b * hit.u.into() + c * hit.v.into();
+                        let (u, v) = (f64::from(hit.u), f64::from(hit.v));
+                        let at = a * (1.0 - u - v) + b * u + c * v;
                         assert!(other.distance(at) < 1e-12);
                         of_triangles += 1;
                     }

@@ -2,8 +2,7 @@
 
 use super::common::{Random, bits, soup, variants};
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{BuildParams, Hit};
-use mbkd::{Keys, LazyParams, Ray, RayTree, TriangleMesh, WideParams};
+use mbkd::{BuildParams, ClosestPointQuery, Hit, Keys, LazyParams, Ray, RayTree, TriangleMesh, WideParams};
 
 /// The keys of a mesh in f64, moved and scaled.
 fn placed(mesh: &TriangleMesh, size: f64, at: DVec3) -> Vec<Vec<DVec3>> {
@@ -60,7 +59,7 @@ fn scenes_are_the_same_with_and_without_unused_vertices() {
                 let ray = Ray::new(origin, ((to - origin) / size).as_vec3()).at_time(random.unit());
                 let [of_a, of_b]: [Option<Hit>; 2] = [a, b].map(|tree| tree.closest_hit(&ray));
                 assert_eq!(of_a.map(bits), of_b.map(bits), "round {round}, {ray:?}");
-                let [near_a, near_b] = [a, b].map(|tree| tree.closest_point(origin, ray.time));
+                let [near_a, near_b] = [a, b].map(|tree| tree.closest_point(&ClosestPointQuery::new(origin, ray.time)));
                 assert_eq!(near_a, near_b, "round {round}, {origin}");
                 found += usize::from(of_a.is_some());
             }
