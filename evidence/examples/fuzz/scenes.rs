@@ -104,7 +104,13 @@ fn motion(random: &mut Random, places: &Places, start: &[DVec3], keys: usize) ->
 fn mesh(random: &mut Random, places: &Places, n: usize) -> TriangleMesh {
     let keys = random.pick(&[1, 1, 2, 2, 2, 3, 5, 9, 17, 65]);
     let (indices, start) = shape(random, places, n.min(40_000 / keys));
-    let keys = motion(random, places, &start, keys);
+    let mut keys = motion(random, places, &start, keys);
+    if random.one_in(6) {
+        // A vertex that no triangle has, far away.
+        let most = DVec3::splat(9e29);
+        let unused = (random.vec() * places.scale * random.power(0, 15)).clamp(-most, most);
+        keys.iter_mut().for_each(|key| key.push(unused));
+    }
     let mesh = match random.below(6) {
         0 => TriangleMesh::new(indices, Keys::F64(keys)),
         1 => TriangleMesh::new(indices, Keys::Precise(keys)),
