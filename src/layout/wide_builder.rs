@@ -121,8 +121,8 @@ impl WideTree {
     ) -> Result<WideTree, BuildError> {
         let primitives = ids.iter().map(|ids| ids.len()).sum();
         let mut wide = params.wide;
-        for attempt in 0..ATTEMPTS {
-            let progress = progress.rest(ATTEMPT);
+        for (attempt, share) in ATTEMPT.into_iter().enumerate() {
+            let progress = progress.rest(share);
             let built = WideTree::unlimited(set, ids, &DraftParams { wide, ..*params }, &progress);
             let bytes = match &built {
                 Ok(tree) => Some(tree.arena.bytes()),
@@ -346,11 +346,11 @@ impl WideTree {
     }
 }
 
-/// Shares of the steps of a build, about, for its progress: of the index of leaf blocks in the whole; of an attempt in what is left,
-/// since most builds need only one; of the draft in an attempt, if nothing changes and if time slices may follow; of hierarchies
+/// Shares of the steps of a build, about, for its progress: of the index of leaf blocks in the whole; of each attempt in what is left,
+/// where most builds need only one; of the draft in an attempt, if nothing changes and if time slices may follow; of hierarchies
 /// for shared leaves in their region, and of writing these leaves in the rest.
 const INDEXING: f64 = 0.03;
-const ATTEMPT: f64 = 0.95;
+const ATTEMPT: [f64; ATTEMPTS] = [0.95, 0.5];
 const DRAFT: f64 = 0.8;
 const DRAFT_BEFORE_SLICES: f64 = 0.4;
 const SHARED_NODES: f64 = 0.6;

@@ -132,6 +132,9 @@ pub struct PointTree {
 /// The approximate fraction of a build that reading the input takes.
 const READING: f64 = 0.1;
 
+/// The approximate fraction of a build that choosing a structure for points in f64 takes. The trees of the choice are not used.
+const PLANNING: f64 = 0.15;
+
 /// Why a tree has only a static layer.
 const ALL_STATIC: &str = "all points are static";
 const ALL_STATIC_IN_F64: &str = "all points are static; positions in f64";
@@ -297,8 +300,9 @@ impl PointTree {
             Some(plan) => (plan, "as requested; positions in f64".to_string()),
             None if count == len => (SIMPLE, String::new()),
             None => {
+                let planning = progress.subtask(PLANNING);
                 let (plan, why) =
-                    plan_for_all(source, &partition.moving_points(), params.max_references, params.simd, progress);
+                    plan_for_all(source, &partition.moving_points(), params.max_references, params.simd, &planning);
                 (plan, format!("{why}; trials used positions rounded to f32"))
             }
         };

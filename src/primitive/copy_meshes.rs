@@ -210,7 +210,9 @@ fn each<T>(
     progress: &Progress,
     mut f: impl FnMut(usize, &TriangleMesh) -> Result<T, BuildError>,
 ) -> Result<Vec<T>, BuildError> {
-    let size = |mesh: &TriangleMesh| mesh.keys.len() * mesh.keys.vertices(0) + mesh.len();
+    // Nothing is known of a mesh that was not checked yet.
+    let vertices = |mesh: &TriangleMesh| (0..mesh.keys.len()).map(|key| mesh.keys.vertices(key)).sum::<usize>();
+    let size = |mesh: &TriangleMesh| vertices(mesh) + mesh.len();
     let progress = progress.in_units(meshes.iter().map(size).sum());
     let done = (0..).zip(meshes).map(|(i, mesh)| {
         progress.check()?;

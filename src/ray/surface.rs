@@ -22,13 +22,12 @@ pub(crate) struct Departure {
     pub lift: f64,
 }
 
-/// How far an origin is moved off a triangle, relative to the sum `M` of its longest edge `L` and the largest coordinate of a corner, in the
-/// world or from the origin of tree space. (Of a sphere: relative to its radius.)
+/// How far an origin is moved off a triangle, relative to the sum `M` of its longest edge `L` and the largest coordinate of a corner from the
+/// origin of tree space. (Of a sphere: relative to its radius.) Beside that it is moved by [`OF_COORDINATE`].
 ///
 /// If it is `d` off the plane of a triangle, the numerator of the computed distance from it is `d` times twice the area, `|n|`, with the
-/// sign that matters. Corners are rounded when they are mapped to the world, and the origin when it is mapped back, each by 2^-53 M;
-/// the corners as seen from the origin, and their shear, by less. So sheared coordinates are off by 6 times 2^-53 M, each of the six products
-/// of two of them by 6 times 2^-52 M L, and their sum, weighted with depths of at most L, by less than 2^-46 M L². So `d` has to be more than
+/// sign that matters. The origin is rounded in tree space, by 2^-53 M; the corners as seen from it, and their shear, by less. So sheared
+/// coordinates are off by 6 times 2^-53 M, each of the six products of two of them by 6 times 2^-52 M L, and their sum, weighted with depths of at most L, by less than 2^-46 M L². So `d` has to be more than
 /// 2^-46 M L² / |n|, which this is where triangles are up to a thousand times as long as wide; of others [`OF_SLIVER`] is. What else is
 /// in the scene, and how far away, does not matter.
 const OF_TRIANGLE: f64 = 1.0 / (1u64 << 36) as f64;
@@ -140,7 +139,7 @@ impl RayTree {
             let point = a + ab * f64::from(hit.u) + ac * f64::from(hit.v);
             let longest = ab.length_squared().max(ac.length_squared()).max((c - b).length_squared());
             let origin = self.frame().origin;
-            let coordinate = |p: DVec3| p.abs().max((p - origin).abs()).max_element();
+            let coordinate = |p: DVec3| (p - origin).abs().max_element();
             let size = longest.sqrt() + coordinate(a).max(coordinate(b)).max(coordinate(c));
             let lift = size * OF_TRIANGLE.max(OF_SLIVER * longest / normal.length()) + rounding(point);
             return Departure { point, away: side(unit, dir), lift };

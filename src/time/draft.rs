@@ -233,7 +233,7 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
             draft_with(set, references, slice, budget.is_some(), cost_model, reinsertion, rest)?
         }
     };
-    (!progress.cancelled()).then(|| Draft { primitives: ids.len(), ratio, ..draft })
+    (!progress.cancelled()).then_some(Draft { primitives: ids.len(), ratio, ..draft })
 }
 
 /// Shares of the steps of a draft, about: making references is so much of the whole, the object splits are so much of the rest, and a

@@ -11,8 +11,8 @@ use std::sync::{Arc, Mutex};
 
 const TRIANGLES: usize = 200_000;
 
-/// No report may be further from the one before.
-const LARGEST_GAP: f32 = 0.05;
+/// No report may be further from the one before. (A step that turns out not to be needed, such as moving subtrees, counts at once.)
+const LARGEST_GAP: f32 = 0.07;
 
 type Report<'a> = &'a (dyn Fn(f32) -> ControlFlow<()> + Sync);
 
@@ -101,19 +101,22 @@ fn coarse_builds_of_lazy_trees_report_evenly_and_can_be_cancelled_at_any_report(
     check_meshes("lazy", &[soup(TRIANGLES, 2, 0.02, 0.05, 7)], &BuildParams::lazy(LazyParams::default()));
 }
 
+/// A build that exceeds its budget begins again, with what is left of its progress.
 #[test]
-fn builds_over_their_budget_report_evenly_until_they_fail() {
-    let params = WideParams { bytes_per_primitive: 64.0, ..WideParams::default() };
-    let meshes = [soup(TRIANGLES / 2, 2, 0.02, 0.05, 8)];
-    let build = |report: Report<'_>| {
-        let built = RayTree::build_with_progress(&meshes, &BuildParams::wide(params), report);
-        // The sizes do not matter.
-        built.map(|_| ()).map_err(|error| match error {
-            BuildError::OverBudget { .. } => BuildError::OverBudget { bytes: 0, budget: 0 },
-            other => other,
-        })
-    };
-    check("over budget", &Err(BuildError::OverBudget { bytes: 0, budget: 0 }), &build);
+fn builds_that_exceed_their_budget_report_as_well() {
+    let meshes = [soup(20_000, 9, 0.2, 0.3, 3)];
+    for bytes_per_primitive in [128.0, 160.0, 200.0] {
+        let params = BuildParams::wide(WideParams { bytes_per_primitive, ..WideParams::default() });
+        let expected = RayTree::build(&meshes, &params).map(|_| ());
+        let build = |report: Report<'_>| RayTree::build_with_progress(&meshes, &params, report).map(|_| ());
+        let (told, result) = reported(&build, |_, _| false);
+        assert_eq!((result, told.is_sorted_by(|a, b| a < b)), (expected.clone(), true), "{told:?}");
+        assert_eq!(told.last() == Some(&1.0), expected.is_ok(), "{told:?}");
+        for share in [0.1, 0.5, 0.9] {
+            let (until, result) = reported(&build, |_, done| done > share);
+            assert_eq!(result, Err(BuildError::Cancelled), "{bytes_per_primitive}, cancelled at {share}: {until:?}");
+        }
+    }
 }
 
 #[test]
