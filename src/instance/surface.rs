@@ -9,7 +9,8 @@ use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 impl InstanceTree {
     /// The corners of the triangle that was hit, at any time of the shutter, as the instance places it then. NaN for a
-    /// hit on another shape and for a hit that is not of this tree. Outside the active interval of its mesh: see [`RayTree::triangle`].
+    /// hit on another shape and for a hit that is not of this tree. Outside the active interval of its mesh: see
+    /// [`RayTree::triangle`](crate::RayTree::triangle).
     pub fn vertices(&self, hit: &InstanceHit, time: f32) -> [DVec3; 3] {
         match (self.tree(&hit.path), self.matrix(&hit.path, time)) {
             (Some(tree), Some(matrix)) => tree.vertices(&hit.hit, time).map(|p| matrix.transform_point3(p)),
@@ -33,7 +34,7 @@ impl InstanceTree {
     }
 
     /// Where the point of the surface that `ray` hit is at another time of the shutter, as the instance places it then: for motion vectors. As
-    /// [`RayTree::point_at`]; `None` for a hit that is not of this tree as well.
+    /// [`RayTree::point_at`](crate::RayTree::point_at); `None` for a hit that is not of this tree as well.
     ///
     /// ```
     /// use std::sync::Arc;
