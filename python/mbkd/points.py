@@ -25,8 +25,7 @@ class PointTree:
     points : (n, 3) or (K, n, 3)
         Positions, or positions at K keys spaced evenly over the shutter [0, 1]. Points move linearly between keys.
         float32 positions are kept bit for bit. So are float64 positions, unless `precision` says otherwise; they take about
-        twice the memory and up to twice the time, and have no neighbour lists with a skin or over an interval. Integers
-        become float64. C-contiguous arrays are read in place.
+        twice the memory and up to twice the time. Integers become float64. C-contiguous arrays are read in place.
     keys : (n, 3) or (K - 1, n, 3), optional
         Positions at the later keys, if `points` has those at the first key.
     active : (n, 2), optional
