@@ -26,6 +26,8 @@ mod lists_swept;
 mod outliers;
 #[cfg(feature = "rayon")]
 mod paddings;
+#[cfg(feature = "rayon")]
+mod progress;
 mod property;
 mod support;
 mod visitors;
