@@ -7,7 +7,7 @@ use super::fill_moving_leaves::{MovingBottomNodes, Ordered, fill};
 use super::linear_bounds::{LinearBox, LinearBoxes};
 use super::moving_leaf::{Block, LaneIntervals, MovingLeaves};
 use super::moving_view::{AtTime, HasLeaves};
-use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath, magnitude_of_boxes};
+use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath};
 use super::slice_tree::SliceTree;
 use super::snapshot::{CoordinateView, Target, View, diagonal, outside, rows};
 use super::static_tree::Shape;
@@ -289,15 +289,5 @@ impl BlockTree for MovingTree {
     }
     fn begins_at(&self, time: f32) -> bool {
         self.leaves.begins_at(time)
-    }
-    #[inline(always)]
-    fn center(&self, _node: usize, _phase: f64) -> [f64; 3] {
-        [0.0; 3]
-    }
-    fn magnitude(&self) -> f64 {
-        magnitude_of_boxes(self)
-    }
-    fn displacements(&self) -> [[f64; 3]; 2] {
-        [[0.0; 3]; 2]
     }
 }

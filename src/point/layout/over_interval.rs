@@ -71,25 +71,27 @@ pub(in crate::point) trait BlockTree: BoxTree {
     /// Whether the interval of any point begins at a time.
     fn begins_at(&self, time: f32) -> bool;
     /// The place at a phase that positions below a node are best measured from; of no account where they are in f32.
-    fn center(&self, node: usize, phase: f64) -> [f64; 3];
-    /// The largest magnitude of a coordinate at either key of the segment, or somewhat more.
-    fn magnitude(&self) -> f64;
+    #[inline(always)]
+    fn center(&self, _node: usize, _phase: f64) -> [f64; 3] {
+        [0.0; 3]
+    }
+    /// The largest magnitude of a coordinate at either key of the segment, or somewhat more: here by the boxes at the keys.
+    fn magnitude(&self) -> f64 {
+        let root = self.root_node().1;
+        let begins = self.times(root)[0];
+        let keys = [0.0, 1.0].map(|phase| self.faces(root, &[phase; LANES]));
+        let rows = keys.iter().flatten().flatten();
+        let largest = |row: &Lanes<f64>| {
+            let lanes = (0..LANES).filter(|&lane| begins[lane] < f32::INFINITY);
+            lanes.fold(0.0f64, |most, lane| most.max(row[lane].abs()))
+        };
+        rows.map(largest).fold(0.0, f64::max)
+    }
     /// The least and the greatest displacement of a point between the keys, along each axis, infinite without a point; of no account
     /// where positions are in f32.
-    fn displacements(&self) -> [[f64; 3]; 2];
-}
-
-/// [`BlockTree::magnitude`] by the boxes at the keys.
-pub(in crate::point) fn magnitude_of_boxes<T: BoxTree>(tree: &T) -> f64 {
-    let root = tree.root_node().1;
-    let begins = tree.times(root)[0];
-    let keys = [0.0, 1.0].map(|phase| tree.faces(root, &[phase; LANES]));
-    let rows = keys.iter().flatten().flatten();
-    let largest = |row: &Lanes<f64>| {
-        let lanes = (0..LANES).filter(|&lane| begins[lane] < f32::INFINITY);
-        lanes.fold(0.0f64, |most, lane| most.max(row[lane].abs()))
-    };
-    rows.map(largest).fold(0.0, f64::max)
+    fn displacements(&self) -> [[f64; 3]; 2] {
+        [[0.0; 3]; 2]
+    }
 }
 
 /// A tree whose boxes can be evaluated over a range of times.

@@ -6,7 +6,7 @@
 //! fills the levels better.
 
 use super::fill_leaves::{BottomNodes, Points, fill};
-use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath, magnitude_of_boxes};
+use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath};
 use super::snapshot::{Boxes, CoordinateView, Leaves, Target, View, diagonal, outside, rows, squared};
 use crate::geometry::TimeInterval;
 use crate::limits::MAX_LEVELS;
@@ -386,15 +386,5 @@ impl BlockTree for StaticTree {
     }
     fn begins_at(&self, _time: f32) -> bool {
         false
-    }
-    #[inline(always)]
-    fn center(&self, _node: usize, _phase: f64) -> [f64; 3] {
-        [0.0; 3]
-    }
-    fn magnitude(&self) -> f64 {
-        magnitude_of_boxes(self)
-    }
-    fn displacements(&self) -> [[f64; 3]; 2] {
-        [[0.0; 3]; 2]
     }
 }
