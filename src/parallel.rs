@@ -109,7 +109,7 @@ pub(crate) fn threads() -> usize {
     1
 }
 
-/// Items per task of [`fill`] and [`chunks`].
+/// Items per task of [`chunks`].
 pub(crate) const CHUNK: usize = 4096;
 
 /// `f` of successive ranges that together are `0..n`, in order. The ranges depend on nothing but `n`.
@@ -124,19 +124,6 @@ type Parts<T> = core::iter::Chain<core::option::IntoIter<T>, std::vec::IntoIter<
 pub(crate) fn parts<T: Send>(n: usize, f: impl Fn(Range<usize>) -> T + Sync) -> Parts<T> {
     let (one, several) = if n > CHUNK { (None, chunks(n, f)) } else { ((n > 0).then(|| f(0..n)), Vec::new()) };
     one.into_iter().chain(several)
-}
-
-/// Appends `f(0)`, … `f(n - 1)`, which are cheap.
-pub(crate) fn fill<T: Send>(items: &mut Vec<T>, n: usize, f: impl Fn(usize) -> T + Sync) {
-    #[cfg(feature = "rayon")]
-    {
-        use rayon::prelude::*;
-        if n > CHUNK && threads() > 1 {
-            items.par_extend((0..n).into_par_iter().with_min_len(CHUNK).map(&f));
-            return;
-        }
-    }
-    items.extend((0..n).map(f));
 }
 
 /// Locks a mutex, also after a panic of another thread, which is propagated there.

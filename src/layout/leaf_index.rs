@@ -8,7 +8,7 @@ use super::wide_node::{ChildRef, Kind, node_rows};
 use super::wide_tree::{Counts, WideTree};
 use crate::parallel;
 use crate::primitive::{PrimitiveSet, Triangles};
-use crate::simd::{LANES, huge_vec};
+use crate::simd::{LANES, fill, huge_vec};
 use crate::time::TimeSlice;
 use core::convert::Infallible;
 use core::ops::Range;
@@ -91,7 +91,7 @@ impl WideTree {
     fn empty_index<S: WideSource>(&self, set: &S) -> Vec<AtomicU32> {
         let entries = set.triangles().map_or(0, |triangles| triangles.entries(self.slices));
         let mut blocks = huge_vec(entries);
-        parallel::fill(&mut blocks, entries, |_| AtomicU32::new(ChildRef::NOTHING.0));
+        fill(&mut blocks, entries, |_| AtomicU32::new(ChildRef::NOTHING.0));
         blocks
     }
 

@@ -19,7 +19,7 @@ use crate::parallel;
 use crate::params::{Division, WideParams};
 use crate::primitive::SPHERE_KEY_BYTES;
 use crate::progress::Progress;
-use crate::simd::{Arena, LANES, huge_vec};
+use crate::simd::{Arena, LANES, fill, huge_vec};
 use crate::time::{
     COST_MODEL, Draft, DraftParams, Region, Reinsertion, SharedLeaves, TimeSlice, any_changes, any_is_left_out,
     draft_sample, draft_tree, held_in, prefetch_blocks, primitives, regions, share_of_slices,
@@ -39,7 +39,7 @@ impl WideTree {
     /// Builds over all primitives of a set within the bytes that the parameters allow.
     pub fn build<S: WideSource>(set: &S, params: &WideParams, progress: &Progress) -> Result<WideTree, BuildError> {
         let mut held = huge_vec(set.len());
-        parallel::fill(&mut held, set.len(), |id| id as u32);
+        fill(&mut held, set.len(), |id| id as u32);
         let hidden = set.hidden();
         if !hidden.is_empty() {
             held.retain(|id| hidden.binary_search(id).is_err());
@@ -304,7 +304,7 @@ impl WideTree {
         let further = shared.trees.iter().map(|tree| words_of_nodes(&tree.binary, &tree.collapse)).sum::<usize>();
         // The sizes of blocks of sub-references of one primitive are slightly too large.
         let mut words = Vec::new();
-        parallel::fill(&mut words, shared.clusters.len(), |i| {
+        fill(&mut words, shared.clusters.len(), |i| {
             let of = draft.references(&shared.clusters[i]);
             let mut ids = [0; LANES];
             ids.iter_mut().zip(of).for_each(|(id, r)| *id = r.id());

@@ -9,7 +9,7 @@ use crate::error::{BuildError, RefitError};
 use crate::geometry::{Aabb, Frame, TimeInterval};
 use crate::parallel;
 use crate::progress::Progress;
-use crate::simd::{huge_vec, prefetch};
+use crate::simd::{fill, huge_vec, prefetch};
 use core::ops::Range;
 use glam::Vec3;
 
@@ -91,7 +91,7 @@ impl Triangles {
         each(meshes, progress, |i, mesh| {
             let (keys, first) = (kept[i], corners.len() as u32);
             let corner = append(&mut positions, mesh, keys, frame);
-            parallel::fill(&mut corners, mesh.len(), |t| mesh.indices[t].map(&corner));
+            fill(&mut corners, mesh.len(), |t| mesh.indices[t].map(&corner));
             let (active, mask, indices) = (mesh.active, mesh.mask, digest(&mesh.indices));
             let in_f64 = mesh.is_precise().then_some(precise);
             precise += if mesh.is_precise() { mesh.len() as u32 } else { 0 };
@@ -167,7 +167,7 @@ fn append_keys<P: Copy + Sync>(
     let vertices = at[0].len();
     let alone = vertices <= parallel::CHUNK || parallel::threads() == 1;
     match *keys {
-        [key] => return parallel::fill(positions, vertices, |v| map(at[key][v])),
+        [key] => return fill(positions, vertices, |v| map(at[key][v])),
         [first, last] if alone => {
             return positions.extend(at[first].iter().zip(&at[last]).flat_map(|(&a, &b)| [map(a), map(b)]));
         }

@@ -4,7 +4,7 @@ use super::merge_keys::given_key;
 use super::mesh::TriangleMesh;
 use crate::geometry::Frame;
 use crate::parallel;
-use crate::simd::huge_vec;
+use crate::simd::{fill, huge_vec};
 use core::ops::Range;
 use glam::DVec3;
 
@@ -26,9 +26,9 @@ impl PreciseVertices {
         let mut all = PreciseVertices { positions: huge_vec(positions), corners: huge_vec(corners) };
         for (mesh, &keys) in precise() {
             let first = all.positions.len() as u32;
-            parallel::fill(&mut all.positions, mesh.keys.vertices(0) * keys, position(mesh, keys, frame));
+            fill(&mut all.positions, mesh.keys.vertices(0) * keys, position(mesh, keys, frame));
             let place = |v: u32| first + v * keys as u32;
-            parallel::fill(&mut all.corners, mesh.len(), |t| mesh.indices[t].map(place));
+            fill(&mut all.corners, mesh.len(), |t| mesh.indices[t].map(place));
         }
         all
     }

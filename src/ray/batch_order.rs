@@ -8,6 +8,7 @@
 
 use crate::geometry::{Aabb, Ray, morton_code};
 use crate::parallel;
+use crate::simd::fill;
 use glam::DVec3;
 
 /// Rays that are sorted together: enough that every cell has several of them, and few enough that buffers stay small.
@@ -112,17 +113,10 @@ pub(crate) fn answer_each<Q: Sync, T: Copy + Default + Send>(
     });
 }
 
-/// Calls `fill` for each task with the index of its first query, its queries and their answers.
-fn in_tasks<Q: Sync, T: Send>(queries: &[Q], answers: &mut [T], fill: impl Fn(usize, &[Q], &mut [T]) + Sync) {
-    #[cfg(feature = "rayon")]
-    if queries.len() > CHUNK && parallel::threads() > 1 {
-        use rayon::prelude::*;
-        let tasks = queries.par_chunks(CHUNK).zip(answers.par_chunks_mut(CHUNK)).enumerate();
-        return tasks.for_each(|(task, (queries, answers))| fill(task * CHUNK, queries, answers));
-    }
-    for (task, (queries, answers)) in queries.chunks(CHUNK).zip(answers.chunks_mut(CHUNK)).enumerate() {
-        fill(task * CHUNK, queries, answers);
-    }
+/// Calls `answer` for each task with the index of its first query, its queries and their answers.
+fn in_tasks<Q: Sync, T: Send>(queries: &[Q], answers: &mut [T], answer: impl Fn(usize, &[Q], &mut [T]) + Sync) {
+    let mut tasks: Vec<_> = queries.chunks(CHUNK).zip(answers.chunks_mut(CHUNK)).enumerate().collect();
+    parallel::each(&mut tasks, |(task, (queries, answers))| answer(*task * CHUNK, queries, answers));
 }
 
 /// Estimates the coherence of a batch from a sample of successive pairs.
@@ -161,7 +155,7 @@ fn sorted(rays: &[Ray], space: Space) -> Vec<u32> {
     /// Bits per coordinate of a cell.
     const BITS: u32 = 4;
     let mut keys = Vec::with_capacity(rays.len());
-    parallel::fill(&mut keys, rays.len(), |i| {
+    fill(&mut keys, rays.len(), |i| {
         let ray = &rays[i];
         let at = ((ray.origin - space.centre) * space.scale + 1.0) * (0.5 * f64::from(1 << BITS));
         let cell = |x: f64| (x as u32).min((1 << BITS) - 1);

@@ -4,8 +4,8 @@
 //! layout. If callers instantiated it, every crate with a query would compile all of that again. So a tree carries the
 //! addresses of its queries, which this crate compiled for triangles and for primitives of any type ([`super::erased_shapes`]);
 //! builds are compiled likewise. Filters, observers and visitors are called through `dyn`, once per accepted hit or
-//! visited block. One form of each query looks for them at run time ([`Guards`]); except for SSE2, and for most queries of lazy
-//! trees, a second form is compiled without them.
+//! visited block. One form of each query looks for them at run time ([`Guards`]); except for SSE2 and in lazy trees, a
+//! second form is compiled without them.
 
 use super::closest_point::closest_search::{
     ClosestPoint, ClosestPointSource, closest_point_in_kd, closest_point_in_wide, plain_closest_point_in_wide,
@@ -19,7 +19,7 @@ use super::traversal::collect::Visitor;
 use super::traversal::interleave::Interleaved;
 use super::traversal::intersect::RaySource;
 use super::traversal::lazy::answer_lazily;
-use super::traversal::query::{AllHits, AnyHit, Asked, ClosestHit, OfWide, Query, QueryArgs};
+use super::traversal::query::{AllHits, AnyHit, AnyOrAll, Asked, ClosestHit, OfWide, Query, QueryArgs};
 use super::traversal::stream::Streams;
 use super::{Everything, Hit, Observer, Ray, Visible};
 use crate::error::BuildError;
@@ -198,9 +198,10 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
         all: Queries::plain_all,
         all_guarded: Queries::guarded_all,
         singly_closest: Queries::each_closest,
-        interleaved_closest: |on, task| on.batch(Interleaved, ClosestHit, task, Queries::each_closest),
-        streams_closest: |on, task| on.batch(Streams, ClosestHit, task, Queries::each_closest),
-        streams_any: |on, task| on.batch(Streams, AnyHit, task, Queries::each_any),
+        // For custom primitives, rays one by one take as long.
+        interleaved_closest: if G::TRIANGLES { Queries::interleaved_closest } else { Queries::each_closest },
+        streams_closest: Queries::streams_closest,
+        streams_any: Queries::streams_any,
     };
 
     // The plain queries are functions of their own: the address of a closure is that of a shim which calls it. They are
@@ -219,11 +220,6 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
     /// Whether there is a hit.
     fn plain_any(on: Target<'_, G>, ray: &Ray) -> bool {
         let observer = &mut ();
-        // In a lazy tree the guarded form takes 1.02 to 1.06 times as long (docs/notes_rays_tried.md).
-        if let Layout::Lazy(tree) = on.layout {
-            let args = QueryArgs { set: on.geometry, ray, filter: &Everything, observer };
-            return answer_lazily(Asked(AnyHit, args), tree, on.simd);
-        }
         on.answer_plain(
             || Asked(AnyHit, QueryArgs { set: on.geometry, ray, filter: &Everything, observer }),
             |_| Queries::guarded_any(on, ray, Guards::NONE),
@@ -256,11 +252,11 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
     }
 
     fn guarded_any(on: Target<'_, G>, ray: &Ray, guards: Guards<'_, Offer>) -> bool {
-        on.answer(AnyHit, ray, guards)
+        on.answer(AnyOrAll::Any(AnyHit), ray, guards).is_break()
     }
 
     fn guarded_all(on: Target<'_, G>, ray: &Ray, guards: Guards<'_, Offer>, visitor: Visitor<'_>) -> ControlFlow<()> {
-        on.answer(AllHits { visitor, repeats: on.layout.repeats() }, ray, guards)
+        on.answer(AnyOrAll::All(AllHits { visitor, repeats: on.layout.repeats() }), ray, guards)
     }
 
     fn each_closest(on: Target<'_, G>, task: Task<'_, Option<Hit>>) {
@@ -269,6 +265,18 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
 
     fn each_any(on: Target<'_, G>, task: Task<'_, bool>) {
         on.singly(task, Queries::plain_any, Queries::guarded_any);
+    }
+
+    fn interleaved_closest(on: Target<'_, G>, task: Task<'_, Option<Hit>>) {
+        on.batch(Interleaved, ClosestHit, task, Queries::each_closest);
+    }
+
+    fn streams_closest(on: Target<'_, G>, task: Task<'_, Option<Hit>>) {
+        on.batch(Streams, ClosestHit, task, Queries::each_closest);
+    }
+
+    fn streams_any(on: Target<'_, G>, task: Task<'_, bool>) {
+        on.batch(Streams, AnyHit, task, Queries::each_any);
     }
 
     fn guarded_closest_point(

@@ -1,9 +1,9 @@
 //! Memory in lines of 64 bytes: one AVX-512 register, one cache line.
 
+use super::fill::fill;
 use super::huge_pages::huge_vec;
 use super::lanes::LANES;
 use super::prefetch::prefetch;
-use crate::parallel;
 
 /// One line; its alignment keeps a node's rows from straddling cache lines.
 #[derive(Clone, Copy)]
@@ -109,7 +109,7 @@ impl Arena {
         let capacity = self.lines.capacity();
         if capacity < lines || capacity > lines + lines / 32 {
             let mut fitting = huge_vec(lines);
-            parallel::fill(&mut fitting, self.lines.len(), |i| self.lines[i]);
+            fill(&mut fitting, self.lines.len(), |i| self.lines[i]);
             self.lines = fitting;
         }
         self.lines.resize(lines, Line([0.0; LANES]));

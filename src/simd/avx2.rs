@@ -34,6 +34,7 @@ pub(super) fn detected() -> bool {
 ///
 /// # Safety
 /// [`detected`] must have returned true on this CPU.
+#[inline(never)]
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 pub(super) unsafe fn run<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(Avx2(()))
@@ -149,6 +150,12 @@ impl Simd for Avx2 {
     type U = U;
     type D = Four;
     const HALVES: bool = true;
+
+    #[inline(always)]
+    fn call<K: Kernel>(self, kernel: K) -> K::Output {
+        // SAFETY: the token exists only after detection.
+        unsafe { run(kernel) }
+    }
 
     #[inline(always)]
     fn splat(self, x: f32) -> F {

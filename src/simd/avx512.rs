@@ -38,6 +38,7 @@ pub(super) fn detected() -> bool {
 ///
 /// # Safety
 /// [`detected`] must have returned true on this CPU.
+#[inline(never)]
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 pub(super) unsafe fn run<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(Avx512(()))
@@ -83,6 +84,12 @@ impl Simd for Avx512 {
     type F = F;
     type U = U;
     type D = Four;
+
+    #[inline(always)]
+    fn call<K: Kernel>(self, kernel: K) -> K::Output {
+        // SAFETY: the token exists only after detection.
+        unsafe { run(kernel) }
+    }
 
     #[inline(always)]
     fn splat(self, x: f32) -> F {

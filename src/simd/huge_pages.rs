@@ -1,6 +1,6 @@
 //! Large vectors on huge pages.
 
-use crate::parallel;
+use super::fill::fill;
 
 /// A vector with capacity for `capacity` items, on huge pages if the system grants them: large arrays that are filled
 /// once then cost a page fault per 2 MiB instead of one per 4 KiB.
@@ -48,7 +48,7 @@ pub(crate) fn concat<T: Copy + Send + Sync>(parts: &[Vec<T>]) -> Vec<T> {
     let mut total = 0;
     let ends: Vec<usize> = parts.iter().map(|part| (total += part.len(), total).1).collect();
     let mut all = huge_vec(total);
-    parallel::fill(&mut all, total, |i| {
+    fill(&mut all, total, |i| {
         let part = ends.partition_point(|&end| end <= i);
         let begin = if part > 0 { ends[part - 1] } else { 0 };
         parts[part][i - begin]

@@ -20,6 +20,9 @@ pub(crate) trait Simd: Copy {
     /// them if their results are not used.
     const HALVES: bool = false;
 
+    /// Runs a kernel in a function of its own, compiled for this instruction set once and shared by its callers: for parts of kernels
+    /// that are large beside what a call costs. Its vectors pass through memory.
+    fn call<K: Kernel>(self, kernel: K) -> K::Output;
     /// The same value in every lane.
     fn splat(self, x: f32) -> Self::F;
     /// Reads sixteen floats, at any alignment.

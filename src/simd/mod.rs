@@ -21,6 +21,7 @@ mod avx512;
 mod dispatch;
 #[cfg(target_arch = "x86_64")]
 mod doubles;
+mod fill;
 mod greatest;
 mod huge_pages;
 mod instructions;
@@ -43,6 +44,7 @@ mod vector;
 pub(crate) use arena::Arena;
 pub use dispatch::SimdLevel;
 pub(crate) use dispatch::{dispatch, dispatch_or};
+pub(crate) use fill::fill;
 pub(crate) use greatest::greatest_of_each;
 pub(crate) use huge_pages::{concat, huge_vec, huge_vec_of};
 pub(crate) use instructions::{Kernel, Simd};

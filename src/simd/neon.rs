@@ -243,6 +243,11 @@ impl Simd for Neon {
     const HALVES: bool = true;
 
     #[inline(always)]
+    fn call<K: Kernel>(self, kernel: K) -> K::Output {
+        run(kernel)
+    }
+
+    #[inline(always)]
     fn splat(self, x: f32) -> F {
         F([intrinsic!(vdupq_n_f32(x)); 4])
     }

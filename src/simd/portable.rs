@@ -1,9 +1,7 @@
 //! Sixteen lanes in plain Rust: for architectures without an implementation of their own, and as the reference that the
 //! others are tested against.
 
-#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
-use super::instructions::Kernel;
-use super::instructions::Simd;
+use super::instructions::{Kernel, Simd};
 use super::lanes::{LANES, Lanes, Mask, Rows};
 use super::operators::operators;
 use core::mem::MaybeUninit;
@@ -13,7 +11,6 @@ use core::mem::MaybeUninit;
 pub(crate) struct Portable;
 
 /// Runs a kernel. A function of its own, so that each kernel is compiled once and not wherever it is dispatched.
-#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
 #[inline(never)]
 pub(super) fn run<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(Portable)
@@ -109,6 +106,11 @@ impl Simd for Portable {
     type F = F;
     type U = U;
     type D = Four;
+
+    #[inline]
+    fn call<K: Kernel>(self, kernel: K) -> K::Output {
+        run(kernel)
+    }
 
     #[inline]
     fn splat(self, x: f32) -> F {

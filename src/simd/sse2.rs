@@ -221,6 +221,11 @@ impl Simd for Sse2 {
     type D = Four;
 
     #[inline(always)]
+    fn call<K: Kernel>(self, kernel: K) -> K::Output {
+        run(kernel)
+    }
+
+    #[inline(always)]
     fn splat(self, x: f32) -> F {
         F([intrinsic!(_mm_set1_ps(x)); 4])
     }

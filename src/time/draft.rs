@@ -11,12 +11,12 @@ use crate::bvh::{
     BinaryNode, BinaryTree, Collapse, CostModel, LeafKind, Reference, ReplacedSubtree, SurfaceDensity, WideChild,
     build_binary, join_leaves, neighbourhoods, presplit, reinsert,
 };
-use crate::geometry::{LaneBounds, LinearBox3, TimeInterval};
+use crate::geometry::{CornerBounds, LaneBounds, LinearBox3, TimeInterval};
 use crate::parallel;
 use crate::params::WideParams;
 use crate::primitive::PrimitiveSet;
 use crate::progress::Progress;
-use crate::simd::{LANES, huge_vec};
+use crate::simd::{LANES, fill, huge_vec};
 use crate::tuning::presplit::{
     MAX_PRESPLIT_COST, MIN_AREA_RATIO, PRESPLIT_SAMPLE, PRESPLIT_SAMPLES, UNCERTAIN_PRESPLIT_COST,
 };
@@ -227,7 +227,7 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
                 return None;
             }
             if let Some(budget) = budget {
-                presplit(&mut references, |id| set.corner_bounds(id, slice.interval()), budget);
+                presplit(&mut references, corner_bounds(set, slice.interval()), budget);
             }
             let rest = &progress.rest(1.0);
             draft_with(set, references, slice, budget.is_some(), cost_model, reinsertion, rest)?
@@ -295,7 +295,7 @@ fn draft_better<S: PrimitiveSet>(
     };
     let Some(budget) = budget else { return draft(references, false) };
     let whole = draft(references.clone(), false)?;
-    presplit(&mut references, |id| set.corner_bounds(id, slice.interval()), budget);
+    presplit(&mut references, corner_bounds(set, slice.interval()), budget);
     let split = draft(references, true)?;
     Some(if split.collapse.total() < whole.collapse.total() * MAX_PRESPLIT_COST { split } else { whole })
 }
@@ -315,7 +315,7 @@ fn add_references<S: PrimitiveSet>(
     progress: &Progress,
 ) {
     if !ids.is_sorted() {
-        return parallel::fill(references, ids.len(), |i| Reference::new(set.bounds(ids[i], over), ids[i]));
+        return fill(references, ids.len(), |i| Reference::new(set.bounds(ids[i], over), ids[i]));
     }
     let tubes = set.tubes(ids, over);
     let progress = progress.in_units(ids.len());
@@ -368,6 +368,12 @@ fn is_elongated(budget: f32, ratio: Option<f64>) -> bool {
     budget > 1.0 && ratio.is_some_and(|ratio| ratio >= MIN_AREA_RATIO)
 }
 
+/// Bounds of the corners of a primitive during an interval. The same function wherever references are pre-split, so that this is compiled
+/// once.
+fn corner_bounds<S: PrimitiveSet>(set: &S, over: TimeInterval) -> impl Fn(u32) -> Option<CornerBounds> + Sync {
+    move |id| set.corner_bounds(id, over)
+}
+
 /// Whether pre-splitting pays in a few samples of neighbouring references.
 fn presplit_pays<S: PrimitiveSet>(
     set: &S,
@@ -389,7 +395,7 @@ fn presplit_pays<S: PrimitiveSet>(
             draft.map_or(0.0, |draft| draft.collapse.total())
         };
         let mut split = sample.clone();
-        presplit(&mut split, |id| set.corner_bounds(id, over), budget);
+        presplit(&mut split, corner_bounds(set, over), budget);
         let (split, whole) = parallel::both(|| cost(split), || cost(sample));
         with += split;
         without += whole;

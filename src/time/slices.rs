@@ -8,7 +8,7 @@ use crate::geometry::{Box3, LinearBox3, TimeInterval, ULP};
 use crate::parallel;
 use crate::primitive::{Intervals, PrimitiveSet};
 use crate::progress::Progress;
-use crate::simd::{LANES, huge_vec, huge_vec_of};
+use crate::simd::{LANES, fill, huge_vec, huge_vec_of};
 
 /// The hierarchies and their shared leaf blocks.
 pub(crate) struct SharedLeaves {
@@ -139,7 +139,7 @@ fn boundary<S: PrimitiveSet>(
         return None;
     }
     let mut boxes = huge_vec(clusters.len());
-    parallel::fill(&mut boxes, clusters.len(), |i| {
+    fill(&mut boxes, clusters.len(), |i| {
         prefetch_blocks(set, draft, clusters, i, over);
         draft.references(&clusters[i]).iter().fold(Box3::EMPTY, |b, r| {
             let Some(bounds) = set.corner_bounds(r.id(), over) else { return b };
@@ -159,7 +159,7 @@ impl Slice {
     ) -> Slice {
         let n = clusters.len();
         let mut blocks = huge_vec(n);
-        parallel::fill(&mut blocks, n, |i| Reference::new(bounds(i), i as u32));
+        fill(&mut blocks, n, |i| Reference::new(bounds(i), i as u32));
         // Blocks of which nothing exists in the slice.
         blocks.retain(|block| !block.is_empty());
         if blocks.is_empty() {

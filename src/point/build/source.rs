@@ -10,7 +10,7 @@ use crate::point::leaf_order::point_rows::PointRows;
 use crate::point::precision::Precision;
 use crate::primitive::{DOUBLE, PointSet, SINGLE, kept_keys};
 use crate::progress::Progress;
-use crate::simd::{Item, PointBlock, huge_vec, prefetch};
+use crate::simd::{Item, PointBlock, fill, huge_vec, prefetch};
 use core::sync::atomic::{AtomicUsize, Ordering};
 use glam::DVec3;
 
@@ -374,11 +374,11 @@ impl<'a, P: PointSet + ?Sized> Reader<'a, P> {
         let step = if keys > 1 { (self.given - 1) / (keys - 1) } else { 0 };
         if keys == 2 {
             let mut pairs = huge_vec(len);
-            parallel::fill(&mut pairs, len, |point| [read(point, 0), read(point, step)]);
+            fill(&mut pairs, len, |point| [read(point, 0), read(point, step)]);
             return pairs.into_flattened();
         }
         let mut positions = huge_vec(len * keys);
-        parallel::fill(&mut positions, len * keys, |i| read(i / keys, i % keys * step));
+        fill(&mut positions, len * keys, |i| read(i / keys, i % keys * step));
         positions
     }
 

@@ -149,7 +149,7 @@ impl LinearBox {
     /// The box around points.
     #[inline(always)]
     pub(in crate::point) fn of_points<S: Simd>(s: S, trajectories: &TrajectoryRows) -> LinearBox {
-        LinearBox::padded(s, trajectories, FULL)
+        s.call(BoundPoints { trajectories, padding: FULL })
     }
 
     #[inline(always)]
@@ -217,6 +217,32 @@ impl LinearBox {
     /// The box around one to sixteen boxes, in a kernel.
     #[inline(always)]
     pub(in crate::point) fn of_boxes<S: Simd>(s: S, boxes: &[LinearBox]) -> LinearBox {
+        s.call(BoundBoxes(boxes))
+    }
+}
+
+/// See [`LinearBox::of_points`].
+struct BoundPoints<'a> {
+    trajectories: &'a TrajectoryRows,
+    padding: Padding,
+}
+
+impl Kernel for BoundPoints<'_> {
+    type Output = LinearBox;
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> LinearBox {
+        LinearBox::padded(s, self.trajectories, self.padding)
+    }
+}
+
+/// See [`LinearBox::of_boxes`].
+struct BoundBoxes<'a>(&'a [LinearBox]);
+
+impl Kernel for BoundBoxes<'_> {
+    type Output = LinearBox;
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> LinearBox {
+        let BoundBoxes(boxes) = self;
         let mut spans = Spans::EMPTY;
         // Lanes without a box repeat the last one.
         for lane in 0..LANES {
@@ -235,16 +261,6 @@ impl LinearBox {
             spans.whole &= linear_box.range == boxes[0].range;
         }
         spans.linear_box(s, FULL.face)
-    }
-}
-
-struct BoundBoxes<'a>(&'a [LinearBox]);
-
-impl Kernel for BoundBoxes<'_> {
-    type Output = LinearBox;
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> LinearBox {
-        LinearBox::of_boxes(s, self.0)
     }
 }
 
@@ -355,19 +371,6 @@ mod tests {
             range: core::array::from_fn(|end| core::array::from_fn(|lane| trajectory(lane).1[end])),
             times: [[0.0; LANES], [2.0; LANES]],
             whole: trajectories.iter().all(|other| other.1 == trajectories[0].1),
-        }
-    }
-
-    struct BoundPoints<'a> {
-        trajectories: &'a TrajectoryRows,
-        padding: Padding,
-    }
-
-    impl Kernel for BoundPoints<'_> {
-        type Output = LinearBox;
-        #[inline(always)]
-        fn run<S: Simd>(self, s: S) -> LinearBox {
-            LinearBox::padded(s, self.trajectories, self.padding)
         }
     }
 

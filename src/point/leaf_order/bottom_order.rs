@@ -8,7 +8,7 @@ use super::complete_tree::left_part;
 use super::divide::{counted, extremes, guess, lowest_lanes, next_key};
 use super::point_rows::{NO_POINT, PointRows, PointVector, item, set_item, store_compressed, vector};
 use super::widest_axis::longest;
-use crate::simd::{Item, LANES, Lanes, Mask, Simd, lanes_at, lanes_at_mut};
+use crate::simd::{Item, Kernel, LANES, Lanes, Mask, Simd, lanes_at, lanes_at_mut};
 
 /// Most points that are ordered here: those below a bottom node whose leaves have two vectors.
 pub(in crate::point) const MOST: usize = 2 * LANES * LANES;
@@ -118,9 +118,26 @@ impl Rows<MOST> {
     /// Orders the first `count` points so that leaf i holds the i-th run of `leaf` of them. The rest of the last vector becomes no points.
     #[inline(always)]
     pub(in crate::point) fn order<S: Simd>(&mut self, s: S, count: usize, leaf: usize, spare: &mut Rows<SPARE>) {
+        s.call(Order { rows: self, count, leaf, spare });
+    }
+}
+
+/// See [`Rows::order`].
+struct Order<'a> {
+    rows: &'a mut Rows<MOST>,
+    count: usize,
+    leaf: usize,
+    spare: &'a mut Rows<SPARE>,
+}
+
+impl Kernel for Order<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Order { rows, count, leaf, spare } = self;
         let whole = count.next_multiple_of(LANES);
         for i in count..whole {
-            self.set(i, &NO_POINT);
+            rows.set(i, &NO_POINT);
         }
         // Ranges that are not processed yet: at most one for each halving, of which there are four.
         let mut open = [(0, whole); LANES];
@@ -130,7 +147,7 @@ impl Rows<MOST> {
             let (begin, end) = open[ranges];
             if end - begin > leaf {
                 let middle = begin + left_part(end - begin, leaf);
-                self.split(s, (begin, middle, end), spare);
+                rows.split(s, (begin, middle, end), spare);
                 open[ranges] = (begin, middle);
                 open[ranges + 1] = (middle, end);
                 ranges += 2;
@@ -162,7 +179,7 @@ fn threshold<S: Simd>(s: S, keys: &[Lanes<f32>], count: usize, (least, most): (f
 mod tests {
     use super::*;
     use crate::random::Random;
-    use crate::simd::{Kernel, SimdLevel, dispatch};
+    use crate::simd::{SimdLevel, dispatch};
 
     /// Orders at most [`MOST`] points.
     struct Bottom<'a> {

@@ -23,27 +23,7 @@ pub(super) struct Listing<'a> {
     pub(super) most: usize,
 }
 
-/// Which points within the radius of a point its list excludes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Excluded {
-    /// At most the point itself, whose id no other point has. Another set does not contain it.
-    Own,
-    /// Those with the same id.
-    SameId,
-    /// Those without a greater id.
-    NotGreater,
-}
-
 impl Listing<'_> {
-    /// Which points within the radius of a point its list excludes.
-    pub(super) fn excluded(&self) -> Excluded {
-        match (self.once, self.other_set || self.distinct) {
-            (true, _) => Excluded::NotGreater,
-            (false, true) => Excluded::Own,
-            (false, false) => Excluded::SameId,
-        }
-    }
-
     /// Which columns of floats are requested, in the order of [`Columns::floats`](super::columns::Columns::floats).
     pub(super) fn columns(&self) -> [bool; 4] {
         [self.distances, self.displacements, self.displacements, self.displacements]

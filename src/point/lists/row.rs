@@ -4,11 +4,12 @@ use super::candidates::{BoxRows, Candidates, Selection, Within, write};
 use super::columns::Columns;
 use super::coordinate::{Coordinate, Seen};
 use super::group::Group;
-use super::list_request::{Excluded, Listing};
+use super::list_request::Listing;
 use super::point_rows::PointRows;
 use super::radii::{Radii, squared_radii, squared_radius};
 use crate::point::layout::snapshot::{rows, squared};
-use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at_mut};
+use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, lanes_at_mut};
+use core::marker::PhantomData;
 
 /// Lists in the making, one behind the other.
 #[derive(Clone, Debug, Default)]
@@ -44,9 +45,12 @@ struct Gathered {
     own: (usize, Mask),
 }
 
-/// [`Excluded`] as a constant.
+/// Which points within the radius of a point its list excludes, as constants: at most the point itself, whose id no other point has;
+/// another set does not contain it.
 const OWN: u8 = 0;
+/// Those with the same id.
 const SAME_ID: u8 = 1;
+/// Those without a greater id: each pair is listed once.
 const NOT_GREATER: u8 = 2;
 
 /// Room for `count` masks.
@@ -67,29 +71,35 @@ fn point_of<C: Copy>([x, y, z]: &[Lanes<C>; 3], lane: usize) -> [C; 3] {
     [x[lane], y[lane], z[lane]]
 }
 
+/// Appends the lists of the points of a group, whose positions are numbers of type `C`.
+pub(super) struct GroupLists<'a, C> {
+    pub(super) builder: &'a mut RowBuilder,
+    pub(super) listing: &'a Listing<'a>,
+    pub(super) group: &'a Group,
+    pub(super) candidates: &'a Candidates,
+    pub(super) lists: &'a mut Lists,
+    pub(super) coordinate: PhantomData<C>,
+}
+
+impl<C: Coordinate> Kernel for GroupLists<'_, C> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let GroupLists { builder, listing, group, candidates, lists, .. } = self;
+        for member in 0..group.members.len() {
+            builder.member::<S, C>(s, listing, (group, member), candidates, lists);
+        }
+    }
+}
+
 impl RowBuilder {
     pub(super) fn bytes(&self) -> usize {
         self.boxes.bytes() + self.selected.bytes() + self.points.bytes() + size_of::<Mask>() * self.hits.capacity()
     }
 
-    /// Appends the lists of the points of a group, whose positions are numbers of type `C`.
-    #[inline(always)]
-    pub(super) fn lists<S: Simd, C: Coordinate>(
-        &mut self,
-        s: S,
-        listing: &Listing,
-        group: &Group,
-        candidates: &Candidates,
-        lists: &mut Lists,
-    ) {
-        for member in 0..group.members.len() {
-            self.list::<S, C>(s, listing, (group, member), candidates, lists);
-        }
-    }
-
     /// Appends the lists of a member of a group.
     #[inline(always)]
-    fn list<S: Simd, C: Coordinate>(
+    fn member<S: Simd, C: Coordinate>(
         &mut self,
         s: S,
         listing: &Listing,
@@ -100,15 +110,13 @@ impl RowBuilder {
         if !candidates.wrapped && matches!(listing.radii, Radii::Equal(_)) {
             let gathered = self.gather_points::<S, C>(s, listing, of, candidates);
             let plain = !listing.distances && !listing.displacements;
-            return match (listing.excluded(), plain) {
-                (Excluded::Own, true) => self.equal::<S, C, OWN, true>(s, listing, of, gathered, lists),
-                (Excluded::Own, false) => self.equal::<S, C, OWN, false>(s, listing, of, gathered, lists),
-                (Excluded::SameId, true) => self.equal::<S, C, SAME_ID, true>(s, listing, of, gathered, lists),
-                (Excluded::SameId, false) => self.equal::<S, C, SAME_ID, false>(s, listing, of, gathered, lists),
-                (Excluded::NotGreater, true) => self.equal::<S, C, NOT_GREATER, true>(s, listing, of, gathered, lists),
-                (Excluded::NotGreater, false) => {
-                    self.equal::<S, C, NOT_GREATER, false>(s, listing, of, gathered, lists)
-                }
+            return match (listing.once, listing.other_set || listing.distinct, plain) {
+                (true, _, true) => self.equal::<S, C, NOT_GREATER, true>(s, listing, of, gathered, lists),
+                (true, _, false) => self.equal::<S, C, NOT_GREATER, false>(s, listing, of, gathered, lists),
+                (false, true, true) => self.equal::<S, C, OWN, true>(s, listing, of, gathered, lists),
+                (false, true, false) => self.equal::<S, C, OWN, false>(s, listing, of, gathered, lists),
+                (false, false, true) => self.equal::<S, C, SAME_ID, true>(s, listing, of, gathered, lists),
+                (false, false, false) => self.equal::<S, C, SAME_ID, false>(s, listing, of, gathered, lists),
             };
         }
         let (group, member) = (of.0, &of.0.members[of.1]);
@@ -121,16 +129,11 @@ impl RowBuilder {
                 self.boxes.push(s, &boxes, near);
             }
         }
-        let joint = listing.radii.others().is_some();
-        match (candidates.wrapped, joint, listing.once) {
-            (false, false, false) => self.rows::<S, C, false, false, false>(s, listing, of, candidates, lists),
-            (false, false, true) => self.rows::<S, C, false, false, true>(s, listing, of, candidates, lists),
-            (false, true, false) => self.rows::<S, C, false, true, false>(s, listing, of, candidates, lists),
-            (false, true, true) => self.rows::<S, C, false, true, true>(s, listing, of, candidates, lists),
-            (true, false, false) => self.rows::<S, C, true, false, false>(s, listing, of, candidates, lists),
-            (true, false, true) => self.rows::<S, C, true, false, true>(s, listing, of, candidates, lists),
-            (true, true, false) => self.rows::<S, C, true, true, false>(s, listing, of, candidates, lists),
-            (true, true, true) => self.rows::<S, C, true, true, true>(s, listing, of, candidates, lists),
+        match (candidates.wrapped, listing.once) {
+            (false, false) => self.rows::<S, C, false, false>(s, listing, of, candidates, lists),
+            (false, true) => self.rows::<S, C, false, true>(s, listing, of, candidates, lists),
+            (true, false) => self.rows::<S, C, true, false>(s, listing, of, candidates, lists),
+            (true, true) => self.rows::<S, C, true, true>(s, listing, of, candidates, lists),
         }
     }
 
@@ -242,7 +245,7 @@ impl RowBuilder {
 
     /// Lists for one kind of request.
     #[inline(always)]
-    fn rows<S: Simd, C: Coordinate, const PERIODIC: bool, const JOINT: bool, const ONCE: bool>(
+    fn rows<S: Simd, C: Coordinate, const PERIODIC: bool, const ONCE: bool>(
         &mut self,
         s: S,
         listing: &Listing,
@@ -251,6 +254,7 @@ impl RowBuilder {
         lists: &mut Lists,
     ) {
         let (points, own_rows) = (&group.members[member].points, C::of_member(group, member));
+        let joint = listing.radii.others().is_some();
         for lane in 0..LANES {
             let at = point_of(&points.at, lane);
             if at[0] == f32::INFINITY {
@@ -272,7 +276,7 @@ impl RowBuilder {
             for &index in selected {
                 let rows = C::of_block(candidates, index as usize).each_ref();
                 let seen = C::seen::<S, PERIODIC>(s, rows, point, &listing.periodic_box);
-                let bound = if JOINT {
+                let bound = if joint {
                     let others = s.load(&candidates.radii[index as usize]);
                     squared_radii(s, listing.radii.joint(s, radius, others))
                 } else {

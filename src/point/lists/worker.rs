@@ -3,11 +3,14 @@
 use super::candidates::Candidates;
 use super::group::Group;
 use super::list_layer::{ListLayer, ListView, with_view};
-use super::list_request::ListRequest;
+use super::list_request::{ListRequest, Listing};
 use super::prepare::Prepared;
-use super::row::{Lists, RowBuilder};
-use crate::point::layout::snapshot::Leaves;
+use super::radii::Radii;
+use super::reach::Reach;
+use super::row::{GroupLists, Lists, RowBuilder};
+use crate::point::layout::snapshot::CoordinateView;
 use crate::simd::{Kernel, Simd};
+use core::marker::PhantomData;
 use core::ops::Range;
 use glam::Vec3;
 
@@ -35,6 +38,44 @@ pub(super) struct Share<'a> {
     pub(super) worker: &'a mut Worker,
 }
 
+// The parts of the work on a group are functions of their own: each is much longer than a call.
+
+/// Takes the points below a bottom node.
+struct TakeGroup<'a, V> {
+    view: V,
+    group: &'a mut Group,
+    node: usize,
+    radii: &'a Radii<'a>,
+}
+
+impl<V: CoordinateView> Kernel for TakeGroup<'_, V> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let TakeGroup { view, group, node, radii } = self;
+        group.take(s, &view, &view.target(s, Vec3::ZERO), node, radii);
+    }
+}
+
+/// Adds what a group can reach in a view, or what can reach the group.
+struct AddCandidates<'a, V> {
+    view: V,
+    candidates: &'a mut Candidates,
+    group: &'a Group,
+    listing: &'a Listing<'a>,
+    reach: Option<&'a Reach>,
+}
+
+impl<V: CoordinateView> Kernel for AddCandidates<'_, V> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let AddCandidates { view, candidates, group, listing, reach } = self;
+        let target = view.target(s, Vec3::ZERO);
+        candidates.add(s, (&view, &target), group, &listing.periodic_box, (&listing.radii, reach));
+    }
+}
+
 impl Kernel for Share<'_> {
     type Output = ();
     #[inline(always)]
@@ -46,20 +87,21 @@ impl Kernel for Share<'_> {
             let center = layer.center(node, request.time);
             let group = &mut worker.group;
             with_view!(layer.at(center, request.time), view => {
-                group.take(s, &view, &view.target(s, Vec3::ZERO), node, &listing.radii);
+                s.call(TakeGroup { view, group, node, radii: &listing.radii });
             });
             worker.candidates.clear();
             for (number, layer) in ListLayer::all(request.among).enumerate() {
                 let reach = listing.radii.others().and_then(|_| prepared.reaches.get(number));
+                let (candidates, group) = (&mut worker.candidates, &worker.group);
                 with_view!(layer.at(center, request.time), view => {
-                    let target = view.target(s, Vec3::ZERO);
-                    worker.candidates.add(s, (&view, &target), &worker.group, &listing.periodic_box, (&listing.radii, reach));
+                    s.call(AddCandidates { view, candidates, group, listing, reach });
                 });
             }
-            if worker.group.exact.is_empty() {
-                worker.near.lists::<S, f32>(s, listing, &worker.group, &worker.candidates, &mut worker.lists);
+            let Worker { group, candidates, near: builder, lists, .. } = &mut *worker;
+            if group.exact.is_empty() {
+                s.call(GroupLists::<f32> { builder, listing, group, candidates, lists, coordinate: PhantomData });
             } else {
-                worker.near.lists::<S, f64>(s, listing, &worker.group, &worker.candidates, &mut worker.lists);
+                s.call(GroupLists::<f64> { builder, listing, group, candidates, lists, coordinate: PhantomData });
             }
         }
     }

@@ -3,13 +3,12 @@
 //! It fails where what it separates is so small, relative to the range, that rounding matters, except for points in one place.
 
 use super::fill_leaves::AHEAD;
-use crate::parallel;
 use crate::point::leaf_order::bottom_order::{MOST, Rows, SPARE};
 use crate::point::leaf_order::divide::extremes;
 use crate::point::leaf_order::order::order_rows;
 use crate::point::leaf_order::point_rows::{NO_POINT, PointRows};
 use crate::progress::Progress;
-use crate::simd::{Item, Kernel, LANES, Simd, SimdLevel, dispatch};
+use crate::simd::{Item, Kernel, LANES, Simd, SimdLevel, dispatch, fill};
 use glam::DVec3;
 
 /// A vector for each point, by its number in the set.
@@ -63,7 +62,7 @@ fn by_rounded(
 ) -> bool {
     let count = numbers.len();
     let mut positions = Vec::with_capacity(count);
-    parallel::fill(&mut positions, count, |i| {
+    fill(&mut positions, count, |i| {
         numbers.get(i + AHEAD).into_iter().for_each(|&later| (points.prefetch)(later));
         (points.at)(numbers[i])
     });

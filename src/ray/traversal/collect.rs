@@ -241,3 +241,62 @@ impl Collect for All<'_> {
         self.flow.is_break()
     }
 }
+
+/// [`Any`] or [`All`], chosen at run time.
+pub(crate) enum CollectAnyOrAll<'a> {
+    Any(Any),
+    All(All<'a>),
+}
+
+impl Collect for CollectAnyOrAll<'_> {
+    const ORDERED: bool = false;
+    const ANYWHERE: bool = true;
+
+    #[inline(always)]
+    fn limit(&self) -> f32 {
+        match self {
+            CollectAnyOrAll::Any(any) => any.limit(),
+            CollectAnyOrAll::All(all) => all.limit(),
+        }
+    }
+
+    #[inline(always)]
+    fn reach(&self) -> f32 {
+        match self {
+            CollectAnyOrAll::Any(any) => any.reach(),
+            CollectAnyOrAll::All(all) => all.reach(),
+        }
+    }
+
+    #[inline(always)]
+    fn take(&mut self, found: Found, set: &impl PrimitiveSet) -> bool {
+        match self {
+            CollectAnyOrAll::Any(any) => any.take(found, set),
+            CollectAnyOrAll::All(all) => all.take(found, set),
+        }
+    }
+
+    #[inline(always)]
+    fn is_final(&self) -> bool {
+        match self {
+            CollectAnyOrAll::Any(any) => any.is_final(),
+            CollectAnyOrAll::All(all) => all.is_final(),
+        }
+    }
+
+    /// The position of each of all hits matters.
+    #[inline(always)]
+    fn certain(&self, ray: &TreeRay) -> f32 {
+        match self {
+            CollectAnyOrAll::Any(any) => any.certain(ray),
+            CollectAnyOrAll::All(_) => f32::NEG_INFINITY,
+        }
+    }
+
+    #[inline(always)]
+    fn found(&mut self) {
+        if let CollectAnyOrAll::Any(any) = self {
+            any.found();
+        }
+    }
+}

@@ -6,16 +6,14 @@
 use super::collect::Collect;
 use super::intersect::RaySource;
 use super::query::{Asked, Query, QueryArgs};
-use super::ray_layout::RayLayout;
 use super::ray_traversal::{LeafVisitor, RayTraversal};
-use super::wide_traversal::Wide;
+use super::wide_traversal::TraverseWide;
 use crate::geometry::Ray;
-use crate::layout::{ChildRef, LazyTree, WideTree};
+use crate::layout::{ChildRef, LazyTree};
 use crate::ray::filter::Filter;
 use crate::ray::kernel::tree_ray::TreeRay;
 use crate::ray::observer::Observer;
-use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
-use crate::traverse::StackOf;
+use crate::simd::{Simd, SimdLevel, dispatch};
 use core::ops::ControlFlow;
 
 /// Answers a query from all subtrees that the ray reaches.
@@ -89,32 +87,8 @@ impl<G: RaySource, F: Filter, C: Collect, O: Observer> SubtreeVisitor for Subtre
     fn subtree(&mut self, subtree: u32) -> ControlFlow<(), f32> {
         let Subtrees { set, tree_ray, filter, ref mut collect, ref mut observer, .. } = *self;
         let tree = self.tree.subtree(set, subtree);
-        dispatch(
-            self.simd,
-            OfSubtree { tree, set, tree_ray, filter, collect: &mut **collect, observer: &mut **observer },
-        );
+        let (collect, observer) = (&mut **collect, &mut **observer);
+        dispatch(self.simd, TraverseWide { tree, set, ray: tree_ray, filter, collect, observer });
         if self.collect.is_final() { ControlFlow::Break(()) } else { ControlFlow::Continue(self.collect.limit()) }
-    }
-}
-
-/// The part of a query that is answered from one subtree, to be dispatched to an instruction set.
-struct OfSubtree<'a, 'b, G, F, C, O> {
-    tree: &'a WideTree,
-    set: &'a G,
-    tree_ray: &'a TreeRay<'b>,
-    filter: &'a F,
-    collect: &'a mut C,
-    observer: &'a mut O,
-}
-
-impl<G: RaySource, F: Filter, C: Collect, O: Observer> Kernel for OfSubtree<'_, '_, G, F, C, O> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let OfSubtree { tree, set, tree_ray, filter, collect, observer } = self;
-        let mut memory = StackOf::new();
-        let stack = memory.stack(tree.max_stack());
-        Wide { tree, simd: s, stack }.traverse(set, tree_ray, filter, collect, observer);
     }
 }

@@ -1,6 +1,6 @@
 //! The three kinds of ray queries, independent of the layout.
 
-use super::collect::{All, Any, Closest, Collect, Visitor};
+use super::collect::{All, Any, Closest, Collect, CollectAnyOrAll, Visitor};
 use super::intersect::RaySource;
 use super::ray_layout::RayLayout;
 use super::wide_traversal::Wide;
@@ -91,6 +91,30 @@ impl<'a> Query for AllHits<'a> {
     #[inline(always)]
     fn answer(collect: All<'a>, _: &impl RaySource) -> ControlFlow<()> {
         collect.flow
+    }
+}
+
+/// Any hit or all hits: code that is not worth compiling for each of them is compiled for both together.
+pub(crate) enum AnyOrAll<'a> {
+    Any(AnyHit),
+    All(AllHits<'a>),
+}
+
+impl<'a> Query for AnyOrAll<'a> {
+    /// `Break` if there is any hit, or the visitor returned it.
+    type Answer = ControlFlow<()>;
+    const NOTHING: ControlFlow<()> = ControlFlow::Continue(());
+    type Collect = CollectAnyOrAll<'a>;
+
+    fn collect(self, ray: &TreeRay, all: bool) -> CollectAnyOrAll<'a> {
+        match self {
+            AnyOrAll::Any(query) => CollectAnyOrAll::Any(query.collect(ray, all)),
+            AnyOrAll::All(query) => CollectAnyOrAll::All(query.collect(ray, all)),
+        }
+    }
+
+    fn answer(collect: CollectAnyOrAll<'a>, _: &impl RaySource) -> ControlFlow<()> {
+        if collect.is_final() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 }
 

@@ -6,7 +6,7 @@ use super::encounter::{Criteria, Visitor, Window};
 use super::pair_filter::PairFilter;
 use super::time_slices::{Pairing, Slice, Tree, begins_with_a_slice, pairings, time_slices_of};
 use crate::parallel;
-use crate::point::layout::over_interval::{greater, lesser};
+use crate::point::layout::over_interval::{BlockTree, greater, lesser};
 use crate::point::tree::PointTree;
 use crate::simd::{Kernel, Simd, dispatch};
 
@@ -174,6 +174,42 @@ struct Share<'a, V, C: SweptCoordinate> {
     worker: &'a mut Worker<V, C>,
 }
 
+// What does not depend on the visitor is compiled once for all of them.
+
+/// See [`Group::take`].
+struct TakeGroup<'a, T: BlockTree> {
+    group: &'a mut Group<T::Coordinate>,
+    tree: &'a T,
+    node: usize,
+    times: [f32; 2],
+    excess: f64,
+}
+
+impl<C: SweptCoordinate, T: BlockTree<Coordinate = C>> Kernel for TakeGroup<'_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        self.group.take(self.tree, self.node, self.times, self.excess);
+    }
+}
+
+/// See [`Candidates::add`].
+struct AddCandidates<'a, T: BlockTree> {
+    candidates: &'a mut Candidates<T::Coordinate>,
+    tree: &'a T,
+    group: &'a Group<T::Coordinate>,
+    window: Window,
+    criteria: (&'a Criteria, Option<f64>),
+}
+
+impl<C: SweptCoordinate, T: BlockTree<Coordinate = C>> Kernel for AddCandidates<'_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        self.candidates.add(s, self.tree, self.group, self.window, self.criteria);
+    }
+}
+
 impl<V: Visitor, C: SweptCoordinate> Kernel for Share<'_, V, C> {
     type Output = ();
     #[inline(always)]
@@ -184,8 +220,8 @@ impl<V: Visitor, C: SweptCoordinate> Kernel for Share<'_, V, C> {
             let pairing = &sweep.pairings[number];
             let slice = &sweep.slices[pairing.own];
             match slice.tree {
-                Tree::Static(tree) => group.take(tree, node, pairing.times, excess),
-                Tree::Moving(tree) => group.take(tree, node, pairing.times, excess),
+                Tree::Static(tree) => s.call(TakeGroup { group, tree, node, times: pairing.times, excess }),
+                Tree::Moving(tree) => s.call(TakeGroup { group, tree, node, times: pairing.times, excess }),
             }
             let first_time = pairing.times[0];
             // `excluded_within` holds for positions at the first time only.
@@ -195,10 +231,10 @@ impl<V: Visitor, C: SweptCoordinate> Kernel for Share<'_, V, C> {
             candidates.clear();
             for &other in &pairing.others {
                 let other = &sweep.slices[other];
-                let window = sweep.window(slice, other);
+                let (window, criteria) = (sweep.window(slice, other), (&criteria, excluded_within));
                 match other.tree {
-                    Tree::Static(tree) => candidates.add(s, tree, group, window, (&criteria, excluded_within)),
-                    Tree::Moving(tree) => candidates.add(s, tree, group, window, (&criteria, excluded_within)),
+                    Tree::Static(tree) => s.call(AddCandidates { candidates, tree, group, window, criteria }),
+                    Tree::Moving(tree) => s.call(AddCandidates { candidates, tree, group, window, criteria }),
                 }
             }
             for block in &group.blocks {
