@@ -86,10 +86,9 @@ impl Kernel for Measure<'_> {
                 still &= s.eq(s.load(&rows[row]), s.load(&rows[row + 6]));
             }
         }
-        let half = |[x, y, z]: [S::F; 3]| x * y + y * z + z * x;
         let [begin, end] = sizes;
         let both = [begin[0] + end[0], begin[1] + end[1], begin[2] + end[2]];
-        let mean = (half(begin) + half(end) + half(both)) * s.splat(1.0 / 6.0);
+        let mean = (half_area::<S>(begin) + half_area::<S>(end) + half_area::<S>(both)) * s.splat(1.0 / 6.0);
         let [mut areas, mut of_all] = [[0.0; LANES]; 2];
         s.store(mean, &mut areas);
         s.store(greatest_of_each(s, greatest), &mut of_all);
@@ -98,6 +97,12 @@ impl Kernel for Measure<'_> {
         let state = |i: usize| Box3 { min: Vec3::ZERO - corner(i), max: corner(i + 3) };
         MeasuredBoxes { areas, still, all: LinearBox3 { begin: state(0), end: state(6) } }
     }
+}
+
+/// Half the areas of boxes with these sides.
+#[inline(always)]
+fn half_area<S: Simd>([x, y, z]: [S::F; 3]) -> S::F {
+    x * y + y * z + z * x
 }
 
 /// See [`BoxRows::write`].

@@ -11,6 +11,13 @@ use crate::geometry::{Box3, KeyTime, LinearBox3, ULP};
 use crate::simd::{LANES, Lanes, Mask, Rows, Simd, transpose};
 use glam::Vec3;
 
+/// The greatest of the values at the three corners of each triangle.
+#[inline(always)]
+fn greatest_corner<S: Simd>(s: S, vertices: S::F, corners: S::U) -> S::F {
+    let [a, b, c] = at_corners(s, vertices, corners);
+    s.max(s.max(a, b), c)
+}
+
 /// Bounds in lanes: for each axis the negated lower one, and the upper one.
 pub(crate) type Faces<S> = [[<S as Simd>::F; 2]; 3];
 
@@ -102,33 +109,29 @@ pub(crate) struct Tubes<S: Simd> {
 }
 
 impl<S: Simd> Tubes<S> {
-    /// Replaces each number by a function of it and another's.
-    #[inline(always)]
-    fn replace(&mut self, by: &Tubes<S>, f: impl Fn(S::F, S::F) -> S::F) {
-        for (faces, others) in self.ends.iter_mut().zip(&by.ends) {
-            for (sides, others) in faces.iter_mut().zip(others) {
-                for (side, &other) in sides.iter_mut().zip(others) {
-                    *side = f(*side, other);
-                }
-            }
-        }
-        self.size = f(self.size, by.size);
-    }
-
     /// The bounds around both.
     #[inline(always)]
     pub fn unite(&mut self, s: S, other: &Tubes<S>) {
-        self.replace(other, |a, b| s.max(a, b));
+        for (faces, others) in self.ends.iter_mut().zip(&other.ends) {
+            for (sides, others) in faces.iter_mut().zip(others) {
+                for (side, &other) in sides.iter_mut().zip(others) {
+                    *side = s.max(*side, other);
+                }
+            }
+        }
+        self.size = s.max(self.size, other.size);
     }
 
     /// The bounds of triangles whose corners are some of these vertices.
     #[inline(always)]
     pub fn of_triangles(&self, s: S, corners: S::U) -> Tubes<S> {
         let mut all = *self;
-        all.replace(self, |_, x| {
-            let [a, b, c] = at_corners(s, x, corners);
-            s.max(s.max(a, b), c)
-        });
+        for faces in &mut all.ends {
+            for side in faces.as_flattened_mut() {
+                *side = greatest_corner(s, *side, corners);
+            }
+        }
+        all.size = greatest_corner(s, all.size, corners);
         all
     }
 

@@ -19,7 +19,7 @@ use super::traversal::collect::Visitor;
 use super::traversal::interleave::Interleaved;
 use super::traversal::intersect::RaySource;
 use super::traversal::lazy::answer_lazily;
-use super::traversal::query::{AllHits, AnyHit, AnyOrAll, Asked, ClosestHit, OfWide, Query, QueryArgs};
+use super::traversal::query::{AllHits, AnyHit, AnyOrAll, Asked, ClosestHit, OfWide, PartOfWide, Query, QueryArgs};
 use super::traversal::stream::Streams;
 use super::{Everything, Hit, Observer, Ray, Visible};
 use crate::error::BuildError;
@@ -309,7 +309,13 @@ impl<G: RaySource> Target<'_, G> {
         let args = QueryArgs { set: self.geometry, ray, filter: &visible, observer: &mut observer };
         let asked = Asked(query, args);
         match self.layout {
-            Layout::Wide(tree) => dispatch(self.simd, OfWide { tree, outline: self.outline, asked }),
+            Layout::Wide(tree) => {
+                let Asked(query, args) = asked;
+                let mut collect = None;
+                let query = Some(query);
+                dispatch(self.simd, PartOfWide { tree, outline: self.outline, query, args, collect: &mut collect });
+                collect.map_or(Q::NOTHING, |collect| Q::answer(collect, self.geometry))
+            }
             Layout::Kd(tree) => answer_in_kd(asked, tree),
             Layout::Lazy(tree) => answer_lazily(asked, tree, self.simd),
         }

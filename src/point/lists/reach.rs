@@ -1,7 +1,7 @@
 //! How far points of one set reach: the largest radius behind each lane of each node.
 
 use super::radii::radius_of;
-use crate::point::layout::snapshot::{CoordinateView, Target};
+use crate::point::layout::snapshot::CoordinateView;
 use crate::simd::{Kernel, LANES, Lanes, Simd};
 use glam::Vec3;
 
@@ -32,44 +32,51 @@ impl<V: CoordinateView> Kernel for Measure<'_, V> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let Measure { view, radii, reach } = self;
-        let (top, root) = view.root();
+        let (level, node) = view.root();
         reach.missing = None;
         reach.nodes.clear();
-        reach.nodes.resize(root + 1, [0.0; LANES]);
-        measure(s, &view, &view.target(s, Vec3::ZERO), (top, root), radii, reach);
+        reach.nodes.resize(node + 1, [0.0; LANES]);
+        s.call(MeasureNode { view: &view, level, node, radii, reach });
     }
 }
 
 /// The largest radius below a node. As deep as the tree, at most nine levels.
-fn measure<S: Simd, V: CoordinateView>(
-    s: S,
-    view: &V,
-    target: &Target<S>,
-    (level, node): (usize, usize),
-    radii: &[f32],
-    reach: &mut Reach,
-) -> f32 {
-    let mut lanes = view.present(s, target, node);
-    let mut most = 0.0f32;
-    while lanes != 0 {
-        let lane = lanes.trailing_zeros() as usize;
-        lanes &= lanes - 1;
-        let below = if level > 0 {
-            measure(s, view, target, (level - 1, view.first_child(level, node) + lane), radii, reach)
-        } else {
-            let first = view.first_block(node) + lane * view.leaf_blocks();
-            let ids = (first..first + view.leaf_blocks()).flat_map(|block| *view.ids(block));
-            let mut most = 0.0f32;
-            for id in ids.filter(|&id| id != u32::MAX) {
-                most = most.max(radius_of(radii, id));
-                if id as usize >= radii.len() {
-                    reach.missing = Some(id);
+struct MeasureNode<'a, V> {
+    view: &'a V,
+    level: usize,
+    node: usize,
+    radii: &'a [f32],
+    reach: &'a mut Reach,
+}
+
+impl<V: CoordinateView> Kernel for MeasureNode<'_, V> {
+    type Output = f32;
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> f32 {
+        let MeasureNode { view, level, node, radii, reach } = self;
+        let mut lanes = view.present(s, &view.target(s, Vec3::ZERO), node);
+        let mut most = 0.0f32;
+        while lanes != 0 {
+            let lane = lanes.trailing_zeros() as usize;
+            lanes &= lanes - 1;
+            let below = if level > 0 {
+                let node = view.first_child(level, node) + lane;
+                s.call(MeasureNode { view, level: level - 1, node, radii, reach })
+            } else {
+                let first = view.first_block(node) + lane * view.leaf_blocks();
+                let ids = (first..first + view.leaf_blocks()).flat_map(|block| *view.ids(block));
+                let mut most = 0.0f32;
+                for id in ids.filter(|&id| id != u32::MAX) {
+                    most = most.max(radius_of(radii, id));
+                    if id as usize >= radii.len() {
+                        reach.missing = Some(id);
+                    }
                 }
-            }
-            most
-        };
-        reach.nodes[node][lane] = below;
-        most = most.max(below);
+                most
+            };
+            reach.nodes[node][lane] = below;
+            most = most.max(below);
+        }
+        most
     }
-    most
 }

@@ -1,13 +1,12 @@
 //! Ray queries in a lazy tree: the coarse tree leads to subtrees, which are built when a ray first reaches them.
 //!
-//! All trees share one tree space. So the ray is prepared once, and its hits are collected across subtrees as they are across the leaves
-//! of a whole tree: each has the same bits as there, and of several at the same `t` the same one wins.
+//! All trees share one tree space. So a ray is prepared alike for each of them, and its hits are collected across subtrees as they are
+//! across the leaves of a whole tree: each has the same bits as there, and of several at the same `t` the same one wins.
 
 use super::collect::Collect;
 use super::intersect::RaySource;
-use super::query::{Asked, Query, QueryArgs};
+use super::query::{Asked, PartOfWide, Query, QueryArgs};
 use super::ray_traversal::{LeafVisitor, RayTraversal};
-use super::wide_traversal::TraverseWide;
 use crate::geometry::Ray;
 use crate::layout::{ChildRef, LazyTree};
 use crate::ray::filter::Filter;
@@ -27,27 +26,28 @@ pub(in crate::ray) fn answer_lazily<G: RaySource, F: Filter, O: Observer, Q: Que
     if tree.top.root == ChildRef::NOTHING {
         return Q::NOTHING;
     }
-    let Some(tree_ray) = TreeRay::new(ray, set.frame()) else { return Q::NOTHING };
-    let (tree_ray, top) = (&tree_ray, &tree.top);
-    let mut collect = query.collect(tree_ray, filter.accepts_all());
+    let Some(tree_ray) = &TreeRay::new(ray, set.frame()) else { return Q::NOTHING };
+    let collect = Some(query.collect(tree_ray, filter.accepts_all()));
+    let top = &tree.top;
+    let mut subtrees = Subtrees::<_, _, _, Q> { tree, simd, set, ray, filter, collect, observer };
     // Compiled once for all queries: the query of a subtree takes far longer than the call.
-    let visitor: &mut dyn SubtreeVisitor =
-        &mut Subtrees { tree, simd, set, tree_ray, filter, collect: &mut collect, observer };
+    let visitor: &mut dyn SubtreeVisitor = &mut subtrees;
     match Q::Collect::ORDERED {
         true => dispatch(simd, RayTraversal::<'_, true, _> { tree: top, ray, tree_ray, visitor }),
         false => dispatch(simd, RayTraversal::<'_, false, _> { tree: top, ray, tree_ray, visitor }),
     }
-    Q::answer(collect, set)
+    subtrees.collect.map_or(Q::NOTHING, |collect| Q::answer(collect, set))
 }
 
 /// The subtrees that a ray reaches, and the parts of its query.
-struct Subtrees<'a, 'b, G, F, C, O> {
+struct Subtrees<'a, G, F, O, Q: Query> {
     tree: &'a LazyTree,
     simd: SimdLevel,
     set: &'a G,
-    tree_ray: &'a TreeRay<'b>,
+    ray: &'a Ray,
     filter: &'a F,
-    collect: &'a mut C,
+    /// There is one throughout.
+    collect: Option<Q::Collect>,
     observer: &'a mut O,
 }
 
@@ -75,7 +75,7 @@ impl LeafVisitor for dyn SubtreeVisitor + '_ {
     }
 }
 
-impl<G: RaySource, F: Filter, C: Collect, O: Observer> SubtreeVisitor for Subtrees<'_, '_, G, F, C, O> {
+impl<G: RaySource, F: Filter, O: Observer, Q: Query> SubtreeVisitor for Subtrees<'_, G, F, O, Q> {
     fn mask(&self) -> Option<u32> {
         self.filter.mask()
     }
@@ -85,10 +85,13 @@ impl<G: RaySource, F: Filter, C: Collect, O: Observer> SubtreeVisitor for Subtre
     }
 
     fn subtree(&mut self, subtree: u32) -> ControlFlow<(), f32> {
-        let Subtrees { set, tree_ray, filter, ref mut collect, ref mut observer, .. } = *self;
-        let tree = self.tree.subtree(set, subtree);
-        let (collect, observer) = (&mut **collect, &mut **observer);
-        dispatch(self.simd, TraverseWide { tree, set, ray: tree_ray, filter, collect, observer });
-        if self.collect.is_final() { ControlFlow::Break(()) } else { ControlFlow::Continue(self.collect.limit()) }
+        let args = QueryArgs { set: self.set, ray: self.ray, filter: self.filter, observer: &mut *self.observer };
+        let tree = self.tree.subtree(self.set, subtree);
+        let collect = &mut self.collect;
+        dispatch(self.simd, PartOfWide::<_, _, _, Q> { tree, outline: None, query: None, args, collect });
+        match &self.collect {
+            Some(collect) if !collect.is_final() => ControlFlow::Continue(collect.limit()),
+            _ => ControlFlow::Break(()),
+        }
     }
 }

@@ -151,6 +151,46 @@ impl<G: RaySource, F: Filter, O: Observer, Q: Query> Asked<'_, G, F, O, Q> {
     }
 }
 
+/// A query of the wide layout, or the part of a query of a lazy tree that a subtree answers, to be dispatched to an instruction set. One form
+/// of it is compiled for both.
+pub(in crate::ray) struct PartOfWide<'a, G, F, O, Q: Query> {
+    pub tree: &'a WideTree,
+    /// `None` if the ray is known not to miss it.
+    pub outline: Option<&'a Outline>,
+    /// The query, if it begins here.
+    pub query: Option<Q>,
+    pub args: QueryArgs<'a, G, F, O>,
+    /// The collector, made here if the query begins here. There is none afterwards if the ray misses the outline or can hit nothing.
+    pub collect: &'a mut Option<Q::Collect>,
+}
+
+impl<G: RaySource, F: Filter, O: Observer, Q: Query> Kernel for PartOfWide<'_, G, F, O, Q> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let PartOfWide { tree, outline, query, args: QueryArgs { set, ray, filter, observer }, collect } = self;
+        if outline.is_some_and(|outline| outline.is_missed(s, ray, set.frame())) {
+            return;
+        }
+        let mut memory = StackOf::new();
+        let stack = memory.stack(tree.max_stack());
+        let (mut ray, regular) = TreeRay::of(ray, set.frame());
+        if !regular {
+            ray.recompute(set.frame());
+        }
+        if ray.has_empty_range() {
+            return;
+        }
+        if let Some(query) = query {
+            *collect = Some(query.collect(&ray, filter.accepts_all()));
+        }
+        if let Some(collect) = collect {
+            Wide { tree, simd: s, stack }.traverse(set, &ray, filter, collect, observer);
+        }
+    }
+}
+
 /// A query of the wide layout, to be dispatched to an instruction set.
 pub(crate) struct OfWide<'a, G, F, O, Q> {
     pub tree: &'a WideTree,

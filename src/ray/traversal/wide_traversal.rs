@@ -12,8 +12,8 @@ use crate::ray::filter::Filter;
 use crate::ray::kernel::shear::Sheared;
 use crate::ray::kernel::tree_ray::TreeRay;
 use crate::ray::observer::Observer;
-use crate::simd::{Kernel, Mask, Simd, Stack};
-use crate::traverse::{Cursor, NodeBlock, StackOf, WideQuery, WideTraversal};
+use crate::simd::{Mask, Simd, Stack};
+use crate::traverse::{Cursor, NodeBlock, WideQuery, WideTraversal};
 use core::ops::ControlFlow;
 
 /// The wide layout, and the instruction set for its traversal.
@@ -43,28 +43,6 @@ impl<S: Simd> RayLayout for Wide<'_, S> {
         let mut cursor = Cursor::new(self.tree.root, self.stack);
         let traversal = WideTraversal::at_time(self.tree, ray.time());
         while traversal.advance(self.simd, &mut cursor, &mut query).is_continue() {}
-    }
-}
-
-/// The traversal of a wide layout by a ray that is already prepared, to be dispatched to an instruction set.
-pub(in crate::ray) struct TraverseWide<'a, 'b, G, F, C, O> {
-    pub tree: &'a WideTree,
-    pub set: &'a G,
-    pub ray: &'a TreeRay<'b>,
-    pub filter: &'a F,
-    pub collect: &'a mut C,
-    pub observer: &'a mut O,
-}
-
-impl<G: RaySource, F: Filter, C: Collect, O: Observer> Kernel for TraverseWide<'_, '_, G, F, C, O> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let TraverseWide { tree, set, ray, filter, collect, observer } = self;
-        let mut memory = StackOf::new();
-        let stack = memory.stack(tree.max_stack());
-        Wide { tree, simd: s, stack }.traverse(set, ray, filter, collect, observer);
     }
 }
 
