@@ -367,8 +367,12 @@ impl PrimitiveSet for Triangles {
                     n += 1;
                 }
             }
+            // However many more there are.
+            if n > LANES && 4 * n > 9 * ids.len() {
+                return true;
+            }
         }
-        n <= LANES || 4 * n > 9 * ids.len()
+        n <= LANES
     }
 
     fn bent(&self) -> bool {

@@ -78,8 +78,7 @@ impl<Q: Position> BulkQuery<'_, Q> {
 
     fn checked_run(self, lists: &mut NeighborCsr) -> Result<(), ListError> {
         let BulkQuery { among, queries, .. } = self;
-        lists.offsets.clear();
-        lists.points.clear();
+        lists.clear();
         if queries.len() >= u32::MAX as usize {
             return Err(ListError::TooManyQueries);
         }

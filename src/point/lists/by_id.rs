@@ -18,8 +18,7 @@ pub(super) fn reorder(request: &ListRequest<'_>, lists: &mut NeighborCsr) -> Res
         match from.get_mut(id as usize) {
             Some(to) if *to == ABSENT => *to = row as u32,
             _ => {
-                lists.points.clear();
-                lists.offsets.clear();
+                lists.clear();
                 return Err(ListError::Ids { id });
             }
         }

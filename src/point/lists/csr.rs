@@ -44,6 +44,22 @@ impl NeighborCsr {
         NeighborCsr::default()
     }
 
+    /// Drops all lists and keeps the memory.
+    ///
+    /// ```
+    /// use mbkd::{NeighborCsr, PointParams, PointTree};
+    /// let mut lists = NeighborCsr::new();
+    /// PointTree::build(&[[0.0f32; 3], [1.0; 3]], &PointParams::default())?.neighbor_lists(0.0, 2.0).run(&mut lists)?;
+    /// assert_eq!(lists.len(), 2);
+    /// lists.clear();
+    /// assert!(lists.is_empty() && lists.bytes() > 0);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn clear(&mut self) {
+        self.offsets.clear();
+        self.points.clear();
+    }
+
     /// Number of lists: one for each point that exists at the time, or for each id with
     /// [`in_order`](super::ListQuery::in_order).
     pub fn len(&self) -> usize {

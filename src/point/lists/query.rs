@@ -144,8 +144,7 @@ impl<'a> ListQuery<'a> {
     }
 
     fn checked_run(mut self, lists: &mut NeighborCsr) -> Result<(), ListError> {
-        lists.offsets.clear();
-        lists.points.clear();
+        lists.clear();
         self.request.check()?;
         self.request.listing.periodic_box = PeriodicBox::new(self.request.periods);
         let mut request = self.request;

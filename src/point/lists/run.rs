@@ -31,8 +31,7 @@ fn fill(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut NeighborCsr)
     match lists.workers.iter_mut().filter_map(|worker| worker.lists.crowded.take()).min() {
         None => Ok(()),
         Some(id) => {
-            lists.offsets.clear();
-            lists.points.clear();
+            lists.clear();
             Err(ListError::TooManyNeighbors { id })
         }
     }

@@ -56,8 +56,7 @@ impl PointTree {
         until: f32,
         lists: &mut NeighborCsr,
     ) -> Result<f32, ListError> {
-        lists.offsets.clear();
-        lists.points.clear();
+        lists.clear();
         if skin.is_nan() || skin < 0.0 {
             return Err(ListError::Skin);
         }
