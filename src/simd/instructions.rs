@@ -189,8 +189,9 @@ pub(crate) trait Simd: Copy {
 
 /// A computation that [`dispatch`](super::dispatch()) can compile for every instruction set.
 ///
-/// Mark `run` and all functions it calls `#[inline(always)]`: a function that is not inlined is compiled without the
-/// instruction set, and every vector is then passed through memory.
+/// Mark `run` and all functions it calls `#[inline(always)]`, or use [`Simd::call`]: a function that is not inlined is compiled without
+/// the instruction set, and each of its lane operations is a call then. That includes closures that are called in more than one place, by
+/// an iterator for instance, and recursion.
 pub(crate) trait Kernel {
     /// The result of the computation.
     type Output;
