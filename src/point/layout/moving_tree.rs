@@ -7,7 +7,7 @@ use super::fill_moving_leaves::{MovingBottomNodes, Ordered, fill};
 use super::linear_bounds::{LinearBox, LinearBoxes};
 use super::moving_leaf::{Block, LaneIntervals, MovingLeaves};
 use super::moving_view::{AtTime, HasLeaves};
-use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath};
+use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath, throughout};
 use super::slice_tree::SliceTree;
 use super::snapshot::{CoordinateView, Target, View, diagonal, outside, rows};
 use super::static_tree::Shape;
@@ -261,7 +261,7 @@ impl BoxTree for MovingTree {
         if let Some(times) = self.node_times.get(node) {
             return [times.begin, times.end];
         }
-        [self.nodes[node].lo[0].map(|x| if x < f32::INFINITY { 0.0 } else { f32::INFINITY }), [1.0; LANES]]
+        throughout(&self.nodes[node].lo[0])
     }
     #[inline(always)]
     fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {

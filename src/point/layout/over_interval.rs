@@ -120,6 +120,16 @@ pub(in crate::point) trait BoxTree {
     }
 }
 
+/// The times of a node whose lanes are active throughout, given their lowest faces, which are infinite where there is none.
+#[inline(always)]
+pub(in crate::point) fn throughout(lowest: &Lanes<f32>) -> [Lanes<f32>; 2] {
+    let mut begins = [0.0; LANES];
+    for (begin, &x) in begins.iter_mut().zip(lowest) {
+        *begin = if x < f32::INFINITY { 0.0 } else { f32::INFINITY };
+    }
+    [begins, [1.0; LANES]]
+}
+
 /// The greater; one instruction, which takes no care of NaN.
 #[inline(always)]
 pub(in crate::point) fn greater(a: f64, b: f64) -> f64 {

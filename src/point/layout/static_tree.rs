@@ -6,7 +6,7 @@
 //! fills the levels better.
 
 use super::fill_leaves::{BottomNodes, Points, fill};
-use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath};
+use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath, throughout};
 use super::snapshot::{Boxes, CoordinateView, Leaves, Target, View, diagonal, outside, rows, squared};
 use crate::geometry::TimeInterval;
 use crate::limits::MAX_LEVELS;
@@ -353,12 +353,20 @@ impl BoxTree for StaticTree {
     }
     #[inline(always)]
     fn times(&self, node: usize) -> [Lanes<f32>; 2] {
-        [self.nodes[node].lo[0].map(|x| if x < f32::INFINITY { 0.0 } else { f32::INFINITY }), [1.0; LANES]]
+        throughout(&self.nodes[node].lo[0])
     }
     #[inline(always)]
     fn faces(&self, node: usize, _phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
         let Boxes { lo, hi } = &self.nodes[node];
-        [lo, hi].map(|face| face.map(|row| row.map(f64::from)))
+        let mut faces = [[[0.0; LANES]; 3]; 2];
+        for (faces, rows) in faces.iter_mut().zip([lo, hi]) {
+            for (to, row) in faces.iter_mut().zip(rows) {
+                for (to, &x) in to.iter_mut().zip(row) {
+                    *to = f64::from(x);
+                }
+            }
+        }
+        faces
     }
     fn is_active(&self, _block: usize, _lane: usize, _time: f32) -> bool {
         true

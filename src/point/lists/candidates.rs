@@ -213,7 +213,11 @@ impl Candidates {
                     let points = BlockPoints::of_block(s, view, target, block);
                     self.exact.extend(view.exact_positions(s, block));
                     if let Some(others) = radii.others() {
-                        self.radii.push(points.id.map(|id| radius_of(others, id)));
+                        let mut radii = [0.0; LANES];
+                        for (radius, &id) in radii.iter_mut().zip(&points.id) {
+                            *radius = radius_of(others, id);
+                        }
+                        self.radii.push(radii);
                     }
                     self.blocks.push(points);
                 }

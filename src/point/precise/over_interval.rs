@@ -5,7 +5,7 @@
 use super::linear_box::Node;
 use super::tree::{ABSENT, Block, PreciseTree, between};
 use crate::geometry::TimeInterval;
-use crate::point::layout::over_interval::{BlockTree, BoxTree, PathRows, PointPath, greater, lesser};
+use crate::point::layout::over_interval::{BlockTree, BoxTree, PathRows, PointPath, greater, lesser, throughout};
 use crate::point::leaf_order::moving_reference::SegmentSlice;
 use crate::simd::{LANES, Lanes};
 use glam::DVec3;
@@ -20,23 +20,29 @@ impl BoxTree for PreciseTree {
     fn children(&self, level: usize, node: usize) -> (usize, usize) {
         self.shape.children(level, node)
     }
+    #[inline(always)]
     fn times(&self, node: usize) -> [Lanes<f32>; 2] {
         if let Some(times) = self.node_times.get(node) {
             return [times.begin, times.end];
         }
-        [self.nodes[node].boxes.lo[0].map(|x| if x < f32::INFINITY { 0.0 } else { f32::INFINITY }), [1.0; LANES]]
+        throughout(&self.nodes[node].boxes.lo[0])
     }
     #[inline(always)]
     fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
         let (Node { middle, displacement, boxes }, slopes) = (&self.nodes[node], self.slopes.get(node));
-        let w = phase.map(|phase| self.fraction(phase));
+        let still = [[0.0; LANES]; 3];
+        let (slopes_lo, slopes_hi) = slopes.map_or((&still, &still), |slopes| (&slopes.lo, &slopes.hi));
+        let mut w = [0.0; LANES];
+        for (w, &phase) in w.iter_mut().zip(phase) {
+            *w = self.fraction(phase);
+        }
         let mut faces = [[[0.0; LANES]; 3]; 2];
-        for (number, (faces, boxes)) in faces.iter_mut().zip([&boxes.lo, &boxes.hi]).enumerate() {
+        for (faces, (boxes, slopes)) in faces.iter_mut().zip([(&boxes.lo, slopes_lo), (&boxes.hi, slopes_hi)]) {
             for axis in 0..3 {
                 for lane in 0..LANES {
-                    let slope = slopes.map_or(0.0, |slopes| [&slopes.lo, &slopes.hi][number][axis][lane]);
                     let middle = middle[axis] + displacement[axis] * w[lane];
-                    faces[axis][lane] = middle + (f64::from(boxes[axis][lane]) + f64::from(slope) * w[lane]);
+                    let slope = f64::from(slopes[axis][lane]);
+                    faces[axis][lane] = middle + (f64::from(boxes[axis][lane]) + slope * w[lane]);
                 }
             }
         }

@@ -107,7 +107,11 @@ pub(in crate::point) fn few_in_order<S: Simd>(
     let (mut distances, mut ids) = ([0.0; LANES], [0; LANES]);
     s.store(distance, &mut distances);
     s.store_u(id, &mut ids);
-    let pairs: [Neighbor; LANES] = core::array::from_fn(|i| Neighbor { id: ids[i], distance_squared: distances[i] });
+    // A loop: a function from indices to neighbours becomes a call.
+    let mut pairs = [Neighbor { id: 0, distance_squared: 0.0 }; LANES];
+    for (pair, (&id, &distance_squared)) in pairs.iter_mut().zip(ids.iter().zip(&distances)) {
+        *pair = Neighbor { id, distance_squared };
+    }
     found.clear();
     found.extend_from_slice(&pairs);
     found.truncate(k.min(count));

@@ -171,13 +171,13 @@ impl<C: SweptCoordinate> Group<C> {
     /// The boxes of a node, swept between two phases, in the group's frame, and the magnitudes of what is in them.
     #[inline(always)]
     fn swept<S: Simd, T: BoxTree>(&self, s: S, tree: &T, phases: [f64; 2], node: usize) -> (BoxVector<S>, Lanes<f64>) {
-        let ends = phases.map(|phase| tree.faces(node, &[phase; LANES]));
+        let [begin, end] = [tree.faces(node, &[phases[0]; LANES]), tree.faces(node, &[phases[1]; LANES])];
         let (mut lo, mut hi, mut magnitude) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3], [0.0; LANES]);
         for axis in 0..3 {
             let (center, drift) = (self.frame.center[axis], self.frame.drift[axis]);
             for lane in 0..LANES {
-                let [first, last] =
-                    [0, 1].map(|end| [0, 1].map(|side| C::relative(ends[end][side][axis][lane], center)));
+                let first = [C::relative(begin[0][axis][lane], center), C::relative(begin[1][axis][lane], center)];
+                let last = [C::relative(end[0][axis][lane], center), C::relative(end[1][axis][lane], center)];
                 let most = greater(greater(first[0].abs(), first[1].abs()), greater(last[0].abs(), last[1].abs()));
                 // Faces and positions may be much smaller than at a key; see `super` for why that needs nothing more.
                 let slack = most * SLACK + self.slack;
