@@ -58,7 +58,7 @@ struct Row {
     make: fn(f32, usize) -> Content,
 }
 
-const ROWS: [Row; 7] = [
+const ROWS: [Row; 8] = [
     Row {
         name: "hall, straight motion, 300 000",
         keys: &[2, 9, 65],
@@ -73,6 +73,11 @@ const ROWS: [Row; 7] = [
         name: "debris in f64, straight motion, 200 000",
         keys: &[2, 9, 65],
         make: |scale, keys| with_each(debris((200_000.0 * scale) as usize), |mesh| sampled_in_f64(mesh, keys)),
+    },
+    Row {
+        name: "debris, straight but for the middle key, 50 000",
+        keys: &[2, 3, 9],
+        make: |scale, keys| with_each(debris((50_000.0 * scale) as usize), |mesh| late_in_the_middle(mesh, keys)),
     },
     Row {
         name: "spheres, straight motion, 50 000",
@@ -126,7 +131,19 @@ fn sampled(mesh: &TriangleMesh, keys: usize) -> TriangleMesh {
     TriangleMesh { keys: (0..keys).map(at).collect::<Vec<Vec<Vec3>>>().into(), ..mesh.clone() }
 }
 
-/// The same in f64, which is kept.
+/// The same, but at the middle key half as far on the way.
+fn late_in_the_middle(mesh: &TriangleMesh, keys: usize) -> TriangleMesh {
+    let mut mesh = sampled(mesh, keys);
+    if let Keys::F32(at) = &mut mesh.keys
+        && at.len() > 2
+    {
+        let first = at[0].clone();
+        at[keys / 2].iter_mut().zip(&first).for_each(|(p, first)| *p = p.lerp(*first, 0.5));
+    }
+    mesh
+}
+
+/// The linear motion at more keys in f64, which is kept.
 fn sampled_in_f64(mesh: &TriangleMesh, keys: usize) -> TriangleMesh {
     let Keys::F32(at) = &mesh.keys else { return mesh.clone() };
     let [a, b] = [at.first(), at.last()].map(|key| key.expect("a key"));
