@@ -307,17 +307,14 @@ impl<G: RaySource> Target<'_, G> {
     fn answer<Q: Query>(self, query: Q, ray: &Ray, guards: Guards<'_, Offer>) -> Q::Answer {
         let Guards { visible, mut observer } = guards;
         let args = QueryArgs { set: self.geometry, ray, filter: &visible, observer: &mut observer };
-        let asked = Asked(query, args);
         match self.layout {
             Layout::Wide(tree) => {
-                let Asked(query, args) = asked;
-                let mut collect = None;
-                let query = Some(query);
+                let (query, mut collect) = (Some(query), None);
                 dispatch(self.simd, PartOfWide { tree, outline: self.outline, query, args, collect: &mut collect });
                 collect.map_or(Q::NOTHING, |collect| Q::answer(collect, self.geometry))
             }
-            Layout::Kd(tree) => answer_in_kd(asked, tree),
-            Layout::Lazy(tree) => answer_lazily(asked, tree, self.simd),
+            Layout::Kd(tree) => answer_in_kd(Asked(query, args), tree),
+            Layout::Lazy(tree) => answer_lazily(Asked(query, args), tree, self.simd),
         }
     }
 
