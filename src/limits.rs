@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 /// The largest magnitude a coordinate may have: the f32 next to 1e30, which is a little larger. Beyond it builds return an error.
+/// (Points have a smaller limit as well, [`MAX_POINT_COORDINATE`].)
 pub const MAX_COORDINATE: f64 = 1e30_f32 as f64;
 
 /// The largest magnitude of a point's coordinate, relative to the tree's origin: squared distances between
@@ -25,8 +26,8 @@ pub(crate) const MAX_MESH_KEYS: usize = 1 << 24;
 /// The most time slices of a point tree that can be requested.
 pub(crate) const MAX_POINT_TIME_SLICES: usize = 1024;
 
-/// The most trees of a point tree, one for each time slice of each segment between keys, unless there is one per segment.
-pub(crate) const MAX_POINT_TREES: usize = 1 << 14;
+/// The most references per primitive in a wide tree that can be requested ([`WideParams::max_references`](crate::WideParams::max_references)).
+pub(crate) const MOST_REFERENCES: usize = 8;
 
 /// The most slices of the shutter in a wide tree.
 pub(crate) const MAX_TIME_SLICES: usize = 16;

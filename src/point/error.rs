@@ -1,6 +1,6 @@
 //! Errors of building a point tree.
 
-use crate::limits::{MAX_KEYS, MAX_POINT_COORDINATE};
+use crate::limits::{MAX_COORDINATE, MAX_KEYS, MAX_POINT_COORDINATE};
 use core::fmt;
 
 /// Why a point tree could not be built. Bad input never panics; it returns this error.
@@ -21,8 +21,8 @@ pub enum PointError {
         /// The key.
         key: usize,
     },
-    /// A coordinate is farther from zero (for f64 input, from the set's centre) than
-    /// [`MAX_POINT_COORDINATE`].
+    /// A coordinate is farther from zero (for f64 input, from [`PointTree::origin`](crate::PointTree::origin)) than
+    /// [`MAX_POINT_COORDINATE`], or farther from zero than [`MAX_COORDINATE`](crate::MAX_COORDINATE).
     TooLarge {
         /// The point.
         point: usize,
@@ -73,8 +73,12 @@ impl fmt::Display for PointError {
                 write!(f, "point {point} has a coordinate that is not finite at key {key}; remove or correct it")
             }
             PointError::TooLarge { point, key } => {
-                let most = MAX_POINT_COORDINATE;
-                write!(f, "point {point} is farther than {most:e} from the origin at key {key}; scale the set down")
+                let (near, far) = (MAX_POINT_COORDINATE, MAX_COORDINATE);
+                write!(
+                    f,
+                    "point {point} is farther than {near:e} from the origin, or than {far:e} from zero, at key {key}; \
+                     scale the set down"
+                )
             }
             PointError::Length { name, expected, found } => {
                 write!(f, "`{name}` has {found} elements where {expected} are needed, one for each point")

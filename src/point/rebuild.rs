@@ -5,7 +5,7 @@ use super::error::PointError;
 use super::layout::static_tree::StaticTree;
 use super::search::layers::Layer;
 use super::statistics::PointLayerKind;
-use super::tree::{PointParams, PointTree, work_of};
+use super::tree::{ALL_STATIC, PointParams, PointTree, work_of};
 use crate::parallel;
 use crate::primitive::PointSet;
 use crate::progress::Progress;
@@ -59,7 +59,7 @@ impl PointTree {
         let (len, origin) = (source.len, source.origin);
         self.renew(origin, params.simd);
         self.distinct = true;
-        let why = if kept { "nothing moves; the order of the last step" } else { "nothing moves" };
+        let why = if kept { "all points are static; the order of the last step" } else { ALL_STATIC };
         self.add(Layer::Static(tree), PointLayerKind::Static, len, why.into());
         Ok(kept)
     }
@@ -105,7 +105,8 @@ impl PointTree {
     }
 
     /// Hands out the order of the tree, in which points that are close in space are close together, and numbers the
-    /// points by it: element `i` of what is returned is the id that point `i` had so far.
+    /// points by it: element `i` of what is returned is the id that point `i` had so far. (Points that share an id get one each in a
+    /// tree of one static structure, and share the new one in all others.)
     ///
     /// A simulation that brings its arrays into this order finds neighbours close in memory, and may
     /// [`rebuild`](PointTree::rebuild) this tree from them.

@@ -14,7 +14,7 @@ use super::precision::Precision;
 use super::search::layers::{Layer, LayerView};
 use super::statistics::{PointLayerKind, PointLayerStatistics, PointStatistics};
 use crate::geometry::TimeInterval;
-use crate::limits::{MAX_POINT_TIME_SLICES, MAX_POINT_TREES};
+use crate::limits::MAX_POINT_TIME_SLICES;
 use crate::parallel;
 use crate::primitive::PointSet;
 use crate::progress::{Callback, Progress};
@@ -106,7 +106,7 @@ impl PointParams {
 ///
 /// A query finds nothing if its time is outside [0, 1], if its point is not finite or farther from the origin than
 /// [`MAX_POINT_COORDINATE`](crate::MAX_POINT_COORDINATE), or if its radius is negative or NaN. Differences of coordinates below
-/// about 1e-19 have squares that f32 rounds to zero; such points count as equally far.
+/// about 1e-19 have squares that are denormal in f32 and lose bits, and below 2e-23 they are zero: such points count as equally far.
 ///
 /// ```
 /// use mbkd::{PointParams, PointTree};
@@ -136,8 +136,11 @@ const READING: f64 = 0.1;
 const PLANNING: f64 = 0.15;
 
 /// Why a tree has only a static layer.
-const ALL_STATIC: &str = "all points are static";
+pub(super) const ALL_STATIC: &str = "all points are static";
 const ALL_STATIC_IN_F64: &str = "all points are static; positions in f64";
+
+/// The most trees, one for each time slice of each segment between keys, unless there is one per segment.
+const MAX_POINT_TREES: usize = 1 << 14;
 
 /// The plan if no trials were made.
 const SIMPLE: Plan = Plan::Boxes(1);
@@ -416,7 +419,7 @@ impl PointTree {
     }
 
     /// The position in the caller's coordinates that limits of magnitude and f32 positions are relative to: zero for
-    /// f32 input, the centre of the set for f64 input.
+    /// f32 input, and for f64 input of which all coordinates are f32 numbers, on both sides of zero; otherwise the middle of the set.
     pub fn origin(&self) -> DVec3 {
         self.origin
     }

@@ -1,8 +1,9 @@
-//! Searches from far outside of a set visit little more than the points that are near enough: counted work.
+//! Far away: searches from far outside of a set visit little more than the points that are near enough (counted work), and how far from
+//! zero a set may lie.
 
 use crate::support::Rng;
-use mbkd::glam::Vec3;
-use mbkd::{MovingPoint, PointParams, PointStructure, PointTree};
+use mbkd::glam::{DVec3, Vec3};
+use mbkd::{MAX_COORDINATE, MovingPoint, NeighborCsr, PointArrays, PointError, PointParams, PointStructure, PointTree};
 
 /// Blocks that searches for `k` visit, and blocks of searches that know the distance of the k-th neighbour.
 fn blocks(tree: &PointTree, k: usize) -> [u64; 2] {
@@ -33,6 +34,35 @@ fn the_nearest_leaves_give_a_threshold_for_the_others() {
         for k in [8, 11, 32, 64, 200] {
             let [visited, needed] = blocks(&tree, k);
             assert!(4 * visited <= 9 * needed, "{count} points, moving by {motion}, k = {k}: {visited} for {needed}");
+        }
+    }
+}
+
+/// Near the limit queries and lists find what they should; beyond it nothing is built. Without a limit, numbers inside trees would overflow,
+/// or be those of no point.
+#[test]
+fn sets_in_f64_lie_as_far_from_zero_as_meshes_may() {
+    for far in [1e20, 1e29, MAX_COORDINATE] {
+        // A few times the spacing of f64 there, and a power of two, so that nothing is rounded.
+        let step = 2f64.powi(far.log2().floor() as i32 - 50);
+        let at = |i: usize, key: usize| DVec3::new(far - (i * (key + 1)) as f64 * step, step * i as f64, -far);
+        let keys: Vec<Vec<DVec3>> = (0..3).map(|key| (0..40).map(|i| at(i, key)).collect()).collect();
+        let rows: Vec<&[DVec3]> = keys.iter().map(|key| &key[..]).collect();
+        for keys in [&rows[..1], &rows] {
+            let tree = PointTree::build(&PointArrays { keys, active: &[], ids: &[] }, &PointParams::default()).unwrap();
+            let mut lists = NeighborCsr::new();
+            tree.neighbor_lists(0.0, 1.5 * step as f32).run(&mut lists).unwrap();
+            assert_eq!(lists.neighbors(), 2 * 39, "{far:e}");
+            for (i, &query) in keys[keys.len() - 1].iter().enumerate() {
+                assert_eq!(tree.nearest(query, 1.0).unwrap().id, i as u32, "{far:e}");
+            }
+        }
+    }
+    for far in [1.01e30, 1e54, 1e150, f64::MAX] {
+        let (near, beyond) = ([DVec3::splat(1e30); 3], [DVec3::new(far, 0.1, 0.0); 3]);
+        for keys in [&[&beyond[..]][..], &[&beyond, &near], &[&near, &near, &beyond]] {
+            let tree = PointTree::build(&PointArrays { keys, active: &[], ids: &[] }, &PointParams::default());
+            assert!(matches!(tree, Err(PointError::TooLarge { point: 0, .. })), "{far:e}");
         }
     }
 }

@@ -2,8 +2,8 @@
 
 use crate::support::{Cloud, KINDS, Rng, cloud};
 use mbkd::{
-    EncounterLists, ListError, ListQuery, MAX_POINT_COORDINATE, NeighborCsr, PointArrays, PointParams, PointStructure,
-    PointTree, Precision, Radii, SimdLevel, TimeInterval, glam::Vec3,
+    EncounterLists, ListError, ListQuery, MAX_POINT_COORDINATE, MovingPoint, NeighborCsr, PointArrays, PointParams,
+    PointStructure, PointTree, Precision, Radii, SimdLevel, TimeInterval, glam::Vec3,
 };
 
 pub const STRUCTURES: [PointStructure; 4] =
@@ -240,8 +240,8 @@ fn points_of_a_lattice_exactly_at_the_radius_count() {
 fn a_point_that_leaves_the_box_stays_the_neighbor_of_its_images() {
     // One leaves the box of length 1 to the right, the other stays near the left side.
     let points = [
-        mbkd::MovingPoint::new(Vec3::new(0.5, 0.5, 0.5), Vec3::new(1.5, 0.5, 0.5)),
-        mbkd::MovingPoint::fixed(Vec3::new(0.1, 0.5, 0.5)),
+        MovingPoint::new(Vec3::new(0.5, 0.5, 0.5), Vec3::new(1.5, 0.5, 0.5)),
+        MovingPoint::fixed(Vec3::new(0.1, 0.5, 0.5)),
     ];
     let tree = PointTree::build(&points, &PointParams::default()).unwrap();
     let mut lists = NeighborCsr::new();
@@ -528,4 +528,27 @@ fn bulk_queries_equal_single_ones() {
     let mut lists = NeighborCsr::new();
     tree.within_lists(&points, 0.0, 0.3).run(&mut lists).unwrap();
     assert!(lists.iter().all(|(query, row)| row.len() == if query == 0 || query == 99 { 2 } else { 3 }));
+}
+
+/// Only points that exist at the time need a radius, whatever else the tree of its time slice holds.
+#[test]
+fn missing_radii_do_not_depend_on_the_structure() {
+    let part = TimeInterval::new(0.0, 0.25).unwrap();
+    let at = |x: f32| MovingPoint::new(Vec3::X * x, Vec3::X * x + Vec3::Y);
+    let points = [at(0.0), at(1.0), at(2.0).with_active(part)];
+    let mut lists = NeighborCsr::new();
+    for precision in [Precision::Single, Precision::Double] {
+        // Points in f64 have no trees with planes.
+        let planes = |structure: &PointStructure| precision == Precision::Double && *structure == PointStructure::Mbkd;
+        for structure in STRUCTURES.into_iter().filter(|structure| !planes(structure)) {
+            let tree =
+                PointTree::build(&points, &PointParams { structure, precision, ..PointParams::default() }).unwrap();
+            for radii in [Radii::Own(&[1.5, 1.5]), Radii::Sum { own: &[0.7; 2], others: &[0.8; 2] }] {
+                let mut at = |time| tree.neighbor_lists(time, radii).run(&mut lists);
+                assert_eq!(at(0.1), Err(ListError::MissingRadius { id: 2 }), "{structure:?}");
+                assert_eq!(at(0.9), Ok(()), "{structure:?}");
+                assert_eq!(lists.neighbors(), 2);
+            }
+        }
+    }
 }

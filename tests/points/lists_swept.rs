@@ -4,8 +4,8 @@ use crate::encounter::Pair;
 use crate::lists::{STRUCTURES, build};
 use crate::support::{Cloud, KINDS, Rng, cloud};
 use mbkd::{
-    Encounter, EncounterLists, ListError, MovingPoint, NeighborCsr, PointParams, PointStructure, PointTree, SimdLevel,
-    TimeInterval, certified_duration, glam::Vec3,
+    Encounter, EncounterLists, ListError, MovingPoint, NeighborCsr, PointArrays, PointParams, PointStructure,
+    PointTree, Precision, SimdLevel, TimeInterval, certified_duration, glam::Vec3,
 };
 
 /// The encounter of two points, by comparing them.
@@ -519,4 +519,30 @@ fn certificates_end_before_points_that_begin_to_exist_beside_a_key() {
         }
     }
     assert!(beside > 100, "{beside}");
+}
+
+/// Most keys are no f32 numbers, and the float nearest to one may be before it: the next answer is beyond it all the same, so that a loop
+/// which goes on to the answer comes to the end.
+#[test]
+fn lists_with_a_skin_go_on_at_keys_that_are_no_floats() {
+    let (mut before, mut lists) = (0, NeighborCsr::new());
+    for keys in (3..400u16).step_by(7) {
+        let at = |x: f32, key: u16| Vec3::new(x, if key.is_multiple_of(2) { 0.5 } else { -0.5 }, 0.0);
+        let cloud: Vec<[Vec3; 2]> = (0..keys).map(|key| [at(0.0, key), at(100.0, key)]).collect();
+        let rows: Vec<&[Vec3]> = cloud.iter().map(|key| &key[..]).collect();
+        let points = PointArrays { keys: &rows, active: &[], ids: &[] };
+        for precision in [Precision::Single, Precision::Double] {
+            let params = PointParams { precision, ..PointParams::default() };
+            let tree = PointTree::build(&points, &params).unwrap();
+            for key in 1..keys - 1 {
+                let near = f32::from(key) / f32::from(keys - 1);
+                before += usize::from(f64::from(near) * f64::from(keys - 1) < f64::from(key));
+                for time in [near.next_down(), near, near.next_up()] {
+                    let next = tree.neighbor_lists_with_skin(time, 1.0, 0.5, 1.0, &mut lists).unwrap();
+                    assert!(next > time, "{keys} keys, {precision:?}: {next} at {time}");
+                }
+            }
+        }
+    }
+    assert!(before > 1000, "{before}");
 }

@@ -1,7 +1,7 @@
 //! Reading a set of points: everything that can be wrong with it is checked here, and only here.
 
 use crate::geometry::TimeInterval;
-use crate::limits::{MAX_KEYS, MAX_POINT_COORDINATE};
+use crate::limits::{MAX_COORDINATE, MAX_KEYS, MAX_POINT_COORDINATE};
 use crate::parallel::{self, CHUNK};
 use crate::point::error::PointError;
 use crate::point::layout::static_tree::StaticTree;
@@ -67,8 +67,9 @@ impl Source {
             }
             keys
         } else {
-            let keys =
-                kept_of(len, keys, SINGLE, |point, key| reader.relative(point, key).as_vec3().as_dvec3().to_array());
+            let keys = kept_of(len, keys, SINGLE, |point, key| {
+                reader.relative(points.position(point, key)).as_vec3().as_dvec3().to_array()
+            });
             positions = reader.copy(len, keys, |point, key| reader.read(point, key));
             keys
         };
@@ -338,31 +339,30 @@ impl<'a, P: PointSet + ?Sized> Reader<'a, P> {
 
     /// A position relative to the origin.
     #[inline(always)]
-    fn relative(&self, point: usize, key: usize) -> DVec3 {
-        let at = self.points.position(point, key);
+    fn relative(&self, at: DVec3) -> DVec3 {
         if P::WIDE { at - self.origin } else { at }
     }
 
     /// A position in f32, relative to the origin.
     #[inline(always)]
     fn read(&self, point: usize, key: usize) -> [f32; 3] {
-        let at = self.relative(point, key);
+        let at = self.points.position(point, key);
         self.note(at, point, key);
-        at.as_vec3().to_array()
+        self.relative(at).as_vec3().to_array()
     }
 
     /// A position as it is given.
     #[inline(always)]
     fn read_exact(&self, point: usize, key: usize) -> DVec3 {
         let at = self.points.position(point, key);
-        self.note(at - self.origin, point, key);
+        self.note(at, point, key);
         at
     }
 
-    /// Remembers a relative position if it is wrong.
+    /// Remembers a position if it is wrong.
     #[inline(always)]
-    fn note(&self, relative: DVec3, point: usize, key: usize) {
-        if !fits(relative) {
+    fn note(&self, at: DVec3, point: usize, key: usize) {
+        if !(fits(self.relative(at)) && (!P::WIDE || is_in_space(at))) {
             self.wrong.fetch_min(point * self.given + key, Ordering::Relaxed);
         }
     }
@@ -390,8 +390,9 @@ impl<'a, P: PointSet + ?Sized> Reader<'a, P> {
         }
         let (point, key) = (wrong / self.given, wrong % self.given);
         // A set that answers differently when asked again is wrong all the same.
-        checked(self.relative(point, key), point, key)?;
-        Err(PointError::NonFinite { point, key })
+        let at = self.points.position(point, key);
+        checked(self.relative(at), point, key)?;
+        Err(if is_in_space(at) { PointError::NonFinite { point, key } } else { PointError::TooLarge { point, key } })
     }
 }
 
@@ -403,6 +404,12 @@ fn kept_of(len: usize, given: usize, ulp: f64, at: impl Fn(usize, usize) -> [f64
     kept_keys(given, len, ulp, |key, of, out| {
         of.zip(out.as_chunks_mut().0).for_each(|(point, out)| *out = at(point, key));
     })
+}
+
+/// Whether a position, wherever its set lies, is as near to zero as those of meshes: no number in the tree overflows.
+#[inline(always)]
+pub(in crate::point) fn is_in_space(at: DVec3) -> bool {
+    at.abs().cmple(DVec3::splat(MAX_COORDINATE)).all()
 }
 
 /// Whether a position is finite and not too large.

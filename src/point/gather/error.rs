@@ -48,7 +48,8 @@ pub enum GatherError {
     Normal,
     /// The time of a query, of a visible point, or of a photon for such points is outside the shutter.
     Time,
-    /// The window of a query is not greater than 0, or so short (some 10^-38 of the shutter) that photons in it have no finite weight.
+    /// The window of a query is not greater than 0, or so short (some 10^-38 of the shutter) that photons in it have no finite weight,
+    /// whether the photons that were found are weighted by it or not.
     Window,
     /// The window of a query is wider than the map was built for, and some photons move with their surface.
     WindowTooWide {

@@ -22,20 +22,21 @@ pub enum ListError {
     },
     /// The skin is negative or NaN.
     Skin,
-    /// There are fewer radii than ids.
+    /// There are fewer radii than ids of the points that exist at the time.
     MissingRadius {
         /// A point without a radius.
         id: u32,
     },
-    /// The time is outside the shutter [0, 1] or NaN.
+    /// The time is outside the shutter [0, 1] or NaN, or the time until which lists with a skin shall hold is, or it is before the other.
     Time,
-    /// A period is not a finite number above zero.
+    /// A period is not above zero, or not finite, or not a normal number of f32 (about 1.2e-38 to 3.4e38).
     Period {
         /// The axis.
         axis: usize,
     },
-    /// A coordinate is more than a million periods from zero, where f32 does not resolve positions in a period. The faces
-    /// of the tree's boxes around moving points count too: they may reach up to three times as far as the points.
+    /// A coordinate is more than a million periods from zero (of points in f64, from the tree's origin), where f32 does not resolve
+    /// positions in a period. The faces of the tree's boxes around moving points count too: they may reach up to three times as far as
+    /// the points.
     FarFromPeriod {
         /// The axis.
         axis: usize,
@@ -71,7 +72,9 @@ impl fmt::Display for ListError {
             ListError::Radius { id: None } => f.write_str("the radius is negative or NaN"),
             ListError::Skin => f.write_str("the skin is negative or NaN"),
             ListError::MissingRadius { id } => write!(f, "there is no radius for point {id}; give one for each id"),
-            ListError::Time => f.write_str("the time is not in [0, 1]"),
+            ListError::Time => {
+                f.write_str("the time, or the one until which lists shall hold, is not in [0, 1], or they are in the wrong order")
+            }
             ListError::Period { axis } => write!(f, "the period of axis {axis} must be finite and above zero"),
             ListError::FarFromPeriod { axis } => {
                 write!(f, "points are more than a million periods from zero along axis {axis}; move them into the box")

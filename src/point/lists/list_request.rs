@@ -2,7 +2,7 @@
 
 use super::error::ListError;
 use super::periodic_box::PeriodicBox;
-use super::radii::Radii;
+use super::radii::{Radii, is_bad};
 use crate::point::tree::PointTree;
 
 /// Which neighbours are listed, and which columns are requested.
@@ -62,10 +62,9 @@ impl ListRequest<'_> {
         if let Some(axis) = (0..3).find(bad) {
             return Err(ListError::Period { axis });
         }
-        let bad = |radius: f32| radius.is_nan() || radius < 0.0;
-        let bad_at = |radii: &[f32]| radii.iter().position(|&radius| bad(radius)).map(|id| id as u32);
+        let bad_at = |radii: &[f32]| radii.iter().position(|&radius| is_bad(radius)).map(|id| id as u32);
         match self.listing.radii {
-            Radii::Equal(radius) if bad(radius) => Err(ListError::Radius { id: None }),
+            Radii::Equal(radius) if is_bad(radius) => Err(ListError::Radius { id: None }),
             Radii::Equal(_) => Ok(()),
             Radii::Own(own) => bad_at(own).map_or(Ok(()), |id| Err(ListError::Radius { id: Some(id) })),
             Radii::Larger { own, others } | Radii::Sum { own, others } => {

@@ -60,7 +60,9 @@ impl PointTree {
 }
 
 impl<'a> ListQuery<'a> {
-    /// Each pair in one list only: that of the lower id. (Among another set, only neighbours with greater ids.)
+    /// Each pair in one list only: that of the lower id. (Among another set, only neighbours with greater ids.) With radii of their own
+    /// ([`Radii::Own`]), the radius of the lower id alone decides: a pair that only the other one reaches is in no list.
+    /// [`Radii::Larger`] and [`Radii::Sum`] treat both alike.
     pub fn pairs_once(mut self) -> Self {
         self.request.listing.once = true;
         self
@@ -105,7 +107,8 @@ impl<'a> ListQuery<'a> {
     /// An error if a list has more neighbours than this ([`ListError::TooManyNeighbors`]).
     ///
     /// It bounds the memory of lists: where points clump, as in a simulation that becomes unstable, there may be as many
-    /// neighbours as pairs of points, and a program that runs out of memory is aborted.
+    /// neighbours as pairs of points, and a program that runs out of memory is aborted. It does not bound the time: all neighbours are
+    /// counted before the error. (Lists over an interval and lists with a skin have no such limit.)
     ///
     /// ```
     /// use mbkd::{ListError, NeighborCsr, PointParams, PointTree};
@@ -133,7 +136,7 @@ impl<'a> ListQuery<'a> {
     /// # Errors
     /// - [`ListError::Time`] outside [0, 1].
     /// - [`ListError::Radius`] for a radius that is negative or NaN, [`ListError::MissingRadius`] for a point without one.
-    /// - [`ListError::Period`] for a period that is not finite or not above zero, [`ListError::FarFromPeriod`] for points more
+    /// - [`ListError::Period`] for a period that is not above zero or not a normal f32, [`ListError::FarFromPeriod`] for points more
     ///   than a million periods from zero.
     /// - [`ListError::Origins`] and [`ListError::Double`] if the two trees keep their positions in different ways
     ///   ([`ListQuery::among`]).

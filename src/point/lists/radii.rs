@@ -108,6 +108,11 @@ impl Margin {
     }
 }
 
+/// Whether this is no radius, and no skin.
+pub(super) fn is_bad(radius: f32) -> bool {
+    radius.is_nan() || radius < 0.0
+}
+
 /// The radius of a point; 0 for lanes without one.
 #[inline(always)]
 pub(super) fn radius_of(radii: &[f32], id: u32) -> f32 {

@@ -10,7 +10,7 @@ use glam::Vec3;
 pub(super) struct Reach {
     /// By node.
     pub(super) nodes: Vec<Lanes<f32>>,
-    /// A point for which there is no radius.
+    /// A point that exists at the time and for which there is no radius.
     pub(super) missing: Option<u32>,
 }
 
@@ -54,7 +54,8 @@ impl<V: CoordinateView> Kernel for MeasureNode<'_, V> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> f32 {
         let MeasureNode { view, level, node, radii, reach } = self;
-        let mut lanes = view.present(s, &view.target(s, Vec3::ZERO), node);
+        let target = view.target(s, Vec3::ZERO);
+        let mut lanes = view.present(s, &target, node);
         let mut most = 0.0f32;
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize;
@@ -64,12 +65,18 @@ impl<V: CoordinateView> Kernel for MeasureNode<'_, V> {
                 s.call(MeasureNode { view, level: level - 1, node, radii, reach })
             } else {
                 let first = view.first_block(node) + lane * view.leaf_blocks();
-                let ids = (first..first + view.leaf_blocks()).flat_map(|block| *view.ids(block));
                 let mut most = 0.0f32;
-                for id in ids.filter(|&id| id != u32::MAX) {
-                    most = most.max(radius_of(radii, id));
-                    if id as usize >= radii.len() {
-                        reach.missing = Some(id);
+                for block in first..first + view.leaf_blocks() {
+                    let [x, ..] = view.positions(s, &target, block);
+                    // Other points do not exist at the time. Which of them the tree holds depends on its time slices.
+                    let mut points = s.lt(x, s.splat(f32::MAX));
+                    while points != 0 {
+                        let id = view.ids(block)[points.trailing_zeros() as usize % LANES];
+                        points &= points - 1;
+                        most = most.max(radius_of(radii, id));
+                        if id as usize >= radii.len() {
+                            reach.missing = Some(id);
+                        }
                     }
                 }
                 most

@@ -3,6 +3,7 @@
 use super::linear_box::Node;
 use super::tree::{ABSENT, Block, PreciseTree};
 use crate::file::{Decoder, Encoder, FileError, record_fields, require};
+use crate::limits::MAX_COORDINATE;
 use crate::parallel;
 use crate::point::layout::moving_file::never;
 use crate::point::layout::moving_leaf::LaneIntervals;
@@ -104,8 +105,7 @@ impl PreciseTree {
             let exists = id[lane] != u32::MAX;
             let fine = (0..3).all(|axis| {
                 let (a, b) = (begin.0[axis][lane], end.0[axis][lane]);
-                // Their difference must be finite as well.
-                if exists { (b - a).is_finite() && a.is_finite() } else { a == ABSENT && b == ABSENT }
+                if exists { a.abs() <= MAX_COORDINATE && b.abs() <= MAX_COORDINATE } else { a == ABSENT && b == ABSENT }
             });
             fine && exists == (lane < count)
         })

@@ -49,7 +49,11 @@ impl LayersAt<'_> {
         Vec3::from(p).as_dvec3() + self.tree.origin
     }
 
-    /// Children or points of a entry in a tree whose positions are relative to `origin`.
+    fn point(&self, point: &PointPath, at: KeyTime) -> TreePoint {
+        TreePoint { id: point.id, position: self.to_world(point.position(at).to_array()) }
+    }
+
+    /// Children or points of an entry in a tree whose positions are relative to `origin`.
     fn expand_in(
         &self,
         tree: &impl BoxTree,
@@ -77,14 +81,8 @@ impl LayersAt<'_> {
             children.push((Aabb { min: corner(min), max: corner(max) }, child));
         }
     }
-}
 
-impl LayersAt<'_> {
-    fn point(&self, point: &PointPath, at: KeyTime) -> TreePoint {
-        TreePoint { id: point.id, position: self.to_world(point.position(at).to_array()) }
-    }
-
-    /// The same in a k-d tree: cells of its planes at the time, grown by their slack.
+    /// [`LayersAt::expand_in`] for a k-d tree: cells of its planes at the time, grown by their slack.
     fn expand_planes(
         &self,
         tree: &PlaneTree,

@@ -11,7 +11,7 @@ use crate::point::layout::linear_face::rounded_down;
 use crate::point::layout::over_interval::PointPath;
 use crate::point::lists::csr::NeighborCsr;
 use crate::point::lists::error::ListError;
-use crate::point::lists::radii::squared_radius;
+use crate::point::lists::radii::{is_bad, squared_radius};
 use crate::point::tree::PointTree;
 
 impl PointTree {
@@ -57,10 +57,10 @@ impl PointTree {
         lists: &mut NeighborCsr,
     ) -> Result<f32, ListError> {
         lists.clear();
-        if skin.is_nan() || skin < 0.0 {
+        if is_bad(skin) {
             return Err(ListError::Skin);
         }
-        if radius.is_nan() || radius < 0.0 {
+        if is_bad(radius) {
             return Err(ListError::Radius { id: None });
         }
         if !(time..=1.0).contains(&until) {

@@ -92,11 +92,10 @@ impl SweptCoordinate for f32 {
         KeyTime::new(time, keys).segment
     }
     fn segment_end(segment: usize, keys: usize) -> f32 {
-        let next_key = (segment + 1) as f64 / (keys.max(2) - 1) as f64;
-        // The f32 nearest to the key needs no rounding down: what is certain ends before it, and all f32 before it are
-        // before the key. But queries may locate the last of them at the key: a point that begins to exist then is not in this
-        // segment.
-        (next_key as f32).min(KeyTime::first_time(segment + 1, keys))
+        // Not the f32 nearest to the key: queries may locate that in the segment before the key, or an earlier one at the key, where a point
+        // that begins to exist is not in this segment. The product with the number of segments is rounded, but not to less than an integer
+        // that it exceeds. So times that are located before the key are before it.
+        KeyTime::first_time(segment + 1, keys)
     }
     fn squared_distance([a, b]: [&PointPath; 2], time: f32, keys: usize) -> f32 {
         let at = KeyTime::new(time, keys);

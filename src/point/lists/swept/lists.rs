@@ -8,6 +8,7 @@ use crate::parallel;
 use crate::point::layout::over_interval::PointPath;
 use crate::point::lists::error::ListError;
 use crate::point::lists::in_order::{in_order, room_for};
+use crate::point::lists::radii::is_bad;
 use crate::point::tree::PointTree;
 use crate::simd::huge_vec;
 
@@ -174,7 +175,7 @@ impl PointTree {
 
     fn sweep_into(&self, interval: TimeInterval, radius: f32, lists: &mut EncounterLists) -> Result<(), ListError> {
         lists.clear();
-        if radius.is_nan() || radius < 0.0 {
+        if is_bad(radius) {
             return Err(ListError::Radius { id: None });
         }
         let times = [interval.begin(), interval.end()];
