@@ -1,7 +1,7 @@
 //! Build parameters: the policy, the paper's choices, costs and budgets.
 
 use crate::error::BuildError;
-use crate::limits::{DEPTH_LIMIT, MAX_TIME_SLICES};
+use crate::limits::{DEPTH_LIMIT, MAX_TIME_SLICES, MOST_REFERENCES};
 use crate::tuning::lazy::SUBTREE;
 
 /// The kind of tree that is built, with its parameters.
@@ -109,7 +109,7 @@ impl Default for WideParams {
 
 impl WideParams {
     pub(crate) fn validate(&self) -> Result<(), BuildError> {
-        check((1.0..=8.0).contains(&self.max_references), "max_references", "in [1, 8]")?;
+        check((1.0..=MOST_REFERENCES as f32).contains(&self.max_references), "max_references", "in [1, 8]")?;
         check((128.0..=1e6).contains(&self.bytes_per_primitive), "bytes_per_primitive", "in [128, 1e6]")?;
         check(self.division.is_valid(), "division", "of 2 to 16 time slices")
     }

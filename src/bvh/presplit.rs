@@ -35,12 +35,6 @@ impl Planes {
         let magnitude = min[axis].abs().max(max[axis].abs());
         (width > 4.0 * ULP * magnitude).then_some(Planes { axis, low: min[axis], width })
     }
-
-    /// The plane below part `k`.
-    #[cfg(test)]
-    fn plane(self, k: usize) -> f32 {
-        self.low + self.width * k as f32
-    }
 }
 
 /// Splits references into sub-references, up to `budget` times the present number, where that saves most area. The first part
@@ -273,6 +267,13 @@ mod tests {
     use crate::primitive::{PrimitiveSet, TriangleMesh, Triangles};
     use crate::random::Random;
     use crate::time::time_slice;
+
+    impl Planes {
+        /// The plane below part `k`.
+        fn plane(self, k: usize) -> f32 {
+            self.low + self.width * k as f32
+        }
+    }
 
     /// The parts of a triangle, computed by one of the instruction sets; `None` if it is too short.
     fn parts_of(bounds: &LinearBox3, corners: &CornerBounds, pad: f32, round: usize) -> Option<[LinearBox3; BINS]> {

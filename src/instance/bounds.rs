@@ -9,6 +9,7 @@
 //!
 //! [`Bend::bulge`]: super::motion::Bend::bulge
 
+use super::distortion::abs;
 use super::motion::{Motion, Motions};
 use crate::geometry::{Aabb, LinearBounds, TimeInterval};
 use glam::{DAffine3, DVec3};
@@ -28,19 +29,22 @@ impl Motions {
         if begin == end || of.is_empty() {
             return bounds;
         }
-        let mut beyond = DVec3::ZERO;
+        let (mut beyond, mut times) = (DVec3::ZERO, vec![begin]);
         if moves || !matches!(motion, Motion::Static { .. }) {
             bounds.end = at(end);
-            let times = self.breakpoints(motion, begin, end);
+            times = self.breakpoints(motion, begin, end);
             for &time in &times[1..times.len() - 1] {
                 bounds.include((time - begin) / (end - begin), at(time));
             }
             beyond = self.beyond_chords(motion, of, &times) * bulge;
         }
-        // Thousands of times the rounding error of f64 here.
-        let swept = bounds.swept();
-        let size = swept.min.abs().max(swept.max.abs()) + self.matrix(motion, begin).translation.abs();
-        let beyond = beyond + size * ROUNDING;
+        // Thousands of times the rounding error of f64 here, and of the origins of rays that are mapped into the own space. Where the
+        // translation cancels what the matrix makes of a distant tree, both are larger than the bounds; and a rotation mixes the axes.
+        let size = |&time: &f64| {
+            let DAffine3 { matrix3, translation } = self.matrix(motion, time);
+            (translation.abs() + abs(matrix3) * farthest(of, time)).max_element()
+        };
+        let beyond = beyond + DVec3::splat(times.iter().map(size).fold(0.0, f64::max) * ROUNDING);
         LinearBounds { begin: grow(bounds.begin, beyond), end: grow(bounds.end, beyond) }
     }
 
@@ -48,15 +52,11 @@ impl Motions {
     /// times.
     fn beyond_chords(&self, motion: &Motion, of: &[LinearBounds], times: &[f64]) -> DVec3 {
         let moves = of.iter().any(|of| of.begin != of.end);
-        let farthest = |time: f64| {
-            let boxes = of.iter().map(|of| of.at(time));
-            boxes.map(|b| b.min.abs().max(b.max.abs())).fold(DVec3::ZERO, DVec3::max)
-        };
-        let (mut from, mut beyond) = (farthest(times[0]), DVec3::ZERO);
+        let (mut from, mut beyond) = (farthest(of, times[0]), DVec3::ZERO);
         for pair in times.windows(2) {
             let (mut to, mut moved) = (from, DVec3::ZERO);
             if moves {
-                to = farthest(pair[1]);
+                to = farthest(of, pair[1]);
                 moved = of.iter().map(|of| farthest_move(of, pair[1] - pair[0])).fold(DVec3::ZERO, DVec3::max);
             }
             beyond = beyond.max(self.bend(motion, [pair[0], pair[1]]).bulge(from.max(to), moved));
@@ -64,6 +64,11 @@ impl Motions {
         }
         beyond
     }
+}
+
+/// The greatest coordinates of the boxes at a time.
+fn farthest(of: &[LinearBounds], time: f64) -> DVec3 {
+    of.iter().map(|of| of.at(time)).map(|b| b.min.abs().max(b.max.abs())).fold(DVec3::ZERO, DVec3::max)
 }
 
 /// The greatest distance per axis that a corner of a box moves in this fraction of the shutter.

@@ -5,6 +5,9 @@ use crate::error::BuildError;
 use crate::limits::MAX_COORDINATE;
 use core::fmt;
 
+/// How far from zero the padded bounds of an instance may reach.
+pub(super) const MAX_PLACED: f64 = 0.5 * MAX_COORDINATE;
+
 /// Why a tree of instances could not be built.
 ///
 /// ```
@@ -59,7 +62,7 @@ pub enum InstanceError {
         /// The instance.
         instance: usize,
     },
-    /// The instance lies farther from zero than [`crate::MAX_COORDINATE`] at some time.
+    /// The instance lies farther from zero than half of [`crate::MAX_COORDINATE`] at some time, with what is added for rounding.
     TooLarge {
         /// The instance.
         instance: usize,
@@ -111,7 +114,7 @@ impl fmt::Display for InstanceError {
                  so differently that rounding grows by more than 2^18; bake a part of it into the vertices, or nest fewer levels"
             ),
             InstanceError::TooLarge { instance } => {
-                write!(f, "instance {instance} is placed beyond {:e}; move or scale the scene", MAX_COORDINATE as f32)
+                write!(f, "instance {instance} is placed beyond {:e}; move or scale the scene", MAX_PLACED as f32)
             }
             InstanceError::TooDeep { instance } => {
                 write!(f, "instance {instance}: instances are nested more than {MAX_NESTING} levels deep")

@@ -2,12 +2,11 @@
 
 use super::bounds::{ROUNDING, grow};
 use super::distortion::{Distortion, MAX_DEVIATION};
-use super::error::InstanceError;
+use super::error::{InstanceError, MAX_PLACED};
 use super::extent::Extent;
 use super::motion::{Motion, Motions};
 use crate::geometry::{Aabb, Frame, LinearBounds, LinearBox3, TimeInterval, ULP};
 use crate::layout::WideSource;
-use crate::limits::MAX_COORDINATE;
 use crate::parallel;
 use crate::primitive::PrimitiveSet;
 use crate::ray::{INNER_ULPS, Outline, TreeRay};
@@ -41,7 +40,7 @@ pub(super) struct Placements {
     always_active: bool,
     /// The greatest [`Slack::per_distance`].
     pub deviation: f64,
-    /// Instances that are a point at all times, ascending.
+    /// Instances that are a point at all times, or of nothing, ascending.
     hidden: Vec<u32>,
     /// Data for the build only: the distinct trees, the padding of each instance's box, and its bounds over the shutter
     /// without padding.
@@ -68,7 +67,7 @@ impl Placements {
             (Vec::with_capacity(placed.len()), 0.0f64, Vec::with_capacity(placed.len()));
         let (mut hidden, mut always_active) = (Vec::new(), true);
         for (instance, (one, distortion)) in placed.into_iter().enumerate() {
-            let Some(distortion) = distortion else {
+            let Some(distortion) = distortion.filter(|_| !extents[one.tree as usize].subtrees.is_empty()) else {
                 hidden.push(instance as u32);
                 slacks.push(Slack { per_distance: 0.0, fixed: DVec3::ZERO });
                 all.push(one);
@@ -107,7 +106,7 @@ impl Placements {
             for (instance, whole) in set.whole.iter().enumerate().filter(|&(id, _)| !set.is_hidden(id as u32)) {
                 let padded = grow(whole.swept(), set.padding(instance as u32));
                 // NaN fails this as well.
-                let fits = padded.min.abs().max(padded.max.abs()).cmple(DVec3::splat(0.5 * MAX_COORDINATE));
+                let fits = padded.min.abs().max(padded.max.abs()).cmple(DVec3::splat(MAX_PLACED));
                 if !fits.all() {
                     return Err(InstanceError::TooLarge { instance });
                 }
@@ -128,7 +127,7 @@ impl Placements {
         self.motions.bounds(&one.motion, &self.extents[one.tree as usize].subtrees, over, 1.0)
     }
 
-    /// Whether an instance is a point at all times, which no query sees.
+    /// Whether an instance is a point at all times, or of nothing: no query sees it.
     fn is_hidden(&self, id: u32) -> bool {
         self.hidden.binary_search(&id).is_ok()
     }

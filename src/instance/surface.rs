@@ -51,9 +51,18 @@ impl InstanceTree {
     /// ```
     pub fn point_at(&self, ray: &Ray, hit: &InstanceHit, time: f32) -> Option<DVec3> {
         let (tree, then) = (self.tree(&hit.path)?, self.matrix(&hit.path, time)?);
-        // Nothing of a hidden instance is hit.
-        let inward = self.matrix(&hit.path, ray.time).filter(|matrix| matrix.matrix3 != DMat3::ZERO)?.inverse();
-        Some(then.transform_point3(tree.point_at(&mapped(ray, inward), &hit.hit, time)?))
+        let local = self.ray_inside(ray, &hit.path)?;
+        Some(then.transform_point3(tree.point_at(&local, &hit.hit, time)?))
+    }
+
+    /// The ray that queries use for the tree at the end of a path: rounded at each level.
+    fn ray_inside(&self, ray: &Ray, path: &[u32]) -> Option<Ray> {
+        let (&first, rest) = path.split_first()?;
+        let local = self.local_ray(first, ray)?;
+        match self.placed(first)? {
+            InstanceOf::Tree(_) => rest.is_empty().then_some(local),
+            InstanceOf::Instances(tree) => tree.ray_inside(&local, rest),
+        }
     }
 
     /// The ray from the point where `ray` hit the surface into the direction `dir`, at the same time, as [`RayTree::secondary_ray`] makes
@@ -88,21 +97,15 @@ impl InstanceTree {
     /// Where a ray into a direction leaves what another one hit; `None` for a hit that is not of this tree.
     fn departure(&self, ray: &Ray, (path, hit): (&[u32], &Hit), dir: DVec3) -> Option<Departure> {
         let (&first, rest) = path.split_first()?;
-        // Nothing of a hidden instance is hit.
-        let matrix = self.matrix(&[first], ray.time).filter(|matrix| matrix.matrix3 != DMat3::ZERO)?;
+        let (local, matrix) = (self.local_ray(first, ray)?, self.matrix(&[first], ray.time)?);
         let inward = matrix.inverse();
-        let (local, dir) = (mapped(ray, inward), inward.matrix3 * dir);
+        let dir = inward.matrix3 * dir;
         let inside = match self.placed(first)? {
             InstanceOf::Tree(tree) => rest.is_empty().then(|| tree.departure(&local, hit, dir))?,
             InstanceOf::Instances(tree) => tree.departure(&local, (rest, hit), dir)?,
         };
         Some(placed(inside, matrix, inward))
     }
-}
-
-/// A ray in another space.
-fn mapped(ray: &Ray, by: DAffine3) -> Ray {
-    Ray { origin: by.transform_point3(ray.origin), dir: (by.matrix3 * ray.dir.as_dvec3()).as_vec3(), ..*ray }
 }
 
 /// A departure from a surface that is placed by a matrix.

@@ -15,7 +15,7 @@ use crate::primitive::PrimitiveSet;
 use crate::progress::{Callback, Progress};
 use crate::ray::{Outline, RayTree};
 use crate::simd::{Portable, SimdLevel};
-use glam::{DAffine3, DVec3};
+use glam::DAffine3;
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -65,11 +65,10 @@ impl InstanceOf {
         }
     }
 
-    /// Its extent in its own space. Nothing is a point at zero, which no ray hits.
+    /// Its extent in its own space; without subtrees if there is nothing in it.
     fn extent(&self) -> Extent {
         if self.is_empty() {
-            let point = LinearBounds::fixed(Aabb::of_points([DVec3::ZERO]));
-            return Extent { subtrees: vec![point], outline: Outline::EVERYTHING, reach: 0.0, deviation: 0.0 };
+            return Extent { subtrees: Vec::new(), outline: Outline::EVERYTHING, reach: 0.0, deviation: 0.0 };
         }
         let (subtrees, frame, outline, deviation) = match self {
             InstanceOf::Tree(tree) => (tree.linear_bounds_of_subtrees(), tree.frame(), *tree.outline(), 0.0),
@@ -365,7 +364,7 @@ mod tests {
     use crate::params::BuildParams;
     use crate::primitive::TriangleMesh;
     use crate::random::Random;
-    use glam::{DMat3, Vec3};
+    use glam::{DMat3, DVec3, Vec3};
 
     /// Counts hits of rays at the edges of a cube under sheared matrices, and those that are lost.
     fn lost(padding: f64, away: f32) -> (usize, usize) {

@@ -31,8 +31,8 @@ impl KdTree {
             let (mine, others) = rest.split_at(own);
             rest = others;
             let step = mine.len().div_ceil(TIMES).max(1);
-            let middle = active.begin() + 0.5 * active.duration();
-            let times = mine.iter().step_by(step).map(|&(_, t)| t).chain([active.begin(), middle, active.end()]);
+            let times = [active.begin(), active.middle(), active.end()];
+            let times = mine.iter().step_by(step).map(|&(_, t)| t).chain(times);
             for time in times.filter(|&t| active.contains(t)) {
                 self.find_missing(set, id, time)?;
             }

@@ -208,9 +208,9 @@ fn top(binary: &[BinaryNode], subtrees: &[Subtree], over: TimeInterval) -> Resul
     if binary.is_empty() {
         return Ok(top);
     }
-    // Each subtree is a leaf, whatever its cost.
     // There are few subtrees.
     let progress = Progress::new(None);
+    // Each subtree is a leaf, whatever its cost.
     let leaf_cost = |node: &BinaryNode| (node.right == 0).then_some(COST_MODEL.leaf_of(LANES));
     let collapse = Collapse::new(binary, COST_MODEL, leaf_cost, &progress);
     let leaves = |arena: &mut Arena, of: &[BinaryNode], lists: &mut [ChildRef]| {

@@ -13,7 +13,7 @@ impl LazyTree {
     /// hold its triangles at a number of times, and the subtrees built so far.
     pub fn validate<S: WideSource>(&self, set: &S) -> Result<(), ValidationError> {
         let subtrees: Vec<u32> = (0..self.len() as u32).collect();
-        self.top.validate_ids(set, &subtrees)?;
+        self.top.validate_where(set, &subtrees, |_, _| true)?;
         let mut all = Vec::new();
         for &subtree in &subtrees {
             let mut ids = self.primitives(subtree).to_vec();

@@ -2,7 +2,7 @@
 
 use super::wide_node::{ChildRef, Kind};
 use super::wide_tree::WideTree;
-use crate::geometry::{Aabb, Box3, Frame, KeyTime};
+use crate::geometry::{Aabb, Box3, Frame};
 use crate::simd::LANES;
 use glam::Vec3;
 
@@ -28,7 +28,7 @@ impl WideTree {
                 continue;
             }
             if at.kind() == Kind::Time {
-                stack.push((ChildRef(children[KeyTime::new(time, children.len() + 1).segment]), level));
+                stack.push((self.child_at(at, time), level));
                 continue;
             }
             for (lane, child) in self.lanes(at) {

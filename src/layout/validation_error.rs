@@ -16,18 +16,20 @@ pub enum ValidationError {
         /// Depth of a leaf.
         depth: usize,
     },
-    /// A leaf's references lie outside the array, overlap another leaf's, or have the id of no primitive or an empty time interval.
+    /// A leaf's references lie outside the array, overlap another leaf's, or have the id of no primitive or an empty time interval. In a
+    /// wide or lazy tree also: the recorded leaf block of a triangle does not hold it, or a primitive is not in exactly one subtree.
     References {
-        /// The leaf.
+        /// The leaf; 0 where it is not one leaf.
         node: usize,
     },
-    /// A primitive is in a leaf's cell at some time, but the leaf has no reference to it that is active then.
+    /// A primitive is in the cell of a leaf of a k-d tree at some time, but the leaf has no reference to it that is active then; or no
+    /// leaf of a wide tree holds it, or a subtree of a lazy one is in no leaf.
     Missing {
-        /// The primitive's id.
+        /// The primitive's id, or the subtree's.
         primitive: u32,
         /// The time.
         time: f32,
-        /// The leaf.
+        /// The leaf of the k-d tree; 0 in others.
         node: usize,
     },
     /// A primitive extends beyond a box above its leaf at some time.
@@ -52,12 +54,13 @@ impl fmt::Display for ValidationError {
             }
             ValidationError::References { node } => write!(
                 f,
-                "the references of leaf {node} are shared, outside the array, or have an invalid id or interval"
+                "the references of leaf {node} are shared, outside the array, not those that are recorded, or have an invalid id or \
+                 interval"
             ),
             ValidationError::Missing { primitive, time, node } => {
                 write!(
                     f,
-                    "primitive {primitive} is in the cell of leaf {node} at time {time}, but the leaf has no reference to it"
+                    "primitive or subtree {primitive} is missing at time {time}: from leaf {node} of a k-d tree, or from all of another"
                 )
             }
             ValidationError::Bounds { primitive, time, node } => {

@@ -14,7 +14,7 @@ use super::write::{Nodes, set_children, words_of_nodes, write_blocks, write_node
 use crate::bvh::{BinaryNode, Reference, ReplacedSubtree};
 use crate::error::BuildError;
 use crate::geometry::{LinearBox3, TimeInterval};
-use crate::limits::MAX_TIME_SLICES;
+use crate::limits::{MAX_TIME_SLICES, MOST_REFERENCES};
 use crate::parallel;
 use crate::params::{Division, WideParams};
 use crate::primitive::SPHERE_KEY_BYTES;
@@ -417,10 +417,10 @@ fn further_key_bytes<S: WideSource>(set: &S, id: u32) -> usize {
 /// A number of primitives that certainly fits one tree ([`WideTree::subtree`]), whatever the parameters are: each split
 /// into as many references as are allowed, with as many separate trees as there can be, of 256 bytes and the keys each.
 pub(super) fn most_in_subtree<S: WideSource>(set: &S) -> usize {
-    const REFERENCES: usize = 8 * MAX_TIME_SLICES;
+    const REFERENCES: usize = MOST_REFERENCES * MAX_TIME_SLICES;
     let any = set.further_key_bytes() > 0;
     let most = if any { (0..set.len() as u32).map(|id| further_key_bytes(set, id)).max() } else { None };
-    ((1 << 31) / REFERENCES / (256 + most.unwrap_or(0))).max(1)
+    (MOST_ARENA_BYTES / REFERENCES / (256 + most.unwrap_or(0))).max(1)
 }
 
 /// Writes leaf blocks. In large scenes their primitives come from memory, so the next ones are prefetched.

@@ -4,7 +4,7 @@ use super::keyed_leaf::KeyedRows;
 use super::leaf_block::WideSource;
 use super::leaf_ids::Ids;
 use super::wide_node::{ChildRef, Kind, node_rows};
-use crate::geometry::TimeInterval;
+use crate::geometry::{KeyTime, TimeInterval};
 use crate::simd::{Arena, LANES};
 
 /// A built tree: the arena and the root.
@@ -102,6 +102,12 @@ impl WideTree {
     /// root.
     pub fn time_slices(&self) -> usize {
         if self.root.kind() == Kind::Time { self.arena.ints()[self.root.at()] as usize } else { 1 }
+    }
+
+    /// The child of a time node at a time.
+    pub fn child_at(&self, node: ChildRef, time: f32) -> ChildRef {
+        let slices = self.children(node);
+        ChildRef(slices[KeyTime::new(time, slices.len() + 1).segment])
     }
 
     /// The children of a block: the sixteen of a node, one per slice of a time node, none of a leaf.

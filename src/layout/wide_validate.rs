@@ -4,7 +4,7 @@ use super::leaf_block::WideSource;
 use super::validation_error::ValidationError;
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS};
 use super::wide_tree::WideTree;
-use crate::geometry::{Box3, KeyTime};
+use crate::geometry::Box3;
 use crate::primitive::{PrimitiveSet, Triangles};
 use crate::simd::LANES;
 use crate::time::TimeSlice;
@@ -46,13 +46,28 @@ impl WideTree {
 
     /// Checks everything except the recorded blocks, for a tree over these primitives, sorted.
     pub(super) fn validate_ids<S: WideSource>(&self, set: &S, ids: &[u32]) -> Result<(), ValidationError> {
-        TIMES.into_iter().try_for_each(|time| self.validate_at(set, ids, time))
+        self.validate_where(set, ids, |id, time| set.always_active() || set.active(id).contains(time))
     }
 
-    fn validate_at<S: WideSource>(&self, set: &S, ids: &[u32], time: f32) -> Result<(), ValidationError> {
+    /// The same for ids of whatever exists at the times for which `exists` says so.
+    pub(super) fn validate_where<S: WideSource>(
+        &self,
+        set: &S,
+        ids: &[u32],
+        exists: impl Fn(u32, f32) -> bool,
+    ) -> Result<(), ValidationError> {
+        TIMES.into_iter().try_for_each(|time| self.validate_at(set, ids, time, |id| exists(id, time)))
+    }
+
+    fn validate_at<S: WideSource>(
+        &self,
+        set: &S,
+        ids: &[u32],
+        time: f32,
+        exists: impl Fn(u32) -> bool,
+    ) -> Result<(), ValidationError> {
         let words = self.arena.ints().len();
         let mut seen = vec![false; ids.len()];
-        let exists = |id: u32| set.always_active() || set.active(id).contains(time);
         let mut visited = 0;
         let mut stack = vec![(self.root, UNBOUNDED)];
         while let Some((at, bounds)) = stack.pop() {
@@ -79,8 +94,7 @@ impl WideTree {
                     }
                 }
             } else if at.kind() == Kind::Time {
-                let slices = self.children(at);
-                stack.push((ChildRef(slices[KeyTime::new(time, slices.len() + 1).segment]), bounds));
+                stack.push((self.child_at(at, time), bounds));
             } else {
                 for (lane, &child) in self.children(at).iter().enumerate() {
                     stack.push((ChildRef(child), bounds.intersection(self.lane_box(at, lane, time))));

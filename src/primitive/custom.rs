@@ -29,7 +29,9 @@ use glam::DVec3;
 /// - [`intersect`](Primitive::intersect) reports the nearest intersection in the range of the ray, and none outside it.
 /// - [`intersect`](Primitive::intersect) and [`closest_point`](Primitive::closest_point) are pure: the same arguments give
 ///   the same answer, for any number of calls and on any thread.
-/// - The sphere of [`as_sphere`](Primitive::as_sphere), if there is one, has the same answers.
+/// - The sphere of [`as_sphere`](Primitive::as_sphere), if there is one, has the same answers, and is there at each call.
+/// - No function waits for tasks of rayon's. A lazy tree calls [`bounds`](Primitive::bounds) while other threads wait for the subtree, and
+///   a thread that waits for its tasks may take up one of those that wait: then none of them goes on.
 ///
 /// A primitive that breaks the contract does not affect others. If its bounds are invalid, the build fails with
 /// [`BuildError::BadBounds`]. If its bounds do not contain all hits, or change from one call to the next, hits of this
@@ -280,8 +282,8 @@ pub struct Shapes<P> {
     active: Vec<TimeInterval>,
     /// The bytes of spheres' keys in leaf blocks.
     key_bytes: usize,
-    /// Whether spheres have different numbers of keys above two.
-    kinds_differ: bool,
+    /// The [`kind`] of each shape, or the one that all have, as it was when they were taken: builders ask often and rely on the answer.
+    kinds: Vec<u32>,
     frame: Frame,
     /// The box that holds all shapes at all times.
     swept: Aabb,
@@ -381,9 +383,13 @@ impl<P: Primitive> Shapes<P> {
     pub(crate) fn within(shapes: Vec<P>, extent: ShapesExtent, frame: Frame) -> Shapes<P> {
         let keys = shapes.iter().filter_map(|shape| Some(shape.as_sphere()?.keys.len()));
         let key_bytes = keys.sum::<usize>() * SPHERE_KEY_BYTES;
-        let kinds_differ = shapes.iter().any(|shape| kind(shape) != kind(&shapes[0]));
+        let mut kinds: Vec<u32> = shapes.iter().map(kind).collect();
+        if kinds.iter().all(|kind| *kind == kinds[0]) {
+            kinds.truncate(1);
+            kinds.shrink_to_fit();
+        }
         let ShapesExtent { active, swept } = extent;
-        Shapes { shapes, active, key_bytes, kinds_differ, frame, swept, bad: AtomicU32::new(NONE) }
+        Shapes { shapes, active, key_bytes, kinds, frame, swept, bad: AtomicU32::new(NONE) }
     }
 
     /// Active intervals as bounds; empty if all shapes exist throughout the shutter.
@@ -453,11 +459,11 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
     }
 
     fn leaf_kind(&self, id: u32) -> u32 {
-        kind(&self.shapes[id as usize])
+        if self.kinds_differ() { self.kinds[id as usize] } else { self.kinds[0] }
     }
 
     fn kinds_differ(&self) -> bool {
-        self.kinds_differ
+        self.kinds.len() > 1
     }
 
     fn sphere(&self, id: u32) -> Option<&MovingSphere> {

@@ -4,8 +4,8 @@
 //! layout. If callers instantiated it, every crate with a query would compile all of that again. So a tree carries the
 //! addresses of its queries, which this crate compiled for triangles and for primitives of any type ([`super::erased_shapes`]);
 //! builds are compiled likewise. Filters, observers and visitors are called through `dyn`, once per accepted hit or
-//! visited block. One form of each query looks for them at run time ([`Guards`]); except for SSE2 and in lazy trees, a
-//! second form is compiled without them.
+//! visited block. One form of each query looks for them at run time ([`Guards`]); except for SSE2, in lazy trees, and for closest
+//! points in k-d trees, a second form is compiled without them.
 
 use super::closest_point::closest_search::{
     ClosestPoint, ClosestPointSource, closest_point_in_kd, closest_point_in_wide, plain_closest_point_in_wide,

@@ -108,6 +108,8 @@ impl RayTree {
     /// The ray from the point where `ray` hit the surface into the direction `dir`, at the same time: for shadow rays, reflections,
     /// refractions and bounces. Its origin is moved off the surface, to the side that `dir` leaves to, so that it does not hit the same
     /// triangle or sphere again at once. Its range is from 0 to infinity; limit that of a shadow ray by [`Ray::between`].
+    /// (Where the direction is so long that the origin moves by less than 7e-46 of it, half of the least `t` above 0, the same triangle is
+    /// hit at 0.)
     ///
     /// The origin moves by 2^-36 of the coordinates and the size of the triangle (of a sphere's radius), which is far less than their
     /// coordinates in f32 are rounded by, and by what those of the point are; further on triangles that are more than a thousand times as

@@ -3,7 +3,7 @@
 use super::compiled::Layout;
 use super::ray_tree::{Geometry, RayTree};
 use super::traversal::kd_traversal::KERNEL_ROUNDING;
-use crate::geometry::{Aabb, Box3, KeyTime, ULP};
+use crate::geometry::{Aabb, Box3, ULP};
 use crate::layout::{ChildRef, Kind, LazyTree, WideTree};
 use crate::mbkd::{KdTree, KdView};
 use crate::primitive::PrimitiveSet;
@@ -50,8 +50,7 @@ impl<G: Geometry> Hierarchy for WideAt<'_, G> {
     fn expand(&self, node: ChildRef, children: &mut Vec<(Aabb, ChildRef)>, items: &mut Vec<TreePrimitive>) {
         let mut at = node;
         while at.kind() == Kind::Time {
-            let slices = self.tree.children(at);
-            at = ChildRef(slices[KeyTime::new(self.time, slices.len() + 1).segment]);
+            at = self.tree.child_at(at, self.time);
         }
         if let Some(ids) = self.tree.ids::<G>(at) {
             items.extend(primitives(self.set, self.time, ids.iter().copied()));

@@ -105,7 +105,7 @@ fn presplits_and_temporal_splits_are_made_where_they_pay_and_answer_like_brute_f
 
 /// The number of steps and tests of rays through a scene, weighted by their cost.
 fn work(scene: &scene::Scene, tree: RayTree) -> f64 {
-    let tree = tree.with_simd(SimdLevel::PORTABLE);
+    let tree = tree.with_simd(SimdLevel::BASELINE);
     let (mut random, mut counters) = (Random(5), Counters::default());
     for _ in 0..3000 {
         let mut unit = || random.signed() * 0.5 + 0.5;

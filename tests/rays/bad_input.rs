@@ -389,6 +389,38 @@ fn flicker(call: u32) -> TimeInterval {
     TimeInterval::new(begin, begin + 0.125).unwrap()
 }
 
+/// A sphere at every other call of [`Primitive::as_sphere`].
+struct SometimesSphere(MovingSphere, AtomicU32);
+
+impl Primitive for SometimesSphere {
+    fn bounds(&self, over: TimeInterval) -> LinearBounds {
+        self.0.bounds(over)
+    }
+    fn intersect(&self, ray: &Ray) -> Option<Intersection> {
+        self.0.intersect(ray)
+    }
+    fn as_sphere(&self) -> Option<&MovingSphere> {
+        self.1.fetch_add(1, Ordering::Relaxed).is_multiple_of(2).then_some(&self.0)
+    }
+}
+
+#[test]
+fn primitives_that_are_spheres_at_times_are_hit_all_the_same() {
+    for (count, keys) in [(2, 3), (3, 2), (40, 1), (1000, 3)] {
+        let one = |i: usize| {
+            let at = |key: usize| (DVec3::new(3.0 * i as f64, (key * key) as f64, 0.0), 1.0);
+            SometimesSphere(MovingSphere::new((0..keys).map(at).collect()), AtomicU32::new(i as u32))
+        };
+        for params in variants() {
+            let tree = RayTree::of_primitives((0..count).map(one).collect(), &params).unwrap();
+            for i in 0..count {
+                let hit = tree.closest_hit(&Ray::new(Vec3::new(3.0 * i as f32, 0.0, 5.0), Vec3::NEG_Z)).unwrap();
+                assert_eq!((hit.primitive, hit.t), (i as u32, 4.0));
+            }
+        }
+    }
+}
+
 #[test]
 fn bad_parameters_are_named() {
     let kd = BuildParams::kd(KdParams { max_references: f32::NAN, ..KdParams::default() });

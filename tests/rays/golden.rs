@@ -2,14 +2,14 @@
 //! belongs in the notes with the new figures.
 
 use crate::common::Random;
+use crate::scene;
 use mbkd::{BuildParams, Counters, KdParams, RayTree, SimdLevel};
-use mbkd_scenes as scene;
 
 /// Nodes, leaves, references skipped by time and tests of 2000 camera rays at random times.
 fn counts(name: &str, params: &BuildParams) -> [u64; 4] {
     let scene = (scene::find(name).unwrap().make)(5000);
     // Culling may fuse where the hardware does, so counts of the wide tree belong to one instruction set.
-    let tree = RayTree::build(&scene.meshes, params).unwrap().with_simd(SimdLevel::PORTABLE);
+    let tree = RayTree::build(&scene.meshes, params).unwrap().with_simd(SimdLevel::BASELINE);
     let mut random = Random(11);
     let mut counters = Counters::default();
     for _ in 0..2000 {

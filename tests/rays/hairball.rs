@@ -1,10 +1,10 @@
 //! The hairball at its full 2.5 million triangles against brute force, on 1000 rays.
 
 use crate::common::{Random, bits};
+use crate::scene;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{BuildParams, KdParams, Ray, RayTree};
-use mbkd_scenes as scene;
 use std::thread;
 
 #[test]

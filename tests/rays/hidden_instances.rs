@@ -208,6 +208,32 @@ fn a_tree_of_hidden_instances_only_is_one_of_nothing() {
     }
 }
 
+/// However far away they are, and in whatever active interval.
+#[test]
+fn instances_of_nothing_do_not_count() {
+    let nothing = InstanceOf::from(Arc::new(RayTree::build(&[], &BuildParams::default()).unwrap()));
+    let no_instances = InstanceOf::from(Arc::new(build(Vec::new())));
+    let one = Instance::new(leaf(4), Pose::IDENTITY);
+    let alone = build(vec![one.clone()]);
+    for of in [nothing, no_instances] {
+        for far in [1e3, 1e20, 1e300] {
+            let away = Pose { translation: DVec3::new(far, -far, 0.0), ..Pose::IDENTITY };
+            let away = Instance::new(of.clone(), away).with_active(TimeInterval::new(0.5, 0.6).unwrap());
+            let with = build(vec![one.clone(), away]);
+            assert_eq!(with.bounds(), alone.bounds(), "{far:e}");
+            let mut random = Random(4);
+            for _ in 0..200 {
+                let ray = ray(&mut random);
+                let counted = |tree: &InstanceTree| {
+                    let mut counters = Counters::default();
+                    (tree.closest_hit_observed(&ray, &mut counters), counters)
+                };
+                assert_eq!(counted(&with), counted(&alone));
+            }
+        }
+    }
+}
+
 #[test]
 fn what_is_zero_at_some_times_or_along_some_axes_is_refused_with_advice() {
     let of = leaf(5);

@@ -1,13 +1,13 @@
 //! Meshes with many keys: merging of keys, and answers against brute force.
 
 use super::common::{Random, closed_sphere, difference, soup, variants};
+use crate::scene;
 use mbkd::baseline::{BruteForce, TriangleTests};
 use mbkd::glam::{DVec3, Quat, Vec3};
 use mbkd::{
     BuildError, BuildParams, ClosestPointQuery, Counters, Division, KdParams, Keys, Ray, RayTree, Statistics,
     TriangleMesh, WideParams,
 };
-use mbkd_scenes as scene;
 
 /// A mesh with straight segments sampled at more keys, as a program would do it in f32.
 fn sampled(mesh: &TriangleMesh, keys: usize) -> TriangleMesh {

@@ -1,5 +1,7 @@
 //! Rays against brute force: properties, scenes, bad input, metamorphic relations, counted work.
 
+extern crate mbkd as engine;
+
 mod accuracy;
 mod active;
 mod bad_input;
@@ -27,3 +29,9 @@ mod spheres;
 mod unused_vertices;
 mod visitors;
 mod watertight;
+
+/// The procedural scenes of the member `scenes`, included as source: a dependency on it would have the library compiled once more for
+/// unit tests, and could not be published.
+#[allow(dead_code, unused_imports)]
+#[path = "../../scenes/src/lib.rs"]
+mod scene;

@@ -5,7 +5,7 @@ use mbkd::baseline::BruteForce;
 use mbkd::glam::{DAffine3, DVec3, Vec3};
 use mbkd::{
     BuildParams, ClosestPointQuery, Counters, Division, Instance, InstanceTree, KdParams, MovingSphere, Ray, RayTree,
-    RefitError, Shape, SimdLevel, TimeInterval, TriangleMesh, WideParams,
+    RefitError, Shape, SimdLevel, TimeInterval, Transform, TriangleMesh, WideParams,
 };
 use std::sync::Arc;
 
@@ -360,4 +360,37 @@ fn points_on_flat_triangles_that_move_are_at_distance_zero() {
         }
     }
     assert_eq!(missed, 0, "of 25600");
+}
+
+/// A tree so far from its own zero that f64 rounds by more than f32 does in the scene, and instances that turn it about there and bring it
+/// back: the translation cancels what the matrix makes of the distance, which is far beyond the box that the instance has.
+#[test]
+fn instances_bring_back_what_is_far_from_its_own_zero() {
+    let mut hits = 0;
+    for far in [1e6, 1e11, 2e12, 1e13, 1e14] {
+        let own = DVec3::new(far, far, 0.0);
+        let corners = [DVec3::new(0.5, -0.5, -1.0), DVec3::new(0.5, -0.5, 1.0), DVec3::new(-0.5, 0.5, 0.0)];
+        let mesh = TriangleMesh::new(vec![[0, 1, 2]], vec![corners.map(|p| own + p).to_vec()]).precise();
+        let tree = Arc::new(RayTree::build(core::slice::from_ref(&mesh), &BuildParams::default()).unwrap());
+        let oracle = BruteForce::new(&[mesh]).unwrap();
+        let place = |angle: f64, scale: f64| {
+            let turned = DAffine3::from_rotation_z(angle) * DAffine3::from_scale(DVec3::splat(scale));
+            DAffine3 { translation: -turned.transform_vector3(own), ..turned }
+        };
+        let moving = |scale: f64| vec![place(0.7, 1.0), place(0.75, scale)];
+        for transform in
+            [Transform::from(place(core::f64::consts::FRAC_PI_4, 1.0)), moving(1.5).into(), moving(1e-3).into()]
+        {
+            let all =
+                InstanceTree::build(vec![Instance::new(tree.clone(), transform); 2], &WideParams::default()).unwrap();
+            for i in 0..4000 {
+                let from = DVec3::new(f64::from(i) / 4000.0 * 1.5 - 0.75, -3.0, 0.0);
+                let ray = Ray::new(from, Vec3::Y).at_time(if i % 2 == 0 { 0.0 } else { 0.4 });
+                let expected = oracle.closest_hit(&all.local_ray(0, &ray).unwrap());
+                assert_eq!(all.closest_hit(&ray).map(|hit| hit.hit), expected, "{far:e}");
+                hits += usize::from(expected.is_some());
+            }
+        }
+    }
+    assert!(hits > 20_000, "{hits}");
 }

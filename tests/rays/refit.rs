@@ -2,13 +2,13 @@
 
 use crate::brute_force::Brick;
 use crate::common::{Random, closed_sphere, difference, random_ray, soup};
+use crate::scene;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
     BuildError, BuildParams, Counters, Division, KdParams, Keys, MovingSphere, Ray, RayTree, Refit, RefitError, Shape,
     TriangleMesh, WideParams,
 };
-use mbkd_scenes as scene;
 use std::ops::ControlFlow;
 
 /// All divisions of the shutter.

@@ -3,10 +3,10 @@
 
 use crate::batches::assert_filtered;
 use crate::common::{Random, all_hits, bits, variants};
+use crate::scene;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::Vec3;
 use mbkd::{BuildParams, Geometry, Hit, KdParams, MovingSphere, Ray, RayTree};
-use mbkd_scenes as scene;
 use std::thread;
 
 const RAYS: usize = 75_000;

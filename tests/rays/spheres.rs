@@ -2,10 +2,11 @@
 
 use crate::common::{Random, difference, variants};
 use mbkd::baseline::BruteForce;
-use mbkd::glam::{DVec3, Vec3};
+use mbkd::glam::{DQuat, DVec3, Vec3};
 use mbkd::{
-    BuildParams, ClosestPointQuery, Counters, Division, Instance, InstanceTree, Intersection, LazyParams, LinearBounds,
-    MovingSphere, Pose, Primitive, Ray, RayTree, Shape, SimdLevel, Statistics, TimeInterval, TriangleMesh, WideParams,
+    BuildParams, ClosestPointQuery, Counters, Division, Instance, InstanceOf, InstanceTree, Intersection, LazyParams,
+    LinearBounds, MovingSphere, Pose, Primitive, Ray, RayTree, Shape, SimdLevel, Statistics, TimeInterval,
+    TriangleMesh, WideParams,
 };
 use std::sync::Arc;
 
@@ -334,4 +335,42 @@ fn spheres_far_smaller_than_the_scene_equal_brute_force() {
         }
     }
     assert!(hits > 1000, "{hits}");
+}
+
+/// Rays are rounded at each level of instances, and so is the one by which the point of a hit is found: those that graze a sphere find it too.
+#[test]
+fn points_of_grazing_hits_are_known_at_other_times() {
+    let (mut random, mut hits) = (Random(61), 0);
+    let pose = |random: &mut Random| Pose {
+        scale: DVec3::splat(f64::from(0.5 + random.unit())),
+        rotation: DQuat::from_axis_angle(random.vec().as_dvec3().normalize(), f64::from(random.signed())),
+        translation: random.vec().as_dvec3() * 3.0,
+    };
+    for _ in 0..400 {
+        let sphere = MovingSphere::new(vec![(random.vec().as_dvec3(), 0.7), (random.vec().as_dvec3(), 1.2)]);
+        let tree = RayTree::of_scene(&[], vec![Shape::from(sphere.clone())], &BuildParams::default()).unwrap();
+        let mut placed = |of: InstanceOf| {
+            let keys = vec![pose(&mut random), pose(&mut random)];
+            InstanceTree::build(vec![Instance::new(of, keys)], &WideParams::default()).unwrap()
+        };
+        let inner = placed(Arc::new(tree).into());
+        let tree = placed(Arc::new(inner).into());
+        for _ in 0..20 {
+            let time = random.unit();
+            let (matrix, (centre, radius)) = (tree.matrix(&[0, 0], time).unwrap(), sphere.at(time));
+            let radius = radius * matrix.matrix3.x_axis.length();
+            let dir = random.vec();
+            let along = dir.as_dvec3().normalize();
+            let aside = along.cross(random.vec().as_dvec3()).normalize() * radius;
+            let edge = matrix.transform_point3(centre) + aside * (1.0 - 1e-8 * f64::from(random.unit()));
+            let ray = Ray::new(edge - along * 5.0, dir).at_time(time);
+            if let Some(hit) = tree.closest_hit(&ray) {
+                hits += 1;
+                // Half of a chord so near the edge, for a ray that was rounded twice.
+                let same = tree.point_at(&ray, &hit, time).expect("a point of the sphere");
+                assert!((same - edge).length() < 5e-3 * radius, "{same} {edge}");
+            }
+        }
+    }
+    assert!(hits > 2000, "{hits}");
 }
