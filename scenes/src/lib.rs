@@ -39,6 +39,7 @@ pub use heat::heat;
 pub use mixed::mixed;
 pub use needles::needles;
 pub use shape::Shape;
+pub use split_mix::split_mix;
 pub use tornado::tornado;
 pub use turn::frame;
 

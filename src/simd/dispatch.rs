@@ -37,12 +37,12 @@ enum Isa {
 
 impl SimdLevel {
     /// The level of every CPU of the architecture: SSE2 on x86-64, NEON on AArch64, plain code elsewhere.
-    pub const PORTABLE: SimdLevel = SimdLevel(Isa::Baseline);
+    pub const BASELINE: SimdLevel = SimdLevel(Isa::Baseline);
 
-    /// All levels of this CPU, narrowest first; the first is always [`SimdLevel::PORTABLE`].
+    /// All levels of this CPU, narrowest first; the first is always [`SimdLevel::BASELINE`].
     pub fn available() -> Vec<SimdLevel> {
         #[allow(unused_mut)]
-        let mut levels = vec![SimdLevel::PORTABLE];
+        let mut levels = vec![SimdLevel::BASELINE];
         #[cfg(target_arch = "x86_64")]
         {
             if avx2::detected() {
@@ -66,7 +66,7 @@ impl SimdLevel {
                 return SimdLevel(Isa::Avx2);
             }
         }
-        SimdLevel::PORTABLE
+        SimdLevel::BASELINE
     }
 
     /// This level, or AVX2 instead of AVX-512: for loops that load what they have just stored, where two halves of sixteen lanes take less

@@ -52,7 +52,7 @@ pub(crate) trait Simd: Copy {
     fn negated_mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F {
         c - a * b
     }
-    /// The same of one number.
+    /// [`Simd::mul_add`] of one number: for culling only.
     #[inline(always)]
     fn mul_add_one(self, a: f32, b: f32, c: f32) -> f32 {
         a * b + c
@@ -97,7 +97,6 @@ pub(crate) trait Simd: Copy {
     /// The bits of the lanes.
     fn to_bits(self, a: Self::F) -> Self::U;
     /// The floats with these bits.
-    #[allow(clippy::wrong_self_convention)] // `self` is the token, as everywhere here
     fn from_bits(self, a: Self::U) -> Self::F;
 
     /// The same value in every lane.

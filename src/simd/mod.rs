@@ -6,9 +6,9 @@
 //! `S: Simd` is the proof that the CPU has the instructions, and every vector is made from it. Other architectures run
 //! the plain lanes of `portable`, against which all instruction sets are tested.
 //!
-//! All lane operations except [`Simd::mul_add`] and [`Simd::negated_mul_add`] give the same bits on every instruction
-//! set; answers are computed with those. These two fuse where the hardware does and are for culling only, which has to
-//! be conservative but not reproducible.
+//! All lane operations except [`Simd::mul_add`], [`Simd::negated_mul_add`] and [`Simd::mul_add_one`] give the same bits on
+//! every instruction set; answers are computed with those. These three fuse where the hardware does and are for culling
+//! only, which has to be conservative but not reproducible.
 //!
 //! This module holds the only `unsafe` code of the crate.
 #![allow(unsafe_code)]

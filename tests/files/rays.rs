@@ -250,7 +250,7 @@ fn links_are_followed_and_what_is_no_file_is_written_to() {
 
 #[test]
 fn files_are_the_same_for_any_number_of_threads() {
-    let scene = mbkd_scenes::mixed(20_000);
+    let scene = crate::scene::mixed(20_000);
     let of = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {

@@ -1,10 +1,7 @@
 //! Random numbers of the tests.
 
-#[path = "../../scenes/src/split_mix.rs"]
-mod split_mix;
-
+use crate::scene::split_mix;
 use mbkd::glam::Vec3;
-use split_mix::split_mix;
 
 /// The same small generator everywhere.
 #[derive(Clone)]

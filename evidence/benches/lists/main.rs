@@ -31,7 +31,7 @@ struct Args {
     /// Repetitions; the median is reported.
     #[arg(long, default_value_t = 5)]
     repeat: usize,
-    /// Threads of the tables `threads`.
+    /// Threads of the tables `threads` and `swept in parallel`.
     #[arg(long, default_value_t = 2)]
     threads: usize,
     /// Only tables whose names contain this.

@@ -57,7 +57,7 @@ pub fn switched_off(args: &Args, scene: &Scene, automatic: &Built, rays: &Rays) 
         }
     }
     let without = Built::new(&scene.meshes, &params())?;
-    let without = Built { tree: without.tree.with_simd(SimdLevel::PORTABLE), ..without };
+    let without = Built { tree: without.tree.with_simd(SimdLevel::BASELINE), ..without };
     add(6, "the widest instructions instead of portable code", against(&without));
     if scene.triangles() <= KD_TRIANGLES {
         let without = Built::new(&scene.meshes, &BuildParams::kd(KdParams::default()))?;

@@ -53,7 +53,7 @@ pub fn compiled_for() -> &'static str {
     } else if cfg!(target_feature = "avx2") {
         "avx2"
     } else {
-        SimdLevel::PORTABLE.name()
+        SimdLevel::BASELINE.name()
     }
 }
 

@@ -42,7 +42,7 @@ pub fn items(exact: &[Member], cast: &[Member], scenes: &[WideScene]) -> Vec<Ite
              for {}, like the whole program. The library selects its instruction set at run time, so its tree appears \
              twice: on {} (\"portable\"), to compare structures on equal terms, and on {}, its default.",
             compiled_for(),
-            SimdLevel::PORTABLE,
+            SimdLevel::BASELINE,
             SimdLevel::best()
         )),
         Item::Table(table(exact, cast, scenes)),

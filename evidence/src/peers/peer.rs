@@ -171,7 +171,7 @@ impl Peer {
             Structure::Slices(slices, params) => Tree::Slices(TimeSlices::new(meshes, *slices, params)?),
             Structure::Collapsed(of) => Peer::collapsed(of, meshes)?,
             Structure::Library(params) => Tree::Library(library(params)?),
-            Structure::Portable(params) => Tree::Library(Box::new(library(params)?.with_simd(SimdLevel::PORTABLE))),
+            Structure::Portable(params) => Tree::Library(Box::new(library(params)?.with_simd(SimdLevel::BASELINE))),
         };
         Ok(Peer { tree })
     }
