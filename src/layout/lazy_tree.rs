@@ -13,7 +13,8 @@
 //!
 //! **Why no two threads wait for each other.** The thread that builds a subtree does so alone ([`crate::parallel::alone`]) and does not query
 //! the tree. All other threads that need the same subtree wait for this one build, and hold no subtree of their own meanwhile. The
-//! same holds for the decision on a group, which a thread makes or waits for before it builds.
+//! same holds for the decision on a group, which a thread makes or waits for before it builds. (Functions of custom primitives, which
+//! both call, must not wait for others either: see [`Primitive`](crate::Primitive).)
 
 use super::leaf_block::{WideSource, write_list};
 use super::left_out::InSlices;

@@ -47,3 +47,40 @@ impl LazyTree {
         result
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::wide_node::{ChildRef, children_mut};
+    use super::*;
+    use crate::geometry::TimeInterval;
+    use crate::params::LazyParams;
+    use crate::primitive::{Scene, TriangleMesh};
+    use crate::progress::Progress;
+    use glam::Vec3;
+
+    /// Subtrees are numbered, and so are primitives: whether a primitive with the number of a subtree exists is of no account.
+    #[test]
+    fn a_subtree_that_no_leaf_lists_is_missing() {
+        let row = |from: i32, to: i32| {
+            let corners = (from..to).flat_map(|i| [Vec3::ZERO, Vec3::Y, Vec3::Z].map(|p| p + Vec3::X * i as f32));
+            let indices = (0..(to - from) as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
+            TriangleMesh::fixed(indices.collect(), corners.collect())
+        };
+        // The first thousand exist at none of the times that are tried.
+        let brief = TimeInterval::new(0.01, 0.02).unwrap();
+        let meshes = [row(0, 1000).with_active(brief), row(1000, 3000)];
+        let set = Scene::new(&meshes, Vec::new()).unwrap();
+        let params = LazyParams { subtree: 100, ..LazyParams::default() };
+        let mut tree = LazyTree::build(&set, &params, &Progress::new(None)).unwrap();
+        assert!((20..1000).contains(&tree.len()));
+        assert_eq!(tree.validate(&set), Ok(()));
+        let mut above = tree.top.root;
+        while let Some((_, child)) = tree.top.lanes(above).find(|(_, child)| !child.kind().is_leaf()) {
+            above = child;
+        }
+        let (lane, leaf) = tree.top.lanes(above).next().unwrap();
+        let lost = tree.below(leaf);
+        children_mut(&mut tree.top.arena, above)[lane] = ChildRef::NOTHING.0;
+        assert!(matches!(tree.validate(&set), Err(ValidationError::Missing { primitive, .. }) if primitive == lost));
+    }
+}

@@ -24,6 +24,8 @@ mod scenes;
 
 use clap::{Parser, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
+// The support files of tests expect it here.
+use mbkd_scenes as scene;
 use random::Random;
 use rayon::ThreadPool;
 use std::panic::{AssertUnwindSafe, catch_unwind};
