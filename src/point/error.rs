@@ -22,7 +22,7 @@ pub enum PointError {
         key: usize,
     },
     /// A coordinate is farther from zero (for f64 input, from [`PointTree::origin`](crate::PointTree::origin)) than
-    /// [`MAX_POINT_COORDINATE`], or farther from zero than [`MAX_COORDINATE`](crate::MAX_COORDINATE).
+    /// [`MAX_POINT_COORDINATE`], or farther from zero than [`MAX_COORDINATE`].
     TooLarge {
         /// The point.
         point: usize,
