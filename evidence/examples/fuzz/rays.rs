@@ -258,6 +258,12 @@ fn secondary_rays(random: &mut Random, tree: &RayTree, queries: &Queries, what: 
         let any = random.vec().as_vec3().normalize_or_zero();
         let away = normal * random.pick(&[1.0, -1.0]) * random.power(-4, 1) as f32;
         let next = tree.secondary_ray(ray, &hit, any - normal * any.dot(normal) + away);
+        // Where the origin moves by less than half of the least `t` above 0, nothing tells the two sides of the triangle apart.
+        let [a, b, c] = tree.triangle(hit.mesh, hit.primitive, ray.time);
+        let longest = (a - b).length().max((b - c).length()).max((c - a).length());
+        if longest * 2f64.powi(-36) < 7e-46 * next.dir.as_dvec3().length() {
+            continue;
+        }
         let mut same = false;
         let _ = tree.all_hits(&next, |other| {
             same = (other.mesh, other.primitive) == (hit.mesh, hit.primitive);
