@@ -73,7 +73,7 @@ impl fmt::Display for PointError {
                 write!(f, "point {point} has a coordinate that is not finite at key {key}; remove or correct it")
             }
             PointError::TooLarge { point, key } => {
-                let (near, far) = (MAX_POINT_COORDINATE, MAX_COORDINATE);
+                let (near, far) = (MAX_POINT_COORDINATE, MAX_COORDINATE as f32);
                 write!(
                     f,
                     "point {point} is farther than {near:e} from the origin, or than {far:e} from zero, at key {key}; \

@@ -496,6 +496,8 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
     }
 
     fn bytes(&self) -> usize {
-        self.shapes.capacity() * size_of::<P>() + self.active.capacity() * size_of::<TimeInterval>()
+        self.shapes.capacity() * size_of::<P>()
+            + self.active.capacity() * size_of::<TimeInterval>()
+            + self.kinds.capacity() * size_of::<u32>()
     }
 }

@@ -1,5 +1,6 @@
 //! Trees in files: what comes back, what is refused, and what a file made to deceive can not do.
 
+// Under the name that the scenes use.
 extern crate mbkd as engine;
 
 #[path = "../support/blob.rs"]

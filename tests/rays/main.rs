@@ -1,5 +1,6 @@
 //! Rays against brute force: properties, scenes, bad input, metamorphic relations, counted work.
 
+// Under the name that the scenes use.
 extern crate mbkd as engine;
 
 mod accuracy;

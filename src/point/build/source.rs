@@ -408,7 +408,7 @@ fn kept_of(len: usize, given: usize, ulp: f64, at: impl Fn(usize, usize) -> [f64
 
 /// Whether a position, wherever its set lies, is as near to zero as those of meshes: no number in the tree overflows.
 #[inline(always)]
-pub(in crate::point) fn is_in_space(at: DVec3) -> bool {
+fn is_in_space(at: DVec3) -> bool {
     at.abs().cmple(DVec3::splat(MAX_COORDINATE)).all()
 }
 
