@@ -289,13 +289,13 @@ pub(super) fn find_split(
     let chunk = if references.len() < PARALLEL { PARALLEL } else { references.len().div_ceil(CHUNKS) };
     let mut chunks = Vec::new();
     if references.len() < PARALLEL || parallel::threads() == 1 {
-        dispatch(simd.in_halves(), Count { references, chunk, binning, bins, axes: &mut table.axes });
+        dispatch(simd, Count { references, chunk, binning, bins, axes: &mut table.axes });
     } else {
         // Minima and sums are merged in order.
         chunks = parallel::map(references.len().div_ceil(chunk), |i| {
             let mut axes = Box::new([Bins::EMPTY; 3]);
             let references = &references[i * chunk..references.len().min((i + 1) * chunk)];
-            dispatch(simd.in_halves(), Count { references, chunk, binning, bins, axes: &mut axes });
+            dispatch(simd, Count { references, chunk, binning, bins, axes: &mut axes });
             axes
         });
         for (axis, sum) in table.axes.iter_mut().enumerate() {

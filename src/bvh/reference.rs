@@ -93,8 +93,8 @@ impl Reference {
     /// Four times the mid-time centre; the last lane is 0.
     #[inline(always)]
     pub(super) fn centre(&self) -> Vec4 {
-        let [x, y, z] = Reference::CENTRE.map(|lane| self.0.0[lane]);
-        Vec4::new(x, y, z, 0.0)
+        let ([x, y, z], lanes) = (Reference::CENTRE, &self.0.0);
+        Vec4::new(lanes[x], lanes[y], lanes[z], 0.0)
     }
 }
 

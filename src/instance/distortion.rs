@@ -45,6 +45,11 @@ impl Distortion {
     /// The bounds for matrices between two, with interpolated entries; `None` if one of them is singular, or too nearly
     /// to exclude it. Those of matrices that are distorted too much may be too small, but are above [`MAX_DEVIATION`].
     pub fn between(first: DMat3, last: DMat3) -> Option<Distortion> {
+        Distortion::in_parts(first, last).0
+    }
+
+    /// The same, and the number of parts of the time between both that were looked at.
+    fn in_parts(first: DMat3, last: DMat3) -> (Option<Distortion>, usize) {
         let mut all = Distortion { rows: row_sums(first).max(row_sums(last)), ..Distortion::NONE };
         let (mut stack, mut parts) = (vec![(first, last, 0)], 0);
         while let Some((first, last, depth)) = stack.pop() {
@@ -53,15 +58,19 @@ impl Distortion {
                 break;
             }
             let middle = first * 0.5 + last * 0.5;
-            match Distortion::around(middle, last * 0.5 - first * 0.5) {
+            let around = match Distortion::around(middle, last * 0.5 - first * 0.5) {
+                Around::TooFar if depth >= SHORT => Distortion::along(first, last, middle),
+                around => around,
+            };
+            match around {
                 Around::Known(part) => all = all.max(part),
                 Around::TooFar if depth < DEPTH => {
                     stack.extend([(first, middle, depth + 1), (middle, last, depth + 1)]);
                 }
-                Around::TooFar | Around::Singular => return None,
+                Around::TooFar | Around::Singular => return (None, parts),
             }
         }
-        Some(all)
+        (Some(all), parts)
     }
 
     /// The bounds for all `M + w D` with `w` in [-1, 1], if `D` is small.
@@ -91,7 +100,62 @@ impl Distortion {
             Around::Singular
         }
     }
+
+    /// The bounds for all matrices between two, if the determinant changes little. `D` need not be small: of nearly flat matrices that turn
+    /// it would have to be smaller than they are thick.
+    ///
+    /// `M^-1` is the adjugate divided by the determinant. Between both matrices entries are linear, so that those of the adjugate are
+    /// quadratic and the determinant is cubic. A polynomial lies between the least and the greatest of its Bernstein coefficients (Farouki,
+    /// "The Bernstein polynomial basis", 2012), which are means of products of entries, some at one end and some at the other. With columns
+    /// scaled to a length of about 1, at most `l`, each is off by less than a hundred roundings of `l^3` and `l^2`.
+    fn along(first: DMat3, last: DMat3, middle: DMat3) -> Around {
+        let lengths = DVec3::new(middle.x_axis.length(), middle.y_axis.length(), middle.z_axis.length());
+        let unscale = DMat3::from_diagonal(lengths.recip());
+        let ends = [first * unscale, last * unscale];
+        let column = |end: usize, axis: usize| ends[end].col(axis);
+        let l = (0..3).map(|axis| column(0, axis).length().max(column(1, axis).length())).fold(1.0, f64::max);
+        let rounding = 100.0 * f64::EPSILON;
+        let determinant = |x: usize, y: usize, z: usize| column(x, 0).cross(column(y, 1)).dot(column(z, 2));
+        let coefficients = [
+            determinant(0, 0, 0),
+            (determinant(1, 0, 0) + determinant(0, 1, 0) + determinant(0, 0, 1)) / 3.0,
+            (determinant(1, 1, 0) + determinant(1, 0, 1) + determinant(0, 1, 1)) / 3.0,
+            determinant(1, 1, 1),
+        ];
+        let alike = coefficients.iter().all(|c| c.signum() == coefficients[0].signum());
+        let (least, most) = coefficients
+            .iter()
+            .fold((f64::INFINITY, 0.0f64), |(least, most), c| (least.min(c.abs()), most.max(c.abs())));
+        let least = least - rounding * l * l * l;
+        // The columns of the transposed adjugate are products of two columns.
+        let adjugate = |axis: usize| {
+            let (y, z) = ((axis + 1) % 3, (axis + 2) % 3);
+            let mean = (column(0, y).cross(column(1, z)) + column(1, y).cross(column(0, z))) * 0.5;
+            let [begin, end] = [0, 1].map(|end| column(end, y).cross(column(end, z)).abs());
+            begin.max(end).max(mean.abs()) + rounding * l * l
+        };
+        // With NaN, this is false.
+        if !(alike && most <= 2.0 * least) {
+            return Around::TooFar;
+        }
+        let entries = DMat3::from_cols_array(&core::array::from_fn(|i| {
+            abs(ends[0]).to_cols_array()[i].max(abs(ends[1]).to_cols_array()[i])
+        }));
+        let inverse = DMat3::from_cols(adjugate(0), adjugate(1), adjugate(2)).transpose() * least.recip();
+        let norm = row_sums(entries).max_element() * row_sums(inverse).max_element();
+        let norm = norm * lengths.max_element() / lengths.min_element();
+        let skeel = row_sums(entries * inverse).max_element();
+        if skeel.is_finite() && norm.is_finite() {
+            Around::Known(Distortion { skeel, norm, rows: DVec3::ZERO })
+        } else {
+            Around::TooFar
+        }
+    }
 }
+
+/// Parts of the time between two keys that were halved so often are so short that [`Distortion::along`], which takes the greatest entries of
+/// a part, is hardly above the exact value.
+const SHORT: u32 = 6;
 
 /// The greatest number of halvings of the time between two keys. Only the times around a nearly singular matrix are halved so often,
 /// as when an object shrinks to a millionth; where all matrices are singular, the first part of the greatest depth ends the search.
@@ -100,8 +164,8 @@ const DEPTH: u32 = 40;
 /// The greatest rounding of a ray in an instance, in ULP of distances: 2^18. Boxes then still grow by less than the width of the scene.
 pub(super) const MAX_DEVIATION: f64 = 262144.0;
 
-/// Where a matrix is nearly singular for some time, the number of parts grows with its condition. After so many it is enough to know that
-/// it is distorted too much. (Through a singular matrix there are some hundred, at which the depth ends the search.)
+/// Where a matrix is so nearly singular that its determinant is not known, the number of parts grows with its condition. After so many it is
+/// enough to know that it is distorted too much. (Through a singular matrix there are some hundred, at which the depth ends the search.)
 const MANY_PARTS: usize = 4096;
 
 enum Around {
@@ -124,6 +188,7 @@ pub(super) fn row_sums(m: DMat3) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
 
     fn still(m: DMat3) -> Option<Distortion> {
         Distortion::between(m, m)
@@ -151,6 +216,37 @@ mod tests {
         for (first, last) in sheared.into_iter().chain([(DMat3::IDENTITY, half_turn)]) {
             let bound = Distortion::between(first, last);
             assert!(bound.is_none_or(|bound| bound.skeel > MAX_DEVIATION), "{first}, {last}: {bound:?}");
+        }
+    }
+
+    #[test]
+    fn flat_objects_that_turn_take_few_parts_and_their_bounds_are_close() {
+        let mut random = Random(17);
+        for round in 0..300 {
+            // Flattened in an oblique direction, and the axes of the instance's space scaled.
+            let mut turn = |most: f64| {
+                let axis = random.dvec().normalize_or(DVec3::X);
+                DMat3::from_axis_angle(axis, most * random.signed_f64())
+            };
+            let thin = 10f64.powi(-(round % 6));
+            let flat =
+                turn(3.0) * DMat3::from_diagonal(DVec3::new(1.0, [1.0, thin][round as usize % 2], thin)) * turn(3.0);
+            let flat = flat * DMat3::from_diagonal(DVec3::new(1.0, 1e-3, 40.0));
+            let (first, last) = (flat, turn(1.5) * flat);
+            let (bound, parts) = Distortion::in_parts(first, last);
+            assert!(parts < 300, "{parts} parts, {thin}");
+            let bound = bound.expect("no singular matrix");
+            let mut greatest = [0.0f64; 2];
+            for i in 0..=2000 {
+                let m = first + (last - first) * (f64::from(i) / 2000.0);
+                let inverse = m.inverse();
+                greatest[0] = greatest[0].max(row_sums(abs(m) * abs(inverse)).max_element());
+                greatest[1] = greatest[1].max(row_sums(m).max_element() * row_sums(inverse).max_element());
+            }
+            // (The inverse here is off by its condition times the rounding.)
+            assert!(greatest[0] <= bound.skeel * (1.0 + 1e-5), "{} of {}", greatest[0], bound.skeel);
+            assert!(greatest[1] <= bound.norm * (1.0 + 1e-5), "{} of {}", greatest[1], bound.norm);
+            assert!(bound.skeel < 12.0 * greatest[0], "{} of {}, {thin}, {parts}", greatest[0], bound.skeel);
         }
     }
 

@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn common_masks_take_no_memory_and_shapes_have_all_bits() {
+    fn common_masks_take_no_memory_and_shapes_have_all_bits_by_default() {
         let (_, tree) = built(&[0b10; 2], Division::Whole, false);
         assert_eq!((tree.masks.union(tree.root), tree.masks.bytes()), (0b10, 0));
         let (_, tree) = built(&[0b10], Division::Whole, true);

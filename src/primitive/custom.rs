@@ -35,7 +35,7 @@ use glam::DVec3;
 ///
 /// A primitive that breaks the contract does not affect others. If its bounds are invalid, the build fails with
 /// [`BuildError::BadBounds`]. If its bounds do not contain all hits, or change from one call to the next, hits of this
-/// primitive are lost. A tree calls [`active`](Primitive::active) once, when it takes the primitive.
+/// primitive are lost. A tree calls [`active`](Primitive::active) and [`mask`](Primitive::mask) once, when it takes the primitive.
 ///
 /// ```
 /// use mbkd::glam::{DVec3, Vec3};
@@ -88,8 +88,37 @@ pub trait Primitive: Send + Sync {
         TimeInterval::FULL
     }
 
+    /// The visibility mask: a query with a mask sees the primitive if the two share a bit. With a mask of 0, only queries without a mask see
+    /// it. The default has all bits. A tree calls this once, when it takes the primitive.
+    ///
+    /// ```
+    /// use mbkd::glam::{DVec3, Vec3};
+    /// use mbkd::{BuildParams, Intersection, LinearBounds, MovingSphere, Primitive, Ray, RayTree, TimeInterval};
+    ///
+    /// /// A lamp, which camera rays (mask 0b01) do not see.
+    /// struct Lamp(MovingSphere);
+    /// impl Primitive for Lamp {
+    ///     fn bounds(&self, over: TimeInterval) -> LinearBounds {
+    ///         self.0.bounds(over)
+    ///     }
+    ///     fn intersect(&self, ray: &Ray) -> Option<Intersection> {
+    ///         self.0.intersect(ray)
+    ///     }
+    ///     fn mask(&self) -> u32 {
+    ///         0b10
+    ///     }
+    /// }
+    /// let tree = RayTree::of_primitives(vec![Lamp(MovingSphere::fixed(DVec3::ZERO, 1.0))], &BuildParams::default())?;
+    /// let ray = Ray::new(Vec3::new(0.0, 0.0, 5.0), Vec3::NEG_Z);
+    /// assert!(tree.any_hit(&ray) && tree.any_hit_masked(&ray, 0b10) && !tree.any_hit_masked(&ray, 0b01));
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    fn mask(&self) -> u32 {
+        u32::MAX
+    }
+
     /// The sphere that has the same intersections and, where the primitive has any, the same closest points; for instance of a sphere that
-    /// carries further data of the caller's.
+    /// carries further data of the caller's. Its active interval and its mask do not count, those of the primitive do.
     ///
     /// Rays are tested against up to sixteen spheres at a time, by the sphere's functions instead of the primitive's. The default is `None`: rays are tested against one primitive after the other.
     ///
@@ -241,14 +270,9 @@ pub(crate) trait PrimitiveSet: Send + Sync {
         None
     }
     /// The visibility mask.
-    fn mask(&self, id: u32) -> u32 {
-        let _ = id;
-        u32::MAX
-    }
-    /// The visibility masks of all meshes, or of all primitives; empty if there are none.
-    fn masks(&self) -> Vec<u32> {
-        if self.len() > 0 { vec![u32::MAX] } else { Vec::new() }
-    }
+    fn mask(&self, id: u32) -> u32;
+    /// The visibility masks of all meshes and shapes, or one that many have in common; empty if there are none.
+    fn masks(&self) -> Vec<u32>;
     /// Mesh and primitive in the caller's numbering.
     fn mesh_and_primitive(&self, id: u32) -> (u32, u32) {
         (0, id)
@@ -280,6 +304,8 @@ pub struct Shapes<P> {
     shapes: Vec<P>,
     /// Active intervals; empty if all shapes exist throughout the shutter.
     active: Vec<TimeInterval>,
+    /// Visibility masks; empty if all shapes have all bits.
+    masks: Vec<u32>,
     /// The bytes of spheres' keys in leaf blocks.
     key_bytes: usize,
     /// The [`kind`] of each shape, or the one that all have, as it was when they were taken: builders ask often and rely on the answer.
@@ -309,11 +335,13 @@ fn are_boxes(bounds: LinearBounds) -> bool {
     })
 }
 
-/// The intervals and bounds of shapes. The interval of each shape is read here, and nowhere else.
+/// The intervals, masks and bounds of shapes. The interval and the mask of each shape are read here, and nowhere else.
 #[derive(Clone)]
 pub(crate) struct ShapesExtent {
     /// Active intervals; empty if all shapes exist throughout the shutter.
     active: Vec<TimeInterval>,
+    /// Visibility masks; empty if all shapes have all bits.
+    masks: Vec<u32>,
     /// The box that holds all shapes at all times.
     pub swept: Aabb,
 }
@@ -341,7 +369,11 @@ impl ShapesExtent {
         if active.iter().all(|&active| active == TimeInterval::FULL) {
             active = Vec::new();
         }
-        Ok(ShapesExtent { active, swept })
+        let mut masks: Vec<u32> = shapes.iter().map(Primitive::mask).collect();
+        if masks.iter().all(|&mask| mask == u32::MAX) {
+            masks = Vec::new();
+        }
+        Ok(ShapesExtent { active, masks, swept })
     }
 
     /// The active interval of a shape.
@@ -388,13 +420,18 @@ impl<P: Primitive> Shapes<P> {
             kinds.truncate(1);
             kinds.shrink_to_fit();
         }
-        let ShapesExtent { active, swept } = extent;
-        Shapes { shapes, active, key_bytes, kinds, frame, swept, bad: AtomicU32::new(NONE) }
+        let ShapesExtent { active, masks, swept } = extent;
+        Shapes { shapes, active, masks, key_bytes, kinds, frame, swept, bad: AtomicU32::new(NONE) }
     }
 
     /// Active intervals as bounds; empty if all shapes exist throughout the shutter.
     pub(crate) fn active_bounds(&self) -> Vec<[f32; 2]> {
         self.active.iter().map(|active| active.to_bounds()).collect()
+    }
+
+    /// The visibility masks; empty if all shapes have all bits.
+    pub(super) fn kept_masks(&self) -> &[u32] {
+        &self.masks
     }
 
     /// The shapes as they were given, after [`Primitive::merge_keys`].
@@ -409,7 +446,7 @@ impl<P: Primitive> Shapes<P> {
 
     /// What is known of the shapes, as it was read when they were taken.
     pub(super) fn extent(&self) -> ShapesExtent {
-        ShapesExtent { active: self.active.clone(), swept: self.swept }
+        ShapesExtent { active: self.active.clone(), masks: self.masks.clone(), swept: self.swept }
     }
 
     /// Replaces the frame by one that maps points to the same coordinates.
@@ -470,6 +507,17 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
         self.shapes[id as usize].as_sphere()
     }
 
+    fn mask(&self, id: u32) -> u32 {
+        if self.masks.is_empty() { u32::MAX } else { self.masks[id as usize] }
+    }
+
+    fn masks(&self) -> Vec<u32> {
+        match self.masks.is_empty() {
+            true => vec![u32::MAX; self.len().min(1)],
+            false => self.masks.clone(),
+        }
+    }
+
     fn prefetch(&self, id: u32) {
         prefetch(&self.shapes[id as usize]);
     }
@@ -498,6 +546,7 @@ impl<P: Primitive> PrimitiveSet for Shapes<P> {
     fn bytes(&self) -> usize {
         self.shapes.capacity() * size_of::<P>()
             + self.active.capacity() * size_of::<TimeInterval>()
+            + self.masks.capacity() * size_of::<u32>()
             + self.kinds.capacity() * size_of::<u32>()
     }
 }

@@ -70,6 +70,13 @@ impl Primitive for Shape {
         }
     }
 
+    fn mask(&self) -> u32 {
+        match self {
+            Shape::Sphere(sphere) => sphere.mask,
+            Shape::Custom(custom) => custom.mask(),
+        }
+    }
+
     fn as_sphere(&self) -> Option<&MovingSphere> {
         match self {
             Shape::Sphere(sphere) => Some(sphere),
@@ -290,7 +297,7 @@ impl PrimitiveSet for Scene {
     fn mask(&self, id: u32) -> u32 {
         match self.shape(id) {
             None => self.triangles.mask(id),
-            Some(_) => u32::MAX,
+            Some(shape) => self.shapes.mask(shape),
         }
     }
 

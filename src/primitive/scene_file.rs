@@ -17,6 +17,8 @@ pub(crate) struct SceneRecord {
     /// The number of keys and the active interval of each sphere, and the centers and radii at all keys.
     key_counts: Vec<u32>,
     active: Vec<[f32; 2]>,
+    /// The mask of each sphere; empty if all have all bits.
+    masks: Vec<u32>,
     keys: Vec<[f64; 4]>,
     frame: Frame,
 }
@@ -34,6 +36,7 @@ impl Scene {
         self.triangles.encode(to)?;
         to.array(&key_counts)?;
         to.array(&active)?;
+        to.array(self.shapes.kept_masks())?;
         to.array(&keys)
     }
 }
@@ -43,7 +46,8 @@ impl SceneRecord {
     pub(crate) fn decode(from: &mut Decoder<'_>) -> Result<SceneRecord, FileError> {
         let triangles = TrianglesRecord::decode(from)?;
         let frame = triangles.frame;
-        Ok(SceneRecord { triangles, frame, key_counts: from.array()?, active: from.array()?, keys: from.array()? })
+        let (key_counts, active, masks) = (from.array()?, from.array()?, from.array()?);
+        Ok(SceneRecord { triangles, frame, key_counts, active, masks, keys: from.array()? })
     }
 
     /// The scene, with at most `most` triangles, whose vertices are in leaf blocks or here.
@@ -52,11 +56,14 @@ impl SceneRecord {
         let all: u64 = self.key_counts.iter().map(|&keys| u64::from(keys)).sum();
         let fits = self.active.len() == self.key_counts.len() && all == self.keys.len() as u64;
         require(fits, "the numbers of keys of spheres are wrong")?;
+        let fit = self.masks.is_empty() || self.masks.len() == self.active.len();
+        require(fit, "the number of masks of spheres is wrong")?;
         let mut keys = self.keys.iter().map(|&[x, y, z, radius]| (DVec3::new(x, y, z), radius));
         let mut shapes = Vec::with_capacity(self.active.len());
-        for (&count, &bounds) in self.key_counts.iter().zip(&self.active) {
+        for (i, (&count, &bounds)) in self.key_counts.iter().zip(&self.active).enumerate() {
             let keys = keys.by_ref().take(count as usize).collect();
-            shapes.push(Shape::Sphere(MovingSphere { keys, active: TimeInterval::of_bounds(bounds)? }));
+            let (active, mask) = (TimeInterval::of_bounds(bounds)?, self.masks.get(i).copied().unwrap_or(u32::MAX));
+            shapes.push(Shape::Sphere(MovingSphere { keys, active, mask }));
         }
         let wrong = |_: BuildError| FileError::Broken { what: "a sphere has invalid coordinates" };
         let extent = ShapesExtent::of(&shapes, &Progress::new(None)).map_err(wrong)?;

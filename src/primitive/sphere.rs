@@ -34,6 +34,8 @@ pub struct MovingSphere {
     pub keys: Vec<(DVec3, f64)>,
     /// The active interval of the sphere.
     pub active: TimeInterval,
+    /// Visibility: a masked query sees the sphere if its mask and this one share a bit.
+    pub mask: u32,
 }
 
 /// The part of a line that is inside of a sphere.
@@ -67,7 +69,7 @@ impl Chord {
 impl MovingSphere {
     /// A sphere from its center and radius at each key.
     pub fn new(keys: Vec<(DVec3, f64)>) -> MovingSphere {
-        MovingSphere { keys, active: TimeInterval::FULL }
+        MovingSphere { keys, active: TimeInterval::FULL, mask: u32::MAX }
     }
 
     /// A static sphere.
@@ -78,6 +80,11 @@ impl MovingSphere {
     /// The sphere with an active interval.
     pub fn with_active(self, active: TimeInterval) -> MovingSphere {
         MovingSphere { active, ..self }
+    }
+
+    /// The sphere with a visibility mask. With a mask of 0, only queries without a mask see it.
+    pub fn with_mask(self, mask: u32) -> MovingSphere {
+        MovingSphere { mask, ..self }
     }
 
     /// Drops the keys on straight lines between others, but for two. The others are spaced evenly again.

@@ -36,6 +36,10 @@ impl Primitive for MovingSphere {
         self.active
     }
 
+    fn mask(&self) -> u32 {
+        self.mask
+    }
+
     fn as_sphere(&self) -> Option<&MovingSphere> {
         Some(self)
     }

@@ -77,6 +77,14 @@ impl PrimitiveSet for ErasedShapes<'_> {
         self.shapes.sphere(id)
     }
 
+    fn mask(&self, id: u32) -> u32 {
+        self.shapes.mask(id)
+    }
+
+    fn masks(&self) -> Vec<u32> {
+        self.shapes.masks()
+    }
+
     fn leaf_kind(&self, id: u32) -> u32 {
         self.shapes.leaf_kind(id)
     }

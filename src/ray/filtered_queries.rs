@@ -7,9 +7,10 @@ use crate::geometry::Ray;
 use core::ops::ControlFlow;
 
 impl<G: Geometry> RayTree<G> {
-    /// [`RayTree::closest_hit`] among the hits for which `accept` returns true, on meshes whose
-    /// [`mask`](crate::TriangleMesh::mask) shares a bit with `mask`. Spheres and custom primitives have all bits. Blocks of the tree in which
-    /// `mask` hides everything are skipped (in the k-d layout, only triangles are).
+    /// [`RayTree::closest_hit`] among the hits for which `accept` returns true, on meshes and shapes whose mask
+    /// ([`TriangleMesh::mask`](crate::TriangleMesh::mask), [`MovingSphere::mask`](crate::MovingSphere::mask),
+    /// [`Primitive::mask`](crate::Primitive::mask)) shares a bit with `mask`. Blocks of the tree in which `mask` hides everything are skipped
+    /// (in the k-d layout, only primitives are).
     ///
     /// `accept` must be pure. It may be called several times for the same hit, and is not called for every hit.
     ///

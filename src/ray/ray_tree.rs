@@ -395,7 +395,7 @@ impl RayTree {
     /// number of meshes as its [`mesh`](Hit::mesh), and the index into `shapes` as its [`primitive`](Hit::primitive).
     /// If `shapes` is empty, this is [`RayTree::build`].
     ///
-    /// Triangles and shapes are in separate subtrees below common nodes. Shapes have all bits of visibility masks.
+    /// Triangles and shapes are in separate subtrees below common nodes.
     ///
     /// ```
     /// use mbkd::glam::{DVec3, Vec3};

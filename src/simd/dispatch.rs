@@ -69,16 +69,6 @@ impl SimdLevel {
         SimdLevel::BASELINE
     }
 
-    /// This level, or AVX2 instead of AVX-512: for loops that load what they have just stored, where two halves of sixteen lanes take less
-    /// time than the whole.
-    pub(crate) fn in_halves(self) -> SimdLevel {
-        #[cfg(target_arch = "x86_64")]
-        if self.0 == Isa::Avx512 {
-            return SimdLevel(Isa::Avx2);
-        }
-        self
-    }
-
     /// `"sse2"`, `"avx2"` or `"avx512"` on x86-64, `"neon"` on AArch64, `"portable"` on other architectures.
     pub fn name(self) -> &'static str {
         match self.0 {

@@ -45,7 +45,7 @@ fn everything(random: &mut Random) -> (Vec<TriangleMesh>, Vec<Shape>) {
     let mut key = || (random.vec().as_dvec3(), f64::from(random.unit()) * 0.2);
     let spheres = (0..20).map(|i| match i % 3 {
         0 => MovingSphere::new(vec![key()]),
-        1 => MovingSphere::new(vec![key(), key()]),
+        1 => MovingSphere::new(vec![key(), key()]).with_mask(5),
         _ => MovingSphere::new(vec![key(), key(), key()]).with_active(half),
     });
     let shapes = spheres.map(Shape::from).collect();

@@ -18,6 +18,7 @@ mod instance_calls;
 mod instances;
 mod keys;
 mod lazy;
+mod masked_shapes;
 mod metamorphic;
 mod mixed;
 mod precise;
