@@ -54,7 +54,7 @@ impl InstanceTree {
     }
 
     /// [`InstanceTree::closest_point`] among the points for which `accept` returns true, in instances whose
-    /// [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes whose masks do. `accept` must be pure: it
+    /// [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes and shapes whose masks do. `accept` must be pure: it
     /// is called for some of the points only.
     pub fn closest_point_filtered(
         &self,
@@ -65,7 +65,7 @@ impl InstanceTree {
         self.nearest(*query, InstanceGuards::Filtered { mask, accept: &accept })
     }
 
-    /// [`InstanceTree::closest_point`] in instances whose [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes whose
+    /// [`InstanceTree::closest_point`] in instances whose [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes and shapes whose
     /// masks do.
     ///
     /// ```

@@ -101,7 +101,7 @@ pub struct Instance {
     pub of: InstanceOf,
     /// Its transforms, at the keys of the shutter. Motion inside the placed tree runs on the same clock.
     pub transform: Transform,
-    /// A masked query sees the instance if its mask and this one share a bit, and in it the meshes whose masks do.
+    /// A masked query sees the instance if its mask and this one share a bit, and in it the meshes and shapes whose masks do.
     pub mask: u32,
     /// The time interval in which the instance exists.
     pub active: TimeInterval,

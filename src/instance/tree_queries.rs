@@ -25,7 +25,7 @@ impl InstanceTree {
         self.all(ray, InstancePath::default(), &mut InstanceGuards::Plain, &mut visitor)
     }
 
-    /// [`InstanceTree::closest_hit`] in instances whose [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes whose
+    /// [`InstanceTree::closest_hit`] in instances whose [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes and shapes whose
     /// masks do.
     ///
     /// ```
@@ -80,7 +80,7 @@ impl InstanceTree {
     }
 
     /// [`InstanceTree::closest_hit`] among the hits for which `accept` returns true, in instances whose
-    /// [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes whose masks do.
+    /// [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes and shapes whose masks do.
     ///
     /// `accept` must be pure: it may be called several times for the same hit, and is not called for every hit.
     pub fn closest_hit_filtered(

@@ -42,7 +42,7 @@ impl<G: Geometry> RayTree<G> {
         self.closest_point_of(&(*query).into())
     }
 
-    /// [`RayTree::closest_point`] among the points for which `accept` returns true, on meshes whose
+    /// [`RayTree::closest_point`] among the points for which `accept` returns true, on meshes and shapes whose
     /// [`mask`](crate::TriangleMesh::mask) shares a bit with `mask`. `accept` must be pure. It is not called for every
     /// point.
     ///
@@ -69,7 +69,7 @@ impl<G: Geometry> RayTree<G> {
         self.closest_point_guarded(&(*query).into(), Guards::filtered(mask, &accept))
     }
 
-    /// [`RayTree::closest_point`] on meshes whose mask shares a bit with `mask`, as [`RayTree::closest_point_filtered`] without a filter.
+    /// [`RayTree::closest_point`] on meshes and shapes whose mask shares a bit with `mask`, as [`RayTree::closest_point_filtered`] without a filter.
     ///
     /// ```
     /// use mbkd::{BuildParams, ClosestPointQuery, RayTree, TriangleMesh, glam::Vec3};

@@ -30,7 +30,7 @@ impl<G: Geometry> RayTree<G> {
         (self.queries.closest_guarded)(self.target(), ray, Guards::filtered(mask, &|(_, hit)| accept(hit)))
     }
 
-    /// [`RayTree::closest_hit`] on meshes whose mask shares a bit with `mask`, as [`RayTree::closest_hit_filtered`] without a filter.
+    /// [`RayTree::closest_hit`] on meshes and shapes whose mask shares a bit with `mask`, as [`RayTree::closest_hit_filtered`] without a filter.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -45,7 +45,7 @@ impl<G: Geometry> RayTree<G> {
         (self.queries.closest_guarded)(self.target(), ray, Guards::masked(mask))
     }
 
-    /// [`RayTree::any_hit`] on meshes whose mask shares a bit with `mask`, as [`RayTree::any_hit_filtered`] without a filter but faster:
+    /// [`RayTree::any_hit`] on meshes and shapes whose mask shares a bit with `mask`, as [`RayTree::any_hit_filtered`] without a filter but faster:
     /// where a hit is certain, its position is not computed.
     ///
     /// ```
@@ -60,7 +60,7 @@ impl<G: Geometry> RayTree<G> {
         (self.queries.any_guarded)(self.target(), ray, Guards::masked(mask))
     }
 
-    /// [`RayTree::all_hits`] on meshes whose mask shares a bit with `mask`, as [`RayTree::all_hits_filtered`] without a filter.
+    /// [`RayTree::all_hits`] on meshes and shapes whose mask shares a bit with `mask`, as [`RayTree::all_hits_filtered`] without a filter.
     ///
     /// ```
     /// use core::ops::ControlFlow;
