@@ -23,4 +23,8 @@ impl Primitive for Blob {
     fn active(&self) -> TimeInterval {
         self.0.active()
     }
+
+    fn mask(&self) -> u32 {
+        self.0.mask
+    }
 }

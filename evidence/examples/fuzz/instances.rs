@@ -14,10 +14,10 @@ use mbkd::{
 };
 use std::sync::Arc;
 
-/// Brute force over a placed tree, and the mask and the length of each of its meshes; its shapes count as one more.
+/// Brute force over a placed tree, and the masks of all primitives of each of its meshes; its shapes count as one more.
 struct Leaf {
     brute: BruteForce,
-    meshes: Vec<(u32, usize)>,
+    masks: Vec<Vec<u32>>,
 }
 
 /// The contents of an instance, for brute force.
@@ -59,7 +59,11 @@ impl Placed {
             let Some(local) = self.tree.local_ray(i, ray) else { continue };
             match brute {
                 Brute::Tree(of) => {
-                    let seen = of.brute.all_hits(&local).into_iter().filter(|h| sees(of.meshes[h.mesh as usize].0));
+                    let seen = of
+                        .brute
+                        .all_hits(&local)
+                        .into_iter()
+                        .filter(|h| sees(of.masks[h.mesh as usize][h.primitive as usize]));
                     all.extend(seen.map(|h| (vec![i], bits(&h))));
                 }
                 Brute::Instances(of) => {
@@ -126,9 +130,9 @@ impl Placed {
         let mut all = Vec::new();
         for (i, (_, brute)) in (0u32..).zip(&self.instances) {
             let of_this: Vec<_> = match brute {
-                Brute::Tree(of) if of.meshes.iter().map(|mesh| mesh.1).sum::<usize>() <= most => {
+                Brute::Tree(of) if of.masks.iter().map(Vec::len).sum::<usize>() <= most => {
                     let names =
-                        (0u32..).zip(&of.meshes).flat_map(|(mesh, (_, n))| (0..*n as u32).map(move |j| (mesh, j)));
+                        (0u32..).zip(&of.masks).flat_map(|(mesh, of)| (0..of.len() as u32).map(move |j| (mesh, j)));
                     names.map(|(mesh, primitive)| (vec![i], mesh, primitive)).collect()
                 }
                 Brute::Tree(_) => return None,
@@ -223,9 +227,9 @@ fn prototype(random: &mut Random, level: SimdLevel) -> Result<Option<(InstanceOf
         tree => tree.map_err(|error| format!("{params:?}: {error}"))?.with_simd(level),
     };
     let brute = BruteForce::of_scene(&scene.meshes, scene.shapes()).map_err(|error| error.to_string())?;
-    let meshes =
-        scene.meshes.iter().map(|mesh| (mesh.mask, mesh.len())).chain([(u32::MAX, scene.balls.len())]).collect();
-    let leaf = Leaf { brute, meshes };
+    let of_balls = scene.balls.iter().map(|(ball, _)| ball.mask).collect();
+    let masks = scene.meshes.iter().map(|mesh| vec![mesh.mask; mesh.len()]).chain([of_balls]).collect();
+    let leaf = Leaf { brute, masks };
     Ok(Some((InstanceOf::Tree(Arc::new(tree)), Brute::Tree(Arc::new(leaf)), scene.places.scale)))
 }
 

@@ -117,11 +117,15 @@ fn mesh(random: &mut Random, places: &Places, n: usize) -> TriangleMesh {
         _ => TriangleMesh::new(indices, in_f32(keys)),
     };
     let active = if random.one_in(4) { random.interval() } else { TimeInterval::FULL };
-    let mask = random.pick(&[u32::MAX, u32::MAX, 0b01, 0b10, 0b110, 0]);
-    mesh.with_active(active).with_mask(mask)
+    mesh.with_active(active).with_mask(mask(random))
 }
 
-fn ball(random: &mut Random, places: &Places) -> MovingSphere {
+fn mask(random: &mut Random) -> u32 {
+    random.pick(&[u32::MAX, u32::MAX, 0b01, 0b10, 0b110, 0])
+}
+
+/// A sphere, with all bits or with any `masks`.
+fn ball(random: &mut Random, places: &Places, masks: bool) -> MovingSphere {
     let keys = random.pick(&[1, 1, 2, 2, 3, 9, 17]);
     let bends = random.pick(&[1, 2, keys]);
     let (at, by) = (places.place(random), random.vec() * places.scale * random.pick(&[0.0, 0.1, 2.0]));
@@ -129,7 +133,8 @@ fn ball(random: &mut Random, places: &Places) -> MovingSphere {
     let swell = random.pick(&[0.0, 0.0, 1.0, -2.0]);
     let key = |i: usize| (at + by * i as f64 / keys as f64, radius + radius * swell * (i * bends / keys % 3) as f64);
     let active = if random.one_in(5) { random.interval() } else { TimeInterval::FULL };
-    MovingSphere::new((0..keys).map(key).collect()).with_active(active)
+    let ball = MovingSphere::new((0..keys).map(key).collect()).with_active(active);
+    if masks { ball.with_mask(mask(random)) } else { ball }
 }
 
 impl Scene {
@@ -147,10 +152,10 @@ impl Scene {
         });
         let meshes = meshes.collect::<Vec<_>>();
         let balls = if meshes.is_empty() || random.one_in(2) { random.below(most.min(2000) + 1) } else { 0 };
-        let hidden = random.pick(&[1, 3, usize::MAX]);
+        let (hidden, masks) = (random.pick(&[1, 3, usize::MAX]), random.one_in(2));
         let balls = (0..balls).map(|_| {
             let own = own(random);
-            (ball(random, &own), random.one_in(hidden))
+            (ball(random, &own, masks), random.one_in(hidden))
         });
         let balls = balls.collect();
         Scene { meshes, balls, places }
@@ -240,8 +245,8 @@ impl Scene {
 
     /// Other spheres in the same number.
     pub fn with_other_balls(mut self, random: &mut Random) -> Scene {
-        let places = self.places;
-        self.balls.iter_mut().for_each(|(of, _)| *of = ball(random, &places));
+        let (places, masks) = (self.places, random.one_in(2));
+        self.balls.iter_mut().for_each(|(of, _)| *of = ball(random, &places, masks));
         self
     }
 }
