@@ -79,7 +79,7 @@ impl Distortion {
     /// `|A (1 + w E)|` has row sums of at most `|A| (1 + e)`, and its inverse `(1 + w E)^-1 A^-1` of at most
     /// `|A^-1| / (1 - e)`.
     fn around(middle: DMat3, by: DMat3) -> Around {
-        let lengths = DVec3::new(middle.x_axis.length(), middle.y_axis.length(), middle.z_axis.length());
+        let lengths = column_lengths(middle);
         let unscale = DMat3::from_diagonal(lengths.recip());
         let scaled = middle * unscale;
         let inverse = scaled.inverse();
@@ -109,7 +109,7 @@ impl Distortion {
     /// "The Bernstein polynomial basis", 2012), which are means of products of entries, some at one end and some at the other. With columns
     /// scaled to a length of about 1, at most `l`, each is off by less than a hundred roundings of `l^3` and `l^2`.
     fn along(first: DMat3, last: DMat3, middle: DMat3) -> Around {
-        let lengths = DVec3::new(middle.x_axis.length(), middle.y_axis.length(), middle.z_axis.length());
+        let lengths = column_lengths(middle);
         let unscale = DMat3::from_diagonal(lengths.recip());
         let ends = [first * unscale, last * unscale];
         let column = |end: usize, axis: usize| ends[end].col(axis);
@@ -138,9 +138,8 @@ impl Distortion {
         if !(alike && most <= 2.0 * least) {
             return Around::TooFar;
         }
-        let entries = DMat3::from_cols_array(&core::array::from_fn(|i| {
-            abs(ends[0]).to_cols_array()[i].max(abs(ends[1]).to_cols_array()[i])
-        }));
+        let greatest = |axis: usize| column(0, axis).abs().max(column(1, axis).abs());
+        let entries = DMat3::from_cols(greatest(0), greatest(1), greatest(2));
         let inverse = DMat3::from_cols(adjugate(0), adjugate(1), adjugate(2)).transpose() * least.recip();
         let norm = row_sums(entries).max_element() * row_sums(inverse).max_element();
         let norm = norm * lengths.max_element() / lengths.min_element();
@@ -178,6 +177,10 @@ enum Around {
 /// The absolute values of all entries.
 pub(super) fn abs(m: DMat3) -> DMat3 {
     DMat3::from_cols(m.x_axis.abs(), m.y_axis.abs(), m.z_axis.abs())
+}
+
+fn column_lengths(m: DMat3) -> DVec3 {
+    DVec3::new(m.x_axis.length(), m.y_axis.length(), m.z_axis.length())
 }
 
 /// For each row the sum of its absolute values.

@@ -429,11 +429,6 @@ impl<P: Primitive> Shapes<P> {
         self.active.iter().map(|active| active.to_bounds()).collect()
     }
 
-    /// The visibility masks; empty if all shapes have all bits.
-    pub(super) fn kept_masks(&self) -> &[u32] {
-        &self.masks
-    }
-
     /// The shapes as they were given, after [`Primitive::merge_keys`].
     pub(crate) fn shapes(&self) -> &[P] {
         &self.shapes

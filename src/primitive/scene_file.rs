@@ -14,10 +14,9 @@ use glam::DVec3;
 /// The contents of a file for a scene, not validated yet.
 pub(crate) struct SceneRecord {
     triangles: TrianglesRecord,
-    /// The number of keys and the active interval of each sphere, and the centers and radii at all keys.
+    /// The number of keys, the active interval and the mask of each sphere, and the centers and radii at all keys.
     key_counts: Vec<u32>,
     active: Vec<[f32; 2]>,
-    /// The mask of each sphere; empty if all have all bits.
     masks: Vec<u32>,
     keys: Vec<[f64; 4]>,
     frame: Frame,
@@ -26,17 +25,18 @@ pub(crate) struct SceneRecord {
 impl Scene {
     /// Writes everything; an error if a shape is a custom primitive.
     pub(crate) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
-        let (mut key_counts, mut active, mut keys) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut key_counts, mut active, mut masks, mut keys) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         for (i, shape) in self.shapes.shapes().iter().enumerate() {
             let Shape::Sphere(sphere) = shape else { return Err(FileError::CustomShape { shape: i }) };
             key_counts.push(sphere.keys.len() as u32);
             active.push(sphere.active.to_bounds());
+            masks.push(sphere.mask);
             keys.extend(sphere.keys.iter().map(|(center, radius)| [center.x, center.y, center.z, *radius]));
         }
         self.triangles.encode(to)?;
         to.array(&key_counts)?;
         to.array(&active)?;
-        to.array(self.shapes.kept_masks())?;
+        to.array(&masks)?;
         to.array(&keys)
     }
 }
@@ -54,16 +54,14 @@ impl SceneRecord {
     pub(crate) fn checked(self, most: usize, in_leaves: bool) -> Result<Scene, FileError> {
         let triangles = self.triangles.checked(most, in_leaves)?;
         let all: u64 = self.key_counts.iter().map(|&keys| u64::from(keys)).sum();
-        let fits = self.active.len() == self.key_counts.len() && all == self.keys.len() as u64;
-        require(fits, "the numbers of keys of spheres are wrong")?;
-        let fit = self.masks.is_empty() || self.masks.len() == self.active.len();
-        require(fit, "the number of masks of spheres is wrong")?;
+        let spheres = self.key_counts.len();
+        require(self.active.len() == spheres && self.masks.len() == spheres, "there are too few or too many spheres")?;
+        require(all == self.keys.len() as u64, "the numbers of keys of spheres are wrong")?;
         let mut keys = self.keys.iter().map(|&[x, y, z, radius]| (DVec3::new(x, y, z), radius));
-        let mut shapes = Vec::with_capacity(self.active.len());
-        for (i, (&count, &bounds)) in self.key_counts.iter().zip(&self.active).enumerate() {
+        let mut shapes = Vec::with_capacity(spheres);
+        for ((&count, &bounds), &mask) in self.key_counts.iter().zip(&self.active).zip(&self.masks) {
             let keys = keys.by_ref().take(count as usize).collect();
-            let (active, mask) = (TimeInterval::of_bounds(bounds)?, self.masks.get(i).copied().unwrap_or(u32::MAX));
-            shapes.push(Shape::Sphere(MovingSphere { keys, active, mask }));
+            shapes.push(Shape::Sphere(MovingSphere { keys, active: TimeInterval::of_bounds(bounds)?, mask }));
         }
         let wrong = |_: BuildError| FileError::Broken { what: "a sphere has invalid coordinates" };
         let extent = ShapesExtent::of(&shapes, &Progress::new(None)).map_err(wrong)?;

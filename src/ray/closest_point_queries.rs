@@ -43,10 +43,10 @@ impl<G: Geometry> RayTree<G> {
     }
 
     /// [`RayTree::closest_point`] among the points for which `accept` returns true, on meshes and shapes whose
-    /// [`mask`](crate::TriangleMesh::mask) shares a bit with `mask`. `accept` must be pure. It is not called for every
+    /// mask shares a bit with `mask`, as in [`RayTree::closest_hit_filtered`]. `accept` must be pure. It is not called for every
     /// point.
     ///
-    /// Blocks of the tree in which `mask` hides everything are skipped (in the k-d layout, only triangles are). `accept` cannot skip
+    /// Blocks of the tree in which `mask` hides everything are skipped (in the k-d layout, only primitives are). `accept` cannot skip
     /// any: where it rejects all of the nearest hundred thousand triangles, each of their closest points is computed. So prefer
     /// masks where they can express it.
     ///

@@ -1,19 +1,18 @@
 //! Masks of spheres and custom primitives, alone and beside meshes.
 
-use crate::brute_force::Brick;
-use crate::common::{Random, random_ray, soup, variants};
+use crate::common::{Blob, Random, random_ray, soup, variants};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::DVec3;
 use mbkd::{
     BuildParams, ClosestPointQuery, Division, Intersection, LazyParams, LinearBounds, MovingSphere, Policy, Primitive,
-    Ray, RayTree, Shape, SurfacePoint, TimeInterval, TriangleMesh, WideParams,
+    Ray, RayTree, Shape, TimeInterval, TriangleMesh, WideParams,
 };
 use std::ops::ControlFlow;
 
-/// A primitive with a mask of its own.
-struct Masked<P>(P, u32);
+/// A primitive with a mask of its own, which counts, and a sphere with another one, which does not.
+struct Masked(MovingSphere, u32);
 
-impl<P: Primitive> Primitive for Masked<P> {
+impl Primitive for Masked {
     fn bounds(&self, over: TimeInterval) -> LinearBounds {
         self.0.bounds(over)
     }
@@ -22,12 +21,8 @@ impl<P: Primitive> Primitive for Masked<P> {
         self.0.intersect(ray)
     }
 
-    fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
-        self.0.closest_point(point, time)
-    }
-
     fn as_sphere(&self) -> Option<&MovingSphere> {
-        self.0.as_sphere()
+        Some(&self.0)
     }
 
     fn mask(&self) -> u32 {
@@ -42,16 +37,15 @@ fn meshes() -> Vec<TriangleMesh> {
     (0..3).map(|i| soup(60, 1 + i, 0.3, 0.2 * i as f32, i as u64).with_mask(1 << i)).collect()
 }
 
-/// Spheres, spheres within other primitives, and bricks, with `masks` in turn.
+/// Spheres, spheres within other primitives, and custom primitives, with `masks` in turn.
 fn shapes(count: usize, masks: &[u32]) -> Vec<Shape> {
     let mut random = Random(31);
     let shape = |i: usize| {
         let (from, by, mask) = (random.vec().as_dvec3(), random.vec().as_dvec3() * 0.3, masks[i % masks.len()]);
         let sphere = MovingSphere::new(vec![(from, 0.15), (from + by, 0.1)]);
         match i % 5 {
-            // The mask of the primitive counts, not that of its sphere.
             0 => Shape::custom(Masked(sphere.with_mask(!mask), mask)),
-            1 => Shape::custom(Masked(Brick::new(from, 0.3), mask)),
+            1 => Shape::custom(Blob(sphere.with_mask(mask))),
             _ => sphere.with_mask(mask).into(),
         }
     };
@@ -65,7 +59,8 @@ fn params() -> Vec<BuildParams> {
     variants().into_iter().chain(divided).chain([lazy]).collect()
 }
 
-/// Every form of a query with a mask equals brute force, over shapes with these masks in turn. Returns how many shapes rays with a mask of some bits saw.
+/// Every form of a query with a mask equals brute force, over shapes with these masks in turn. Returns how many shapes rays with a mask of
+/// some bits saw.
 fn assert_same(tree: &RayTree, oracle: &BruteForce, masks: &[u32], what: &str) -> usize {
     let mask_of =
         |mesh: u32, primitive: u32| if mesh < 3 { 1 << mesh } else { masks[primitive as usize % masks.len()] };
