@@ -222,7 +222,7 @@ pub(crate) mod points {
     pub const OWN_TREES: RangeInclusive<usize> = 65..=24 << 10;
     /// Larger sets with active intervals are compared by trees of all points as well, if they can afford about this many time slices: then the
     /// tree of a time slice is built sooner than samples. In longer ones, fast points need trees of their own. `--kinds active --points
-    /// 30000,100000`: with 4 lives of .9 with 1 % fast points take 28 instead of 8 static builds; with 16 births are tried by samples, builds
+    /// 30000,100000`: with 4 active intervals of .9 with 1 % fast points take 28 instead of 8 static builds; with 16 births are tried by samples, builds
     /// 1.05.
     pub const SHORT_SLICES: f64 = 8.0;
     /// What is visited in the tree of a time slice grows with this power of the number of its points and of the volume of its boxes. (Least

@@ -33,7 +33,8 @@ impl TimeInterval {
     /// [`IntervalError`] unless `0 <= begin < end <= 1`.
     pub fn new(begin: f32, end: f32) -> Result<TimeInterval, IntervalError> {
         if 0.0 <= begin && begin < end && end <= 1.0 {
-            Ok(TimeInterval { begin, end: if end == 1.0 { BEYOND } else { end } })
+            // A zero is stored as the positive one: times are ordered by their bits.
+            Ok(TimeInterval { begin: begin + 0.0, end: if end == 1.0 { BEYOND } else { end } })
         } else {
             Err(IntervalError { begin, end })
         }
@@ -125,6 +126,7 @@ mod tests {
             assert!(error.to_string().contains("0 <= begin < end <= 1"));
         }
         assert_eq!(TimeInterval::new(0.0, 1.0).unwrap(), TimeInterval::FULL);
+        assert_eq!(TimeInterval::new(-0.0, 1.0).unwrap().begin().to_bits(), 0);
         assert_eq!(format!("{:?}", TimeInterval::FULL), "TimeInterval { begin: 0.0, end: 1.0 }");
     }
 

@@ -251,8 +251,8 @@ impl<'a> LeafRows<'a> {
     pub(in crate::point) fn split_at(self, count: usize) -> [LeafRows<'a>; 2] {
         let (blocks, more_blocks) = self.blocks.split_at_mut(count);
         let (times, more_times) = self.times.split_at_mut(count.min(self.times.len()));
-        let (active, more_lives) = self.active.split_at_mut(count.min(self.active.len()));
-        [LeafRows { blocks, times, active }, LeafRows { blocks: more_blocks, times: more_times, active: more_lives }]
+        let (active, more_active) = self.active.split_at_mut(count.min(self.active.len()));
+        [LeafRows { blocks, times, active }, LeafRows { blocks: more_blocks, times: more_times, active: more_active }]
     }
 
     /// Fills a leaf.

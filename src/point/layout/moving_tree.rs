@@ -277,6 +277,9 @@ impl BoxTree for MovingTree {
 
 impl BlockTree for MovingTree {
     type Coordinate = f32;
+    fn block_count(&self) -> usize {
+        self.leaves.blocks.len()
+    }
     #[inline(always)]
     fn rows(&self, block: usize) -> PathRows<f32> {
         self.leaves.path_rows(block)

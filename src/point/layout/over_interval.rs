@@ -62,6 +62,8 @@ impl<C: Copy + Into<f64>> PathRows<C> {
 pub(in crate::point) trait BlockTree: BoxTree {
     /// The numbers that positions are kept in.
     type Coordinate: Copy + Into<f64>;
+    /// Number of blocks.
+    fn block_count(&self) -> usize;
     /// The points of a block.
     fn rows(&self, block: usize) -> PathRows<Self::Coordinate>;
     /// Whether some points do not exist throughout the shutter.
@@ -75,17 +77,15 @@ pub(in crate::point) trait BlockTree: BoxTree {
     fn center(&self, _node: usize, _phase: f64) -> [f64; 3] {
         [0.0; 3]
     }
-    /// The largest magnitude of a coordinate at either key of the segment, or somewhat more: here by the boxes at the keys.
+    /// The largest magnitude of a coordinate at either key of the segment. (Boxes do not tell: those of a time slice, and of points that exist
+    /// for a while, bound nothing at the keys.)
     fn magnitude(&self) -> f64 {
-        let root = self.root_node().1;
-        let begins = self.times(root)[0];
-        let keys = [0.0, 1.0].map(|phase| self.faces(root, &[phase; LANES]));
-        let rows = keys.iter().flatten().flatten();
-        let largest = |row: &Lanes<f64>| {
-            let lanes = (0..LANES).filter(|&lane| begins[lane] < f32::INFINITY);
-            lanes.fold(0.0f64, |most, lane| most.max(row[lane].abs()))
+        let of_block = |block: usize| {
+            let rows = self.rows(block);
+            let coordinates = rows.open.into_iter().chain(rows.close).flat_map(move |row| row.into_iter().zip(rows.id));
+            coordinates.filter(|(_, id)| *id != u32::MAX).fold(0.0, |most, (x, _)| greater(most, x.into().abs()))
         };
-        rows.map(largest).fold(0.0, f64::max)
+        (0..self.block_count()).map(of_block).fold(0.0, greater)
     }
     /// The least and the greatest displacement of a point between the keys, along each axis, infinite without a point; of no account
     /// where positions are in f32.

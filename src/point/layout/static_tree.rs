@@ -381,6 +381,9 @@ impl BoxTree for StaticTree {
 
 impl BlockTree for StaticTree {
     type Coordinate = f32;
+    fn block_count(&self) -> usize {
+        self.blocks.len()
+    }
     #[inline(always)]
     fn rows(&self, block: usize) -> PathRows<f32> {
         let block = &self.blocks[block];

@@ -111,7 +111,7 @@ impl PreciseTree {
         })
     }
 
-    /// Whether boxes and their centre are finite and in range, and absent if exists is no child.
+    /// Whether boxes and their centre are finite and in range, and absent where there is no child.
     fn node_is_fine(&self, node: usize, lanes: usize, origin: DVec3) -> bool {
         let Node { middle, displacement, boxes } = &self.nodes[node];
         let near = |x: f64| x.abs() <= f64::from(FARTHEST_FACE);

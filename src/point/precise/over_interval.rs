@@ -3,7 +3,7 @@
 //! Beyond the ends of a time slice, faces go on along their lines: searches that take a common motion off everything need lines.
 
 use super::linear_box::Node;
-use super::tree::{ABSENT, Block, PreciseTree, between};
+use super::tree::{Block, PreciseTree, between};
 use crate::geometry::TimeInterval;
 use crate::point::layout::over_interval::{BlockTree, BoxTree, PathRows, PointPath, greater, lesser, throughout};
 use crate::point::leaf_order::moving_reference::SegmentSlice;
@@ -69,6 +69,9 @@ impl BoxTree for PreciseTree {
 
 impl BlockTree for PreciseTree {
     type Coordinate = f64;
+    fn block_count(&self) -> usize {
+        self.blocks.len()
+    }
     #[inline(always)]
     fn rows(&self, block: usize) -> PathRows<f64> {
         let Block { begin, id } = &self.blocks[block];
@@ -90,11 +93,6 @@ impl BlockTree for PreciseTree {
     #[inline(always)]
     fn center(&self, node: usize, phase: f64) -> [f64; 3] {
         self.nodes[node].middle_at(self.fraction(phase))
-    }
-    fn magnitude(&self) -> f64 {
-        let rows = self.blocks.iter().map(|block| &block.begin).chain(&self.ends);
-        let coordinates = rows.flat_map(|rows| rows.0.as_flattened()).filter(|x| **x != ABSENT);
-        coordinates.fold(0.0, |most, x| greater(most, x.abs()))
     }
     fn displacements(&self) -> [[f64; 3]; 2] {
         let (mut lo, mut hi) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);

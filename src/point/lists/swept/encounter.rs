@@ -151,7 +151,7 @@ impl<S: Simd> Overlap<S> {
     fn of(s: S, window: &Window, own: &PointPath, [begins, ends]: [[f32; WIDTH]; 2]) -> Overlap<S> {
         let [own_begin, own_end] = [own.active.begin(), own.active.end_bound()].map(f64::from);
         let begin = s.max_d(s.splat_d(greater(window.times[0], own_begin)), s.widen_four(&begins));
-        // Lives that reach the end of the shutter have an end beyond it.
+        // Active intervals that reach the end of the shutter have an end beyond it.
         let last = lesser(lesser(window.times[1], 1.0), own_end);
         let ends = s.widen_four(&ends);
         let times = [begin, s.min_d(s.splat_d(last), ends)];

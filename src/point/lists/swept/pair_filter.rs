@@ -149,7 +149,7 @@ impl CandidateRows {
     }
 
     /// Appends to the first `end` hits which of the gathered points come as near as their bounds to one that goes from a
-    /// index by a displacement, all but excluded_within ones; the new number of hits, behind which there is room for more.
+    /// place by a displacement, without those that are to be excluded; the new number of hits, behind which there is room for more.
     #[inline(always)]
     fn pairs_within<S: Simd, V: Visitor>(
         &self,

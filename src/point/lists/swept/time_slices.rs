@@ -61,7 +61,7 @@ impl<C: SweptCoordinate> Slice<'_, C> {
         }
     }
 
-    /// The largest magnitude of a coordinate at either key of the segment, or somewhat more.
+    /// The largest magnitude of a coordinate at either key of the segment.
     pub(super) fn magnitude(&self) -> f64 {
         match self.tree {
             Tree::Static(tree) => tree.magnitude(),
