@@ -5,6 +5,7 @@
 //! key itself at both keys and wherever `a == b`, which `(1 - t) * a + t * b` does not, and so moving
 //! and static geometry agree where they touch. Nothing is fused, so the results have the same bits on every CPU.
 
+use core::ops::{Add, Mul, Sub};
 use glam::{DVec3, Vec3, Vec4};
 
 /// The time of a query relative to the keys, the same for every vertex of a mesh.
@@ -84,6 +85,35 @@ impl KeyTime {
     pub fn fine_position(self, a: DVec3, b: DVec3) -> DVec3 {
         (if self.from_end { b } else { a }) + (b - a) * f64::from(self.s)
     }
+}
+
+/// A time as a segment between two keys and the fraction within it, in f64: for spheres and instances.
+#[derive(Clone, Copy)]
+pub(crate) struct KeyPhase {
+    /// The segment: between key `segment` and `segment + 1`.
+    pub segment: usize,
+    /// Fraction from the earlier key, in [0, 1].
+    pub w: f64,
+}
+
+impl KeyPhase {
+    /// Locates a time in [0, 1] among at least two keys.
+    #[inline(always)]
+    pub fn new(time: f64, keys: usize) -> KeyPhase {
+        let segments = keys - 1;
+        let at = time * segments as f64;
+        let segment = (at as usize).min(segments - 1);
+        KeyPhase { segment, w: at - segment as f64 }
+    }
+}
+
+/// Interpolates from the nearer of two keys, so that both are met exactly.
+#[inline(always)]
+pub(crate) fn lerp<T>(a: T, b: T, w: f64) -> T
+where
+    T: Copy + Add<Output = T> + Sub<Output = T> + Mul<f64, Output = T>,
+{
+    if w < 0.5 { a + (b - a) * w } else { b + (b - a) * (w - 1.0) }
 }
 
 #[cfg(test)]

@@ -28,7 +28,7 @@ pub(crate) use closest_on_triangle::closest_on_triangle;
 pub(crate) use corner_bounds::CornerBounds;
 pub(crate) use double_double::DoubleDouble;
 pub use interval::TimeInterval;
-pub(crate) use keys::KeyTime;
+pub(crate) use keys::{KeyPhase, KeyTime, lerp};
 pub(crate) use lane_bounds::LaneBounds;
 pub(crate) use local_space::Frame;
 pub(crate) use morton::morton_code;

@@ -7,7 +7,7 @@ use super::columns::{Columns, product, solved};
 use super::distortion::Distortion;
 use super::error::InstanceError;
 use super::transform::{Pose, Transform};
-use crate::geometry::Ray;
+use crate::geometry::{KeyPhase, Ray, lerp};
 use crate::primitive::widest_step;
 use crate::simd::{Portable, Simd, THREE, magnitude, vector, vector_lanes};
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
@@ -57,24 +57,6 @@ struct PoseKey {
     angle: f64,
 }
 
-/// A time as a segment between two keys, with the weight within it.
-#[derive(Clone, Copy)]
-struct KeyPhase {
-    segment: usize,
-    w: f64,
-}
-
-impl KeyPhase {
-    /// The place of a time in [0, 1] among at least two keys.
-    #[inline]
-    fn new(time: f64, keys: u32) -> KeyPhase {
-        let segments = f64::from(keys - 1);
-        let at = time * segments;
-        let segment = (at as usize).min(keys as usize - 2);
-        KeyPhase { segment, w: at - segment as f64 }
-    }
-}
-
 /// The keys that are not on straight lines between others, and the effect on rounding errors of these as well; all keys if that
 /// is not known.
 fn without_straight_keys(keys: &[DAffine3], distortion: Distortion) -> (Vec<DAffine3>, Distortion) {
@@ -116,12 +98,6 @@ fn places_of_point(transform: &Transform) -> Option<Vec<DVec3>> {
             keys.iter().map(|key| (key.scale == DVec3::ZERO).then_some(key.translation)).collect()
         }
     }
-}
-
-/// Interpolates from the nearer of two keys, so that both are met exactly.
-#[inline]
-fn lerp(a: DVec3, b: DVec3, w: f64) -> DVec3 {
-    if w < 0.5 { a + (b - a) * w } else { b + (b - a) * (w - 1.0) }
 }
 
 /// The number of the first of `more` keys that follow `stored` ones; an error if 32 bits cannot number them all.
@@ -246,12 +222,12 @@ impl Motions {
             Motion::Static { key, .. } => self.matrices[key as usize].matrix(),
             Motion::Matrices { first, keys } => {
                 let [x, y, z, translation] = self
-                    .interpolated(Portable, first, KeyPhase::new(time, keys))
+                    .interpolated(Portable, first, KeyPhase::new(time, keys as usize))
                     .map(|column| vector(Portable, column));
                 DAffine3 { matrix3: DMat3::from_cols(x, y, z), translation }
             }
             Motion::Poses { first, keys } => {
-                let (scale, rotation, translation) = self.pose_at(first, KeyPhase::new(time, keys));
+                let (scale, rotation, translation) = self.pose_at(first, KeyPhase::new(time, keys as usize));
                 DAffine3 { matrix3: rotation * DMat3::from_diagonal(scale), translation }
             }
         }
@@ -272,11 +248,11 @@ impl Motions {
                 (product::<S>(s, [x, y, z], from - translation), product::<S>(s, [x, y, z], dir))
             }
             Motion::Matrices { first, keys } => {
-                let [x, y, z, translation] = self.interpolated(s, first, KeyPhase::new(time, keys));
+                let [x, y, z, translation] = self.interpolated(s, first, KeyPhase::new(time, keys as usize));
                 solved::<S>(s, [x, y, z], from - translation, dir)
             }
             Motion::Poses { first, keys } => {
-                let (scale, rotation, translation) = self.pose_at(first, KeyPhase::new(time, keys));
+                let (scale, rotation, translation) = self.pose_at(first, KeyPhase::new(time, keys as usize));
                 let back = rotation.transpose();
                 let origin = (back * (ray.origin - translation)) / scale;
                 (vector_lanes(s, origin), vector_lanes(s, (back * ray.dir.as_dvec3()) / scale))
@@ -326,12 +302,12 @@ impl Motions {
             }
             Motion::Poses { first, keys } => {
                 // The segment is found by the midpoint, since an end may belong to the segment before.
-                let segment = KeyPhase::new(0.5 * (begin + end), keys).segment;
+                let segment = KeyPhase::new(0.5 * (begin + end), keys as usize).segment;
                 let pose = &self.poses[first as usize + segment];
                 let angle = 2.0 * pose.angle * (end - begin) * f64::from(keys - 1);
                 // Without the rotation, which takes far longer.
                 let [s0, s1] = [begin, end].map(|time| {
-                    let KeyPhase { segment, w } = KeyPhase::new(time, keys);
+                    let KeyPhase { segment, w } = KeyPhase::new(time, keys as usize);
                     let [a, b] = [0, 1].map(|key| &self.poses[first as usize + segment + key]);
                     lerp(a.scale, b.scale, w)
                 });
@@ -414,6 +390,16 @@ mod tests {
 
     fn pose(axis: DVec3, angle: f64, scale: f64, translation: DVec3) -> Pose {
         Pose { rotation: DQuat::from_axis_angle(axis.normalize(), angle), scale: DVec3::splat(scale), translation }
+    }
+
+    /// Quaternions may be off by a little, and count as if they were not.
+    #[test]
+    fn poses_have_the_matrices_of_their_instances() {
+        let rotation = DQuat::from_rotation_z(1.2) * (1.0 + 9e-6);
+        let pose = Pose { rotation, translation: DVec3::Y, scale: DVec3::new(1.0, 2.0, -3.0) };
+        let mut motions = Motions::default();
+        let (motion, _) = motions.add(&pose.into(), 0).unwrap();
+        assert!(pose.matrix().abs_diff_eq(motions.matrix(&motion, 0.3), 1e-12));
     }
 
     #[test]

@@ -132,9 +132,8 @@ impl Placements {
         self.hidden.binary_search(&id).is_ok()
     }
 
-    /// A box around those instances while they exist that are not hidden and whose tree `holds` anything, with padding; `None` if there
-    /// are none.
-    pub fn bounds_where(&self, holds: impl Fn(u32) -> bool + Sync) -> Option<Aabb> {
+    /// A box around those instances while they exist that are not hidden, with padding; `None` if there are none.
+    pub fn bounds(&self) -> Option<Aabb> {
         let of = |id: usize| {
             let active = self.placed[id].active;
             let bounds =
@@ -142,7 +141,7 @@ impl Placements {
             grow(bounds.swept(), self.padding(id as u32))
         };
         let parts = parallel::chunks(self.placed.len(), |range| {
-            range.filter(|&id| !self.is_hidden(id as u32) && holds(self.placed[id].tree)).map(of).reduce(Aabb::union)
+            range.filter(|&id| !self.is_hidden(id as u32)).map(of).reduce(Aabb::union)
         });
         parts.into_iter().flatten().reduce(Aabb::union)
     }

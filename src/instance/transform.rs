@@ -25,9 +25,9 @@ impl Pose {
     /// The identity.
     pub const IDENTITY: Pose = Pose { scale: DVec3::ONE, rotation: DQuat::IDENTITY, translation: DVec3::ZERO };
 
-    /// The pose as a matrix.
+    /// The pose as a matrix, of its rotation as instances have it: of length 1.
     pub fn matrix(&self) -> DAffine3 {
-        let rotation = DMat3::from_quat(self.rotation);
+        let rotation = DMat3::from_quat(self.rotation.normalize());
         DAffine3 { matrix3: rotation * DMat3::from_diagonal(self.scale), translation: self.translation }
     }
 }

@@ -279,7 +279,7 @@ impl InstanceTree {
         motions.shrink_to_fit();
         let extents = trees.iter().map(InstanceOf::extent).collect();
         let mut placements = Placements::new(placed, motions, extents, padding)?;
-        let bounds = placements.bounds_where(|tree| !trees[tree as usize].is_empty());
+        let bounds = placements.bounds();
         let wide = WideTree::build(&placements, params, &progress.rest(1.0))?;
         placements.release_build_data();
         Ok(InstanceTree { wide, placements, trees, simd: SimdLevel::best(), levels, bounds })

@@ -20,7 +20,7 @@
 use super::list_boxes::{Boxed, ListBoxes, MOVING};
 use super::needed_segments::needed_segments;
 use super::wide_node::{ChildRef, Kind, Sizes};
-use crate::geometry::{Frame, ULP};
+use crate::geometry::{Frame, KeyPhase, ULP};
 use crate::limits::MAX_MESH_KEYS;
 use crate::primitive::{MovingSphere, PrimitiveSet, SPHERE_ROUNDING};
 use crate::simd::Arena;
@@ -150,7 +150,7 @@ impl SphereLeaf {
             return Some(MovingSphere::between(only, only, 0.0));
         }
         let (_, first, held) = self.own_range(own);
-        let (segment, w) = MovingSphere::segment_at(time, own);
+        let KeyPhase { segment, w } = KeyPhase::new(time.into(), own);
         let segment = segment.checked_sub(first).filter(|segment| segment + 1 < held)?;
         Some(MovingSphere::between(key(segment)?, key(segment + 1)?, w))
     }
@@ -203,7 +203,8 @@ impl SphereLeaf {
         let (rows, given) = rows.split_at_mut(self.held * SPHERE_ROWS * n);
         let (own_keys, given) = given.split_at_mut(self.given(n) - self.own_keys(n));
         for (lane, &id) in ids.iter().enumerate() {
-            let Some(sphere) = set.sphere(id) else { return false };
+            // The caller's code may answer differently from one call to the next.
+            let Some(sphere) = set.sphere(id).filter(|sphere| self.fits(sphere.keys.len())) else { return false };
             let last = sphere.keys.len() - 1;
             let Some(of) = Measured::of(self.keys_of(sphere), last, set.frame()) else { return false };
             (size, error) = (of.size.max(size), of.error.max(error));

@@ -2,7 +2,7 @@
 
 use super::intersection::Intersection;
 use super::merge_keys::widest_step;
-use crate::geometry::{Aabb, LinearBounds, Ray, TimeInterval};
+use crate::geometry::{Aabb, KeyPhase, LinearBounds, Ray, TimeInterval, lerp};
 use glam::{DVec3, Vec3};
 
 /// A bound of the rounding of a sphere's own functions, relative to the size of the world's numbers: it is millions of times the rounding of
@@ -104,25 +104,16 @@ impl MovingSphere {
             [] => (DVec3::ZERO, 0.0),
             &[only] => MovingSphere::between(only, only, 0.0),
             keys => {
-                let (segment, w) = MovingSphere::segment_at(time, keys.len());
+                let KeyPhase { segment, w } = KeyPhase::new(time.into(), keys.len());
                 MovingSphere::between(keys[segment], keys[segment + 1], w)
             }
         }
     }
 
-    /// The segment between two of so many keys that contains a time, and the fraction of it.
-    #[inline(always)]
-    pub(crate) fn segment_at(time: f32, keys: usize) -> (usize, f64) {
-        let segments = keys - 1;
-        let at = f64::from(time) * segments as f64;
-        let segment = (at as usize).min(segments - 1);
-        (segment, at - segment as f64)
-    }
-
     /// Center and radius between two keys.
     #[inline(always)]
     pub(crate) fn between((p, r): (DVec3, f64), (q, s): (DVec3, f64), w: f64) -> (DVec3, f64) {
-        (p + (q - p) * w, r.abs() + (s.abs() - r.abs()) * w)
+        (lerp(p, q, w), lerp(r.abs(), s.abs(), w))
     }
 
     /// The nearer of the two intersections with a sphere that lies in the ray's range, as [`Primitive::intersect`](super::Primitive::intersect) returns it.

@@ -75,6 +75,17 @@ mod tests {
     }
 
     #[test]
+    fn keys_are_met_exactly() {
+        let mut random = Random(8);
+        for keys in [2, 3, 9] {
+            let ball = MovingSphere::new((0..keys).map(|_| (random.dvec(), random.dvec().x.abs())).collect());
+            for key in 0..keys {
+                assert_eq!(ball.at(key as f32 / (keys - 1) as f32), ball.keys[key], "key {key} of {keys}");
+            }
+        }
+    }
+
+    #[test]
     fn bounds_hold_spheres_between_keys_and_would_not_without_padding() {
         assert_eq!(outside_of_bounds(SPHERE_ROUNDING), 0);
         assert!(outside_of_bounds(0.0) > 500, "a padding that nothing needs");

@@ -79,7 +79,6 @@ impl<G: Geometry> core::fmt::Debug for RayTree<G> {
 
 impl<G: Geometry> RayTree<G> {
     fn of(mut geometry: G, params: &BuildParams, progress: &Progress) -> Result<RayTree<G>, BuildError> {
-        params.validate()?;
         let (layout, statistics) = geometry.lay_out(params, &progress.rest(1.0))?;
         geometry.input_error()?;
         if progress.complete() {
@@ -92,6 +91,16 @@ impl<G: Geometry> RayTree<G> {
     pub(super) fn assemble(geometry: G, layout: Layout, statistics: Statistics, from_file: bool) -> RayTree<G> {
         let (simd, queries, outline) = (SimdLevel::best(), G::QUERIES, layout.outline(geometry.frame()));
         RayTree { geometry, layout, outline, statistics, from_file, plan: None, simd, queries }
+    }
+
+    /// Number of primitives.
+    pub fn len(&self) -> usize {
+        self.geometry.len()
+    }
+
+    /// Whether there are no primitives.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
     }
 
     /// The tree in the form that queries take.
@@ -502,6 +511,7 @@ fn of_scene(
     params: &BuildParams,
     progress: Option<Callback<'_>>,
 ) -> Result<RayTree, BuildError> {
+    params.validate()?;
     let primitives = shapes.len() + meshes.iter().map(TriangleMesh::len).sum::<usize>();
     parallel::entered(primitives, || {
         let progress = Progress::new(progress);
@@ -516,6 +526,7 @@ fn of_primitives<P: Primitive>(
     params: &BuildParams,
     progress: Option<Callback<'_>>,
 ) -> Result<RayTree<Shapes<P>>, BuildError> {
+    params.validate()?;
     parallel::entered(primitives.len(), || {
         let progress = Progress::new(progress);
         let shapes = Shapes::read(primitives, &progress.subtask(READING))?;

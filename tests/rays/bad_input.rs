@@ -390,26 +390,43 @@ fn flicker(call: u32) -> TimeInterval {
 }
 
 /// A sphere at every other call of [`Primitive::as_sphere`].
-struct SometimesSphere(MovingSphere, AtomicU32);
+struct SometimesSphere {
+    sphere: MovingSphere,
+    /// What it claims to be every other time.
+    other: Option<MovingSphere>,
+    calls: AtomicU32,
+}
 
 impl Primitive for SometimesSphere {
     fn bounds(&self, over: TimeInterval) -> LinearBounds {
-        self.0.bounds(over)
+        self.sphere.bounds(over)
     }
     fn intersect(&self, ray: &Ray) -> Option<Intersection> {
-        self.0.intersect(ray)
+        self.sphere.intersect(ray)
     }
     fn as_sphere(&self) -> Option<&MovingSphere> {
-        self.1.fetch_add(1, Ordering::Relaxed).is_multiple_of(2).then_some(&self.0)
+        let first = self.calls.fetch_add(1, Ordering::Relaxed).is_multiple_of(2);
+        if first { Some(&self.sphere) } else { self.other.as_ref() }
     }
 }
 
 #[test]
 fn primitives_that_are_spheres_at_times_are_hit_all_the_same() {
-    for (count, keys) in [(2, 3), (3, 2), (40, 1), (1000, 3)] {
+    // As another sphere it has more keys, none, or is no sphere.
+    for (count, keys, others) in [
+        (2, 3, None),
+        (3, 2, None),
+        (40, 1, None),
+        (1000, 3, None),
+        (40, 3, Some(5)),
+        (1000, 3, Some(5)),
+        (40, 2, Some(0)),
+    ] {
         let one = |i: usize| {
             let at = |key: usize| (DVec3::new(3.0 * i as f64, (key * key) as f64, 0.0), 1.0);
-            SometimesSphere(MovingSphere::new((0..keys).map(at).collect()), AtomicU32::new(i as u32))
+            let [sphere, other] =
+                [Some(keys), others].map(|keys| keys.map(|keys| MovingSphere::new((0..keys).map(at).collect())));
+            SometimesSphere { sphere: sphere.unwrap(), other, calls: AtomicU32::new(i as u32) }
         };
         for params in variants() {
             let tree = RayTree::of_primitives((0..count).map(one).collect(), &params).unwrap();
@@ -426,7 +443,9 @@ fn bad_parameters_are_named() {
     let kd = BuildParams::kd(KdParams { max_references: f32::NAN, ..KdParams::default() });
     let wide = BuildParams::wide(WideParams { max_references: f32::NAN, ..WideParams::default() });
     for params in [kd, wide] {
-        let error = RayTree::build(&[], &params).unwrap_err();
+        // Before the meshes are read.
+        let bad_mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![]);
+        let error = RayTree::build(&[bad_mesh], &params).unwrap_err();
         assert!(matches!(error, BuildError::Parameter { name: "max_references", .. }), "{error}");
     }
 }
