@@ -22,15 +22,37 @@ impl InstanceTree {
     /// it is in the placed tree (a mirroring transform changes the order of corners, but not the side). Zero for
     /// another shape or a degenerate triangle, and for a hit that is not of this tree.
     pub fn normal(&self, hit: &InstanceHit, time: f32) -> Vec3 {
-        let (Some(tree), Some(matrix)) = (self.tree(&hit.path), self.matrix(&hit.path, time)) else {
-            return Vec3::ZERO;
+        match (self.tree(&hit.path), self.matrix(&hit.path, time)) {
+            (Some(tree), Some(matrix)) => placed_normal(tree.normal_of_triangle(&hit.hit, time), &matrix),
+            _ => Vec3::ZERO,
+        }
+    }
+
+    /// The unit normal of the surface at the point that `ray` hit, at its time, as the instance places it then: as
+    /// [`RayTree::surface_normal`](crate::RayTree::surface_normal), so also of spheres, which a scale may have made ellipsoids. Zero for a hit
+    /// that is not of this tree as well.
+    ///
+    /// ```
+    /// use std::sync::Arc;
+    /// use mbkd::glam::{DAffine3, DVec3, Vec3};
+    /// use mbkd::{BuildParams, Instance, InstanceTree, MovingSphere, Ray, RayTree, WideParams};
+    /// let ball = MovingSphere::fixed(DVec3::ZERO, 1.0);
+    /// let ball = Arc::new(RayTree::of_scene(&[], vec![ball.into()], &BuildParams::default())?);
+    /// let flat = DAffine3::from_scale(DVec3::new(2.0, 2.0, 1.0));
+    /// let tree = InstanceTree::build(vec![Instance::new(ball, flat)], &WideParams::default())?;
+    /// let ray = Ray::new(Vec3::new(1.2, 0.0, 9.0), Vec3::NEG_Z);
+    /// let hit = tree.closest_hit(&ray).unwrap();
+    /// // At (.6, .8) of the circle, which is (1.2, .8) of the ellipse.
+    /// assert!((tree.surface_normal(&ray, &hit) - Vec3::new(0.3, 0.0, 0.8).normalize()).length() < 1e-6);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn surface_normal(&self, ray: &Ray, hit: &InstanceHit) -> Vec3 {
+        let normal = || {
+            let (tree, matrix) = (self.tree(&hit.path)?, self.matrix(&hit.path, ray.time)?);
+            let local = self.ray_inside(ray, &hit.path)?;
+            Some(placed_normal(tree.unit_normal(&local, &hit.hit), &matrix))
         };
-        let [a, b, c] = tree.vertices(&hit.hit, time);
-        // By the inverse transpose, up to a factor: far from zero, the placed corners have lost digits that the normal needs.
-        let DMat3 { x_axis: x, y_axis: y, z_axis: z } = matrix.matrix3;
-        let cofactors = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y));
-        let normal = (b - a).cross(c - a).normalize_or_zero();
-        (cofactors * normal * matrix.matrix3.determinant().signum()).normalize_or_zero().as_vec3()
+        normal().unwrap_or(Vec3::ZERO)
     }
 
     /// Where the point of the surface that `ray` hit is at another time of the shutter, as the instance places it then: for motion vectors. As
@@ -106,6 +128,14 @@ impl InstanceTree {
         };
         Some(placed(inside, matrix, inward))
     }
+}
+
+/// The unit normal of a placed surface, from its normal in the placed tree; on the same side.
+fn placed_normal(normal: DVec3, matrix: &DAffine3) -> Vec3 {
+    // By the inverse transpose, up to a factor: far from zero, placed corners have lost digits that the normal needs.
+    let DMat3 { x_axis: x, y_axis: y, z_axis: z } = matrix.matrix3;
+    let cofactors = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y));
+    (cofactors * normal * matrix.matrix3.determinant().signum()).normalize_or_zero().as_vec3()
 }
 
 /// A departure from a surface that is placed by a matrix.

@@ -66,11 +66,38 @@ impl RayTree {
     }
 
     /// The unit normal of the triangle that was hit, at any time. Seen from the side that it points to, the corners are in
-    /// counter-clockwise order. Zero for a degenerate triangle, for a hit of another tree and for one on a shape, which has a normal
-    /// of its own ([`MovingSphere::normal`](crate::MovingSphere::normal)).
+    /// counter-clockwise order. Zero for a degenerate triangle, for a hit of another tree and for one on a shape, whose normal depends on
+    /// the point: see [`RayTree::surface_normal`].
     pub fn normal(&self, hit: &Hit, time: f32) -> Vec3 {
+        self.normal_of_triangle(hit, time).as_vec3()
+    }
+
+    pub(crate) fn normal_of_triangle(&self, hit: &Hit, time: f32) -> DVec3 {
         let [a, b, c] = self.vertices(hit, time);
-        (b - a).cross(c - a).normalize_or_zero().as_vec3()
+        (b - a).cross(c - a).normalize_or_zero()
+    }
+
+    /// The unit normal of the surface at the point that `ray` hit, at its time: of a triangle as [`RayTree::normal`] has it, of a sphere
+    /// outwards, wherever the ray came from. Zero on a custom shape that is no sphere, and where there is no normal.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree, glam::{DVec3, Vec3}};
+    /// let ball = MovingSphere::new(vec![(DVec3::ZERO, 2.0), (DVec3::X * 4.0, 2.0)]);
+    /// let tree = RayTree::of_scene(&[], vec![ball.into()], &BuildParams::default())?;
+    /// let ray = Ray::new(Vec3::new(2.0, 0.0, 9.0), Vec3::NEG_Z).at_time(0.5);
+    /// let hit = tree.closest_hit(&ray).unwrap();
+    /// assert_eq!(tree.surface_normal(&ray, &hit), Vec3::Z);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn surface_normal(&self, ray: &Ray, hit: &Hit) -> Vec3 {
+        self.unit_normal(ray, hit).as_vec3()
+    }
+
+    pub(crate) fn unit_normal(&self, ray: &Ray, hit: &Hit) -> DVec3 {
+        match self.shape_of(hit) {
+            Some(shape) => normal_of_shape(shape, ray, hit),
+            None => self.normal_of_triangle(hit, ray.time),
+        }
     }
 
     /// Where the point of the surface that `ray` hit is at another time in [0, 1]: for motion vectors. A point of a triangle keeps its weights,
@@ -89,20 +116,21 @@ impl RayTree {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn point_at(&self, ray: &Ray, hit: &Hit, time: f32) -> Option<DVec3> {
-        if let Some(sphere) = self.shape_of(hit).and_then(Primitive::as_sphere) {
-            let unit = MovingSphere::normal_of_hit(sphere.at(ray.time), ray, hit.t)?;
-            let (center, radius) = sphere.at(time);
-            return Some(center + unit * radius);
+        if let Some(shape) = self.shape_of(hit) {
+            return point_of_sphere(shape, ray, hit, time);
         }
         let [a, b, c] = self.vertices(hit, time);
         let point = a + (b - a) * f64::from(hit.u) + (c - a) * f64::from(hit.v);
         (!point.is_nan()).then_some(point)
     }
 
-    /// The shape that was hit; `None` if it was a triangle.
+    /// The shape that was hit; `None` if it was a triangle, or is not in this tree.
     fn shape_of(&self, hit: &Hit) -> Option<&Shape> {
-        let triangle = self.geometry.triangles.id(hit.mesh, hit.primitive);
-        if triangle.is_none() { self.shapes().get(hit.primitive as usize) } else { None }
+        if hit.mesh as usize == self.geometry.triangles.mesh_count() {
+            self.shapes().get(hit.primitive as usize)
+        } else {
+            None
+        }
     }
 
     /// The ray from the point where `ray` hit the surface into the direction `dir`, at the same time: for shadow rays, reflections,
@@ -151,6 +179,19 @@ impl RayTree {
 }
 
 impl<P: Primitive> RayTree<Shapes<P>> {
+    /// The unit normal of the surface at the point that `ray` hit, as [`RayTree::surface_normal`] gives it: outwards on primitives that are
+    /// spheres ([`Primitive::as_sphere`]), zero on others.
+    pub fn surface_normal(&self, ray: &Ray, hit: &Hit) -> Vec3 {
+        let shape = self.primitives().get(hit.primitive as usize);
+        shape.map_or(DVec3::ZERO, |shape| normal_of_shape(shape, ray, hit)).as_vec3()
+    }
+
+    /// Where the point of the surface that `ray` hit is at another time in [0, 1], as [`RayTree::point_at`] gives it. `None` on a primitive that
+    /// is no sphere, and for a hit of another tree.
+    pub fn point_at(&self, ray: &Ray, hit: &Hit, time: f32) -> Option<DVec3> {
+        point_of_sphere(self.primitives().get(hit.primitive as usize)?, ray, hit, time)
+    }
+
     /// The ray from the point where `ray` hit the surface into the direction `dir`, as [`RayTree::secondary_ray`] makes it: exact on
     /// primitives that are spheres ([`Primitive::as_sphere`]), moved by 2^-22 of the distance on others.
     ///
@@ -167,6 +208,20 @@ impl<P: Primitive> RayTree<Shapes<P>> {
         let shape = self.primitives().get(hit.primitive as usize);
         Departure::from_shape(shape, ray, hit, dir.as_dvec3()).ray(dir, ray.time)
     }
+}
+
+/// The unit normal of a shape that was hit, outwards; zero unless it is a sphere.
+fn normal_of_shape(shape: &impl Primitive, ray: &Ray, hit: &Hit) -> DVec3 {
+    let normal = shape.as_sphere().and_then(|sphere| MovingSphere::normal_of_hit(sphere.at(ray.time), ray, hit.t));
+    normal.unwrap_or(DVec3::ZERO)
+}
+
+/// Where the point of a sphere that was hit is at another time: it keeps its direction from the centre. `None` on another shape.
+fn point_of_sphere(shape: &impl Primitive, ray: &Ray, hit: &Hit, time: f32) -> Option<DVec3> {
+    let sphere = shape.as_sphere()?;
+    let unit = MovingSphere::normal_of_hit(sphere.at(ray.time), ray, hit.t)?;
+    let (center, radius) = sphere.at(time);
+    Some(center + unit * radius)
 }
 
 impl Departure {

@@ -287,6 +287,8 @@ fn points_of_surfaces_are_found_again_at_other_times() {
                     Some(Shape::Sphere(sphere)) => {
                         let ([(a, r), (b, s)], of_spheres) = ([ray.time, then].map(|t| sphere.at(t)), &mut of_spheres);
                         assert!(((now - a) / r).distance((other - b) / s) < 1e-9);
+                        let normal = inner.surface_normal(&ray, &hit).as_dvec3();
+                        assert!(normal.distance((now - a) / r) < 1e-6, "{normal}");
                         *of_spheres += 1;
                     }
                     _ => {
@@ -294,6 +296,7 @@ fn points_of_surfaces_are_found_again_at_other_times() {
                         let (u, v) = (f64::from(hit.u), f64::from(hit.v));
                         let at = a * (1.0 - u - v) + b * u + c * v;
                         assert!(other.distance(at) < 1e-12);
+                        assert_eq!(inner.surface_normal(&ray, &hit), inner.normal(&hit, ray.time));
                         of_triangles += 1;
                     }
                 }
@@ -312,11 +315,17 @@ fn points_of_surfaces_are_found_again_at_other_times() {
                 let inside = inner.point_at(&local, &hit.hit, then).unwrap();
                 let other = outer.point_at(&ray, &hit, then).unwrap();
                 assert!(other.distance(to.transform_point3(inside)) < 1e-12);
+                let (normal, of_placed) = (outer.surface_normal(&ray, &hit), inner.surface_normal(&local, &hit.hit));
+                let expected = (from.matrix3 * of_placed.as_dvec3()).normalize().as_vec3();
+                assert!(normal.distance(expected) < 1e-4, "{normal} {expected}");
             }
         }
         let ray = Ray::new(Vec3::ZERO, Vec3::X);
-        let none = Hit { t: 1.0, u: 0.1, v: 0.1, mesh: 7, primitive: 900 };
-        assert_eq!(inner.point_at(&ray, &none, 0.5), None);
+        // Shapes are the second mesh, with fewer primitives than the first.
+        for (mesh, primitive) in [(7, 900), (7, 3), (2, 0), (0, 60), (1, 20)] {
+            let none = Hit { t: 1.0, u: 0.1, v: 0.1, mesh, primitive };
+            assert_eq!((inner.point_at(&ray, &none, 0.5), inner.surface_normal(&ray, &none)), (None, Vec3::ZERO));
+        }
     }
     assert!(of_triangles > 300 && of_spheres > 300, "{of_triangles} {of_spheres}");
 }
