@@ -235,6 +235,12 @@ pub enum RefitError {
     Input(BuildError),
 }
 
+impl From<BuildError> for RefitError {
+    fn from(error: BuildError) -> RefitError {
+        RefitError::Input(error)
+    }
+}
+
 impl fmt::Display for RefitError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

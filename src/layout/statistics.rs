@@ -62,7 +62,8 @@ pub struct Statistics {
     pub cost: f64,
     /// Bytes allocated for the tree.
     pub bytes: usize,
-    /// Bytes allocated for the primitives.
+    /// Bytes allocated for the primitives, with the tables that say where the tree has them. What shapes have allocated themselves, as spheres
+    /// have their keys, is not counted.
     pub primitive_bytes: usize,
 }
 

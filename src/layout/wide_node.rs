@@ -121,7 +121,7 @@ pub(crate) fn block_sizes(word: u32) -> (f32, f32) {
     (f32::from_bits(word >> 24 << 23), f32::from_bits((word >> 16 & 255) << 23))
 }
 
-/// The reciprocal of the extent in a word, which is a power of two and at most 2^103.
+/// The reciprocal of the extent in a word, which is a power of two: at most 2^103, and 2^126 if the extent is 0.
 #[inline(always)]
 pub(crate) fn inverse_extent(word: u32) -> f32 {
     f32::from_bits(254u32.saturating_sub(word >> 16 & 255) << 23)

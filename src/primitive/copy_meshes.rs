@@ -37,11 +37,11 @@ impl Triangles {
     pub(crate) fn with_positions(&self, meshes: &[TriangleMesh], others: Aabb) -> Result<Triangles, RefitError> {
         self.require_same_sizes(meshes)?;
         let progress = Progress::new(None);
-        let extents = extents(meshes, &self.extents, &progress).map_err(RefitError::Input)?;
+        let extents = extents(meshes, &self.extents, &progress)?;
         let frame = frame_of(meshes, extents.iter().map(|of| of.swept), others);
         let kept =
             (0..).zip(meshes).map(|(i, mesh)| self.keys_again(i, mesh, frame)).collect::<Result<Vec<usize>, _>>()?;
-        let again = Triangles::copied(meshes, frame, &kept, &progress).map_err(RefitError::Input)?;
+        let again = Triangles::copied(meshes, frame, &kept, &progress)?;
         match again.meshes.iter().zip(&self.meshes).position(|(a, b)| a.indices != b.indices) {
             Some(mesh) => Err(RefitError::Topology { mesh }),
             None => Ok(Triangles { extents, ..again }),

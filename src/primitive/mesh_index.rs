@@ -10,7 +10,7 @@ pub(super) struct MeshInfo {
     pub(super) bent_before: usize,
     /// Number of keys.
     pub(super) keys: usize,
-    /// The stride of successive keys of a vertex in the positions: 1, or 0 if there is one only. (Larger in old files.)
+    /// The stride of successive keys of a vertex in the positions: 1, or 0 if there is one only.
     pub(super) stride: usize,
     pub(super) active: TimeInterval,
     pub(super) mask: u32,

@@ -46,12 +46,12 @@ impl Triangles {
             return Ok(false);
         }
         if let Some(mesh) = meshes.iter().position(|mesh| mesh.keys.is_empty()) {
-            return Err(RefitError::Input(BuildError::NoKeys { mesh }));
+            return Err(BuildError::NoKeys { mesh }.into());
         }
         let list: Vec<usize> = (0..meshes.len()).filter(|&i| moved[i]).collect();
         let extents =
             list.iter().map(|&i| meshes[i].extent(i, self.extents.get(i))).collect::<Result<Vec<MeshExtent>, _>>();
-        let extents = extents.map_err(RefitError::Input)?;
+        let extents = extents?;
         let still = self.extents.iter().zip(moved).filter(|&(_, &moved)| !moved).map(|(of, _)| of);
         let frame = frame_of(meshes, still.chain(&extents).map(|of| of.swept), others);
         if !frame.maps_as(&self.frame) {
@@ -74,7 +74,7 @@ impl Triangles {
         for &id in beside {
             let i = self.mesh_of(id);
             let triangle = (id - self.meshes[i].first) as usize;
-            meshes[i].append_corners(&mut of_beside, i, triangle, kept(i)).map_err(RefitError::Input)?;
+            meshes[i].append_corners(&mut of_beside, i, triangle, kept(i))?;
         }
         let copied: usize = list.iter().zip(&extents).map(|(&i, of)| kept(i) * of.vertices).sum();
         let copied = copied + of_beside.len();

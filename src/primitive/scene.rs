@@ -136,7 +136,7 @@ impl Scene {
     /// Other shapes for this scene, if they are valid and as many.
     pub(crate) fn other_shapes(&self, shapes: Vec<Shape>) -> Result<OtherShapes, RefitError> {
         let shapes = with_merged_keys(shapes);
-        let extent = ShapesExtent::of(&shapes, &Progress::new(None)).map_err(RefitError::Input)?;
+        let extent = ShapesExtent::of(&shapes, &Progress::new(None))?;
         let (expected, found) = (self.shapes.len(), shapes.len());
         if found == expected { Ok(OtherShapes { shapes, extent }) } else { Err(RefitError::Shapes { expected, found }) }
     }
@@ -148,7 +148,7 @@ impl Scene {
         let triangles = self.triangles.with_positions(meshes, swept)?;
         let OtherShapes { shapes, extent } =
             other.unwrap_or_else(|| OtherShapes { extent: self.shapes.extent(), shapes: self.shapes.take() });
-        Scene::of(triangles, shapes, extent).map_err(RefitError::Input)
+        Ok(Scene::of(triangles, shapes, extent)?)
     }
 
     /// Moves the meshes for which `moved` is set, if that leaves tree space as it is; returns whether it does

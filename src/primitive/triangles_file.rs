@@ -61,7 +61,7 @@ impl Triangles {
         to.array(&self.meshes.iter().zip(ends).map(record).collect::<Vec<_>>())?;
         to.array(&self.vertices.positions)?;
         to.array(&self.vertices.corners)?;
-        // Only if there are such meshes, so that other files have the same format as before these existed.
+        // Only if there are such meshes: others need not name empty arrays.
         if self.meshes.iter().any(|mesh| mesh.precise.is_some()) {
             to.array(&self.precise.positions)?;
             to.array(&self.precise.corners)?;
@@ -114,16 +114,11 @@ impl TrianglesRecord {
                 require(precise.contains(in_f64..end, mesh.keys), "a triangle in f64 has no vertices")?;
                 in_f64 = end;
             }
+            require(mesh.stride == u32::from(mesh.keys > 1), "the keys of a vertex are not where they should be")?;
             let end = first + mesh.triangles as usize;
             if !in_leaves && mesh.triangles > 0 {
-                let strides = match mesh.keys {
-                    1 => 0..=u32::MAX,
-                    2 => 1..=u32::MAX,
-                    _ => 1..=1,
-                };
-                require(strides.contains(&mesh.stride), "the keys of a vertex are not where they should be")?;
                 // The offset of the last key of a vertex from its first.
-                let last = u64::from(mesh.keys - 1) * u64::from(mesh.stride);
+                let last = u64::from(mesh.keys - 1);
                 let positions = vertices.positions.len() as u64;
                 let there = vertices.corners[first..end].iter().flatten().all(|&v| u64::from(v) + last < positions);
                 require(there, "a triangle has an invalid vertex index")?;

@@ -65,7 +65,7 @@ impl<G: Geometry> RayTree<G> {
         let cost = of_root.max(self.cost_in_place(place));
         self.outline = self.layout.outline(self.geometry.frame());
         self.statistics.cost = cost;
-        self.geometry.input_error().map_err(RefitError::Input)?;
+        self.geometry.input_error()?;
         let (nodes, leaves) = (done.nodes, done.leaves);
         Ok(Refit { nodes, leaves, kept: done.visited - nodes - leaves, skipped: blocks - done.visited, cost })
     }
@@ -292,7 +292,7 @@ impl<P: Primitive> RayTree<Shapes<P>> {
             return Err(RefitError::Shapes { expected, found });
         }
         parallel::entered(expected, || {
-            let geometry = Shapes::new(primitives).map_err(RefitError::Input)?;
+            let geometry = Shapes::new(primitives)?;
             self.existed_before(geometry.active_intervals().into_iter())?;
             self.refit_to(geometry, Moved::All)
         })
