@@ -16,7 +16,7 @@ use clap::Parser;
 use kiddo::SquaredEuclidean;
 use mbkd::glam::{IVec3, Vec3};
 use mbkd::point::{
-    GatherParams, GatherQuery, GatherScratch, Photon, PhotonMap, PhotonTime, VisiblePoint, VisiblePoints,
+    GatherParams, GatherQuery, NeighborBuffer, Photon, PhotonMap, PhotonTime, VisiblePoint, VisiblePoints,
 };
 use mbkd_evidence::lcg::Lcg;
 use std::hint::black_box;
@@ -143,7 +143,7 @@ fn k_nearest(
     order: &str,
 ) {
     let k = 50;
-    let mut scratch = GatherScratch::new();
+    let mut scratch = NeighborBuffer::new();
     let mut ours = || {
         let mut sum = 0.0;
         for &(at, normal, time) in at {
@@ -264,7 +264,7 @@ fn fixed_radius(
     order: &str,
 ) {
     let grid = HashGrid::new(photons, radius);
-    let mut scratch = GatherScratch::new();
+    let mut scratch = NeighborBuffer::new();
     let mut ours = || {
         let mut sum = 0.0;
         for &(at, normal, time) in at {

@@ -1,7 +1,7 @@
 //! Gathers allocate nothing once their scratch has grown: counted at the allocator, in a program of its own.
 
 use mbkd::glam::Vec3;
-use mbkd::point::{GatherParams, GatherQuery, GatherScratch, Kernel, Photon, PhotonMap, VisiblePoint, VisiblePoints};
+use mbkd::point::{GatherParams, GatherQuery, Kernel, NeighborBuffer, Photon, PhotonMap, VisiblePoint, VisiblePoints};
 use peak_alloc::PeakAlloc;
 
 #[global_allocator]
@@ -15,7 +15,7 @@ fn gathers_allocate_nothing_once_their_scratch_has_grown() {
     let map = PhotonMap::build(&photons, &GatherParams::default()).unwrap();
     let seen: Vec<_> = (0..5000).map(|i| VisiblePoint { position: place(i), time: time(i), radius: 0.05 }).collect();
     let points = VisiblePoints::build(&seen, &GatherParams::default()).unwrap();
-    let mut scratch = GatherScratch::new();
+    let mut scratch = NeighborBuffer::new();
     let mut run = || {
         let mut count = 0;
         for i in 0..2000 {

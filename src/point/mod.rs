@@ -42,10 +42,13 @@ pub use crate::file::FileError;
 pub use crate::primitive::{MovingPoint, PointArrays, PointColumns, PointSet, Position};
 pub use error::PointError;
 pub use gather::{
-    Flux, GatherError, GatherParams, GatherQuery, GatherScratch, Gathered, Kernel, Photon, PhotonMap, PhotonTime,
-    VisiblePoint, VisiblePoints,
+    Flux, GatherError, GatherParams, GatherQuery, Gathered, Kernel, Photon, PhotonMap, PhotonTime, VisiblePoint,
+    VisiblePoints,
 };
-pub use lists::{BulkQuery, Encounter, EncounterLists, ListError, ListQuery, NeighborCsr, Radii, certified_duration};
+pub use lists::{
+    BulkQuery, Encounter, EncounterLists, ListError, ListQuery, NeighborCsr, Radii, RadiusOf, SweptQuery,
+    certified_duration,
+};
 pub use neighbor::Neighbor;
 pub use precision::Precision;
 pub use queries::approach::Approach;
@@ -53,6 +56,6 @@ pub use queries::batch::NeighborLists;
 pub use queries::iter::WithinIter;
 pub use queries::query::{NeighborBuffer, NeighborQuery};
 pub use queries::visit::TreePoint;
-pub use search::{KeepAll, KeepIf, NeighborWork};
+pub use search::{Keep, KeepAll, KeepIf, NeighborWork};
 pub use statistics::{PointLayerKind, PointLayerStatistics, PointStatistics};
 pub use tree::{PointParams, PointStructure, PointTree};

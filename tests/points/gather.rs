@@ -4,7 +4,7 @@ use crate::gather_case::GatherCase;
 use crate::support::{KINDS, Rng, cloud};
 use mbkd::glam::Vec3;
 use mbkd::point::{
-    GatherError, GatherParams, GatherQuery, GatherScratch, Gathered, Kernel, Photon, PhotonMap, PhotonTime,
+    GatherError, GatherParams, GatherQuery, Gathered, Kernel, NeighborBuffer, Photon, PhotonMap, PhotonTime,
     VisiblePoint, VisiblePoints,
 };
 use mbkd::{PointStructure, SimdLevel, TimeInterval};
@@ -64,7 +64,7 @@ fn bits(g: &Gathered<f32>) -> (u32, u32, u32, usize, bool) {
 fn compare(photons: &[Photon<f32>], params: &GatherParams, seed: u64, queries: usize, what: &str) -> usize {
     let map = PhotonMap::build(photons, params).unwrap();
     assert_eq!(map.len(), photons.len());
-    let (mut rng, mut scratch, mut found) = (Rng(seed), GatherScratch::new(), 0);
+    let (mut rng, mut scratch, mut found) = (Rng(seed), NeighborBuffer::new(), 0);
     for _ in 0..queries {
         let case = random_case(photons, params.window, &mut rng);
         let (expected, weights) = case.brute(photons);
@@ -149,7 +149,7 @@ fn the_typical_window_and_number_change_no_answer() {
         (f32::INFINITY, 50, &of_kinds[1]),
     ] {
         let map = PhotonMap::build(photons, &GatherParams { window, neighbors, ..GatherParams::default() }).unwrap();
-        let (mut rng, mut scratch) = (Rng(9), GatherScratch::new());
+        let (mut rng, mut scratch) = (Rng(9), NeighborBuffer::new());
         for _ in 0..60 {
             let case = random_case(photons, 0.3, &mut rng);
             let answer = map.gather(&case.query(), &mut scratch).unwrap();
@@ -164,7 +164,7 @@ fn batches_are_single_gathers_for_any_number_of_threads() {
     let photons = photons("surface", 4000, 3, &mut rng);
     let map = PhotonMap::build(&photons, &GatherParams { window: 0.2, ..GatherParams::default() }).unwrap();
     let queries: Vec<_> = (0..1500).map(|_| random_case(&photons, 0.2, &mut rng).query()).collect();
-    let mut scratch = GatherScratch::new();
+    let mut scratch = NeighborBuffer::new();
     let single: Vec<_> = queries.iter().map(|q| bits(&map.gather(q, &mut scratch).unwrap())).collect();
     let batch = || map.gather_batch(&queries).unwrap().iter().map(bits).collect::<Vec<_>>();
     assert!(batch() == single);
@@ -212,7 +212,7 @@ proptest! {
         let mut all: Vec<(f32, u32)> = photons.iter().map(metric).zip(0..).collect();
         all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         all.truncate(k);
-        let mut scratch = GatherScratch::new();
+        let mut scratch = NeighborBuffer::new();
         let found = map.nearest_in_space_time(case.at, case.time, speed, k, &mut scratch).unwrap();
         let found: Vec<_> = found.iter().map(|n| (n.distance_squared, n.id)).collect();
         prop_assert_eq!(found, all);
@@ -234,7 +234,7 @@ proptest! {
         for simd in SimdLevel::available() {
             let params = GatherParams { simd, ..GatherParams::default() };
             let mut points = VisiblePoints::build(&seen, &params).unwrap();
-            let mut scratch = GatherScratch::new();
+            let mut scratch = NeighborBuffer::new();
             for pass in 0..3 {
                 for photon in places.iter().step_by(7) {
                     let at = photon.position + rng.vec() * scale * 0.1 * (pass as f32);
@@ -265,7 +265,7 @@ proptest! {
 #[test]
 fn photons_that_are_within_the_radius_by_rounding_alone_are_found() {
     let (mut rng, mut beyond) = (Rng(63), 0);
-    let mut scratch = GatherScratch::new();
+    let mut scratch = NeighborBuffer::new();
     for round in 0..4000 {
         let (x, radius) = match round % 4 {
             0 => (0.0, 0.0),
@@ -319,22 +319,22 @@ fn bad_input_is_a_typed_error_or_a_documented_answer() {
         PhotonMap::build(&[fine, photon], &GatherParams::default()).map(|_| ()).unwrap_err()
     };
     let at = PhotonTime::At;
-    assert_eq!(build(photon(0.0, Vec3::Z, f32::NAN, at(0.5))), GatherError::Flux { photon: 1 });
-    assert_eq!(build(photon(0.0, Vec3::NAN, 1.0, at(0.5))), GatherError::PhotonNormal { photon: 1 });
+    assert_eq!(build(photon(0.0, Vec3::Z, f32::NAN, at(0.5))), of(1, GatherError::Flux));
+    assert_eq!(build(photon(0.0, Vec3::NAN, 1.0, at(0.5))), of(1, GatherError::PhotonNormal));
     for time in [-0.1, 1.1, f32::NAN] {
-        assert_eq!(build(photon(0.0, Vec3::Z, 1.0, at(time))), GatherError::PhotonTime { photon: 1 });
+        assert_eq!(build(photon(0.0, Vec3::Z, 1.0, at(time))), of(1, GatherError::Time));
     }
-    for (x, word) in [(f32::NAN, "not finite"), (2e18, "farther")] {
-        assert!(build(photon(x, Vec3::Z, 1.0, at(0.5))).to_string().contains(word));
+    for x in [f32::NAN, 2e18] {
+        assert_eq!(build(photon(x, Vec3::Z, 1.0, at(0.5))), of(1, GatherError::Position));
     }
     let carried = PhotonTime::Carried { time: 0.5, velocity: Vec3::splat(f32::INFINITY) };
-    assert!(matches!(build(photon(0.0, Vec3::Z, 1.0, carried)), GatherError::Point(_)));
+    assert_eq!(build(photon(0.0, Vec3::Z, 1.0, carried)), of(1, GatherError::Position));
     for window in [0.0, -1.0, f32::NAN] {
         let params = GatherParams { window, ..GatherParams::default() };
         assert!(PhotonMap::<f32>::build(&[], &params).is_err());
     }
 
-    let mut scratch = GatherScratch::new();
+    let mut scratch = NeighborBuffer::new();
     let empty = PhotonMap::<f32>::build(&[], &GatherParams::default()).unwrap();
     let query = GatherQuery::new(Vec3::ZERO, Vec3::Z, 0.5).radius(1.0).window(0.1);
     let nothing = empty.gather(&query.nearest(5), &mut scratch).unwrap();

@@ -7,7 +7,7 @@
 
 use crate::support::Rng;
 use mbkd::glam::Vec3;
-use mbkd::point::{GatherParams, GatherQuery, GatherScratch, Kernel, Photon, PhotonMap};
+use mbkd::point::{GatherParams, GatherQuery, Kernel, NeighborBuffer, Photon, PhotonMap};
 
 const BEND: f64 = 0.8;
 const SPEED: f64 = 1.5;
@@ -65,7 +65,7 @@ fn theory(x: f64, t: f64, r: f64, w: f64, [space, clock]: [Kernel; 2]) -> (f64, 
 #[test]
 fn bias_and_variance_are_those_of_theory() {
     let map = PhotonMap::build(&sheet(&mut Rng(3)), &GatherParams::default()).unwrap();
-    let mut scratch = GatherScratch::new();
+    let mut scratch = NeighborBuffer::new();
     let cases = [(0.2, 0.5, 0.3, 0.1), (0.2, 0.5, 0.15, 0.3), (0.4, 0.0, 0.3, 0.2), (0.1, 0.95, 0.2, 0.1)];
     for (case, (x, t, r, w)) in cases.into_iter().enumerate() {
         for kernels in Kernel::ALL.map(|k| [k, k]).into_iter().chain([[Kernel::Box, Kernel::Gaussian]]) {
@@ -106,7 +106,7 @@ fn k_nearest_are_unbiased_where_the_density_is_constant() {
         })
         .collect();
     let map = PhotonMap::build(&photons, &GatherParams::default()).unwrap();
-    let mut scratch = GatherScratch::new();
+    let mut scratch = NeighborBuffer::new();
     for (k, window) in [(4, 0.1), (10, 0.05), (40, 0.1)] {
         for kernel in Kernel::ALL {
             let answers: Vec<f64> = (0..500)

@@ -9,7 +9,7 @@ use crate::scenes::{self, Scene};
 use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
-use mbkd::point::{GatherParams, GatherQuery, GatherScratch, Photon, PhotonMap};
+use mbkd::point::{GatherParams, GatherQuery, NeighborBuffer, Photon, PhotonMap};
 use mbkd::{
     BuildError, BuildParams, Division, EncounterLists, Instance, InstanceTree, Keys, NeighborCsr, PointArrays,
     PointParams, PointStructure, PointTree, Policy, Pose, Radii, RayTree, TimeInterval, Transform, WideParams,
@@ -198,12 +198,12 @@ fn bad_points(random: &mut Random) -> Outcome {
         let _ = tree.neighbor_lists(time, Radii::Own(&few)).run(&mut lists);
         let _ = tree.within_lists(&[q, r], time, Radii::Own(&few)).in_order().run(&mut lists);
         let _ = tree.neighbor_lists_with_skin(time, radius, number, random.any_time(), &mut lists);
-        let _ = tree.neighbor_lists_swept_into(random.interval(), radius, &mut EncounterLists::new());
+        let _ = tree.neighbor_lists_swept(random.interval(), radius).run(&mut EncounterLists::new());
         let photons = [Photon::at_time(q, r, radius, time), Photon::at_time(Vec3::ONE, Vec3::Z, 1.0, 0.5)];
         if let Ok(map) = PhotonMap::build(&photons, &GatherParams { window: number, ..GatherParams::default() }) {
             let query =
                 GatherQuery::new(r, q, time).radius(radius).window(number).cosine(radius).nearest(random.below(3));
-            let _ = map.gather(&query, &mut GatherScratch::new());
+            let _ = map.gather(&query, &mut NeighborBuffer::new());
         }
     }
     Ok(())
@@ -247,7 +247,7 @@ fn forged_points(random: &mut Random) -> Outcome {
         let _ = (tree.nearest_n(q, time, 20), tree.within(q, time, radius));
         let _ = tree.closest_approach(q, q * 0.5, TimeInterval::FULL);
         let _ = tree.neighbor_lists(time, radius).run(&mut NeighborCsr::new());
-        let _ = tree.neighbor_lists_swept(TimeInterval::FULL, radius);
+        let _ = tree.neighbor_lists_swept(TimeInterval::FULL, radius).collect();
     }
     Ok(())
 }

@@ -7,7 +7,7 @@ use crate::random::Random;
 use mbkd::TimeInterval;
 use mbkd::glam::Vec3;
 use mbkd::point::{
-    GatherError, GatherParams, GatherScratch, Gathered, Kernel, Photon, PhotonMap, PhotonTime, VisiblePoint,
+    GatherError, GatherParams, Gathered, Kernel, NeighborBuffer, Photon, PhotonMap, PhotonTime, VisiblePoint,
     VisiblePoints,
 };
 
@@ -75,7 +75,7 @@ pub fn case(random: &mut Random) -> Outcome {
         GatherParams { window, neighbors: random.pick(&[1, 50, 5000]), structure: point.structure, simd: point.simd };
     let what = format!("{} photons, clock {clock}, {params:?}", photons.len());
     let map = PhotonMap::build(&photons, &params).map_err(|error| format!("{what}: {error}"))?;
-    let mut scratch = GatherScratch::new();
+    let mut scratch = NeighborBuffer::new();
     let (mut queries, mut expected) = (Vec::new(), Vec::new());
     for _ in 0..12 {
         let case = any_case(random, &photons, window);
@@ -120,7 +120,7 @@ fn visible(random: &mut Random, photons: &[Photon<f32>], cloud: &Cloud, params: 
     let seen = |p: &Photon<f32>| VisiblePoint { position: p.position, time: random.time(), radius: radius(random) };
     let mut seen: Vec<VisiblePoint> = photons.iter().map(seen).collect();
     let mut points = VisiblePoints::build(&seen, params).map_err(|error| format!("{what}: {error}"))?;
-    let mut scratch = GatherScratch::new();
+    let mut scratch = NeighborBuffer::new();
     for _ in 0..2 {
         let near = |random: &mut Random| {
             let at = photons.get(random.below(photons.len())).map_or(Vec3::ZERO, |p| p.position);

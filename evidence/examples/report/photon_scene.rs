@@ -2,7 +2,7 @@
 
 use kiddo::SquaredEuclidean;
 use mbkd::glam::{DVec2, Vec2, Vec3};
-use mbkd::point::{GatherParams, GatherQuery, GatherScratch, Photon, PhotonMap};
+use mbkd::point::{GatherParams, GatherQuery, NeighborBuffer, Photon, PhotonMap};
 use mbkd_evidence::accuracy::Random;
 use std::error::Error;
 use std::f64::consts::PI;
@@ -101,7 +101,7 @@ pub struct Photons {
     times: Vec<f32>,
     /// By number of passes.
     passes: Vec<Vec<Tree>>,
-    scratch: GatherScratch,
+    scratch: NeighborBuffer,
     near: Vec<(f32, u32)>,
 }
 
@@ -143,7 +143,7 @@ impl Photons {
             all: tree(&photons.iter().map(|p| p.0).collect::<Vec<_>>())?,
             times: photons.iter().map(|p| p.1).collect(),
             passes,
-            scratch: GatherScratch::new(),
+            scratch: NeighborBuffer::new(),
             near: Vec::new(),
         })
     }

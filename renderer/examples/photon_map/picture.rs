@@ -5,7 +5,7 @@ use crate::room::{EMITTED, Room, Spot, Surface, lifted, through_glass};
 use crate::sequence::{Sample, time_of_pass};
 use mbkd::Ray;
 use mbkd::glam::{Vec2, Vec3};
-use mbkd::point::{GatherParams, GatherQuery, GatherScratch, Kernel, PhotonMap, PointStructure};
+use mbkd::point::{GatherParams, GatherQuery, Kernel, NeighborBuffer, PhotonMap, PointStructure};
 use mbkd_renderer::film::Film;
 use mbkd_renderer::sampling::Sampler;
 use rayon::prelude::*;
@@ -158,7 +158,7 @@ pub fn pass(room: &Room, settings: &Settings, method: Method, pictures: &mut Pic
     let bands: Vec<Vec<[Vec3; 2]>> = pixels
         .par_chunks(BAND * settings.width)
         .map(|band| {
-            let mut scratch = GatherScratch::new();
+            let mut scratch = NeighborBuffer::new();
             let mut sums = vec![[Vec3::ZERO; 2]; band.len()];
             // All pixels at about the same time, then at another: their windows then share the same photons.
             for sample in 0..samples {
@@ -189,7 +189,7 @@ fn radiance(
     maps: &[PhotonMap<Vec3>; 2],
     (pixel, time): (usize, f32),
     sample: &Sample,
-    scratch: &mut GatherScratch,
+    scratch: &mut NeighborBuffer,
 ) -> [Vec3; 2] {
     let seen = look(room, camera_ray(room, settings, pixel, sample.place(), time), &mut sample.more());
     let Some((spot, color, behind_glass)) = seen.spot else { return [seen.light, Vec3::ZERO] };
@@ -198,7 +198,7 @@ fn radiance(
         let query = GatherQuery::new(spot.position, spot.normal, time).nearest(photons).radius(radius).window(window);
         query.cosine(0.8).kernels(Kernel::Epanechnikov, Kernel::Box)
     });
-    let light = |i: usize, scratch: &mut GatherScratch| {
+    let light = |i: usize, scratch: &mut NeighborBuffer| {
         // The area is zero only if all photons coincide, which does not happen here and would contribute no light.
         maps[i].gather(&gathered[i], scratch).map_or(Vec3::ZERO, |found| found.density) * color / PI
     };

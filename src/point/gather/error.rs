@@ -1,40 +1,31 @@
 //! Errors of photon maps and of gathers.
 
 use crate::limits::MAX_POINT_COORDINATE;
-use crate::point::error::PointError;
 use core::fmt;
 
 /// Why a photon map could not be built, or a gather not be answered.
 ///
 /// ```
 /// use mbkd::glam::Vec3;
-/// use mbkd::point::{GatherError, GatherParams, GatherQuery, GatherScratch, Photon, PhotonMap};
+/// use mbkd::point::{GatherError, GatherParams, GatherQuery, NeighborBuffer, Photon, PhotonMap};
 /// let photons = [Photon::at_time(Vec3::ZERO, Vec3::Z, 1.0f32, 0.5)];
 /// let map = PhotonMap::build(&photons, &GatherParams::default())?;
 /// let query = GatherQuery::new(Vec3::ZERO, Vec3::Z, 0.5).radius(0.1).window(-0.2);
-/// assert_eq!(map.gather(&query, &mut GatherScratch::new()).unwrap_err(), GatherError::Window);
+/// assert_eq!(map.gather(&query, &mut NeighborBuffer::new()).unwrap_err(), GatherError::Window);
 /// # Ok::<(), GatherError>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum GatherError {
     /// The flux of a photon is not finite.
-    Flux {
-        /// The photon.
-        photon: usize,
-    },
+    Flux,
     /// The normal of a photon is not finite.
-    PhotonNormal {
-        /// The photon.
-        photon: usize,
+    PhotonNormal,
+    /// There are too many photons or visible points for ids of 32 bits.
+    TooMany {
+        /// How many.
+        found: usize,
     },
-    /// The time stamp of a photon is outside the shutter.
-    PhotonTime {
-        /// The photon.
-        photon: usize,
-    },
-    /// A position or velocity that a tree does not take, or too many photons.
-    Point(PointError),
     /// A build parameter is out of its range.
     Parameter {
         /// The field of [`GatherParams`](crate::point::GatherParams).
@@ -42,11 +33,12 @@ pub enum GatherError {
         /// Its valid range.
         expected: &'static str,
     },
-    /// The position of a query, or of a photon for visible points, is not finite or too large.
+    /// A position is not finite or too large: of a query, of a visible point, or of a photon, and of one that moves also where it is when the
+    /// shutter opens and closes.
     Position,
     /// The normal of a query is used and is not a unit vector.
     Normal,
-    /// The time of a query, of a visible point, or of a photon for such points is outside the shutter.
+    /// The time of a query, of a visible point or of a photon is outside the shutter.
     Time,
     /// The window of a query is not greater than 0, or so short (some 10^-38 of the shutter) that photons in it have no finite weight,
     /// whether the photons that were found are weighted by it or not.
@@ -94,19 +86,12 @@ impl GatherError {
     }
 }
 
-impl From<PointError> for GatherError {
-    fn from(error: PointError) -> GatherError {
-        GatherError::Point(error)
-    }
-}
-
 impl fmt::Display for GatherError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            GatherError::Flux { photon } => write!(f, "the flux of photon {photon} is not finite; remove it"),
-            GatherError::PhotonNormal { photon } => write!(f, "the normal of photon {photon} is not finite"),
-            GatherError::PhotonTime { photon } => write!(f, "the time of photon {photon} is not in [0, 1]"),
-            GatherError::Point(error) => error.fmt(f),
+            GatherError::Flux => f.write_str("the flux of a photon is not finite; remove it"),
+            GatherError::PhotonNormal => f.write_str("the normal of a photon is not finite"),
+            GatherError::TooMany { found } => write!(f, "{found} photons or points are too many for ids of 32 bits"),
             GatherError::Parameter { name, expected } => write!(f, "`{name}` must be {expected}"),
             GatherError::Position => {
                 write!(f, "a position must be finite and at most {MAX_POINT_COORDINATE:e}")

@@ -8,11 +8,10 @@
 use super::error::GatherError;
 use super::params::GatherParams;
 use super::photon::{Photon, PhotonTime};
+use super::query::check_position;
 use super::span_order::{Item, Queries};
 use super::stamped::{StampedBlock, StampedTree};
 use crate::geometry::{KeyTime, TimeInterval};
-use crate::point::build::source;
-use crate::point::error::PointError;
 use crate::point::tree::{PointParams, PointTree};
 use crate::primitive::PointSet;
 use crate::simd::SimdLevel;
@@ -84,21 +83,14 @@ impl Index {
     pub(super) fn build<F>(photons: &[Photon<F>], params: &GatherParams) -> Result<Index, GatherError> {
         params.validate()?;
         if photons.len() >= u32::MAX as usize {
-            return Err(PointError::TooManyPoints { found: photons.len() }.into());
+            return Err(GatherError::TooMany { found: photons.len() });
         }
         let (mut items, mut unstamped, mut active, mut unstamped_ids) =
             (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let mut carried = false;
         for (number, photon) in photons.iter().enumerate() {
-            if !photon.normal.is_finite() {
-                return Err(GatherError::PhotonNormal { photon: number });
-            }
-            let at = checked(photon.position, number, 0)?;
-            if let PhotonTime::At(time) | PhotonTime::Carried { time, .. } = photon.time
-                && !(0.0..=1.0).contains(&time)
-            {
-                return Err(GatherError::PhotonTime { photon: number });
-            }
+            check(photon).map_err(|error| error.at(number))?;
+            let at = photon.position;
             let photon_at = match photon.time {
                 PhotonTime::At(time) => {
                     items.push(Item { at: [at.x, at.y, at.z, time, 0.0], index: number as u32 });
@@ -115,8 +107,7 @@ impl Index {
                     // A little longer than the window; the exact test comes with the query.
                     let reach = params.window + 1e-6 * (1.0 + params.window);
                     active.push(TimeInterval::half_open(time - reach, time + reach).unwrap_or(TimeInterval::FULL));
-                    let open = checked(at - velocity * time, number, 0)?;
-                    let close = checked(at + velocity * (1.0 - time), number, 1)?;
+                    let [open, close] = ends(at, time, velocity);
                     UnstampedPhoton { open, close, time_weight: TimeWeight::Stamp(time) }
                 }
             };
@@ -134,7 +125,8 @@ impl Index {
             None
         } else {
             let structure = PointParams { structure: params.structure, simd: params.simd, ..PointParams::default() };
-            Some(PointTree::build(&UnstampedPhotons { unstamped: &unstamped, active: &active, first }, &structure)?)
+            let photons = UnstampedPhotons { unstamped: &unstamped, active: &active, first };
+            Some(PointTree::build(&photons, &structure).expect("photons and parameters have been checked"))
         };
         Ok(Index {
             stamped,
@@ -191,7 +183,22 @@ impl Index {
     }
 }
 
-/// A position, if it is finite and not too large.
-pub(super) fn checked(at: Vec3, point: usize, key: usize) -> Result<Vec3, PointError> {
-    source::checked(at.as_dvec3(), point, key).map(|at| at.as_vec3())
+/// Checks the numbers of a photon.
+fn check<F>(photon: &Photon<F>) -> Result<(), GatherError> {
+    if !photon.normal.is_finite() {
+        return Err(GatherError::PhotonNormal);
+    }
+    match photon.time {
+        PhotonTime::At(time) => check_position(photon.position, time),
+        PhotonTime::During(_) => check_position(photon.position, 0.0),
+        PhotonTime::Carried { time, velocity } => {
+            check_position(photon.position, time)?;
+            ends(photon.position, time, velocity).into_iter().try_for_each(|end| check_position(end, time))
+        }
+    }
+}
+
+/// Where a photon is when the shutter opens and closes, that is at a place at a time.
+fn ends(at: Vec3, time: f32, velocity: Vec3) -> [Vec3; 2] {
+    [at - velocity * time, at + velocity * (1.0 - time)]
 }

@@ -5,7 +5,6 @@ use super::index::{Index, TimeWeight};
 use super::params::GatherParams;
 use super::photon::{Flux, Photon};
 use super::query::{GatherQuery, check_position};
-use super::scratch::GatherScratch;
 use super::search::{PhotonSearch, nearest_in_metric};
 use crate::geometry::KeyTime;
 use crate::limits::MAX_POINT_COORDINATE;
@@ -54,17 +53,17 @@ pub struct Gathered<F> {
 ///
 /// ```
 /// use mbkd::glam::Vec3;
-/// use mbkd::point::{GatherParams, GatherQuery, GatherScratch, Photon, PhotonMap};
+/// use mbkd::point::{GatherParams, GatherQuery, NeighborBuffer, Photon, PhotonMap};
 /// // Light that sweeps along x, one unit per shutter: 40 photons per unit of time, each of flux 1 / 40.
 /// let sheet = (0..40 * 40).map(|i| {
 ///     let (x, z) = ((i / 40) as f32 / 40.0, (i % 40) as f32 / 40.0);
 ///     Photon::at_time(Vec3::new(x, 0.0, z), Vec3::Y, 1.0f32 / 1600.0, x)
 /// });
 /// let map = PhotonMap::build(&sheet.collect::<Vec<_>>(), &GatherParams::default())?;
-/// let mut scratch = GatherScratch::new();
+/// let mut buffer = NeighborBuffer::new();
 /// let at = |time| GatherQuery::new(Vec3::new(0.5, 0.0, 0.5), Vec3::Y, time).radius(0.2).window(0.1);
-/// assert!(map.gather(&at(0.5), &mut scratch)?.density > 1.0);
-/// assert_eq!(map.gather(&at(0.1), &mut scratch)?.density, 0.0);
+/// assert!(map.gather(&at(0.5), &mut buffer)?.density > 1.0);
+/// assert_eq!(map.gather(&at(0.1), &mut buffer)?.density, 0.0);
 /// # Ok::<(), mbkd::point::GatherError>(())
 /// ```
 #[derive(Clone)]
@@ -112,7 +111,7 @@ impl<F: Flux> PhotonMap<F> {
     /// with the index of the photon; parameters out of range.
     pub fn build(photons: &[Photon<F>], params: &GatherParams) -> Result<PhotonMap<F>, GatherError> {
         if let Some(photon) = photons.iter().position(|photon| !photon.flux.is_finite()) {
-            return Err(GatherError::Flux { photon });
+            return Err(GatherError::Flux.at(photon));
         }
         let index = parallel::entered(photons.len(), || Index::build(photons, params))?;
         let flux = index.ids.iter().map(|&id| photons[id as usize].flux).collect();
@@ -139,9 +138,9 @@ impl<F: Flux> PhotonMap<F> {
     /// # Errors
     /// A number of the query that is out of range, a window wider than the map was built for, a disc without area: see [`GatherError`].
     /// It is no error if a query finds no photons.
-    pub fn gather(&self, query: &GatherQuery, scratch: &mut GatherScratch) -> Result<Gathered<F>, GatherError> {
+    pub fn gather(&self, query: &GatherQuery, buffer: &mut NeighborBuffer) -> Result<Gathered<F>, GatherError> {
         let mut density = F::default();
-        let gathered = self.weigh(query, scratch, |slot, weight| {
+        let gathered = self.weigh(query, buffer, |slot, weight| {
             density = density + self.flux[slot as usize] * weight;
         })?;
         Ok(Gathered { density, ..gathered })
@@ -154,17 +153,17 @@ impl<F: Flux> PhotonMap<F> {
     ///
     /// ```
     /// use mbkd::glam::Vec3;
-    /// use mbkd::point::{GatherParams, GatherQuery, GatherScratch, Photon, PhotonMap};
+    /// use mbkd::point::{GatherParams, GatherQuery, NeighborBuffer, Photon, PhotonMap};
     /// let photons = [0.3, 0.1, 0.2].map(|x| Photon::at_time(Vec3::X * x, Vec3::Z, 2.0f32, 0.5));
     /// let map = PhotonMap::build(&photons, &GatherParams::default())?;
     /// let query = GatherQuery::new(Vec3::ZERO, Vec3::Z, 0.5).radius(0.25);
-    /// let (mut scratch, mut visited, mut sum) = (GatherScratch::new(), Vec::new(), 0.0);
-    /// map.gather_each(&query, &mut scratch, |photon, weight| {
+    /// let (mut buffer, mut visited, mut sum) = (NeighborBuffer::new(), Vec::new(), 0.0);
+    /// map.gather_each(&query, &mut buffer, |photon, weight| {
     ///     visited.push(photon);
     ///     sum += photons[photon as usize].flux * weight;
     /// })?;
     /// assert_eq!(visited, [1, 2], "the nearest first");
-    /// assert_eq!(sum, map.gather(&query, &mut scratch)?.density);
+    /// assert_eq!(sum, map.gather(&query, &mut buffer)?.density);
     /// # Ok::<(), mbkd::point::GatherError>(())
     /// ```
     ///
@@ -173,15 +172,15 @@ impl<F: Flux> PhotonMap<F> {
     pub fn gather_each(
         &self,
         query: &GatherQuery,
-        scratch: &mut GatherScratch,
+        buffer: &mut NeighborBuffer,
         mut visit: impl FnMut(u32, f32),
     ) -> Result<Gathered<F>, GatherError> {
-        self.weigh(query, scratch, |slot, weight| visit(self.index.ids[slot as usize], weight))
+        self.weigh(query, buffer, |slot, weight| visit(self.index.ids[slot as usize], weight))
     }
 
     /// A batch of gathers, on several threads: the answers of [`PhotonMap::gather`], in the order of the queries.
     ///
-    /// Allocates the answers and a scratch for each 512 of them.
+    /// Allocates the answers and a buffer for each 512 of them.
     ///
     /// ```
     /// use mbkd::glam::Vec3;
@@ -204,8 +203,8 @@ impl<F: Flux> PhotonMap<F> {
         numbered.try_for_each(|(number, query)| query.check().map_err(|error| error.at(number)))?;
         let positions: Vec<Vec3> = queries.iter().map(|query| query.position).collect();
         let answers = answered_in_order(&morton_order(&positions), |indices| {
-            let mut scratch = GatherScratch::new();
-            indices.iter().map(|&index| Some(self.gather(&queries[index], &mut scratch))).collect()
+            let mut buffer = NeighborBuffer::new();
+            indices.iter().map(|&index| Some(self.gather(&queries[index], &mut buffer))).collect()
         });
         let answers = answers.into_iter().flatten().enumerate();
         answers.map(|(number, answer)| answer.map_err(|error| error.at(number))).collect()
@@ -217,13 +216,13 @@ impl<F: Flux> PhotonMap<F> {
     /// The squared distance is computed in f32 as `((dx·dx + dy·dy) + dz·dz) + dt·dt` with `dt = |s − time| · speed`.
     /// ```
     /// use mbkd::glam::Vec3;
-    /// use mbkd::point::{GatherParams, GatherScratch, Photon, PhotonMap};
+    /// use mbkd::point::{GatherParams, NeighborBuffer, Photon, PhotonMap};
     /// let photons = [0.5, 0.7].map(|time| Photon::at_time(Vec3::X * (0.8 - time), Vec3::Y, 1.0f32, time));
     /// let map = PhotonMap::build(&photons, &GatherParams::default())?;
-    /// let mut scratch = GatherScratch::new();
-    /// let first = map.nearest_in_space_time(Vec3::ZERO, 0.5, 0.0, 1, &mut scratch)?[0].id;
+    /// let mut buffer = NeighborBuffer::new();
+    /// let first = map.nearest_in_space_time(Vec3::ZERO, 0.5, 0.0, 1, &mut buffer)?[0].id;
     /// assert_eq!(first, 1, "time does not count");
-    /// let first = map.nearest_in_space_time(Vec3::ZERO, 0.5, 10.0, 1, &mut scratch)?[0].id;
+    /// let first = map.nearest_in_space_time(Vec3::ZERO, 0.5, 10.0, 1, &mut buffer)?[0].id;
     /// assert_eq!(first, 0, "a fifth of the shutter is as far as 2");
     /// # Ok::<(), mbkd::point::GatherError>(())
     /// ```
@@ -236,7 +235,7 @@ impl<F: Flux> PhotonMap<F> {
         time: f32,
         speed: f32,
         k: usize,
-        scratch: &'s mut GatherScratch,
+        buffer: &'s mut NeighborBuffer,
     ) -> Result<&'s [Neighbor], GatherError> {
         check_position(position, time)?;
         if !(0.0..=MAX_POINT_COORDINATE as f32).contains(&speed) {
@@ -245,21 +244,20 @@ impl<F: Flux> PhotonMap<F> {
         if self.index.others.is_some() {
             return Err(GatherError::NotStamped);
         }
-        let buffer = &mut scratch.buffer;
         buffer.found.clear();
         if k > 0 {
             let index = &self.index;
             nearest_in_metric(index, (position, time), speed, k, buffer);
             buffer.found.iter_mut().for_each(|n| n.id = index.ids[n.id as usize]);
         }
-        Ok(&scratch.buffer.found)
+        Ok(&buffer.found)
     }
 
     /// Finds the photons of a query and visits their slots and weights.
     fn weigh(
         &self,
         query: &GatherQuery,
-        scratch: &mut GatherScratch,
+        buffer: &mut NeighborBuffer,
         mut visit: impl FnMut(u32, f32),
     ) -> Result<Gathered<F>, GatherError> {
         query.check()?;
@@ -267,7 +265,7 @@ impl<F: Flux> PhotonMap<F> {
         if query.window > index.most_window {
             return Err(GatherError::WindowTooWide { most: index.most_window });
         }
-        let disc = find(index, query, &mut scratch.buffer);
+        let disc = find(index, query, buffer);
         let duration = query.time_weight.over_time(query.time.into(), query.window.into(), 0.0, 1.0) as f32;
         let per_duration = 1.0 / duration;
         let gathered = |count| Gathered {
@@ -288,7 +286,7 @@ impl<F: Flux> PhotonMap<F> {
         if !per_area.is_finite() {
             return Err(GatherError::NoArea);
         }
-        for near in &scratch.buffer.found[..disc.count] {
+        for near in &buffer.found[..disc.count] {
             let in_time = match index.time_weight(near.id) {
                 TimeWeight::Stamp(stamp) => {
                     let x = (stamp - query.time) / query.window;

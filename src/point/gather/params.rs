@@ -48,7 +48,7 @@ impl GatherParams {
         // Checked for all maps, though it only matters to photons that exist for a while or move.
         match (PointParams { structure: self.structure, ..PointParams::default() }).validate() {
             Err(PointError::Parameter { name, expected }) => Err(GatherError::Parameter { name, expected }),
-            other => Ok(other?),
+            _ => Ok(()),
         }
     }
 }

@@ -13,10 +13,8 @@
 //! square of a gap of 2^-75 is 0, so such a photon is in the box too.
 
 use super::error::GatherError;
-use super::index::checked;
 use super::params::GatherParams;
 use super::query::check_position;
-use super::scratch::GatherScratch;
 use super::span_order::{Item, Queries, RADIUS, TIME};
 use super::span_tree::{Span, SpanBlock, SpanNode, SpanTree, around};
 use super::span_view::{Measure, SpanView};
@@ -84,7 +82,7 @@ const GROWN: f32 = 1.0 / 2_097_152.0;
 ///
 /// ```
 /// use mbkd::glam::Vec3;
-/// use mbkd::point::{GatherParams, GatherScratch, VisiblePoint, VisiblePoints};
+/// use mbkd::point::{GatherParams, NeighborBuffer, VisiblePoint, VisiblePoints};
 /// let seen = [0.2, 0.8].map(|time| VisiblePoint { position: Vec3::ZERO, time, radius: 0.5 });
 /// let mut points = VisiblePoints::build(&seen, &GatherParams::default())?;
 /// // How many photons each point has got.
@@ -122,11 +120,11 @@ impl VisiblePoints {
     pub fn build(points: &[VisiblePoint], params: &GatherParams) -> Result<VisiblePoints, GatherError> {
         params.validate()?;
         if points.len() >= u32::MAX as usize {
-            return Err(crate::point::error::PointError::TooManyPoints { found: points.len() }.into());
+            return Err(GatherError::TooMany { found: points.len() });
         }
         let mut items = Vec::with_capacity(points.len());
         for (number, point) in points.iter().enumerate() {
-            let at = checked(point.position, number, 0)?;
+            let at = point.position;
             check_position(at, point.time).map_err(|error| error.at(number))?;
             check_radius(point.radius).map_err(|error| error.at(number))?;
             items.push(Item { at: [at.x, at.y, at.z, point.time, point.radius], index: number as u32 });
@@ -184,11 +182,11 @@ impl VisiblePoints {
     ///
     /// ```
     /// use mbkd::glam::Vec3;
-    /// use mbkd::point::{GatherParams, GatherScratch, VisiblePoint, VisiblePoints};
+    /// use mbkd::point::{GatherParams, NeighborBuffer, VisiblePoint, VisiblePoints};
     /// let seen = [0.0, 0.5, 3.0].map(|x| VisiblePoint { position: Vec3::X * x, time: 0.5, radius: 1.0 });
     /// let points = VisiblePoints::build(&seen, &GatherParams::default())?;
     /// let mut found = Vec::new();
-    /// points.for_each(Vec3::X * 0.25, 0.45, 0.1, &mut GatherScratch::new(), |point, _| found.push(point))?;
+    /// points.for_each(Vec3::X * 0.25, 0.45, 0.1, &mut NeighborBuffer::new(), |point, _| found.push(point))?;
     /// found.sort();
     /// assert_eq!(found, [0, 1]);
     /// # Ok::<(), mbkd::point::GatherError>(())
@@ -201,12 +199,12 @@ impl VisiblePoints {
         position: Vec3,
         time: f32,
         window: f32,
-        scratch: &mut GatherScratch,
+        buffer: &mut NeighborBuffer,
         mut visit: impl FnMut(u32, f32),
     ) -> Result<(), GatherError> {
         check_position(position, time)?;
         check_window(window)?;
-        let NeighborBuffer { candidates, .. } = &mut scratch.buffer;
+        let NeighborBuffer { candidates, .. } = buffer;
         self.find(position, time, window, candidates);
         for (&id, &distance) in candidates.ids[..candidates.count].iter().zip(&candidates.distances) {
             visit(id, distance);
@@ -222,7 +220,7 @@ impl VisiblePoints {
     ///
     /// # Errors
     /// [`GatherError::At`] with the index of a photon whose position or time is wrong; [`GatherError::Length`] for another number of
-    /// states; a window that is not greater than 0. After an error nothing was deposited.
+    /// states; [`GatherError::TooMany`] beyond 2^32 photons; a window that is not greater than 0. After an error nothing was deposited.
     pub fn scatter<P: Sync, A: Send>(
         &self,
         photons: &[P],
@@ -234,6 +232,9 @@ impl VisiblePoints {
         check_window(window)?;
         if states.len() != self.len() {
             return Err(GatherError::Length { expected: self.len(), found: states.len() });
+        }
+        if photons.len() > u32::MAX as usize {
+            return Err(GatherError::TooMany { found: photons.len() });
         }
         let mut positions = Vec::with_capacity(photons.len());
         for (number, photon) in photons.iter().enumerate() {
