@@ -101,10 +101,10 @@ pub use layout::{Statistics, TreeBox, ValidationError};
 pub use limits::{MAX_COORDINATE, MAX_POINT_COORDINATE};
 pub use params::{BuildParams, Division, KdParams, LazyParams, Policy, WideParams};
 pub use point::{
-    Approach, BulkQuery, Encounter, EncounterLists, KeepAll, KeepIf, ListError, ListQuery, Neighbor, NeighborBuffer,
-    NeighborCsr, NeighborLists, NeighborQuery, NeighborWork, PointError, PointLayerKind, PointLayerStatistics,
-    PointParams, PointStatistics, PointStructure, PointTree, Precision, Radii, TreePoint, WithinIter,
-    certified_duration,
+    Approach, BulkQuery, Encounter, EncounterLists, Keep, KeepAll, KeepIf, ListError, ListQuery, Neighbor,
+    NeighborBuffer, NeighborCsr, NeighborLists, NeighborQuery, NeighborWork, PointError, PointLayerKind,
+    PointLayerStatistics, PointParams, PointStatistics, PointStructure, PointTree, Precision, Radii, RadiusOf,
+    SweptQuery, TreePoint, WithinIter, certified_duration,
 };
 pub use primitive::{
     Intersection, Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive,

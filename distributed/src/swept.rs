@@ -42,7 +42,7 @@ impl<E: Exchange> Step<'_, E> {
         let (all, whose) = self.with_images();
         let fits = if all.len() < u32::MAX as usize { Ok(()) } else { Err(Problem::TooMany { found: all.len() }) };
         agree(self.exchange, arguments, self.check_radius(radius).and(fits))?;
-        let lists = tree(&all).neighbor_lists_swept(interval, radius);
+        let lists = tree(&all).neighbor_lists_swept(interval, radius).collect();
         let lists = lists.unwrap_or_else(|error| unreachable!("the query has been checked: {error}"));
         let mut own: Vec<&[Encounter]> = vec![&[]; self.particles.len()];
         for (place, list) in lists.iter() {

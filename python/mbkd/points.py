@@ -467,13 +467,20 @@ class PointTree:
         return NeighborLists(made[0], made[1], valid_until=valid_until)
 
     def neighbor_lists_swept(
-        self, r: float, between: Sequence[float] = (0.0, 1.0), *, workers: int = 1
+        self,
+        r: float,
+        between: Sequence[float] = (0.0, 1.0),
+        *,
+        max_neighbors: int | None = None,
+        workers: int = 1,
     ) -> Encounters:
         """Find all points that come within a radius of each point at any time of an interval, and the times.
 
         This is decided in float64, for exact linear motion between the positions at the keys, in float32 or float64.
+        `max_neighbors` bounds memory as for `neighbor_lists`: a `ValueError` if a point meets more.
         """
-        offsets, ids, columns = _mbkd.neighbor_lists_swept(self._tree, interval(between), r, workers)
+        most = None if max_neighbors is None else whole(max_neighbors, "max_neighbors", 0, 2**32)
+        offsets, ids, columns = _mbkd.neighbor_lists_swept(self._tree, interval(between), r, most, workers)
         return Encounters(offsets, ids, *columns)
 
 

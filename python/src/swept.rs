@@ -18,6 +18,7 @@ pub fn neighbor_lists_swept<'py>(
     points: &Points,
     between: [f32; 2],
     radius: f32,
+    max_neighbors: Option<usize>,
     workers: isize,
 ) -> PyResult<Encounters<'py>> {
     if points.periods.is_some() {
@@ -25,24 +26,13 @@ pub fn neighbor_lists_swept<'py>(
     }
     let interval = TimeInterval::new(between[0], between[1]).map_err(value_error)?;
     let found = on(py, workers, || {
-        let lists = points.tree.neighbor_lists_swept(interval, radius)?;
-        let mut rows: Vec<&[Encounter]> = vec![&[]; points.tree.len()];
-        lists.iter().for_each(|(id, row)| rows[id as usize] = row);
-        let (mut offsets, mut ids) = (Vec::with_capacity(rows.len() + 1), Vec::with_capacity(lists.encounters().len()));
-        let mut columns = [const { Vec::new() }; 4];
-        offsets.push(0);
-        let mut sorted = Vec::new();
-        for row in rows {
-            sorted.clear();
-            sorted.extend_from_slice(row);
-            sorted.sort_unstable_by_key(|encounter| encounter.id);
-            for e in &sorted {
-                ids.push(e.id as i32);
-                let values = [e.enter, e.leave, e.closest, e.distance_squared.sqrt()];
-                columns.iter_mut().zip(values).for_each(|(column, value)| column.push(value));
-            }
-            offsets.push(ids.len() as i64);
-        }
+        let query = points.tree.neighbor_lists_swept(interval, radius).in_order().sorted();
+        let lists = max_neighbors.map_or(query, |most| query.max_neighbors(most)).collect()?;
+        let offsets = lists.offsets().iter().map(|&offset| offset as i64).collect::<Vec<_>>();
+        let column = |of: fn(&Encounter) -> f32| lists.encounters().iter().map(of).collect::<Vec<_>>();
+        let ids = lists.encounters().iter().map(|encounter| encounter.id as i32).collect::<Vec<_>>();
+        let columns =
+            [column(|e| e.enter), column(|e| e.leave), column(|e| e.closest), column(|e| e.distance_squared.sqrt())];
         Ok::<_, mbkd::ListError>((offsets, ids, columns))
     })?;
     let (offsets, ids, columns) = found.map_err(value_error)?;

@@ -98,6 +98,10 @@ def test_swept_lists_are_all_that_meet(keys):
     points = np.repeat(np.arange(400), np.diff(met.offsets))
     np.testing.assert_allclose(met.distances, least[points, met.ids], atol=1e-6)
     assert (met.enter <= met.closest).all() and (met.closest <= met.leave).all()
+    most = int(np.diff(met.offsets).max())
+    assert len(tree.neighbor_lists_swept(0.1, max_neighbors=most)) == len(met)
+    with pytest.raises(ValueError, match="max_neighbors"):
+        tree.neighbor_lists_swept(0.1, max_neighbors=most - 1)
     part = tree.neighbor_lists_swept(0.1, (0.25, 0.5))
     assert 0 < len(part.ids) < len(met.ids)
 

@@ -55,7 +55,7 @@ pub struct PointParams {
     /// to 1024, default 8. Points with n keys may so have n - 1 times as many, since each segment has a tree of its own. A reference takes
     /// 32 to 48 bytes. Time slices that are requested explicitly are not limited.
     pub max_references: f32,
-    /// The numbers that positions are kept in. Default: those that they need. [`PointStatistics`] tells which a tree has.
+    /// The numbers that positions are kept in. Default: those that they need. [`PointTree::precision`] tells which a tree has.
     pub precision: Precision,
     /// The instruction set of queries. Answers do not depend on it. Default: the widest of this CPU.
     pub simd: SimdLevel,
@@ -389,13 +389,20 @@ impl PointTree {
             return None;
         }
         let layers = self.layers.iter().map(replacement).collect();
-        Some(PointTree {
-            layers,
-            precise: self.precise.clone(),
-            statistics: self.statistics.clone(),
-            distinct: false,
-            ..*self
-        })
+        // Points in f64 are in no k-d trees.
+        Some(PointTree { layers, precise: Vec::new(), statistics: self.statistics.clone(), distinct: false, ..*self })
+    }
+
+    /// The numbers that positions are kept in: [`Precision::Single`] or [`Precision::Double`], of an empty tree the former.
+    ///
+    /// ```
+    /// use mbkd::{PointParams, PointTree, Precision};
+    /// let of = |x: f64| PointTree::build(&[[-x, 0.0, 0.0], [x, 0.0, 0.0]], &PointParams::default());
+    /// assert_eq!([of(0.5)?.precision(), of(0.1)?.precision()], [Precision::Single, Precision::Double]);
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    pub fn precision(&self) -> Precision {
+        if self.precise.is_empty() { Precision::Single } else { Precision::Double }
     }
 
     /// The largest number of keys of a layer, at least 1.

@@ -150,7 +150,8 @@ fn answers(tree: &PointTree, searches: usize, seed: u64) -> String {
     let made = tree.neighbor_lists(0.7, 0.02).in_order().run(&mut lists);
     writeln!(out, "{made:?} {}", lists.iter().count()).unwrap();
     if let Ok(interval) = TimeInterval::new(0.2, 0.3) {
-        let swept = tree.neighbor_lists_swept(interval, 0.01).map(|lists| format!("{:?}", lists.encounters()));
+        let swept =
+            tree.neighbor_lists_swept(interval, 0.01).collect().map(|lists| format!("{:?}", lists.encounters()));
         writeln!(out, "{swept:?}").unwrap();
     }
     out

@@ -5,7 +5,7 @@ use core::ops::ControlFlow;
 use mbkd::glam::DVec3;
 use mbkd::{
     Aabb, ListError, Neighbor, NeighborCsr, PointArrays, PointError, PointLayerKind, PointParams, PointStructure,
-    PointTree, Precision, Radii, SimdLevel, TimeInterval, TreePoint, Visitor,
+    PointTree, Precision, Radii, RadiusOf, SimdLevel, TimeInterval, TreePoint, Visitor,
 };
 
 pub struct Cloud {
@@ -213,15 +213,18 @@ fn queries_that_f64_points_do_not_support_are_rejected() {
     let mut lists = NeighborCsr::new();
     let query = tree.neighbor_lists(0.0, 1.0);
     let own = Radii::Own(&[1.0; 99]);
-    assert_eq!(tree.neighbor_lists(0.0, own).run(&mut lists), Err(ListError::MissingRadius { id: 99 }));
+    assert_eq!(
+        tree.neighbor_lists(0.0, own).run(&mut lists),
+        Err(ListError::MissingRadius { of: RadiusOf::Point(99) })
+    );
     let single = PointTree::build(&[[0.0f32; 3]], &PointParams::default()).unwrap();
     assert_eq!(query.among(&single).run(&mut lists), Err(ListError::Double));
     assert_eq!(single.neighbor_lists(0.0, 1.0).among(&tree).run(&mut lists), Err(ListError::Double));
     assert_eq!(tree.neighbor_lists_with_skin(0.0, 1.0, -0.1, 1.0, &mut lists), Err(ListError::Skin));
-    assert_eq!(tree.neighbor_lists_with_skin(0.0, f32::NAN, 0.1, 1.0, &mut lists), Err(ListError::Radius { id: None }));
+    assert_eq!(tree.neighbor_lists_with_skin(0.0, f32::NAN, 0.1, 1.0, &mut lists), Err(ListError::Radius { of: None }));
     assert_eq!(tree.neighbor_lists_with_skin(0.5, 1.0, 0.1, 0.4, &mut lists), Err(ListError::Time));
-    let swept = tree.neighbor_lists_swept(TimeInterval::FULL, -1.0);
-    assert_eq!(swept, Err(ListError::Radius { id: None }));
+    let swept = tree.neighbor_lists_swept(TimeInterval::FULL, -1.0).collect();
+    assert_eq!(swept, Err(ListError::Radius { of: None }));
     // Rounded to f32, all of it works.
     let keys: Vec<&[DVec3]> = cloud.keys.iter().map(|key| &key[..]).collect();
     let set = PointArrays { keys: &keys, active: &[], ids: &[] };

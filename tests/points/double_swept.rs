@@ -74,7 +74,7 @@ fn swept_lists_equal_comparing_all_pairs() {
                     let expected = meet_all(&cloud, interval, radius);
                     met += expected.iter().map(Vec::len).sum::<usize>();
                     for (tree, what) in &trees {
-                        let found = tree.neighbor_lists_swept(interval, radius).unwrap();
+                        let found = tree.neighbor_lists_swept(interval, radius).collect().unwrap();
                         let about = format!("{size} {apart} {speed} {far}, {keys} keys, {begin}..{end}, {radius}");
                         check(&found, &expected, &format!("{what}, {about}"));
                     }
@@ -96,7 +96,7 @@ fn larger_sets_swept_on_all_numbers_of_threads() {
             let tree = cloud.tree(structure, SimdLevel::best()).unwrap();
             let found = [1, 3].map(|threads| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                pool.install(|| tree.neighbor_lists_swept(interval, radius)).unwrap()
+                pool.install(|| tree.neighbor_lists_swept(interval, radius).collect()).unwrap()
             });
             assert_eq!(found[0], found[1], "{far}, {structure:?}");
             check(&found[0], &expected, &format!("{far}, {radius}, {structure:?}"));
@@ -120,7 +120,7 @@ fn intervals_that_end_next_to_keys_that_are_no_floats() {
                         let interval = TimeInterval::new(begin, end).unwrap();
                         for radius in [2e3, 5e4] {
                             let expected = meet_all(&cloud, interval, radius);
-                            let found = tree.neighbor_lists_swept(interval, radius).unwrap();
+                            let found = tree.neighbor_lists_swept(interval, radius).collect().unwrap();
                             check(&found, &expected, &format!("{keys} keys, {structure:?}, {begin}..{end}, {radius}"));
                         }
                     }
@@ -154,7 +154,7 @@ fn intervals_that_touch_at_splits_of_the_shutter() {
                 let expected = meet_all(&cloud, interval, radius);
                 touching += expected.iter().flatten().filter(|e| e.enter == 0.5 && e.leave == 0.5).count();
                 for (structure, tree) in &trees {
-                    let found = tree.neighbor_lists_swept(interval, radius).unwrap();
+                    let found = tree.neighbor_lists_swept(interval, radius).collect().unwrap();
                     check(&found, &expected, &format!("{keys} keys, {structure:?}, {begin}..{end}, radius {radius}"));
                 }
             }
@@ -198,7 +198,7 @@ fn crowds_that_just_touch_the_radius_are_met() {
         }
         for structure in [PointStructure::Linear, PointStructure::TimeSlices(3)] {
             let tree = cloud.tree(structure, SimdLevel::best()).unwrap();
-            let found = tree.neighbor_lists_swept(interval, radius).unwrap();
+            let found = tree.neighbor_lists_swept(interval, radius).collect().unwrap();
             for (id, row) in found.iter() {
                 assert_eq!(row.len(), 2 * CROWD - 1, "round {round}, {structure:?}: point {id}, radius {radius}");
             }
@@ -347,7 +347,7 @@ fn points_at_rest() {
     let mut lists = NeighborCsr::new();
     assert_eq!(tree.neighbor_lists_with_skin(0.25, 0.2, 0.1, 0.75, &mut lists), Ok(0.75));
     let mut met = EncounterLists::new();
-    tree.neighbor_lists_swept_into(TimeInterval::FULL, 0.3, &mut met).unwrap();
+    tree.neighbor_lists_swept(TimeInterval::FULL, 0.3).run(&mut met).unwrap();
     assert!(met.encounters().len() > 300 && met.encounters().iter().all(|e| (e.enter, e.leave) == (0.0, 1.0)));
     let all = tree.neighbor_lists(0.0, 0.3).sorted().in_order();
     all.run(&mut lists).unwrap();

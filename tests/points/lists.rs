@@ -3,7 +3,7 @@
 use crate::support::{Cloud, KINDS, Rng, cloud};
 use mbkd::{
     EncounterLists, ListError, ListQuery, MAX_POINT_COORDINATE, MovingPoint, NeighborCsr, PointArrays, PointParams,
-    PointStructure, PointTree, Precision, Radii, SimdLevel, TimeInterval, glam::Vec3,
+    PointStructure, PointTree, Precision, Radii, RadiusOf, SimdLevel, TimeInterval, glam::Vec3,
 };
 
 pub const STRUCTURES: [PointStructure; 4] =
@@ -300,19 +300,24 @@ fn bad_queries_get_errors() {
         assert_eq!(error(tree.neighbor_lists(time, 1.0)), ListError::Time);
     }
     for radius in [-1.0, f32::NAN, f32::NEG_INFINITY] {
-        assert_eq!(error(tree.neighbor_lists(0.0, radius)), ListError::Radius { id: None });
+        assert_eq!(error(tree.neighbor_lists(0.0, radius)), ListError::Radius { of: None });
         let (bad, good) = ([1.0, radius], [1.0, 1.0]);
-        let expected = ListError::Radius { id: Some(1) };
+        let [expected, of_listed] =
+            [RadiusOf::Point(1), RadiusOf::Listed(1)].map(|of| ListError::Radius { of: Some(of) });
         assert_eq!(error(tree.neighbor_lists(0.0, Radii::Own(&bad))), expected);
         assert_eq!(error(tree.neighbor_lists(0.0, Radii::Larger { own: &bad, others: &good })), expected);
-        assert_eq!(error(tree.neighbor_lists(0.0, Radii::Larger { own: &good, others: &bad })), expected);
-        assert_eq!(error(tree.neighbor_lists(0.0, Radii::Sum { own: &good, others: &bad })), expected);
+        assert_eq!(error(tree.neighbor_lists(0.0, Radii::Larger { own: &good, others: &bad })), of_listed);
+        assert_eq!(error(tree.neighbor_lists(0.0, Radii::Sum { own: &good, others: &bad })), of_listed);
     }
-    assert_eq!(error(tree.neighbor_lists(0.0, Radii::Own(&[1.0]))), ListError::MissingRadius { id: 1 });
+    assert_eq!(
+        error(tree.neighbor_lists(0.0, Radii::Own(&[1.0]))),
+        ListError::MissingRadius { of: RadiusOf::Point(1) }
+    );
+    assert_eq!(error(tree.neighbor_lists(0.0, Radii::Own(&[]))), ListError::MissingRadius { of: RadiusOf::Point(0) });
     let larger = Radii::Larger { own: &[1.0, 1.0], others: &[1.0] };
-    assert_eq!(error(tree.neighbor_lists(0.0, larger)), ListError::MissingRadius { id: 1 });
+    assert_eq!(error(tree.neighbor_lists(0.0, larger)), ListError::MissingRadius { of: RadiusOf::Listed(1) });
     let sum = Radii::Sum { own: &[1.0], others: &[1.0, 1.0] };
-    assert_eq!(error(tree.neighbor_lists(0.0, sum)), ListError::MissingRadius { id: 1 });
+    assert_eq!(error(tree.neighbor_lists(0.0, sum)), ListError::MissingRadius { of: RadiusOf::Point(1) });
     for length in [0.0, -1.0, f32::NAN, f32::INFINITY, 1e-40] {
         let query = tree.neighbor_lists(0.0, 1.0).periodic([None, Some(length), None]);
         assert_eq!(error(query), ListError::Period { axis: 1 });
@@ -466,7 +471,7 @@ fn memory_of_lists_is_in_proportion_to_what_they_hold() {
         let tree = PointTree::build(&points, &PointParams::default()).unwrap();
         let (mut lists, mut swept) = (NeighborCsr::new(), EncounterLists::new());
         pool.install(|| tree.neighbor_lists(0.0, 0.01).run(&mut lists)).unwrap();
-        pool.install(|| tree.neighbor_lists_swept_into(TimeInterval::FULL, 0.01, &mut swept)).unwrap();
+        pool.install(|| tree.neighbor_lists_swept(TimeInterval::FULL, 0.01).run(&mut swept)).unwrap();
         assert!(lists.neighbors() > 700 * 699 && swept.encounters().len() == lists.neighbors());
         let (held, of_swept) = (4 * lists.neighbors(), size_of_val(swept.encounters()));
         assert!(lists.bytes() < 10 * held, "{} of {held}", lists.bytes());
@@ -514,10 +519,12 @@ fn bulk_queries_equal_single_ones() {
         let mut bad = |queries: &[Vec3], time, radius| tree.within_lists(queries, time, radius).run(&mut lists);
         assert_eq!(bad(&[Vec3::ZERO, Vec3::NAN], 0.0, 1.0), Err(ListError::Query { query: 1 }));
         assert_eq!(bad(&[Vec3::splat(2e18)], 0.0, 1.0), Err(ListError::Query { query: 0 }));
-        assert_eq!(bad(&queries, 0.0, -1.0), Err(ListError::Radius { id: None }));
+        assert_eq!(bad(&queries, 0.0, -1.0), Err(ListError::Radius { of: None }));
         assert_eq!(bad(&queries, 2.0, 1.0), Err(ListError::Time));
         let few = tree.within_lists(&queries, 0.0, Radii::Own(&own[1..])).run(&mut lists);
-        assert_eq!(few, Err(ListError::MissingRadius { id: 699 }));
+        assert_eq!(few, Err(ListError::MissingRadius { of: RadiusOf::Query(699) }));
+        let text = few.unwrap_err().to_string();
+        assert!(text.contains("query 699"), "{text}");
         tree.within_lists(&[] as &[Vec3], 0.0, 1.0).run(&mut lists).unwrap();
         assert!(lists.is_empty());
     }
@@ -528,6 +535,25 @@ fn bulk_queries_equal_single_ones() {
     let mut lists = NeighborCsr::new();
     tree.within_lists(&points, 0.0, 0.3).run(&mut lists).unwrap();
     assert!(lists.iter().all(|(query, row)| row.len() == if query == 0 || query == 99 { 2 } else { 3 }));
+}
+
+#[test]
+fn queries_in_bulk_take_all_refinements_of_lists() {
+    let mut rng = Rng(78);
+    let [points, queries] = [900, 300].map(|count| (0..count).map(|_| rng.vec()).collect::<Vec<Vec3>>());
+    let [tree, of_queries] = [&points, &queries].map(|at| PointTree::build(at, &PointParams::default()).unwrap());
+    let (mut found, mut expected, periods) = (NeighborCsr::new(), NeighborCsr::new(), [Some(2.0f32), None, Some(2.0)]);
+    let query = tree.within_lists(&queries, 0.3, 0.4).in_order().sorted().with_displacements().periodic(periods);
+    query.run(&mut found).unwrap();
+    let lists = of_queries.neighbor_lists(0.3, 0.4).among(&tree).in_order().sorted().with_displacements();
+    lists.periodic(periods).run(&mut expected).unwrap();
+    assert_eq!((found.offsets(), found.ids()), (expected.offsets(), expected.ids()));
+    assert_eq!(found.displacements(), expected.displacements());
+    let most = (0..found.len()).map(|row| found.row(row).len()).max().unwrap();
+    query.max_neighbors(most).run(&mut found).unwrap();
+    let first = (0..found.len()).find(|&row| found.row(row).len() == most).unwrap();
+    let error = query.max_neighbors(most - 1).run(&mut found).unwrap_err();
+    assert_eq!(error, ListError::TooManyNeighbors { id: first as u32 });
 }
 
 /// Only points that exist at the time need a radius, whatever else the tree of its time slice holds.
@@ -545,7 +571,7 @@ fn missing_radii_do_not_depend_on_the_structure() {
                 PointTree::build(&points, &PointParams { structure, precision, ..PointParams::default() }).unwrap();
             for radii in [Radii::Own(&[1.5, 1.5]), Radii::Sum { own: &[0.7; 2], others: &[0.8; 2] }] {
                 let mut at = |time| tree.neighbor_lists(time, radii).run(&mut lists);
-                assert_eq!(at(0.1), Err(ListError::MissingRadius { id: 2 }), "{structure:?}");
+                assert_eq!(at(0.1), Err(ListError::MissingRadius { of: RadiusOf::Point(2) }), "{structure:?}");
                 assert_eq!(at(0.9), Ok(()), "{structure:?}");
                 assert_eq!(lists.neighbors(), 2);
             }

@@ -75,7 +75,7 @@ fn swept_lists_equal_comparing_all_pairs() {
             for radius in [size(&cloud) * 0.2, 0.0, size(&cloud) * 1e-3] {
                 let expected = meet_all(&cloud, interval, radius);
                 for (tree, what) in &trees {
-                    let found = tree.neighbor_lists_swept(interval, radius).unwrap();
+                    let found = tree.neighbor_lists_swept(interval, radius).collect().unwrap();
                     check(&found, &expected, &format!("{what}, {begin}..{end}, radius {radius}"));
                 }
             }
@@ -92,7 +92,7 @@ fn lists_longer_than_one_gather() {
         let cloud = cloud(kind, 2500, &mut Rng(11));
         let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
         let interval = TimeInterval::new(0.1, 0.8).unwrap();
-        tree.neighbor_lists_swept_into(interval, radius, &mut lists).unwrap();
+        tree.neighbor_lists_swept(interval, radius).run(&mut lists).unwrap();
         let times = [interval.begin(), interval.end()].map(f64::from);
         let (square, mut longest) = (f64::from(radius) * f64::from(radius), 0);
         for i in (0..cloud.len()).step_by(50) {
@@ -107,7 +107,7 @@ fn lists_longer_than_one_gather() {
         assert!(kind != "random" || longest == 2499, "{longest}");
     }
     let empty = PointTree::build(&[] as &[Vec3], &PointParams::default()).unwrap();
-    empty.neighbor_lists_swept_into(TimeInterval::FULL, 1.0, &mut lists).unwrap();
+    empty.neighbor_lists_swept(TimeInterval::FULL, 1.0).run(&mut lists).unwrap();
     assert_eq!((lists.len(), lists.encounters().len()), (0, 0));
 }
 
@@ -121,7 +121,7 @@ fn larger_sets_swept_on_all_numbers_of_threads() {
             let tree = build(&cloud, structure, SimdLevel::best());
             let found = [1, 3].map(|threads| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                pool.install(|| tree.neighbor_lists_swept(interval, 0.2)).unwrap()
+                pool.install(|| tree.neighbor_lists_swept(interval, 0.2).collect()).unwrap()
             });
             assert_eq!(found[0], found[1], "{kind}, {structure:?}");
             check(&found[0], &expected, &format!("{kind}, {structure:?}"));
@@ -139,7 +139,7 @@ fn lists_of_many_points_are_the_same_on_two_threads_as_on_one() {
     for count in [30_000, 12_345, 20_000] {
         let tree = build(&cloud("random", count, &mut Rng(count as u64)), PointStructure::Linear, SimdLevel::best());
         for ((pool, swept), lists) in [&one, &two].into_iter().zip(&mut swept).zip(&mut lists) {
-            pool.install(|| tree.neighbor_lists_swept_into(interval, 0.06, swept)).unwrap();
+            pool.install(|| tree.neighbor_lists_swept(interval, 0.06).run(swept)).unwrap();
             pool.install(|| tree.neighbor_lists(0.2, 0.06).run(lists)).unwrap();
         }
         assert!(swept[0].encounters().len() > 2 * count && swept[0].len() == count);
@@ -160,6 +160,50 @@ fn lists_of_many_points_are_the_same_on_two_threads_as_on_one() {
 /// Active intervals and parts of the shutter include their begin and exclude their end: two points of which one begins when
 /// the other ends have no encounter then, those that begin together do, also at splits of the shutter, at keys, and at the
 /// end of the query.
+/// Limits, the order of ids, and sorted lists, of one tree, of time slices, and of ids that repeat, on any number of threads.
+#[test]
+fn refined_lists_hold_the_same_encounters() {
+    let mut rng = Rng(54);
+    let count = 4000;
+    // A clump of fifty, all others have few neighbours.
+    let first: Vec<Vec3> =
+        (0..count).map(|i| if i % 70 == 3 && i < 3500 { Vec3::splat(3.0) } else { rng.vec() }).collect();
+    let second: Vec<Vec3> = first.iter().map(|p| *p + rng.vec() * 0.05).collect();
+    let ids: Vec<u32> = (0..count as u32).map(|i| i / 2).collect();
+    for (structure, ids) in
+        [(PointStructure::Linear, &[][..]), (PointStructure::TimeSlices(4), &[]), (PointStructure::TimeSlices(4), &ids)]
+    {
+        let set = PointArrays { keys: &[&first[..], &second], active: &[], ids };
+        let tree = PointTree::build(&set, &PointParams { structure, ..PointParams::default() }).unwrap();
+        let query = tree.neighbor_lists_swept(TimeInterval::FULL, 0.2);
+        let mut expected = vec![Vec::new(); count];
+        for (id, list) in query.collect().unwrap().iter() {
+            expected[id as usize] = list.to_vec();
+            expected[id as usize].sort_by_key(|encounter| encounter.id);
+        }
+        let most = expected.iter().map(Vec::len).max().unwrap();
+        let crowded = |most: usize| expected.iter().position(|list| list.len() > most).unwrap() as u32;
+        let mut lists = EncounterLists::new();
+        for threads in [1, 2, 5] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            for query in [query, query.max_neighbors(most)] {
+                pool.install(|| query.in_order().sorted().run(&mut lists)).unwrap();
+                assert!(lists.points().iter().copied().eq(0..count as u32));
+                assert!(lists.iter().all(|(id, list)| expected[id as usize] == list), "{structure:?}");
+            }
+            for most in [most - 1, most / 2, 0] {
+                let error = pool.install(|| query.max_neighbors(most).in_order().run(&mut lists)).unwrap_err();
+                assert_eq!(error, ListError::TooManyNeighbors { id: crowded(most) }, "{structure:?}, {most}");
+                assert!(lists.is_empty() && lists.encounters().is_empty());
+            }
+        }
+    }
+    let set = PointArrays { keys: &[&first[..2], &second[..2]], active: &[], ids: &[0, 7] };
+    let tree = PointTree::build(&set, &PointParams::default()).unwrap();
+    let error = tree.neighbor_lists_swept(TimeInterval::FULL, 9.0).in_order().collect().unwrap_err();
+    assert_eq!(error, ListError::Ids { id: 7 });
+}
+
 #[test]
 fn intervals_that_touch_at_splits_of_the_shutter() {
     let mut rng = Rng(77);
@@ -196,7 +240,7 @@ fn intervals_that_touch_at_splits_of_the_shutter() {
                 let touches = |e: &&Encounter| e.enter == 0.5 && e.leave == 0.5;
                 touching += expected.iter().flatten().filter(touches).count();
                 for (structure, tree) in &trees {
-                    let found = tree.neighbor_lists_swept(interval, radius).unwrap();
+                    let found = tree.neighbor_lists_swept(interval, radius).collect().unwrap();
                     let keys = cloud.keys.len();
                     check(&found, &expected, &format!("{keys} keys, {structure:?}, {begin}..{end}, radius {radius}"));
                 }
@@ -229,7 +273,7 @@ fn intervals_that_end_next_to_keys_that_are_no_floats() {
                         let interval = TimeInterval::new(begin, end).unwrap();
                         for radius in [2e3, 5e4] {
                             let expected = meet_all(&cloud, interval, radius);
-                            let found = tree.neighbor_lists_swept(interval, radius).unwrap();
+                            let found = tree.neighbor_lists_swept(interval, radius).collect().unwrap();
                             check(&found, &expected, &format!("{keys} keys, {structure:?}, {begin}..{end}, {radius}"));
                         }
                     }
@@ -324,7 +368,7 @@ fn a_pair_that_just_touches_the_radius_and_points_in_the_same_place() {
     ];
     let tree = PointTree::build(&points, &PointParams::default()).unwrap();
     let row = |radius: f32, interval: TimeInterval| {
-        let lists = tree.neighbor_lists_swept(interval, radius).unwrap();
+        let lists = tree.neighbor_lists_swept(interval, radius).collect().unwrap();
         let mut row = lists.iter().find(|(id, _)| *id == 1).unwrap().1.to_vec();
         row.sort_unstable_by_key(|e| e.id);
         row
@@ -361,7 +405,7 @@ fn closest_times_of_active_intervals_that_begin_and_end_at_a_key() {
     ];
     for structure in STRUCTURES.into_iter().chain([PointStructure::TimeSlices(2)]) {
         let tree = build(&cloud, structure, SimdLevel::best());
-        let lists = tree.neighbor_lists_swept(TimeInterval::FULL, 1.5).unwrap();
+        let lists = tree.neighbor_lists_swept(TimeInterval::FULL, 1.5).collect().unwrap();
         let mut row = lists.iter().find(|(id, _)| *id == 0).unwrap().1.to_vec();
         row.sort_unstable_by_key(|e| e.id);
         assert_eq!(row, expected, "{structure:?}");
@@ -376,8 +420,8 @@ fn bad_queries_get_errors_and_empty_sets_empty_lists() {
     let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3]], &PointParams::default()).unwrap();
     let mut lists = NeighborCsr::new();
     for bad in [-1.0, f32::NAN] {
-        let radius = Err(ListError::Radius { id: None });
-        assert_eq!(tree.neighbor_lists_swept(TimeInterval::FULL, bad).map(|_| ()), radius.clone());
+        let radius = Err(ListError::Radius { of: None });
+        assert_eq!(tree.neighbor_lists_swept(TimeInterval::FULL, bad).collect().map(|_| ()), radius.clone());
         tree.neighbor_lists(0.0, 9.0).run(&mut lists).unwrap();
         assert_eq!(tree.neighbor_lists_with_skin(0.0, bad, 1.0, 1.0, &mut lists).map(|_| ()), radius);
         assert!(lists.is_empty());
@@ -388,11 +432,11 @@ fn bad_queries_get_errors_and_empty_sets_empty_lists() {
         assert_eq!(tree.neighbor_lists_with_skin(time, 1.0, 1.0, until, &mut lists), Err(ListError::Time));
     }
     for radius in [f32::INFINITY, 1e30] {
-        let lists = tree.neighbor_lists_swept(TimeInterval::FULL, radius).unwrap();
+        let lists = tree.neighbor_lists_swept(TimeInterval::FULL, radius).collect().unwrap();
         assert_eq!(lists.encounters().len(), 2);
     }
     let empty = PointTree::build(&[] as &[Vec3], &PointParams::default()).unwrap();
-    assert!(empty.neighbor_lists_swept(TimeInterval::FULL, 1.0).unwrap().is_empty());
+    assert!(empty.neighbor_lists_swept(TimeInterval::FULL, 1.0).collect().unwrap().is_empty());
     assert_eq!(empty.neighbor_lists_with_skin(0.25, 1.0, 1.0, 0.75, &mut lists), Ok(0.75));
     // Nothing moves, so lists hold wherever the points are; a point that moves a little takes that away far from zero.
     let far = [MovingPoint::fixed(Vec3::X * 1e6), MovingPoint::fixed(Vec3::X * (1e6 + 3.0))];
@@ -458,7 +502,7 @@ fn crowds_that_just_touch_the_radius_are_met() {
         }
         for structure in [PointStructure::Linear, PointStructure::TimeSlices(3)] {
             let tree = build(&cloud, structure, SimdLevel::best());
-            let found = tree.neighbor_lists_swept(interval, radius).unwrap();
+            let found = tree.neighbor_lists_swept(interval, radius).collect().unwrap();
             for (id, row) in found.iter() {
                 assert_eq!(row.len(), 2 * CROWD - 1, "round {round}, {structure:?}: point {id}, radius {radius}");
             }

@@ -75,7 +75,7 @@ impl<'a> Whole<'a> {
                 }
             }
         }
-        let lists = tree(&all).neighbor_lists_swept(interval, radius).unwrap();
+        let lists = tree(&all).neighbor_lists_swept(interval, radius).collect().unwrap();
         let mut rows = HashMap::new();
         for (own, list) in lists.iter().filter(|(own, _)| (*own as usize) < self.particles.len()) {
             let mut row: Vec<Meeting> = list

@@ -185,7 +185,7 @@ fn ours(points: &[Vec3], radius: f32, lists: &mut NeighborCsr) {
 fn ours_swept(points: &[MovingPoint], radius: f32, lists: &mut EncounterLists) {
     let params = PointParams { structure: PointStructure::Linear, ..PointParams::default() };
     let tree = PointTree::build(points, &params).unwrap();
-    tree.neighbor_lists_swept_into(TimeInterval::FULL, radius, lists).unwrap();
+    tree.neighbor_lists_swept(TimeInterval::FULL, radius).run(lists).unwrap();
     black_box(lists.encounters());
 }
 

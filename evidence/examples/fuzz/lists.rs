@@ -140,7 +140,7 @@ fn check_swept(random: &mut Random, trees: &[(PointTree, String)], cloud: &Cloud
     let mut first: Option<Vec<Option<Vec<Encounter>>>> = None;
     for (tree, what) in trees {
         let mut lists = EncounterLists::new();
-        let result = tree.neighbor_lists_swept_into(interval, radius, &mut lists);
+        let result = tree.neighbor_lists_swept(interval, radius).run(&mut lists);
         same!(result, Ok(()), "{what}: swept over {interval:?}, {radius}");
         let mut rows = vec![None; cloud.len()];
         for (id, row) in lists.iter() {

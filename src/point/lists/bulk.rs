@@ -1,7 +1,8 @@
 //! Radius queries in bulk: the query points are put into a tree of their own, whose leaves traverse the other tree.
 
 use super::csr::NeighborCsr;
-use super::error::ListError;
+use super::error::{ListError, RadiusOf};
+use super::query::ListQuery;
 use super::radii::Radii;
 use crate::limits::is_in_range;
 use crate::parallel;
@@ -12,15 +13,13 @@ use crate::progress::Progress;
 use glam::Vec3;
 
 /// Many radius queries in preparation; made by [`PointTree::within_lists`].
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 #[must_use = "queries do nothing until `run` is called"]
 pub struct BulkQuery<'a, Q> {
     among: &'a PointTree,
     queries: &'a [Q],
-    time: f32,
-    radii: Radii<'a>,
-    distances: bool,
-    in_order: bool,
+    /// How the lists are made, of a tree in place of that of the queries.
+    lists: ListQuery<'a>,
 }
 
 impl PointTree {
@@ -49,21 +48,45 @@ impl PointTree {
         time: f32,
         radii: impl Into<Radii<'a>>,
     ) -> BulkQuery<'a, Q> {
-        BulkQuery { among: self, queries, time, radii: radii.into(), distances: false, in_order: false }
+        BulkQuery { among: self, queries, lists: self.neighbor_lists(time, radii).among(self) }
     }
 }
 
 impl<Q: Position> BulkQuery<'_, Q> {
+    /// See [`ListQuery::periodic`].
+    pub fn periodic<L: Into<f64>>(mut self, lengths: [Option<L>; 3]) -> Self {
+        self.lists = self.lists.periodic(lengths);
+        self
+    }
+
     /// Also gives squared distances.
     pub fn with_distances(mut self) -> Self {
-        self.distances = true;
+        self.lists = self.lists.with_distances();
+        self
+    }
+
+    /// Also gives the displacement from the query to each neighbour.
+    pub fn with_displacements(mut self) -> Self {
+        self.lists = self.lists.with_displacements();
+        self
+    }
+
+    /// Sorts each list by id.
+    pub fn sorted(mut self) -> Self {
+        self.lists = self.lists.sorted();
+        self
+    }
+
+    /// An error if a list has more neighbours than this ([`ListError::TooManyNeighbors`]): see [`ListQuery::max_neighbors`].
+    pub fn max_neighbors(mut self, most: usize) -> Self {
+        self.lists = self.lists.max_neighbors(most);
         self
     }
 
     /// Puts the lists in the order of the queries: list i is that of query i. Costs a copy of all lists from one place in
     /// memory to another.
     pub fn in_order(mut self) -> Self {
-        self.in_order = true;
+        self.lists = self.lists.in_order();
         self
     }
 
@@ -71,7 +94,7 @@ impl<Q: Position> BulkQuery<'_, Q> {
     ///
     /// # Errors
     /// - [`ListError::Query`] for a query that is not finite or too far away, [`ListError::TooManyQueries`].
-    /// - [`ListError::Time`], [`ListError::Radius`] and [`ListError::MissingRadius`] as [`ListQuery::run`](super::ListQuery::run).
+    /// - All others as [`ListQuery::run`], with the index of a query where that names a point.
     pub fn run(self, lists: &mut NeighborCsr) -> Result<(), ListError> {
         parallel::entered(self.queries.len(), || self.checked_run(lists))
     }
@@ -96,13 +119,12 @@ impl<Q: Position> BulkQuery<'_, Q> {
         let mut of_queries = built.expect("the positions and their number have been checked");
         // Positions in f32 are relative to this origin already.
         of_queries.origin = among.origin;
-        let mut query = of_queries.neighbor_lists(self.time, self.radii).among(among);
-        if self.distances {
-            query = query.with_distances();
-        }
-        if self.in_order {
-            query = query.in_order();
-        }
-        query.run(lists)
+        self.lists.of(&of_queries).run(lists).map_err(|error| match error {
+            ListError::Radius { of: Some(RadiusOf::Point(id)) } => ListError::Radius { of: Some(RadiusOf::Query(id)) },
+            ListError::MissingRadius { of: RadiusOf::Point(id) } => {
+                ListError::MissingRadius { of: RadiusOf::Query(id) }
+            }
+            other => other,
+        })
     }
 }

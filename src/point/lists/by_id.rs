@@ -11,32 +11,13 @@ const SHARE: usize = 1024;
 /// Brings the lists into the order of ids.
 pub(super) fn reorder(request: &ListRequest<'_>, lists: &mut NeighborCsr) -> Result<(), ListError> {
     let count = request.tree.len();
-    let from = &mut lists.rows;
-    from.clear();
-    from.resize(count, ABSENT);
-    for (row, &id) in lists.points.iter().enumerate() {
-        match from.get_mut(id as usize) {
-            Some(to) if *to == ABSENT => *to = row as u32,
-            _ => {
-                lists.clear();
-                return Err(ListError::Ids { id });
-            }
-        }
+    if let Err(error) = rows_of_ids(&lists.points, count, &mut lists.rows) {
+        lists.clear();
+        return Err(error);
     }
-    let length = |row: u32| match row {
-        ABSENT => 0,
-        row => lists.offsets[row as usize + 1] - lists.offsets[row as usize],
-    };
-    let offsets = &mut lists.new_offsets;
-    offsets.clear();
-    offsets.push(0);
-    let mut end = 0;
-    for &row in lists.rows.iter() {
-        end += length(row);
-        offsets.push(end);
-    }
+    let moves = RowMoves::new(&lists.rows, &lists.offsets, &mut lists.new_offsets);
+    let end = lists.offsets.last().copied().unwrap_or(0);
     lists.spare.make_room(end, request.listing.columns());
-    let moves = RowMoves { rows: &lists.rows, old: &lists.offsets, new: offsets };
     moves.copy(&lists.columns.ids, &mut lists.spare.ids[..end]);
     for (requested, (to, from)) in
         request.listing.columns().into_iter().zip(lists.spare.floats.iter_mut().zip(&lists.columns.floats))
@@ -52,20 +33,47 @@ pub(super) fn reorder(request: &ListRequest<'_>, lists: &mut NeighborCsr) -> Res
     Ok(())
 }
 
+/// The row of each of `count` ids, given the ids of rows; an error if one is too large or has two rows.
+pub(super) fn rows_of_ids(points: &[u32], count: usize, rows: &mut Vec<u32>) -> Result<(), ListError> {
+    rows.clear();
+    rows.resize(count, ABSENT);
+    for (row, &id) in points.iter().enumerate() {
+        match rows.get_mut(id as usize) {
+            Some(to) if *to == ABSENT => *to = row as u32,
+            _ => return Err(ListError::Ids { id }),
+        }
+    }
+    Ok(())
+}
+
 /// The row of a point that does not exist.
 const ABSENT: u32 = u32::MAX;
 
 /// Which list comes from where.
-struct RowMoves<'a> {
+pub(super) struct RowMoves<'a> {
     /// By new row.
     rows: &'a [u32],
     old: &'a [usize],
     new: &'a [usize],
 }
 
-impl RowMoves<'_> {
+impl<'a> RowMoves<'a> {
+    /// Of rows to the places of others, whose offsets are computed here.
+    pub(super) fn new(rows: &'a [u32], old: &'a [usize], new: &'a mut Vec<usize>) -> RowMoves<'a> {
+        let mut end = 0;
+        new.clear();
+        new.push(0);
+        new.extend(rows.iter().map(|&row| {
+            if row != ABSENT {
+                end += old[row as usize + 1] - old[row as usize];
+            }
+            end
+        }));
+        RowMoves { rows, old, new }
+    }
+
     /// Copies a column, halves at the same time.
-    fn copy<T: Copy + Send + Sync>(&self, from: &[T], to: &mut [T]) {
+    pub(super) fn copy<T: Copy + Send + Sync>(&self, from: &[T], to: &mut [T]) {
         if self.rows.len() > SHARE {
             let half = self.rows.len() / 2;
             let (left, right) = self.rows.split_at(half);

@@ -2,13 +2,34 @@
 
 use core::fmt;
 
+/// Whose radius an error is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RadiusOf {
+    /// A point that a list is made for, by its id: a radius of `own` in [`Radii`](crate::Radii).
+    Point(u32),
+    /// A point that may be listed, by its id: a radius of `others` in [`Radii`](crate::Radii).
+    Listed(u32),
+    /// A query of [`PointTree::within_lists`](crate::PointTree::within_lists), by its index.
+    Query(u32),
+}
+
+impl fmt::Display for RadiusOf {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            RadiusOf::Point(id) => write!(f, "point {id}"),
+            RadiusOf::Listed(id) => write!(f, "listed point {id}"),
+            RadiusOf::Query(query) => write!(f, "query {query}"),
+        }
+    }
+}
+
 /// Why neighbour lists could not be made. Nothing here panics on bad input: it returns this.
 ///
 /// ```
 /// use mbkd::{ListError, NeighborCsr, PointParams, PointTree};
 /// let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3]], &PointParams::default())?;
 /// let error = tree.neighbor_lists(0.0, -1.0).run(&mut NeighborCsr::new()).unwrap_err();
-/// assert_eq!(error, ListError::Radius { id: None });
+/// assert_eq!(error, ListError::Radius { of: None });
 /// println!("{error}");
 /// # Ok::<(), mbkd::PointError>(())
 /// ```
@@ -17,15 +38,15 @@ use core::fmt;
 pub enum ListError {
     /// A radius is negative or NaN.
     Radius {
-        /// The point whose radius it is; none where all have the same.
-        id: Option<u32>,
+        /// Whose radius it is; none where all have the same.
+        of: Option<RadiusOf>,
     },
     /// The skin is negative or NaN.
     Skin,
-    /// There are fewer radii than ids of the points that exist at the time.
+    /// There are fewer radii than ids of the points that exist at the time, or than queries.
     MissingRadius {
-        /// A point without a radius.
-        id: u32,
+        /// The first that has none.
+        of: RadiusOf,
     },
     /// The time is outside the shutter [0, 1] or NaN, or the time until which lists with a skin shall hold is, or it is before the other.
     Time,
@@ -48,9 +69,9 @@ pub enum ListError {
     },
     /// There are more queries than ids.
     TooManyQueries,
-    /// A point has more neighbours than [`ListQuery::max_neighbors`](crate::ListQuery::max_neighbors) allows.
+    /// A point or a query has more neighbours than [`ListQuery::max_neighbors`](crate::ListQuery::max_neighbors) allows.
     TooManyNeighbors {
-        /// The lowest id of such a point.
+        /// The lowest id of such a point, or index of such a query.
         id: u32,
     },
     /// The two trees keep positions in f32 relative to different origins, as trees do of f64 positions that are rounded.
@@ -68,10 +89,13 @@ pub enum ListError {
 impl fmt::Display for ListError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            ListError::Radius { id: Some(id) } => write!(f, "the radius of point {id} is negative or NaN"),
-            ListError::Radius { id: None } => f.write_str("the radius is negative or NaN"),
+            ListError::Radius { of: Some(of) } => write!(f, "the radius of {of} is negative or NaN"),
+            ListError::Radius { of: None } => f.write_str("the radius is negative or NaN"),
             ListError::Skin => f.write_str("the skin is negative or NaN"),
-            ListError::MissingRadius { id } => write!(f, "there is no radius for point {id}; give one for each id"),
+            ListError::MissingRadius { of: of @ RadiusOf::Query(_) } => {
+                write!(f, "there is no radius for {of}; give one for each query")
+            }
+            ListError::MissingRadius { of } => write!(f, "there is no radius for {of}; give one for each id"),
             ListError::Time => {
                 f.write_str("the time, or the one until which lists shall hold, is not in [0, 1], or they are in the wrong order")
             }

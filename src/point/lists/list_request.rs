@@ -1,6 +1,6 @@
 //! A request for neighbour lists, and its validation.
 
-use super::error::ListError;
+use super::error::{ListError, RadiusOf};
 use super::periodic_box::PeriodicBox;
 use super::radii::{Radii, is_bad};
 use crate::point::tree::PointTree;
@@ -31,7 +31,7 @@ impl Listing<'_> {
 }
 
 /// A request for neighbour lists.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct ListRequest<'a> {
     pub(super) tree: &'a PointTree,
     pub(super) among: &'a PointTree,
@@ -62,14 +62,17 @@ impl ListRequest<'_> {
         if let Some(axis) = (0..3).find(bad) {
             return Err(ListError::Period { axis });
         }
-        let bad_at = |radii: &[f32]| radii.iter().position(|&radius| is_bad(radius)).map(|id| id as u32);
+        let check = |radii: &[f32], of: fn(u32) -> RadiusOf| match radii.iter().position(|&radius| is_bad(radius)) {
+            Some(id) => Err(ListError::Radius { of: Some(of(id as u32)) }),
+            None => Ok(()),
+        };
         match self.listing.radii {
-            Radii::Equal(radius) if is_bad(radius) => Err(ListError::Radius { id: None }),
+            Radii::Equal(radius) if is_bad(radius) => Err(ListError::Radius { of: None }),
             Radii::Equal(_) => Ok(()),
-            Radii::Own(own) => bad_at(own).map_or(Ok(()), |id| Err(ListError::Radius { id: Some(id) })),
+            Radii::Own(own) => check(own, RadiusOf::Point),
             Radii::Larger { own, others } | Radii::Sum { own, others } => {
-                let bad = bad_at(own).or_else(|| bad_at(others));
-                bad.map_or(Ok(()), |id| Err(ListError::Radius { id: Some(id) }))
+                check(own, RadiusOf::Point)?;
+                check(others, RadiusOf::Listed)
             }
         }
     }

@@ -44,7 +44,7 @@ mod worker;
 
 pub use bulk::BulkQuery;
 pub use csr::NeighborCsr;
-pub use error::ListError;
+pub use error::{ListError, RadiusOf};
 pub use query::ListQuery;
 pub use radii::Radii;
-pub use swept::{Encounter, EncounterLists, certified_duration};
+pub use swept::{Encounter, EncounterLists, SweptQuery, certified_duration};

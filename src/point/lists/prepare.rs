@@ -1,6 +1,6 @@
 //! What is computed before lists are made: the groups of leaves, how far points reach, and whether all is within bounds.
 
-use super::error::ListError;
+use super::error::{ListError, RadiusOf};
 use super::list_layer::{ListLayer, ListView, with_view};
 use super::list_request::ListRequest;
 use super::periodic_box::MOST_PERIODS;
@@ -47,23 +47,23 @@ pub(super) fn prepare(request: &ListRequest<'_>, prepared: &mut Prepared) -> Res
             }
         }
     }
-    let mut measure = |tree: &PointTree, radii: &[f32]| {
+    let mut measure = |tree: &PointTree, radii: &[f32], of: fn(u32) -> RadiusOf| {
         let count = ListLayer::all(tree).count();
         prepared.reaches.resize(prepared.reaches.len().max(count), Reach::default());
         for (layer, reach) in ListLayer::all(tree).zip(&mut prepared.reaches) {
             with_view!(layer.at(origin, time), view => dispatch(simd, Measure { view, radii, reach }));
-            if let Some(id) = reach.missing {
-                return Err(ListError::MissingRadius { id });
-            }
         }
-        Ok(())
+        match prepared.reaches[..count].iter().filter_map(|reach| reach.missing).min() {
+            Some(id) => Err(ListError::MissingRadius { of: of(id) }),
+            None => Ok(()),
+        }
     };
     match request.listing.radii {
         Radii::Equal(_) => Ok(()),
-        Radii::Own(own) => measure(request.tree, own),
+        Radii::Own(own) => measure(request.tree, own, RadiusOf::Point),
         Radii::Larger { own, others } | Radii::Sum { own, others } => {
-            measure(request.tree, own)?;
-            measure(request.among, others)
+            measure(request.tree, own, RadiusOf::Point)?;
+            measure(request.among, others, RadiusOf::Listed)
         }
     }
 }
@@ -83,7 +83,7 @@ impl<V: CoordinateView> Kernel for FindBottomNodes<'_, V> {
         let target = view.target(s, Vec3::ZERO);
         let begin = groups.len();
         let (top, root) = view.root();
-        groups.push((top, root));
+        groups.push((number, root));
         // One level after the other: each node is replaced by its children.
         for level in (1..=top).rev() {
             let end = groups.len();
@@ -96,9 +96,6 @@ impl<V: CoordinateView> Kernel for FindBottomNodes<'_, V> {
                 }
             }
             groups.drain(begin..end);
-        }
-        if top == 0 {
-            groups[begin].0 = number;
         }
     }
 }

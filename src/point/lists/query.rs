@@ -10,7 +10,7 @@ use crate::parallel;
 use crate::point::tree::PointTree;
 
 /// A request for neighbour lists in preparation; made by [`PointTree::neighbor_lists`].
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 #[must_use = "a query does nothing until `run` is called"]
 pub struct ListQuery<'a> {
     request: ListRequest<'a>,
@@ -108,7 +108,7 @@ impl<'a> ListQuery<'a> {
     ///
     /// It bounds the memory of lists: where points clump, as in a simulation that becomes unstable, there may be as many
     /// neighbours as pairs of points, and a program that runs out of memory is aborted. It does not bound the time: all neighbours are
-    /// counted before the error. (Lists over an interval and lists with a skin have no such limit.)
+    /// counted before the error.
     ///
     /// ```
     /// use mbkd::{ListError, NeighborCsr, PointParams, PointTree};
@@ -129,6 +129,17 @@ impl<'a> ListQuery<'a> {
     pub fn in_order(mut self) -> Self {
         self.request.by_id = true;
         self
+    }
+
+    /// The same lists for the points of another tree.
+    pub(super) fn of<'b>(self, tree: &'b PointTree) -> ListQuery<'b>
+    where
+        'a: 'b,
+    {
+        let ListRequest { listing, .. } = self.request;
+        ListQuery {
+            request: ListRequest { tree, listing: Listing { distinct: tree.distinct, ..listing }, ..self.request },
+        }
     }
 
     /// Makes the lists, in place of what `lists` held. After an error it holds no lists.

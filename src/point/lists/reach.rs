@@ -10,7 +10,7 @@ use glam::Vec3;
 pub(super) struct Reach {
     /// By node.
     pub(super) nodes: Vec<Lanes<f32>>,
-    /// A point that exists at the time and for which there is no radius.
+    /// The lowest id of a point that exists at the time and for which there is no radius.
     pub(super) missing: Option<u32>,
 }
 
@@ -75,7 +75,7 @@ impl<V: CoordinateView> Kernel for MeasureNode<'_, V> {
                         points &= points - 1;
                         most = most.max(radius_of(radii, id));
                         if id as usize >= radii.len() {
-                            reach.missing = Some(id);
+                            reach.missing = Some(reach.missing.map_or(id, |other| other.min(id)));
                         }
                     }
                 }

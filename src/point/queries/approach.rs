@@ -337,7 +337,7 @@ impl PointTree {
     /// interval that begins or ends with the float next to a key which is no float may begin or end with the key.) Each point has
     /// a nearest moment in each segment between keys. Ties of their distances, as rounded to f32, go to the earlier time, then to the
     /// lower id. The distance is the exact one of these numbers, rounded to f32, as long as it is more than 2^-70 of the
-    /// largest coordinate; so is the time. Finds nothing for positions that are not finite or farther from the origin than
+    /// largest coordinate. The time is rounded to f32 from one in f64. Finds nothing for positions that are not finite or farther from the origin than
     /// [`MAX_POINT_COORDINATE`]. Cost: 3 to 16 microseconds among points that move little, some dozens if they move far
     /// across each other. All points that come equally near are compared, as those of a straight row beside the query's path do.
     ///

@@ -12,28 +12,41 @@ use crate::point::search::radius::{Front, search_blocks};
 use crate::point::search::sinks::Gather;
 use crate::point::search::{Keep, KeepAll};
 use crate::simd::{Kernel, Simd, dispatch};
+use core::fmt;
 
 /// The search pauses once it has found this many points, until they are consumed: resuming it costs more than a node.
 const BATCH: usize = 64;
 
 /// The traversal state of a layer.
 #[allow(clippy::large_enum_variant)] // stored in place, so that iterating does not allocate
-enum Progress {
+enum LayerFront {
     Boxes(Front),
     Planes(PlaneFront),
 }
 
 /// Iterator over the points within the radius of a query; made by [`NeighborQuery::iter`].
+#[must_use = "an iterator does nothing until it is advanced"]
 pub struct WithinIter<'a, K> {
     search: Search<'a>,
     keep: K,
+}
+
+impl<K> fmt::Debug for WithinIter<'_, K> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Query { exact, time, bound, .. } = &self.search.query;
+        f.debug_struct("WithinIter")
+            .field("position", exact)
+            .field("time", time)
+            .field("radius_squared", bound)
+            .finish_non_exhaustive()
+    }
 }
 
 /// A search in progress, independent of the filter.
 struct Search<'a> {
     query: Query<'a, KeepAll>,
     layer: usize,
-    front: Option<Progress>,
+    front: Option<LayerFront>,
     /// The points found in the last bottom nodes, and how many of them were consumed.
     candidates: Candidates,
     next: usize,
@@ -132,9 +145,9 @@ fn steps<S: Simd, V: View>(s: S, search: &mut Search<'_>, view: &V) -> bool {
 fn step<S: Simd, V: View>(s: S, search: &mut Search<'_>, view: &V) -> bool {
     let bound = s.splat(search.query.bound);
     let target = view.target(s, search.query.point);
-    let front = match search.front.get_or_insert_with(|| Progress::Boxes(Front::begin(view))) {
-        Progress::Boxes(front) => front,
-        Progress::Planes(_) => return false,
+    let front = match search.front.get_or_insert_with(|| LayerFront::Boxes(Front::begin(view))) {
+        LayerFront::Boxes(front) => front,
+        LayerFront::Planes(_) => return false,
     };
     let Some((node, mut lanes)) = front.next(s, view, &target, bound) else { return false };
     let mut sink = Gather { candidates: &mut search.candidates, keep: &KeepAll };
@@ -150,9 +163,9 @@ fn step<S: Simd, V: View>(s: S, search: &mut Search<'_>, view: &V) -> bool {
 #[inline(always)]
 fn step_planes<S: Simd>(s: S, search: &mut Search<'_>, view: &PlaneView<'_>) -> bool {
     let Query { bound, point, .. } = search.query;
-    let front = match search.front.get_or_insert_with(|| Progress::Planes(PlaneFront::begin())) {
-        Progress::Planes(front) => front,
-        Progress::Boxes(_) => return false,
+    let front = match search.front.get_or_insert_with(|| LayerFront::Planes(PlaneFront::begin())) {
+        LayerFront::Planes(front) => front,
+        LayerFront::Boxes(_) => return false,
     };
     let Some(blocks) = front.next(view, point, bound, || ()) else { return false };
     let mut sink = Gather { candidates: &mut search.candidates, keep: &KeepAll };

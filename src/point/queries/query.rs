@@ -8,6 +8,7 @@ use crate::point::search::{Keep, KeepAll, KeepIf, KeepLanes, NeighborWork};
 use crate::point::tree::PointTree;
 use crate::primitive::Position;
 use crate::simd::{Lanes, Mask};
+use core::fmt;
 use core::ops::ControlFlow;
 
 /// Memory for results and candidates. A loop that reuses a buffer allocates nothing once the buffer has grown to the size
@@ -36,7 +37,7 @@ impl NeighborBuffer {
         NeighborBuffer::default()
     }
 
-    /// The results of the last query.
+    /// The results of the last query of a [`PointTree`].
     pub fn found(&self) -> &[Neighbor] {
         &self.found
     }
@@ -50,6 +51,17 @@ impl NeighborBuffer {
 #[must_use = "a query does nothing until one of its runs is called"]
 pub struct NeighborQuery<'a, K = KeepAll> {
     pub(in crate::point) query: Query<'a, K>,
+}
+
+impl<K> fmt::Debug for NeighborQuery<'_, K> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Query { exact, time, bound, .. } = &self.query;
+        f.debug_struct("NeighborQuery")
+            .field("position", exact)
+            .field("time", time)
+            .field("radius_squared", bound)
+            .finish_non_exhaustive()
+    }
 }
 
 impl<'a> NeighborQuery<'a> {
@@ -148,7 +160,8 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         &buffer.found
     }
 
-    /// The work that [`NeighborQuery::nearest_n`] does for this query.
+    /// The work that [`NeighborQuery::nearest_n`] does for this query. (For one neighbour without a list of candidates it does somewhat
+    /// less.)
     pub fn work(self, k: usize) -> NeighborWork {
         if self.finds_something() && k > 0 {
             self.run(|query| compiled::work(query, k))

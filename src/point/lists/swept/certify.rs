@@ -7,6 +7,7 @@
 use super::coordinate::{SweptCoordinate, SweptLayer};
 use super::encounter::{EncounterLanes, FourPoints, Visitor};
 use super::sweep::Sweep;
+use crate::parallel;
 use crate::point::layout::linear_face::rounded_down;
 use crate::point::layout::over_interval::PointPath;
 use crate::point::lists::csr::NeighborCsr;
@@ -16,23 +17,7 @@ use crate::point::tree::PointTree;
 
 impl PointTree {
     /// The neighbour lists at `time` with a radius of `radius + skin`, and until when they hold every pair within
-    /// `radius`.
-    ///
-    /// What is certain: at each time from `time` to before the returned one, every pair that
-    /// [`PointTree::neighbor_lists`] finds within `radius` is in these lists, whatever the rounding. The verdict is exact
-    /// for the linear motion between keys, not a bound on speeds, and on the safe side by a few units in the last
-    /// place of the coordinates in the radius: by 2e-6 of the set's largest coordinate with two keys, and by 5e-7 more for each further one.
-    /// Of points kept in f64 it is 2e-14 and 1e-14 of the largest coordinate, with 5e-7 of the radius and 3e-7 of the most by which displacements
-    /// between two keys differ.
-    ///
-    /// If that is more than a third of the skin, two points that are just not in the lists may be near enough already. Then nothing is
-    /// certain, and the answer is `time` itself: a loop that goes on to the answer has to stop there, or use a wider skin. (If nothing
-    /// moves or begins to exist, the lists hold until `until` in any case.)
-    ///
-    /// Looks ahead to `until`, but not beyond the next key. If nothing is missing by then, that is what is returned;
-    /// otherwise just before the first time at which a pair is. Points that begin to exist later count too. Cost: the
-    /// lists, and those of [`neighbor_lists_swept`](PointTree::neighbor_lists_swept) over the time looked ahead.
-    /// If not the motion but a bound on all speeds is known: [`certified_duration`].
+    /// `radius`: see [`PointTree::certified_until`], which tells this alone, for lists with other columns or in another order.
     ///
     /// ```
     /// use mbkd::{MovingPoint, NeighborCsr, PointParams, PointTree, glam::Vec3};
@@ -46,8 +31,7 @@ impl PointTree {
     /// ```
     ///
     /// # Errors
-    /// A radius or skin that is negative or NaN, a time outside the shutter, and an `until` before it or beyond the shutter; `lists` then
-    /// holds none.
+    /// As [`PointTree::certified_until`]; `lists` then holds none.
     pub fn neighbor_lists_with_skin(
         &self,
         time: f32,
@@ -57,19 +41,48 @@ impl PointTree {
         lists: &mut NeighborCsr,
     ) -> Result<f32, ListError> {
         lists.clear();
-        if is_bad(skin) {
-            return Err(ListError::Skin);
-        }
-        if is_bad(radius) {
-            return Err(ListError::Radius { id: None });
-        }
-        if !(time..=1.0).contains(&until) {
-            return Err(ListError::Time);
-        }
+        check([time, until], radius, skin)?;
         self.neighbor_lists(time, radius + skin).run(lists)?;
+        self.certified_until(time, radius, skin, until)
+    }
+
+    /// Until when neighbour lists at `time` with a radius of `radius + skin` ([`PointTree::neighbor_lists`], in no periodic box) hold every
+    /// pair within `radius`.
+    ///
+    /// What is certain: at each time from `time` to before the returned one, every pair that
+    /// [`PointTree::neighbor_lists`] finds within `radius` is in these lists, whatever the rounding. The verdict is exact
+    /// for the linear motion between keys, not a bound on speeds, and on the safe side by a few units in the last
+    /// place of the coordinates in the radius: by 2e-6 of the set's largest coordinate with two keys, and by 5e-7 more for each further one.
+    /// Of points kept in f64 it is 2e-14 and 1e-14 of the largest coordinate, with 5e-7 of the radius and 3e-7 of the most by which displacements
+    /// between two keys differ.
+    ///
+    /// If that is more than a third of the skin, two points that are just not in the lists may be near enough already. Then nothing is
+    /// certain, and the answer is `time` itself: a loop that goes on to the answer has to stop there, or use a wider skin. (If nothing
+    /// moves or begins to exist, the lists hold until `until` in any case.)
+    ///
+    /// Looks ahead to `until`, but not beyond the next key. If nothing is missing by then, that is what is returned;
+    /// otherwise just before the first time at which a pair is. Points that begin to exist later count too. Cost: that of
+    /// [`neighbor_lists_swept`](PointTree::neighbor_lists_swept) over the time looked ahead, without writing lists.
+    /// If not the motion but a bound on all speeds is known: [`certified_duration`].
+    ///
+    /// ```
+    /// use mbkd::{MovingPoint, NeighborCsr, PointParams, PointTree, glam::Vec3};
+    /// let points = [MovingPoint::fixed(Vec3::ZERO), MovingPoint::new(Vec3::X * 4.0, Vec3::ZERO)];
+    /// let tree = PointTree::build(&points, &PointParams::default())?;
+    /// let (time, radius, skin, mut lists) = (0.0, 1.0, 0.5, NeighborCsr::new());
+    /// tree.neighbor_lists(time, radius + skin).pairs_once().in_order().max_neighbors(500).run(&mut lists)?;
+    /// let valid_until = tree.certified_until(time, radius, skin, 1.0)?;
+    /// assert!((valid_until - 0.75).abs() < 1e-5 && valid_until <= 0.75);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// A radius or skin that is negative or NaN, a time outside the shutter, and an `until` before it or beyond the shutter.
+    pub fn certified_until(&self, time: f32, radius: f32, skin: f32, until: f32) -> Result<f32, ListError> {
+        check([time, until], radius, skin)?;
         let first_missing =
             if self.precise.is_empty() { Self::first_missing::<f32> } else { Self::first_missing::<f64> };
-        Ok(first_missing(self, time, radius, radius + skin, until))
+        Ok(parallel::entered(self.len(), || first_missing(self, time, radius, radius + skin, until)))
     }
 
     /// The first time until which no pair comes within the radius that is not within `listed_within` at `time`, but at most the next key.
@@ -103,6 +116,18 @@ impl PointTree {
         // rounds in the quotient and in the time is less than 3ε, in which the two move by less than 21nεA.
         first.min(until)
     }
+}
+
+/// Checks the arguments of lists with a skin.
+fn check([time, until]: [f32; 2], radius: f32, skin: f32) -> Result<(), ListError> {
+    if is_bad(skin) {
+        return Err(ListError::Skin);
+    }
+    if is_bad(radius) {
+        return Err(ListError::Radius { of: None });
+    }
+    // Also false for NaN.
+    if 0.0 <= time && time <= until && until <= 1.0 { Ok(()) } else { Err(ListError::Time) }
 }
 
 /// Finds the first encounter of a pair that is not listed.

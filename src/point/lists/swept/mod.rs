@@ -55,11 +55,14 @@ mod certify;
 mod coordinate;
 mod encounter;
 mod lists;
+mod make;
 mod merge;
 mod pair_filter;
+mod query;
 mod sweep;
 mod time_slices;
 
 pub use certify::certified_duration;
 pub use encounter::Encounter;
 pub use lists::EncounterLists;
+pub use query::SweptQuery;

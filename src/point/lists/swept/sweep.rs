@@ -120,6 +120,11 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         })
     }
 
+    /// Whether no two points have the same id.
+    pub(super) fn has_distinct_ids(&self) -> bool {
+        self.tree.distinct
+    }
+
     /// The number of groups of points.
     pub(super) fn groups(&self) -> usize {
         self.groups.len()
@@ -325,7 +330,7 @@ mod tests {
                             "{keys} keys, {intervals} intervals, {structure:?}, {precision:?}, radius {radius}"
                         );
                         let mut lists = EncounterLists::new();
-                        tree.neighbor_lists_swept_into(interval, radius, &mut lists).unwrap();
+                        tree.neighbor_lists_swept(interval, radius).run(&mut lists).unwrap();
                         let [reported, pairings] = match precision {
                             Precision::Double => reported::<f64>(&tree, [begin, end], radius),
                             _ => reported::<f32>(&tree, [begin, end], radius),

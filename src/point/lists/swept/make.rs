@@ -1,0 +1,126 @@
+//! Making lists over an interval, on one thread or several, always the same ones.
+
+use super::coordinate::SweptCoordinate;
+use super::encounter::{Encounter, EncounterLanes, FourPoints, Visitor, WIDTH};
+use super::lists::EncounterLists;
+use super::sweep::{Sweep, Worker};
+use crate::parallel;
+use crate::point::layout::over_interval::PointPath;
+use crate::point::lists::in_order::{in_order, room_for};
+
+/// Groups of points for each thread whose lists are on their way: few, because the lists of one are a few hundred kilobytes.
+const SHARES: usize = 2;
+
+/// Lists in the making, which drop those with too many encounters.
+struct Maker {
+    lists: EncounterLists,
+    /// The greatest number of encounters of a point.
+    most: usize,
+    /// The lowest id of a point that has more.
+    crowded: Option<u32>,
+}
+
+impl Maker {
+    fn new(lists: EncounterLists, most: usize) -> Maker {
+        Maker { lists, most, crowded: None }
+    }
+
+    /// Ends the list of the point that came last.
+    #[inline(always)]
+    fn end_list(&mut self) {
+        let (Some(&id), [.., begin, end]) = (self.lists.points.last(), &mut self.lists.offsets[..]) else { return };
+        if *end - *begin > self.most {
+            *end = *begin;
+            self.crowded = Some(self.crowded.map_or(id, |other| other.min(id)));
+        }
+    }
+}
+
+impl Visitor for Maker {
+    const EXCLUDES_LISTED: bool = false;
+
+    #[inline(always)]
+    fn begin(&mut self, own: &PointPath) {
+        self.end_list();
+        self.lists.points.push(own.id);
+        self.lists.offsets.push(self.lists.end());
+    }
+
+    #[inline(always)]
+    fn visit<C: SweptCoordinate>(&mut self, _own: &PointPath, others: &FourPoints<C>, encounters: &EncounterLanes) {
+        let EncounterLists { offsets, encounters: written, .. } = &mut self.lists;
+        let Some(end) = offsets.last_mut() else { return };
+        if written.len() < *end + WIDTH {
+            super::lists::grow(written, *end + WIDTH);
+        }
+        let to: &mut [Encounter; WIDTH] = (&mut written[*end..*end + WIDTH]).try_into().expect("four");
+        *end += encounters.write(others, to);
+    }
+}
+
+/// Makes the lists of a sweep; returns the lowest id of a point that has more than `most` neighbours, whose list is then incomplete.
+pub(super) fn lists<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Sweep<'_, C>, most: usize) -> Option<u32> {
+    if !sweep.once {
+        return merged(lists, sweep, most);
+    }
+    if parallel::threads() > 1 {
+        return in_parallel(lists, sweep, most);
+    }
+    let mut worker = Worker::new(Maker::new(core::mem::take(lists), most));
+    sweep.run_on_one_thread(&mut worker);
+    worker.visitor.end_list();
+    *lists = worker.visitor.lists;
+    worker.visitor.crowded
+}
+
+/// Makes lists of which a point has several, and merges these.
+fn merged<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Sweep<'_, C>, most: usize) -> Option<u32> {
+    // None of the lists of a point is longer than all together, unless several points have the same id.
+    let most_of_one = if sweep.has_distinct_ids() { most } else { usize::MAX };
+    let mut makers = sweep.run(|| Maker::new(EncounterLists::cleared(), most_of_one));
+    makers.iter_mut().for_each(Maker::end_list);
+    let crowded = makers.iter().filter_map(|maker| maker.crowded).min();
+    lists.merge(&makers.into_iter().map(|maker| maker.lists).collect::<Vec<_>>());
+    let long = lists.iter().filter(|(_, list)| list.len() > most).map(|(id, _)| id);
+    long.chain(crowded).min()
+}
+
+/// Makes lists on several threads.
+fn in_parallel<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Sweep<'_, C>, most: usize) -> Option<u32> {
+    let mut shares = core::mem::take(&mut lists.shares);
+    // What is left of the lists before says nothing about these.
+    shares.iter_mut().for_each(EncounterLists::clear);
+    shares.resize(SHARES * parallel::threads(), EncounterLists::cleared());
+    let mut workers: Vec<_> = shares.into_iter().map(|share| Worker::new(Maker::new(share, most))).collect();
+    let (groups, mut done) = (sweep.groups(), 0);
+    while done < groups {
+        let EncounterLists { offsets, points, encounters, .. } = &mut *lists;
+        let begin = offsets.last().map_or(0, |end| *end);
+        let mut room = encounters.get_mut(begin..).unwrap_or_default();
+        let assign = |worker: &Worker<Maker, C>| {
+            let share = &worker.visitor.lists;
+            let (own, rest) = core::mem::take(&mut room).split_at_mut_checked(share.end())?;
+            room = rest;
+            let begin = offsets.last().map_or(0, |end| *end);
+            points.extend_from_slice(&share.points);
+            offsets.extend(share.offsets[1..].iter().map(|end| begin + end));
+            Some(own)
+        };
+        let make = |group: usize, worker: &mut Worker<Maker, C>| {
+            worker.visitor.lists.clear();
+            sweep.run_group(group, worker);
+            worker.visitor.end_list();
+        };
+        let copy = |worker: &Worker<Maker, C>, room: &mut [Encounter]| {
+            room.copy_from_slice(worker.visitor.lists.encounters());
+        };
+        done = in_order(done..groups, &mut workers, make, assign, copy);
+        if done < groups {
+            let made = workers.iter().map(|worker| worker.visitor.lists.end());
+            lists.make_room(room_for(lists.end(), done, groups - done, made));
+        }
+    }
+    let crowded = workers.iter().filter_map(|worker| worker.visitor.crowded).min();
+    lists.shares = workers.into_iter().map(|worker| worker.visitor.lists).collect();
+    crowded
+}

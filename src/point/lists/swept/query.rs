@@ -1,0 +1,140 @@
+//! The public interface of lists over an interval.
+
+use super::lists::EncounterLists;
+use super::make;
+use super::sweep::Sweep;
+use crate::geometry::TimeInterval;
+use crate::parallel;
+use crate::point::lists::error::ListError;
+use crate::point::lists::radii::is_bad;
+use crate::point::tree::PointTree;
+
+/// A request for the encounters of all points in preparation; made by [`PointTree::neighbor_lists_swept`].
+#[derive(Clone, Copy, Debug)]
+#[must_use = "a query does nothing until `run` or `collect` is called"]
+pub struct SweptQuery<'a> {
+    tree: &'a PointTree,
+    interval: TimeInterval,
+    radius: f32,
+    most: usize,
+    sorted: bool,
+    by_id: bool,
+}
+
+impl PointTree {
+    /// For every point all others that come within `radius` at some time of the interval, both ends included, with
+    /// the times: what a step of a simulation needs in which nothing may pass unseen.
+    ///
+    /// Decided in f64 for exact linear motion between the positions at the keys, in f32 or f64. Points meet while both exist: not
+    /// if one begins to exist where the other ends, as [`TimeInterval::contains`] has it. So an encounter begins before both
+    /// active intervals end; if the two are still approaching each other at the end, [`Encounter::closest`] and
+    /// [`Encounter::leave`] are the end itself, the limit of the times at which both exist. At a key, a point that
+    /// begins or ends there counts only on its own side. This also holds for the float next to a key that is no float
+    /// (5/6, say). An interval that ends just below such a key does not contain points that begin at it.
+    /// (A [`closest_approach`](PointTree::closest_approach) may also be at the end alone.)
+    ///
+    /// The encounters do not depend on the structure, the number of threads or the instruction set. Unless refined, the order of lists, and of
+    /// the encounters within them, is that of the tree, or that of ids where it consists of several; a point that does not exist in
+    /// the interval may have an empty list or none. Points with the same
+    /// id are no neighbours of each other; where the tree consists of several, they have one list together.
+    ///
+    /// Cost: several times that of lists at a time, even of points that do not move, as each encounter is computed in f64, while points
+    /// move less than their spacing relative to their neighbours. Motion that all have in common adds little.
+    ///
+    /// ```
+    /// use mbkd::{EncounterLists, MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
+    /// let mut lists = EncounterLists::new(); // memory that is used again in the next step
+    /// for step in 0..3 {
+    ///     let points = [MovingPoint::new(Vec3::X * step as f32, Vec3::ZERO), MovingPoint::fixed(Vec3::Y * 0.3)];
+    ///     let tree = PointTree::build(&points, &PointParams::default())?;
+    ///     tree.neighbor_lists_swept(TimeInterval::FULL, 0.5).run(&mut lists)?;
+    ///     assert_eq!(lists.encounters().len(), 2);
+    /// }
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// [`Encounter::closest`]: super::Encounter::closest
+    /// [`Encounter::leave`]: super::Encounter::leave
+    pub fn neighbor_lists_swept(&self, interval: TimeInterval, radius: f32) -> SweptQuery<'_> {
+        SweptQuery { tree: self, interval, radius, most: usize::MAX, sorted: false, by_id: false }
+    }
+}
+
+impl SweptQuery<'_> {
+    /// Sorts each list by id.
+    pub fn sorted(mut self) -> Self {
+        self.sorted = true;
+        self
+    }
+
+    /// An error if a list has more neighbours than this ([`ListError::TooManyNeighbors`]): bounds the memory of lists where points clump,
+    /// as [`ListQuery::max_neighbors`](crate::ListQuery::max_neighbors) does. (Where ids repeat, that of lists in preparation is not
+    /// bounded.)
+    ///
+    /// ```
+    /// use mbkd::{ListError, MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
+    /// let points = vec![MovingPoint::new(Vec3::ZERO, Vec3::X); 1000];
+    /// let tree = PointTree::build(&points, &PointParams::default())?;
+    /// let lists = tree.neighbor_lists_swept(TimeInterval::FULL, 1.0).max_neighbors(200).collect();
+    /// assert_eq!(lists, Err(ListError::TooManyNeighbors { id: 0 }));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn max_neighbors(mut self, most: usize) -> Self {
+        self.most = most;
+        self
+    }
+
+    /// Puts the lists in the order of ids, as [`ListQuery::in_order`](crate::ListQuery::in_order) does: list i is that of point i, empty if it
+    /// meets nothing or does not exist. Costs a copy of all lists.
+    pub fn in_order(mut self) -> Self {
+        self.by_id = true;
+        self
+    }
+
+    /// Makes the lists, in new memory. Step after step, [`SweptQuery::run`] saves allocating it.
+    ///
+    /// # Errors
+    /// As [`SweptQuery::run`].
+    pub fn collect(self) -> Result<EncounterLists, ListError> {
+        let mut lists = EncounterLists::new();
+        self.run(&mut lists)?;
+        Ok(lists)
+    }
+
+    /// Makes the lists, in place of what `lists` held. After an error it holds none.
+    ///
+    /// # Errors
+    /// - [`ListError::Radius`] for a radius that is negative or NaN.
+    /// - [`ListError::TooManyNeighbors`] for a list that is too long ([`SweptQuery::max_neighbors`]).
+    /// - [`ListError::Ids`] if lists in the order of ids are requested, and ids are not 0, 1, 2, … ([`SweptQuery::in_order`]).
+    pub fn run(self, lists: &mut EncounterLists) -> Result<(), ListError> {
+        parallel::entered(self.tree.len(), || self.checked_run(lists))
+    }
+
+    fn checked_run(self, lists: &mut EncounterLists) -> Result<(), ListError> {
+        let SweptQuery { tree, interval, radius, most, sorted, by_id } = self;
+        lists.clear();
+        if is_bad(radius) {
+            return Err(ListError::Radius { of: None });
+        }
+        let times = [interval.begin(), interval.end()];
+        let boxed = tree.box_tree(times);
+        let searched = boxed.as_ref().unwrap_or(tree);
+        let crowded = if tree.precise.is_empty() {
+            make::lists(lists, &Sweep::<f32>::new(searched, times, radius, None), most)
+        } else {
+            make::lists(lists, &Sweep::<f64>::new(searched, times, radius, None), most)
+        };
+        if let Some(id) = crowded {
+            lists.clear();
+            return Err(ListError::TooManyNeighbors { id });
+        }
+        if by_id {
+            lists.reorder(tree.len())?;
+        }
+        if sorted {
+            lists.sort();
+        }
+        Ok(())
+    }
+}
