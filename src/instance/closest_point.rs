@@ -12,7 +12,9 @@ use super::tree::{InstanceOf, InstanceTree};
 use crate::geometry::Placement;
 use crate::layout::ChildRef;
 use crate::primitive::PrimitiveSet;
-use crate::ray::{ClosestPointQuery, Guards, Leaves, NearestFirst, Observer, PlacedQuery, Query, answer_each};
+use crate::ray::{
+    ClosestPointQuery, Guards, LeafSearch, NearestFirst, Observer, PlacedQuery, QueryInTree, answer_each,
+};
 use crate::simd::{Simd, dispatch};
 
 impl InstanceTree {
@@ -139,7 +141,7 @@ impl InstanceTree {
         path: InstancePath,
         guards: &mut InstanceGuards<'_, InstancePoint>,
     ) -> Option<InstancePoint> {
-        let in_tree = Query::new(query, self.placements.frame())?;
+        let in_tree = QueryInTree::new(query, self.placements.frame())?;
         let mut leaves = InInstances { of: self, query: *query, path, guards, best: None };
         dispatch(self.simd, NearestFirst { tree: &self.wide, query: &in_tree, leaves: &mut leaves });
         leaves.best
@@ -180,7 +182,7 @@ struct InInstances<'a, 'b> {
     best: Option<InstancePoint>,
 }
 
-impl Leaves for InInstances<'_, '_> {
+impl LeafSearch for InInstances<'_, '_> {
     #[inline]
     fn limit(&self) -> f32 {
         self.query.query.max_distance

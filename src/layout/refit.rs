@@ -13,7 +13,7 @@ use super::leaf_block::{MovedLeaf, WideSource};
 use super::leaf_ids::Ids;
 use super::node_boxes::{BoxRows, MeasuredBoxes};
 use super::refit_plan::{Above, RefitPlan, Slice, Touched};
-use super::shared_blocks::{SharedBounds, SharedLeaf, SharedLeaves};
+use super::shared_blocks::{SharedBlocks, SharedBounds, SharedLeaf};
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS};
 use super::wide_tree::WideTree;
 use super::write::read_box;
@@ -149,7 +149,7 @@ struct Pass<'a, S> {
     lists: usize,
     level: SimdLevel,
     /// The leaf blocks that slices share, and their results.
-    shared: &'a [SharedLeaves],
+    shared: &'a [SharedBlocks],
     in_slices: Vec<SharedBounds>,
     places: &'a HashMap<u32, usize>,
     /// The results for the first of the subtrees in `places`, as many as are done.
@@ -198,7 +198,7 @@ impl<S: WideSource> Pass<'_, S> {
     /// Rewrites shared leaf blocks, and records their bounds.
     fn shared_leaves(&mut self, words: &mut [u32], touched: &Touched) -> Done {
         let mut done = Done::default();
-        for (SharedLeaves { leaves, words: of_leaves, slices, .. }, &touched) in self.shared.iter().zip(&touched.shared)
+        for (SharedBlocks { leaves, words: of_leaves, slices, .. }, &touched) in self.shared.iter().zip(&touched.shared)
         {
             let mut in_slices = SharedBounds::default();
             let leaves = if touched { &leaves[..] } else { &[] };

@@ -7,7 +7,7 @@ use super::built_place::BuiltPlace;
 use super::keyed_leaf::KeyedLeaf;
 use super::leaf_block::WideSource;
 use super::leaf_ids::Ids;
-use super::shared_blocks::{SharedLeaves, shared_leaves};
+use super::shared_blocks::{SharedBlocks, shared_leaves};
 use super::sphere_leaf::SphereLeaf;
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS};
 use super::wide_tree::WideTree;
@@ -79,7 +79,7 @@ pub(crate) struct RefitPlan {
     pub units: Vec<Unit>,
     /// Children before their parents.
     pub above: Vec<Above>,
-    pub shared: Vec<SharedLeaves>,
+    pub shared: Vec<SharedBlocks>,
     /// The position of each of these subtrees by its root: the units, and then the nodes above.
     pub places: HashMap<u32, usize>,
     /// Cost of the tree per area of its root when it was built.
@@ -202,7 +202,7 @@ impl<S: WideSource> Exploration<'_, S> {
         let shared = shared_leaves(&of_slices).map(|leaves| {
             let end = leaves.iter().fold(0, |_, of| self.leaf(of.leaf, None).end);
             add(&mut self.plan.shared_of, &mut self.meshes[first..], self.plan.shared.len());
-            self.plan.shared.push(SharedLeaves::new(leaves, end, slices.len()));
+            self.plan.shared.push(SharedBlocks::new(leaves, end, slices.len()));
             self.plan.shared.len() - 1
         });
         let numbered = |index: usize| shared.map(|shared| Slice { shared, index });

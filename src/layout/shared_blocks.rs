@@ -17,7 +17,7 @@ pub(crate) struct SharedLeaf {
 }
 
 /// The leaf blocks that the slices of a time node share, in the order of the arena.
-pub(crate) struct SharedLeaves {
+pub(crate) struct SharedBlocks {
     pub leaves: Vec<SharedLeaf>,
     pub words: Range<usize>,
     /// The number of slices.
@@ -29,13 +29,13 @@ pub(crate) struct SharedLeaves {
 /// Words of a section: about those of a block.
 const SECTION: usize = 16 * LANES;
 
-impl SharedLeaves {
+impl SharedBlocks {
     /// For the leaf blocks of some slices, which end before word `end`.
-    pub fn new(leaves: Vec<SharedLeaf>, end: usize, slices: usize) -> SharedLeaves {
+    pub fn new(leaves: Vec<SharedLeaf>, end: usize, slices: usize) -> SharedBlocks {
         let words = leaves[0].leaf.at()..end;
         let sections = words.clone().step_by(SECTION);
         let first = sections.map(|begin| leaves.partition_point(|of| of.leaf.at() < begin) as u32).collect();
-        SharedLeaves { leaves, words, slices, first }
+        SharedBlocks { leaves, words, slices, first }
     }
 
     /// Whether a leaf block is one of them.
@@ -124,12 +124,12 @@ mod tests {
         let shared = shared_leaves(&[vec![leaf(70), leaf(1)], vec![leaf(2)], vec![leaf(1), leaf(2)]]);
         let shared = shared.expect("two blocks are in two slices");
         assert!(shared.iter().map(|of| (of.leaf, of.slices)).eq([(leaf(1), 0b101), (leaf(2), 0b110), (leaf(70), 1)]));
-        let shared = SharedLeaves::new(shared, 80 * LANES, 3);
+        let shared = SharedBlocks::new(shared, 80 * LANES, 3);
         assert!([1, 2, 70].map(|line| shared.number(leaf(line))).iter().eq(&[0, 1, 2]));
         assert!(shared.have(leaf(1)) && !shared.have(leaf(0)) && !shared.have(leaf(80)));
         let lines: Vec<usize> = (0..500).map(|i| 3 * i + i * i % 3).collect();
         let all = lines.iter().map(|&line| SharedLeaf { leaf: leaf(line), slices: 1 }).collect();
-        let shared = SharedLeaves::new(all, 1600 * LANES, 3);
+        let shared = SharedBlocks::new(all, 1600 * LANES, 3);
         assert!(lines.iter().map(|&line| shared.number(leaf(line))).eq(0..500));
     }
 

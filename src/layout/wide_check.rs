@@ -30,7 +30,7 @@ impl WideTree {
         // Each primitive takes a few bytes, so tables of primitives are in proportion to the file.
         require(set.len() <= words.len(), "there are more primitives than words in the tree")?;
         let found = self.check_nodes()?;
-        let of_leaves = Leaves { tree: self, words, set, triangles: set.triangles(), bent: set.bent() };
+        let of_leaves = LeafCheck { tree: self, words, set, triangles: set.triangles(), bent: set.bent() };
         self.index_checked_leaves(set, &found, |leaf| of_leaves.check(leaf))
     }
 
@@ -91,7 +91,7 @@ impl WideTree {
 }
 
 /// The inputs of the check of leaf blocks.
-struct Leaves<'a, S> {
+struct LeafCheck<'a, S> {
     tree: &'a WideTree,
     words: &'a [u32],
     set: &'a S,
@@ -100,7 +100,7 @@ struct Leaves<'a, S> {
     bent: bool,
 }
 
-impl<S: WideSource> Leaves<'_, S> {
+impl<S: WideSource> LeafCheck<'_, S> {
     fn check(&self, leaf: ChildRef) -> Result<(), FileError> {
         let Some(block) = self.words.get(leaf.at()..) else {
             return broken("a reference to a leaf block points outside the tree");

@@ -19,7 +19,7 @@ use super::traversal::collect::Visitor;
 use super::traversal::interleave::Interleaved;
 use super::traversal::intersect::RaySource;
 use super::traversal::lazy::answer_lazily;
-use super::traversal::query::{AllHits, AnyHit, AnyOrAll, Asked, ClosestHit, OfWide, PartOfWide, Query, QueryArgs};
+use super::traversal::query::{AllHits, AnyHit, AnyOrAll, Asked, ClosestHit, OfWide, PartOfWide, QueryArgs, RayQuery};
 use super::traversal::stream::Streams;
 use super::{Everything, Hit, Observer, Ray, Visible};
 use crate::error::BuildError;
@@ -35,7 +35,7 @@ use core::ops::ControlFlow;
 
 /// Not inlined into the wide layout's traversal, which has fewer registers to save without it.
 #[inline(never)]
-fn answer_in_kd<G: RaySource, F: Filter, O: Observer, Q: Query>(
+fn answer_in_kd<G: RaySource, F: Filter, O: Observer, Q: RayQuery>(
     asked: Asked<'_, G, F, O, Q>,
     tree: &KdTree,
 ) -> Q::Answer {
@@ -304,7 +304,7 @@ impl<G> Copy for Target<'_, G> {}
 
 impl<G: RaySource> Target<'_, G> {
     /// Answers a query from whichever layout the tree has.
-    fn answer<Q: Query>(self, query: Q, ray: &Ray, guards: Guards<'_, Offer>) -> Q::Answer {
+    fn answer<Q: RayQuery>(self, query: Q, ray: &Ray, guards: Guards<'_, Offer>) -> Q::Answer {
         let Guards { visible, mut observer } = guards;
         let args = QueryArgs { set: self.geometry, ray, filter: &visible, observer: &mut observer };
         match self.layout {
@@ -321,7 +321,7 @@ impl<G: RaySource> Target<'_, G> {
     /// Answers a query without guards, where that form is compiled. The query is constructed at its place of use: moved
     /// there, it would be copied by wide loads that stall on the narrow stores before them.
     #[inline(always)]
-    fn answer_plain<'b, Q: Query>(
+    fn answer_plain<'b, Q: RayQuery>(
         self,
         asked: impl FnOnce() -> Asked<'b, G, Everything, (), Q>,
         guarded: impl FnOnce(Q) -> Q::Answer,

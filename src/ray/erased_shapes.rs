@@ -6,7 +6,7 @@
 //! points of each leaf, for each bound that a build needs. Boxes, nodes and the order of visits are the crate's own.
 
 use super::closest_point::closest_search::ClosestPointSource;
-use super::closest_point::point_query::{Candidate, Query};
+use super::closest_point::point_query::{Candidate, QueryInTree};
 use super::compiled::{Compiled, Layout, Queries, Target, lay_out};
 use super::hit::SetHit;
 use super::kernel::shear::Sheared;
@@ -23,14 +23,14 @@ use crate::progress::Progress;
 /// [`Shapes`] of any type.
 trait AnyShapes: PrimitiveSet {
     fn intersect(&self, id: u32, ray: &TreeRay, sheared: &Sheared) -> Option<SetHit>;
-    fn first_within(&self, ids: &[u32], query: &Query, limit: f32) -> Option<(usize, Candidate)>;
+    fn first_within(&self, ids: &[u32], query: &QueryInTree, limit: f32) -> Option<(usize, Candidate)>;
 }
 
 impl<P: Primitive> AnyShapes for Shapes<P> {
     fn intersect(&self, id: u32, ray: &TreeRay, sheared: &Sheared) -> Option<SetHit> {
         RaySource::intersect(self, id, ray, sheared)
     }
-    fn first_within(&self, ids: &[u32], query: &Query, limit: f32) -> Option<(usize, Candidate)> {
+    fn first_within(&self, ids: &[u32], query: &QueryInTree, limit: f32) -> Option<(usize, Candidate)> {
         ClosestPointSource::first_within(self, ids, query, limit)
     }
 }
@@ -128,12 +128,12 @@ impl RaySource for ErasedShapes<'_> {
 }
 
 impl ClosestPointSource for ErasedShapes<'_> {
-    fn closest_point(&self, id: u32, query: &Query) -> Option<Candidate> {
+    fn closest_point(&self, id: u32, query: &QueryInTree) -> Option<Candidate> {
         self.first_within(&[id], query, f32::INFINITY).map(|(_, candidate)| candidate)
     }
 
     #[inline(always)]
-    fn first_within(&self, ids: &[u32], query: &Query, limit: f32) -> Option<(usize, Candidate)> {
+    fn first_within(&self, ids: &[u32], query: &QueryInTree, limit: f32) -> Option<(usize, Candidate)> {
         self.shapes.first_within(ids, query, limit)
     }
 }

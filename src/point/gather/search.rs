@@ -8,9 +8,9 @@
 use super::index::Index;
 use super::span_view::SpanView;
 use super::stamped::{Scale, StampedView};
-use crate::point::layout::snapshot::Leaves;
+use crate::point::layout::snapshot::LeafView;
 use crate::point::neighbor::Neighbor;
-use crate::point::queries::compiled::{Query, append};
+use crate::point::queries::compiled::{PreparedQuery, append};
 use crate::point::queries::query::NeighborBuffer;
 use crate::point::search::candidates::Candidates;
 use crate::point::search::counted_search::walk_counted;
@@ -87,7 +87,7 @@ impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
         if let Some(tree) = self.others() {
             let (point, exact, time) = (self.point, self.point.as_dvec3(), self.time);
             let kept = |slots: &_, mask| self.keep.kept(slots, mask);
-            append(&Query { tree, point, exact, time, bound, shrink: 1.0, keep: KeepLanes(&kept) }, candidates);
+            append(&PreparedQuery { tree, point, exact, time, bound, shrink: 1.0, keep: KeepLanes(&kept) }, candidates);
         }
     }
 

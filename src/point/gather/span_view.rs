@@ -1,7 +1,7 @@
 //! The view of a tree over space and time: one traversal for all distance measures.
 
 use super::span_tree::{SpanBlock, SpanNode, SpanTree};
-use crate::point::layout::snapshot::{Leaves, Target, View, diagonal};
+use crate::point::layout::snapshot::{LeafView, Target, View, diagonal};
 use crate::simd::{LANES, Lanes, Mask, Simd, prefetch};
 use glam::Vec3;
 
@@ -25,7 +25,7 @@ pub(super) struct SpanView<'a, B, L> {
     pub(super) measure: L,
 }
 
-impl<B: SpanBlock, L: Measure<B>> Leaves for SpanView<'_, B, L> {
+impl<B: SpanBlock, L: Measure<B>> LeafView for SpanView<'_, B, L> {
     #[inline(always)]
     fn leaf_blocks(&self) -> usize {
         1

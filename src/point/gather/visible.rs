@@ -20,7 +20,7 @@ use super::span_tree::{Span, SpanBlock, SpanNode, SpanTree, around};
 use super::span_view::{Measure, SpanView};
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::parallel;
-use crate::point::layout::snapshot::{Leaves, Target, outside, rows, squared};
+use crate::point::layout::snapshot::{LeafView, Target, outside, rows, squared};
 use crate::point::queries::batch::morton_order;
 use crate::point::queries::query::NeighborBuffer;
 use crate::point::search::KeepAll;

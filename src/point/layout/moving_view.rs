@@ -1,7 +1,7 @@
 //! A tree of moving points at a time: the view of its leaves, for boxes and planes alike.
 
 use super::moving_leaf::MovingLeaves;
-use super::snapshot::{Leaves, Target};
+use super::snapshot::{LeafView, Target};
 use crate::geometry::KeyTime;
 use crate::point::leaf_order::moving_reference::{SegmentSlice, phase};
 use crate::simd::{Lanes, Simd};
@@ -44,7 +44,7 @@ impl<'a, T: HasLeaves, const TIMED: bool> AtTime<'a, T, TIMED> {
     }
 }
 
-impl<T: HasLeaves, const TIMED: bool> Leaves for AtTime<'_, T, TIMED> {
+impl<T: HasLeaves, const TIMED: bool> LeafView for AtTime<'_, T, TIMED> {
     #[inline(always)]
     fn leaf_blocks(&self) -> usize {
         1

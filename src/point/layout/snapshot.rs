@@ -36,7 +36,7 @@ impl<S: Simd> Target<S> {
 }
 
 /// The leaves of a tree at a time: blocks of sixteen points, numbered over the whole tree.
-pub(in crate::point) trait Leaves: Copy {
+pub(in crate::point) trait LeafView: Copy {
     /// Blocks per leaf.
     fn leaf_blocks(&self) -> usize;
     /// The query in all lanes.
@@ -54,8 +54,8 @@ pub(in crate::point) trait Leaves: Copy {
 /// A tree of boxes at a time.
 ///
 /// Nodes are numbered over the whole tree. Level 0 holds the bottom nodes, whose lanes
-/// are leaves; a leaf is [`Leaves::leaf_blocks`] consecutive blocks of sixteen points.
-pub(in crate::point) trait View: Leaves {
+/// are leaves; a leaf is [`LeafView::leaf_blocks`] consecutive blocks of sixteen points.
+pub(in crate::point) trait View: LeafView {
     /// Squared radius of a ball that holds as many points as a leaf does, in squared diagonals of the leaf's box: an
     /// estimate. It is about a fifth in space and on surfaces alike; boxes that hold moving points the whole time
     /// are larger than their contents, and leaves in which few points are active at a time hold less.

@@ -7,7 +7,7 @@
 
 use super::fill_leaves::{BottomNodes, Points, fill};
 use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath, throughout};
-use super::snapshot::{Boxes, CoordinateView, Leaves, Target, View, diagonal, outside, rows, squared};
+use super::snapshot::{Boxes, CoordinateView, LeafView, Target, View, diagonal, outside, rows, squared};
 use crate::geometry::TimeInterval;
 use crate::limits::MAX_LEVELS;
 use crate::point::leaf_order::bottom_order::{MOST, Rows};
@@ -268,7 +268,7 @@ impl Points for Moved<'_> {
     }
 }
 
-impl Leaves for &StaticTree {
+impl LeafView for &StaticTree {
     #[inline(always)]
     fn leaf_blocks(&self) -> usize {
         self.shape.leaf_blocks

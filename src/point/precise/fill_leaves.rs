@@ -73,7 +73,7 @@ impl PointsOfSlice<'_> {
 }
 
 /// Leaves to be filled. Rows that the tree does not have are empty.
-struct Leaves<'a> {
+struct LeafRowsMut<'a> {
     numbers: &'a [u32],
     blocks: &'a mut [Block],
     ends: &'a mut [ExactRows],
@@ -97,10 +97,10 @@ impl PreciseTree {
         let mut block_times = sections(&mut self.block_times, leaf_blocks);
         let mut active = sections(&mut self.active, leaf_blocks);
         let shares = numbers.chunks(leaf * SHARE).zip(self.blocks.chunks_mut(leaf_blocks * SHARE));
-        let mut shares: Vec<Leaves<'_>> = shares
+        let mut shares: Vec<LeafRowsMut<'_>> = shares
             .map(|(numbers, blocks)| {
                 let (ends, block_times) = (ends.next().unwrap_or_default(), block_times.next().unwrap_or_default());
-                Leaves { numbers, blocks, ends, block_times, active: active.next().unwrap_or_default() }
+                LeafRowsMut { numbers, blocks, ends, block_times, active: active.next().unwrap_or_default() }
             })
             .collect();
         let progress = progress.in_units(shares.len());
@@ -127,7 +127,7 @@ fn with_next(numbers: &[u32]) -> impl Iterator<Item = (u32, Option<u32>)> {
     numbers.iter().copied().zip(later.chain(iter::repeat(None)))
 }
 
-impl Leaves<'_> {
+impl LeafRowsMut<'_> {
     /// Fills leaves with points that do not move and exist throughout the shutter.
     fn fill_static(&mut self, points: PointsOfSlice<'_>, leaf_blocks: usize) -> Vec<LinearBox> {
         let mut boxes = Vec::with_capacity(SHARE);

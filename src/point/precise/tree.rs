@@ -13,7 +13,9 @@
 use super::linear_box::Node;
 use crate::point::layout::moving_leaf::LaneIntervals;
 use crate::point::layout::slice_tree::SliceTree;
-use crate::point::layout::snapshot::{Boxes, CoordinateView, ExactRows, Leaves, Target, View, diagonal, outside, rows};
+use crate::point::layout::snapshot::{
+    Boxes, CoordinateView, ExactRows, LeafView, Target, View, diagonal, outside, rows,
+};
 use crate::point::layout::static_tree::Shape;
 use crate::point::leaf_order::moving_reference::{SegmentSlice, exact_phase};
 use crate::simd::{LANES, Lanes, Mask, Simd, prefetch};
@@ -246,7 +248,7 @@ impl<const MOVING: bool> PreciseView<'_, MOVING> {
     }
 }
 
-impl<const MOVING: bool> Leaves for PreciseView<'_, MOVING> {
+impl<const MOVING: bool> LeafView for PreciseView<'_, MOVING> {
     #[inline(always)]
     fn leaf_blocks(&self) -> usize {
         if MOVING { 1 } else { self.tree.shape.leaf_blocks }

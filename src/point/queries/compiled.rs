@@ -22,7 +22,7 @@ use glam::{DVec3, Vec3};
 
 /// A query of a tree: point, time, bounds and filter.
 #[derive(Clone, Copy)]
-pub(in crate::point) struct Query<'a, K> {
+pub(in crate::point) struct PreparedQuery<'a, K> {
     pub tree: &'a PointTree,
     /// The point, relative to the tree's origin.
     pub point: Vec3,
@@ -36,12 +36,12 @@ pub(in crate::point) struct Query<'a, K> {
     pub keep: K,
 }
 
-impl<'a, K> Query<'a, K> {
+impl<'a, K> PreparedQuery<'a, K> {
     /// The same query with another filter.
     #[inline(always)]
-    pub(in crate::point) fn keeping<L>(&self, keep: L) -> Query<'a, L> {
-        let Query { tree, point, exact, time, bound, shrink, keep: _ } = *self;
-        Query { tree, point, exact, time, bound, shrink, keep }
+    pub(in crate::point) fn keeping<L>(&self, keep: L) -> PreparedQuery<'a, L> {
+        let PreparedQuery { tree, point, exact, time, bound, shrink, keep: _ } = *self;
+        PreparedQuery { tree, point, exact, time, bound, shrink, keep }
     }
 
     /// Whether the points are kept in f64.
@@ -69,7 +69,7 @@ struct Limits {
     shrink: f32,
 }
 
-impl<K: Keep> Query<'_, K> {
+impl<K: Keep> PreparedQuery<'_, K> {
     /// Runs the query over points in f64.
     #[cold]
     #[inline(never)]
@@ -94,12 +94,12 @@ const ALL: KeepLanes<'static> = KeepLanes(&|_, mask| mask);
 /// A query without or with a filter.
 #[derive(Clone, Copy)]
 pub(in crate::point) enum MaybeFiltered<'q, 'a> {
-    Unfiltered(&'q Query<'a, KeepAll>),
-    Filtered(&'q Query<'a, KeepLanes<'q>>),
+    Unfiltered(&'q PreparedQuery<'a, KeepAll>),
+    Filtered(&'q PreparedQuery<'a, KeepLanes<'q>>),
 }
 
 impl MaybeFiltered<'_, '_> {
-    /// [`Query::precise`], if the points are kept in f64.
+    /// [`PreparedQuery::precise`], if the points are kept in f64.
     #[inline(always)]
     fn precise<R>(self, run: impl FnOnce(&PreciseQuery<'_>) -> R) -> Option<R> {
         match self {
@@ -170,8 +170,8 @@ pub(in crate::point) fn nearest_n(
 }
 
 /// The same with a filter, not yet in order.
-fn filtered(query: &Query<'_, KeepLanes<'_>>, k: usize, candidates: &mut Candidates) -> NeighborWork {
-    let &Query { tree, point, time, bound, shrink, keep, .. } = query;
+fn filtered(query: &PreparedQuery<'_, KeepLanes<'_>>, k: usize, candidates: &mut Candidates) -> NeighborWork {
+    let &PreparedQuery { tree, point, time, bound, shrink, keep, .. } = query;
     let search = CountedSearch { layers: &[(&tree.layers, time)], point, k, bound, shrink, keep };
     search_counted(tree.simd, &search, candidates)
 }
@@ -206,7 +206,7 @@ pub(in crate::point) fn gather(query: MaybeFiltered<'_, '_>, candidates: &mut Ca
 }
 
 /// Appends all points within the radius that pass a filter to candidates, from a tree of points in f32.
-pub(in crate::point) fn append(query: &Query<'_, KeepLanes<'_>>, candidates: &mut Candidates) {
+pub(in crate::point) fn append(query: &PreparedQuery<'_, KeepLanes<'_>>, candidates: &mut Candidates) {
     let search = Collecting { layers: query.layers(), bound: query.bound, keep: query.keep, candidates };
     dispatch(query.tree.simd, search);
 }
@@ -247,7 +247,7 @@ pub(in crate::point) fn count(query: MaybeFiltered<'_, '_>) -> usize {
 }
 
 /// Calls `visit` with all points within the radius, some at a time, until it breaks.
-pub(in crate::point) fn for_some(query: &Query<'_, KeepAll>, visit: VisitSome<'_>) -> ControlFlow<()> {
+pub(in crate::point) fn for_some(query: &PreparedQuery<'_, KeepAll>, visit: VisitSome<'_>) -> ControlFlow<()> {
     if query.is_precise() {
         return query.precise(|query| query.for_some(visit));
     }

@@ -1,9 +1,9 @@
 //! Points within a radius as an iterator that searches a few bottom nodes at a time.
 
-use super::compiled::{self, MaybeFiltered, Query};
+use super::compiled::{self, MaybeFiltered, PreparedQuery};
 use super::query::NeighborQuery;
 use crate::point::layout::plane_tree::PlaneView;
-use crate::point::layout::snapshot::{Leaves, View};
+use crate::point::layout::snapshot::{LeafView, View};
 use crate::point::neighbor::Neighbor;
 use crate::point::search::candidates::Candidates;
 use crate::point::search::layers::{Layer, LayerView};
@@ -33,7 +33,7 @@ pub struct WithinIter<'a, K> {
 
 impl<K> fmt::Debug for WithinIter<'_, K> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Query { exact, time, bound, .. } = &self.search.query;
+        let PreparedQuery { exact, time, bound, .. } = &self.search.query;
         f.debug_struct("WithinIter")
             .field("position", exact)
             .field("time", time)
@@ -44,7 +44,7 @@ impl<K> fmt::Debug for WithinIter<'_, K> {
 
 /// A search in progress, independent of the filter.
 struct Search<'a> {
-    query: Query<'a, KeepAll>,
+    query: PreparedQuery<'a, KeepAll>,
     layer: usize,
     front: Option<LayerFront>,
     /// The points found in the last bottom nodes, and how many of them were consumed.
@@ -162,7 +162,7 @@ fn step<S: Simd, V: View>(s: S, search: &mut Search<'_>, view: &V) -> bool {
 
 #[inline(always)]
 fn step_planes<S: Simd>(s: S, search: &mut Search<'_>, view: &PlaneView<'_>) -> bool {
-    let Query { bound, point, .. } = search.query;
+    let PreparedQuery { bound, point, .. } = search.query;
     let front = match search.front.get_or_insert_with(|| LayerFront::Planes(PlaneFront::begin())) {
         LayerFront::Planes(front) => front,
         LayerFront::Boxes(_) => return false,

@@ -1,6 +1,6 @@
 //! The interface of neighbour queries: point, time, radius and filter, and then one of several runs.
 
-use super::compiled::{self, MaybeFiltered, Query};
+use super::compiled::{self, MaybeFiltered, PreparedQuery};
 use crate::limits::is_in_range;
 use crate::point::neighbor::Neighbor;
 use crate::point::search::candidates::Candidates;
@@ -50,12 +50,12 @@ impl NeighborBuffer {
 #[derive(Clone, Copy)]
 #[must_use = "a query does nothing until one of its runs is called"]
 pub struct NeighborQuery<'a, K = KeepAll> {
-    pub(in crate::point) query: Query<'a, K>,
+    pub(in crate::point) query: PreparedQuery<'a, K>,
 }
 
 impl<K> fmt::Debug for NeighborQuery<'_, K> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Query { exact, time, bound, .. } = &self.query;
+        let PreparedQuery { exact, time, bound, .. } = &self.query;
         f.debug_struct("NeighborQuery")
             .field("position", exact)
             .field("time", time)
@@ -70,7 +70,7 @@ impl<'a> NeighborQuery<'a> {
         let (exact, point) = (at.wide(), at.relative(tree.origin));
         let valid = is_in_range(point) && (0.0..=1.0).contains(&time);
         let bound = if valid { f32::MAX } else { -1.0 };
-        NeighborQuery { query: Query { tree, point, exact, time, bound, shrink: 1.0, keep: KeepAll } }
+        NeighborQuery { query: PreparedQuery { tree, point, exact, time, bound, shrink: 1.0, keep: KeepAll } }
     }
 
     /// Considers only points for whose id the predicate returns true. It must be pure. It may be called more than once for
@@ -95,7 +95,7 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
     #[inline(always)]
     pub fn radius(self, radius: f32) -> Self {
         let bound = if radius >= 0.0 { (radius * radius).min(self.query.bound) } else { -1.0 };
-        NeighborQuery { query: Query { bound, ..self.query } }
+        NeighborQuery { query: PreparedQuery { bound, ..self.query } }
     }
 
     /// Allows answers whose distance is up to 1 + `epsilon` times that of the exact answer, for `nearest` and for each rank
@@ -115,7 +115,7 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         } else {
             1.0
         };
-        NeighborQuery { query: Query { shrink, ..self.query } }
+        NeighborQuery { query: PreparedQuery { shrink, ..self.query } }
     }
 
     #[inline(always)]

@@ -17,7 +17,7 @@ use super::candidates::{Candidates, append};
 use super::keys::{LANE_BITS, keys, smallest, unpack};
 use super::leaf_queue::LeafQueue;
 use super::{Keep, Observe};
-use crate::point::layout::snapshot::{Leaves, Target, View};
+use crate::point::layout::snapshot::{LeafView, Target, View};
 use crate::simd::{LANES, Mask, Simd, lanes_at};
 use crate::tuning::points::SEVERAL;
 use core::ops::Range;
@@ -269,7 +269,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
 
     /// Tests the points of the queued leaves.
     #[inline(always)]
-    pub(super) fn visit_leaves<S: Simd, V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>) {
+    pub(super) fn visit_leaves<S: Simd, V: LeafView>(&mut self, s: S, view: &V, target: &Target<S>) {
         let leaves = self.queue.drain();
         let blocks = view.leaf_blocks();
         self.candidates.reserve(leaves.len() * blocks * LANES);
@@ -453,7 +453,7 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
 
     /// Visits a leaf of a tree without boxes.
     #[inline(always)]
-    pub(super) fn leaf<S: Simd, V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>, mut blocks: Range<usize>) {
+    pub(super) fn leaf<S: Simd, V: LeafView>(&mut self, s: S, view: &V, target: &Target<S>, mut blocks: Range<usize>) {
         while !blocks.is_empty() {
             while !self.queue.is_ready() {
                 let Some(block) = blocks.next() else { break };

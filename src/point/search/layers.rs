@@ -7,7 +7,7 @@ use crate::point::layout::moving_tree::{MovingTree, MovingView};
 use crate::point::layout::over_interval::BlockTree;
 use crate::point::layout::plane_tree::{PlaneTree, PlaneView};
 use crate::point::layout::slice_tree::slice_at;
-use crate::point::layout::snapshot::Leaves;
+use crate::point::layout::snapshot::LeafView;
 use crate::point::layout::static_tree::StaticTree;
 use crate::point::search::k_nearest::KNearest;
 use crate::point::search::nearest::Best;

@@ -5,7 +5,7 @@
 //! so that the leaves are loaded from memory concurrently. This gains more than the few leaves that a bound lowered in
 //! between would have culled. Leaves of large trees are prefetched when they are queued.
 
-use crate::point::layout::snapshot::Leaves;
+use crate::point::layout::snapshot::LeafView;
 use crate::simd::{LANES, Mask, Simd, lanes_at_mut};
 use crate::tuning::points::FAR;
 
@@ -43,7 +43,7 @@ impl LeafQueue {
     /// Adds lanes of the bottom node whose first block is `first`. There must be room, as there is while the queue is
     /// not [ready](LeafQueue::is_ready).
     #[inline(always)]
-    pub(in crate::point) fn push_lanes<S: Simd, V: Leaves>(&mut self, s: S, view: &V, first: usize, lanes: Mask) {
+    pub(in crate::point) fn push_lanes<S: Simd, V: LeafView>(&mut self, s: S, view: &V, first: usize, lanes: Mask) {
         let blocks = s.add_u(s.splat_u(first as u32), s.load_u(&OFFSETS[view.leaf_blocks() - 1]));
         s.store_compressed_u(blocks, lanes, lanes_at_mut(&mut self.leaves, self.count));
         let begin = self.count;

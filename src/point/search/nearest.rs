@@ -11,7 +11,7 @@ use super::keys::{keys, smallest, unpack};
 use super::planes::PlaneFront;
 use crate::limits::MAX_LEVELS;
 use crate::point::layout::plane_tree::PlaneView;
-use crate::point::layout::snapshot::{Leaves, Target, View};
+use crate::point::layout::snapshot::{LeafView, Target, View};
 use crate::simd::{LANES, Mask, Simd};
 use crate::tuning::points::NEAR;
 use glam::Vec3;
@@ -48,7 +48,7 @@ impl<'a, S: Simd, K: Keep> Best<'a, S, K> {
 
     /// Tests the points of a leaf; updates `least` at once, and the best distances with their ids.
     #[inline(always)]
-    fn leaf<V: Leaves>(&mut self, s: S, view: &V, target: &Target<S>, least: &mut S::U, leaf: usize) {
+    fn leaf<V: LeafView>(&mut self, s: S, view: &V, target: &Target<S>, least: &mut S::U, leaf: usize) {
         for block in leaf..leaf + view.leaf_blocks() {
             let distance = view.point_distances(s, target, block);
             let ids = view.ids(block);
@@ -199,6 +199,6 @@ fn nearest_lane<S: Simd>(s: S, boxes: S::F, holding: Mask) -> usize {
 
 /// Binary logarithm of the number of blocks per leaf, which is 1 or 2.
 #[inline(always)]
-fn shift<V: Leaves>(view: &V) -> usize {
+fn shift<V: LeafView>(view: &V) -> usize {
     view.leaf_blocks() >> 1
 }

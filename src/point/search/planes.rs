@@ -17,7 +17,7 @@ use super::{Keep, Observe};
 use crate::limits::DEPTH_LIMIT;
 use crate::mbkd::KdView;
 use crate::point::layout::plane_tree::{PlaneView, plane_error};
-use crate::point::layout::snapshot::Leaves;
+use crate::point::layout::snapshot::LeafView;
 use crate::simd::Simd;
 use core::ops::{ControlFlow, Range};
 use glam::Vec3;

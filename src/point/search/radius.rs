@@ -2,7 +2,7 @@
 
 use super::leaf_queue::LeafQueue;
 use crate::limits::MAX_LEVELS;
-use crate::point::layout::snapshot::{Leaves, Target, View};
+use crate::point::layout::snapshot::{LeafView, Target, View};
 use crate::simd::{Mask, Simd};
 use core::ops::{ControlFlow, Range};
 
@@ -11,7 +11,7 @@ pub(in crate::point) trait Sink<S: Simd> {
     /// Whether it takes blocks without hits too: if that costs less than a branch.
     const TAKES_NONE: bool;
     /// Takes the lanes of `hits`.
-    fn take<V: Leaves>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()>;
+    fn take<V: LeafView>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()>;
 }
 
 /// The state of a traversal: the children still to be visited, level by level.
@@ -73,7 +73,7 @@ impl Front {
 
 /// Hands the points of some blocks that are within the bound to the sink.
 #[inline(always)]
-pub(in crate::point) fn search_blocks<S: Simd, V: Leaves, T: Sink<S>>(
+pub(in crate::point) fn search_blocks<S: Simd, V: LeafView, T: Sink<S>>(
     s: S,
     view: &V,
     target: &Target<S>,

@@ -3,7 +3,7 @@
 use super::Keep;
 use super::candidates::{Candidates, append};
 use super::radius::Sink;
-use crate::point::layout::snapshot::Leaves;
+use crate::point::layout::snapshot::LeafView;
 use crate::simd::{LANES, Mask, Simd};
 use core::ops::ControlFlow;
 
@@ -16,7 +16,7 @@ pub(in crate::point) struct Gather<'a, K> {
 impl<S: Simd, K: Keep> Sink<S> for Gather<'_, K> {
     const TAKES_NONE: bool = true;
     #[inline(always)]
-    fn take<V: Leaves>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
+    fn take<V: LeafView>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
         let ids = view.ids(block);
         self.candidates.reserve(0);
         self.candidates.push(s, distance, s.load_u(ids), self.keep.kept(ids, hits));
@@ -58,7 +58,7 @@ impl<'v> Visit<'v> {
 impl<S: Simd> Sink<S> for Visit<'_> {
     const TAKES_NONE: bool = true;
     #[inline(always)]
-    fn take<V: Leaves>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
+    fn take<V: LeafView>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
         let id = s.load_u(view.ids(block));
         self.count = append(s, &mut self.distances, &mut self.ids, self.count, (distance, id), hits);
         if self.count >= BATCH { self.finish() } else { ControlFlow::Continue(()) }
@@ -74,7 +74,7 @@ pub(in crate::point) struct Count<'a, K> {
 impl<S: Simd, K: Keep> Sink<S> for Count<'_, K> {
     const TAKES_NONE: bool = true;
     #[inline(always)]
-    fn take<V: Leaves>(&mut self, _: S, view: &V, block: usize, _: S::F, hits: Mask) -> ControlFlow<()> {
+    fn take<V: LeafView>(&mut self, _: S, view: &V, block: usize, _: S::F, hits: Mask) -> ControlFlow<()> {
         self.count += self.keep.kept(view.ids(block), hits).count_ones() as usize;
         ControlFlow::Continue(())
     }

@@ -12,7 +12,7 @@
 //!   is off the triangle. Custom primitives promise it. The query point `q` is replaced by the f32 numbers on either
 //!   side of it (`low`, `high`), so along each axis `max(lower - high, low - upper, 0)`, before rounding, is at most
 //!   `|p - q|`. Rounding it, its square and the sum of squares makes it too large by less than 4 ULP, and the square of
-//!   a number near zero by less than the least normal number: [`Query::cull`] allows for both.
+//!   a number near zero by less than the least normal number: [`QueryInTree::cull`] allows for both.
 //! - Triangles of a leaf block are ruled out by lower bounds of their distances, with a margin for rounding
 //!   (`ray/closest_point/triangle_bound.rs`).
 //! - Placed trees (instances). Distances are those of images, measured from the query point in the outer space. The
@@ -25,8 +25,8 @@
 //! A distance is rounded to f32 before it is compared, so a point that is farther than the best one by less than half
 //! an ULP may tie with it and win by a lower id. Culling therefore begins one float above the best distance.
 
-use super::nearest_first::{Leaves, NearestFirst};
-use super::point_query::{Candidate, PlacedQuery, Query};
+use super::nearest_first::{LeafSearch, NearestFirst};
+use super::point_query::{Candidate, PlacedQuery, QueryInTree};
 use super::triangle_bound::TriangleBound;
 use crate::geometry::{KeyTime, LEAST_SQUARED, ULP};
 use crate::layout::{
@@ -65,11 +65,11 @@ pub struct ClosestPoint {
 /// A set of primitives that answers closest-point queries one primitive at a time.
 pub(crate) trait ClosestPointSource: WideSource {
     /// The closest point of a primitive at the query's time, at any distance.
-    fn closest_point(&self, id: u32, query: &Query) -> Option<Candidate>;
+    fn closest_point(&self, id: u32, query: &QueryInTree) -> Option<Candidate>;
 
     /// The first of some primitives with a point within the limit: its index in `ids`, and its closest point.
     #[inline(always)]
-    fn first_within(&self, ids: &[u32], query: &Query, limit: f32) -> Option<(usize, Candidate)> {
+    fn first_within(&self, ids: &[u32], query: &QueryInTree, limit: f32) -> Option<(usize, Candidate)> {
         let near = |&id: &u32| self.closest_point(id, query).filter(|candidate| candidate.distance <= limit);
         ids.iter().enumerate().find_map(|(i, id)| Some((i, near(id)?)))
     }
@@ -77,7 +77,7 @@ pub(crate) trait ClosestPointSource: WideSource {
 
 impl ClosestPointSource for Scene {
     #[inline]
-    fn closest_point(&self, id: u32, query: &Query) -> Option<Candidate> {
+    fn closest_point(&self, id: u32, query: &QueryInTree) -> Option<Candidate> {
         match self.shape(id) {
             None => {
                 let corners = self.triangles.precise_corners(id, query.time);
@@ -90,7 +90,7 @@ impl ClosestPointSource for Scene {
 }
 
 impl<P: Primitive> ClosestPointSource for Shapes<P> {
-    fn closest_point(&self, id: u32, query: &Query) -> Option<Candidate> {
+    fn closest_point(&self, id: u32, query: &QueryInTree) -> Option<Candidate> {
         let found = self.shapes()[id as usize].closest_point(query.own, query.time)?;
         let point = query.placed.map_or(found.point, |placed| placed.matrix.transform_point3(found.point));
         let distance = (point - query.point).length() as f32;
@@ -102,7 +102,7 @@ impl<P: Primitive> ClosestPointSource for Shapes<P> {
 pub(in crate::ray) struct Best<'a, G, F> {
     pub set: &'a G,
     filter: &'a F,
-    pub query: &'a Query<'a>,
+    pub query: &'a QueryInTree<'a>,
     found: Option<(Candidate, u32)>,
     /// The greatest distance of a point that can still improve the answer.
     pub limit: f32,
@@ -155,7 +155,7 @@ pub(in crate::ray) struct InPrimitives<'a, 'b, G, F, O> {
     pub observer: &'b mut O,
 }
 
-impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> Leaves for InPrimitives<'_, '_, G, F, O> {
+impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> LeafSearch for InPrimitives<'_, '_, G, F, O> {
     #[inline(always)]
     fn limit(&self) -> f32 {
         self.best.limit
@@ -212,7 +212,7 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
             upper[axis] = s.max(a[axis], s.max(b[axis], c[axis]));
         }
         let to_boxes = query.distances(s, lower, upper);
-        let mut near = s.le(to_boxes, s.splat(Query::squared(reach(self.best.limit)))) & first_lanes(count);
+        let mut near = s.le(to_boxes, s.splat(QueryInTree::squared(reach(self.best.limit)))) & first_lanes(count);
         if near == 0 {
             return;
         }
@@ -404,7 +404,7 @@ fn search_kd<G: ClosestPointSource, F: Filter<ClosestPoint>>(
 }
 
 /// The initial state of a search.
-pub(in crate::ray) fn begin<'a, G, F>(set: &'a G, query: &'a Query<'a>, filter: &'a F) -> Best<'a, G, F> {
+pub(in crate::ray) fn begin<'a, G, F>(set: &'a G, query: &'a QueryInTree<'a>, filter: &'a F) -> Best<'a, G, F> {
     Best { set, filter, query, found: None, limit: query.max_distance }
 }
 
@@ -417,7 +417,7 @@ pub(in crate::ray) fn closest_point_in_wide<G: ClosestPointSource>(
     filter: &impl Filter<ClosestPoint>,
     observer: &mut impl Observer,
 ) -> Option<ClosestPoint> {
-    let query = &Query::new(query, set.frame())?;
+    let query = &QueryInTree::new(query, set.frame())?;
     let mut best = begin(set, query, filter);
     let mut leaves = InPrimitives { tree, best: &mut best, observer };
     dispatch(simd, NearestFirst { tree, query, leaves: &mut leaves });
@@ -434,7 +434,7 @@ pub(in crate::ray) fn plain_closest_point_in_wide<G: ClosestPointSource>(
     query: &PlacedQuery,
     guarded: impl FnOnce() -> Option<ClosestPoint>,
 ) -> Option<ClosestPoint> {
-    let query = &Query::new(query, set.frame())?;
+    let query = &QueryInTree::new(query, set.frame())?;
     let mut best = begin(set, query, &Everything);
     let mut leaves = InPrimitives { tree, best: &mut best, observer: &mut () };
     let mut found = None;
@@ -450,7 +450,7 @@ pub(in crate::ray) fn closest_point_in_kd<G: ClosestPointSource>(
     filter: &impl Filter<ClosestPoint>,
     observer: &mut impl Observer,
 ) -> Option<ClosestPoint> {
-    let query = Query::new(query, set.frame())?;
+    let query = QueryInTree::new(query, set.frame())?;
     let mut best = begin(set, &query, filter);
     search_kd(tree, &mut best, observer);
     best.finish()
@@ -462,7 +462,7 @@ pub(crate) fn closest_point_of_all<G: ClosestPointSource>(
     query: &PlacedQuery,
     filter: &impl Filter<ClosestPoint>,
 ) -> Option<ClosestPoint> {
-    let query = Query::new(query, set.frame())?;
+    let query = QueryInTree::new(query, set.frame())?;
     let mut best = begin(set, &query, filter);
     for id in 0..set.len() as u32 {
         if best.sees(id)

@@ -2,8 +2,8 @@
 //! answer.
 
 use super::closest_search::{Best, ClosestPoint, ClosestPointSource, InPrimitives, begin};
-use super::nearest_first::{Leaves, NearestFirst};
-use super::point_query::{PlacedQuery, Query};
+use super::nearest_first::{LeafSearch, NearestFirst};
+use super::point_query::{PlacedQuery, QueryInTree};
 use crate::layout::{ChildRef, LazyTree};
 use crate::ray::filter::Filter;
 use crate::ray::observer::Observer;
@@ -19,7 +19,7 @@ pub(in crate::ray) fn closest_point_in_lazy<G: ClosestPointSource>(
     filter: &impl Filter<ClosestPoint>,
     observer: &mut impl Observer,
 ) -> Option<ClosestPoint> {
-    let query = &Query::new(query, set.frame())?;
+    let query = &QueryInTree::new(query, set.frame())?;
     let mut best = begin(set, query, filter);
     let mut leaves = InSubtrees { simd, tree, best: &mut best, observer };
     dispatch(simd, NearestFirst { tree: &tree.top, query, leaves: &mut leaves });
@@ -34,7 +34,7 @@ struct InSubtrees<'a, 'b, G, F, O> {
     observer: &'b mut O,
 }
 
-impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> Leaves for InSubtrees<'_, '_, G, F, O> {
+impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> LeafSearch for InSubtrees<'_, '_, G, F, O> {
     #[inline(always)]
     fn limit(&self) -> f32 {
         self.best.limit

@@ -1,15 +1,15 @@
 //! Best-first traversal of any wide tree from a point: boxes in order of their distances, until every remaining one is
-//! farther away than the best answer. The type of the leaves is given by [`Leaves`]: primitives, subtrees that are
+//! farther away than the best answer. The type of the leaves is given by [`LeafSearch`]: primitives, subtrees that are
 //! built on demand, or instances.
 
-use super::point_query::Query;
+use super::point_query::QueryInTree;
 use crate::layout::{ChildRef, WideTree};
 use crate::simd::{Kernel, Mask, Simd};
 use crate::traverse::{Cursor, NodeBlock, StackOf, WideQuery, WideTraversal};
 use core::ops::ControlFlow;
 
 /// The leaves of a tree, and the best answer found in them so far.
-pub(crate) trait Leaves {
+pub(crate) trait LeafSearch {
     /// The greatest distance of a point that can still improve the answer.
     fn limit(&self) -> f32;
     /// Whether everything in a block is hidden from the query.
@@ -23,11 +23,11 @@ pub(crate) trait Leaves {
 /// The traversal of a tree, to be dispatched to an instruction set.
 pub(crate) struct NearestFirst<'a, L> {
     pub tree: &'a WideTree,
-    pub query: &'a Query<'a>,
+    pub query: &'a QueryInTree<'a>,
     pub leaves: &'a mut L,
 }
 
-impl<L: Leaves> Kernel for NearestFirst<'_, L> {
+impl<L: LeafSearch> Kernel for NearestFirst<'_, L> {
     type Output = ();
 
     #[inline(always)]
@@ -47,13 +47,13 @@ impl<L: Leaves> Kernel for NearestFirst<'_, L> {
 
 /// The state of a search.
 struct Search<'a, L> {
-    query: &'a Query<'a>,
-    /// [`Query::cull`] of the current limit.
+    query: &'a QueryInTree<'a>,
+    /// [`QueryInTree::cull`] of the current limit.
     cull: f32,
     leaves: &'a mut L,
 }
 
-impl<S: Simd, L: Leaves> WideQuery<S> for Search<'_, L> {
+impl<S: Simd, L: LeafSearch> WideQuery<S> for Search<'_, L> {
     const ORDERED: bool = true;
 
     #[inline(always)]

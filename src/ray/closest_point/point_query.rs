@@ -68,7 +68,7 @@ pub(crate) struct Candidate {
 }
 
 /// A query in the outer space, and in tree space.
-pub(crate) struct Query<'a> {
+pub(crate) struct QueryInTree<'a> {
     pub(in crate::ray) point: DVec3,
     pub(in crate::ray) time: f32,
     pub(in crate::ray) max_distance: f32,
@@ -87,10 +87,10 @@ pub(crate) struct Query<'a> {
     high: Vec3,
 }
 
-impl<'a> Query<'a> {
+impl<'a> QueryInTree<'a> {
     /// Returns `None` for a query that is out of range.
     #[inline(always)]
-    pub fn new(PlacedQuery { query, placed }: &'a PlacedQuery, frame: &'a Frame) -> Option<Query<'a>> {
+    pub fn new(PlacedQuery { query, placed }: &'a PlacedQuery, frame: &'a Frame) -> Option<QueryInTree<'a>> {
         if !query.is_valid() {
             return None;
         }
@@ -107,7 +107,7 @@ impl<'a> Query<'a> {
         let nearest = inside.as_vec3();
         let (low, high) = (nearest.map(f32::next_down), nearest.map(f32::next_up));
         let &ClosestPointQuery { point, time, max_distance } = query;
-        Some(Query {
+        Some(QueryInTree {
             point,
             time,
             max_distance,
@@ -162,7 +162,7 @@ impl<'a> Query<'a> {
         self.high.max(-self.low).max_element() < FARTHEST
     }
 
-    /// The boxes of a node that are within reach, and their squared distances; see [`Query::distances`].
+    /// The boxes of a node that are within reach, and their squared distances; see [`QueryInTree::distances`].
     #[inline(always)]
     pub(in crate::ray) fn enter<S: Simd, const ROWS: usize>(&self, s: S, block: &NodeBlock, cull: f32) -> (Mask, S::F) {
         let distances = self.distances_of::<S, ROWS>(s, block);
@@ -171,7 +171,7 @@ impl<'a> Query<'a> {
         (s.le(distances, s.splat(cull)) & present, distances)
     }
 
-    /// Squared distances from boxes; see [`Query::distances`].
+    /// Squared distances from boxes; see [`QueryInTree::distances`].
     #[inline(always)]
     pub(in crate::ray) fn distances_of<S: Simd, const ROWS: usize>(&self, s: S, boxes: &impl Faces) -> S::F {
         let time = s.splat(self.time);
@@ -186,7 +186,7 @@ impl<'a> Query<'a> {
     /// A squared distance: a box whose distance computed in f32 is above it has no point within `limit`.
     #[inline(always)]
     pub(in crate::ray) fn cull(&self, limit: f32) -> f32 {
-        Query::squared(self.reach(limit))
+        QueryInTree::squared(self.reach(limit))
     }
 
     /// A squared distance: a box whose distance computed in f32 is above it is farther away than `reach`.
@@ -195,7 +195,7 @@ impl<'a> Query<'a> {
         (reach * reach * (1.0 + f64::from(8.0 * ULP))) as f32 + f32::MIN_POSITIVE
     }
 
-    /// Squared distances from sixteen boxes, never too large by more than [`Query::cull`] allows for.
+    /// Squared distances from sixteen boxes, never too large by more than [`QueryInTree::cull`] allows for.
     #[inline(always)]
     pub(in crate::ray) fn distances<S: Simd>(&self, s: S, lower: [S::F; 3], upper: [S::F; 3]) -> S::F {
         let zero = s.splat(0.0);

@@ -4,9 +4,9 @@
 
 use super::collect::Collect;
 use super::intersect::RaySource;
-use super::query::{AnyHit, ClosestHit, Query};
+use super::query::{AnyHit, ClosestHit, RayQuery};
 use super::traverser::Traverser;
-use super::wide_traversal::RayQuery;
+use super::wide_traversal::RayState;
 use crate::geometry::Ray;
 use crate::layout::WideTree;
 use crate::ray::filter::{Filter, Offer, Seen};
@@ -16,7 +16,7 @@ use crate::ray::kernel::tree_ray::TreeRay;
 use crate::simd::{Kernel, Simd};
 
 /// A query that can be asked about many rays at a time.
-pub(crate) trait BatchQuery: Query<Collect: Copy> + Copy {}
+pub(crate) trait BatchQuery: RayQuery<Collect: Copy> + Copy {}
 
 impl BatchQuery for ClosestHit {}
 impl BatchQuery for AnyHit {}
@@ -36,7 +36,7 @@ pub(in crate::ray) trait Way {
 }
 
 /// A task for a tree that is not empty.
-pub(in crate::ray) struct Batch<'a, G, F, Q: Query> {
+pub(in crate::ray) struct Batch<'a, G, F, Q: RayQuery> {
     pub tree: &'a WideTree,
     pub outline: &'a Outline,
     pub set: &'a G,
@@ -45,7 +45,7 @@ pub(in crate::ray) struct Batch<'a, G, F, Q: Query> {
     pub task: Task<'a, Q::Answer>,
 }
 
-impl<'a, G, F: Filter, Q: Query> Batch<'a, G, F, Q> {
+impl<'a, G, F: Filter, Q: RayQuery> Batch<'a, G, F, Q> {
     /// The state that all rays of the batch share.
     #[inline(always)]
     pub fn traverser(&self) -> Traverser<'a, G, F> {
@@ -54,7 +54,7 @@ impl<'a, G, F: Filter, Q: Query> Batch<'a, G, F, Q> {
 }
 
 /// A batch with its way, to be dispatched to an instruction set.
-pub(in crate::ray) struct By<'a, W, G, F, Q: Query>(pub W, pub Batch<'a, G, F, Q>);
+pub(in crate::ray) struct By<'a, W, G, F, Q: RayQuery>(pub W, pub Batch<'a, G, F, Q>);
 
 impl<W: Way, G: RaySource, F: Filter, Q: BatchQuery> Kernel for By<'_, W, G, F, Q> {
     type Output = ();
@@ -89,8 +89,8 @@ impl<'a, C: Collect> Member<'a, C> {
         &'b mut self,
         traverser: &'b Traverser<'b, G, F>,
         observer: &'b mut (),
-    ) -> RayQuery<'b, G, F, C, ()> {
+    ) -> RayState<'b, G, F, C, ()> {
         let Member { ray, sheared, collect } = self;
-        RayQuery { traverser, ray, sheared, collect, observer }
+        RayState { traverser, ray, sheared, collect, observer }
     }
 }

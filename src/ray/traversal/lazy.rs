@@ -5,7 +5,7 @@
 
 use super::collect::Collect;
 use super::intersect::RaySource;
-use super::query::{Asked, PartOfWide, Query, QueryArgs};
+use super::query::{Asked, PartOfWide, QueryArgs, RayQuery};
 use super::ray_traversal::{LeafVisitor, RayTraversal};
 use crate::geometry::Ray;
 use crate::layout::{ChildRef, LazyTree};
@@ -17,7 +17,7 @@ use core::ops::ControlFlow;
 
 /// Answers a query from all subtrees that the ray reaches.
 #[inline(never)]
-pub(in crate::ray) fn answer_lazily<G: RaySource, F: Filter, O: Observer, Q: Query>(
+pub(in crate::ray) fn answer_lazily<G: RaySource, F: Filter, O: Observer, Q: RayQuery>(
     asked: Asked<'_, G, F, O, Q>,
     tree: &LazyTree,
     simd: SimdLevel,
@@ -40,7 +40,7 @@ pub(in crate::ray) fn answer_lazily<G: RaySource, F: Filter, O: Observer, Q: Que
 }
 
 /// The subtrees that a ray reaches, and the parts of its query.
-struct Subtrees<'a, G, F, O, Q: Query> {
+struct Subtrees<'a, G, F, O, Q: RayQuery> {
     tree: &'a LazyTree,
     simd: SimdLevel,
     set: &'a G,
@@ -75,7 +75,7 @@ impl LeafVisitor for dyn SubtreeVisitor + '_ {
     }
 }
 
-impl<G: RaySource, F: Filter, O: Observer, Q: Query> SubtreeVisitor for Subtrees<'_, G, F, O, Q> {
+impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> SubtreeVisitor for Subtrees<'_, G, F, O, Q> {
     fn mask(&self) -> Option<u32> {
         self.filter.mask()
     }

@@ -16,7 +16,7 @@ use crate::traverse::StackOf;
 use core::ops::ControlFlow;
 
 /// What is asked about a ray.
-pub(crate) trait Query {
+pub(crate) trait RayQuery {
     /// The answer.
     type Answer;
     /// The answer of a ray that hits nothing.
@@ -33,7 +33,7 @@ pub(crate) trait Query {
 #[derive(Clone, Copy)]
 pub(crate) struct ClosestHit;
 
-impl Query for ClosestHit {
+impl RayQuery for ClosestHit {
     type Answer = Option<Hit>;
     const NOTHING: Option<Hit> = None;
     type Collect = Closest;
@@ -55,7 +55,7 @@ impl Query for ClosestHit {
 #[derive(Clone, Copy)]
 pub(crate) struct AnyHit;
 
-impl Query for AnyHit {
+impl RayQuery for AnyHit {
     type Answer = bool;
     const NOTHING: bool = false;
     type Collect = Any;
@@ -78,7 +78,7 @@ pub(crate) struct AllHits<'a> {
     pub repeats: bool,
 }
 
-impl<'a> Query for AllHits<'a> {
+impl<'a> RayQuery for AllHits<'a> {
     type Answer = ControlFlow<()>;
     const NOTHING: ControlFlow<()> = ControlFlow::Continue(());
     type Collect = All<'a>;
@@ -100,7 +100,7 @@ pub(crate) enum AnyOrAll<'a> {
     All(AllHits<'a>),
 }
 
-impl<'a> Query for AnyOrAll<'a> {
+impl<'a> RayQuery for AnyOrAll<'a> {
     /// `Break` if there is any hit, or the visitor returned it.
     type Answer = ControlFlow<()>;
     const NOTHING: ControlFlow<()> = ControlFlow::Continue(());
@@ -129,7 +129,7 @@ pub(crate) struct QueryArgs<'a, G, F, O> {
 /// A query with its arguments.
 pub(crate) struct Asked<'a, G, F, O, Q>(pub Q, pub QueryArgs<'a, G, F, O>);
 
-impl<G: RaySource, F: Filter, O: Observer, Q: Query> Asked<'_, G, F, O, Q> {
+impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> Asked<'_, G, F, O, Q> {
     /// Answers the query from a layout.
     ///
     /// The prepared ray and the best answer so far live in registers where the layout's traversal is inlined here; so the
@@ -153,7 +153,7 @@ impl<G: RaySource, F: Filter, O: Observer, Q: Query> Asked<'_, G, F, O, Q> {
 
 /// A query of the wide layout, or the part of a query of a lazy tree that a subtree answers, to be dispatched to an instruction set. One form
 /// of it is compiled for both.
-pub(in crate::ray) struct PartOfWide<'a, G, F, O, Q: Query> {
+pub(in crate::ray) struct PartOfWide<'a, G, F, O, Q: RayQuery> {
     pub tree: &'a WideTree,
     /// `None` if the ray is known not to miss it.
     pub outline: Option<&'a Outline>,
@@ -164,7 +164,7 @@ pub(in crate::ray) struct PartOfWide<'a, G, F, O, Q: Query> {
     pub collect: &'a mut Option<Q::Collect>,
 }
 
-impl<G: RaySource, F: Filter, O: Observer, Q: Query> Kernel for PartOfWide<'_, G, F, O, Q> {
+impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> Kernel for PartOfWide<'_, G, F, O, Q> {
     type Output = ();
 
     #[inline(always)]
@@ -199,7 +199,7 @@ pub(crate) struct OfWide<'a, G, F, O, Q> {
     pub asked: Asked<'a, G, F, O, Q>,
 }
 
-impl<G: RaySource, F: Filter, O: Observer, Q: Query> Kernel for OfWide<'_, G, F, O, Q> {
+impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> Kernel for OfWide<'_, G, F, O, Q> {
     type Output = Q::Answer;
 
     #[inline(always)]

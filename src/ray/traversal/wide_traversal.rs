@@ -39,7 +39,7 @@ impl<S: Simd> RayLayout for Wide<'_, S> {
             return;
         }
         let traverser = Traverser::new(self.tree, set, filter);
-        let mut query = RayQuery { traverser: &traverser, ray, sheared: &mut None, collect, observer };
+        let mut query = RayState { traverser: &traverser, ray, sheared: &mut None, collect, observer };
         let mut cursor = Cursor::new(self.tree.root, self.stack);
         let traversal = WideTraversal::at_time(self.tree, ray.time());
         while traversal.advance(self.simd, &mut cursor, &mut query).is_continue() {}
@@ -47,7 +47,7 @@ impl<S: Simd> RayLayout for Wide<'_, S> {
 }
 
 /// The state of a ray during a traversal, and the parts of its query.
-pub(in crate::ray) struct RayQuery<'a, G, F, C, O> {
+pub(in crate::ray) struct RayState<'a, G, F, C, O> {
     pub traverser: &'a Traverser<'a, G, F>,
     pub ray: &'a TreeRay<'a>,
     /// Computed when the ray reaches its first leaf block.
@@ -56,7 +56,7 @@ pub(in crate::ray) struct RayQuery<'a, G, F, C, O> {
     pub observer: &'a mut O,
 }
 
-impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for RayQuery<'_, G, F, C, O> {
+impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for RayState<'_, G, F, C, O> {
     const ORDERED: bool = C::ORDERED;
 
     #[inline(always)]
@@ -86,7 +86,7 @@ impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for
 
     #[inline(always)]
     fn leaf(&mut self, s: S, at: ChildRef) -> ControlFlow<()> {
-        let RayQuery { traverser, ray, .. } = *self;
+        let RayState { traverser, ray, .. } = *self;
         let (collect, observer) = (&mut *self.collect, &mut *self.observer);
         if self.sheared.is_none() {
             let (of, regular) = Sheared::of(ray);

@@ -209,7 +209,7 @@ pub(super) struct CandidateBlock {
 
 /// All blocks whose points may come near those of a group.
 #[derive(Default)]
-pub(super) struct Candidates<C> {
+pub(super) struct SweptCandidates<C> {
     pub(super) boxes: BoxRows,
     pub(super) blocks: Vec<CandidateBlock>,
     /// The points of the blocks, sixteen of each.
@@ -219,7 +219,7 @@ pub(super) struct Candidates<C> {
     open: Vec<(usize, usize)>,
 }
 
-impl<C: SweptCoordinate> Candidates<C> {
+impl<C: SweptCoordinate> SweptCandidates<C> {
     pub(super) fn clear(&mut self) {
         self.boxes.clear();
         self.blocks.clear();

@@ -5,7 +5,7 @@
 //! encounter of a pair that was left out.
 
 use super::coordinate::{SweptCoordinate, SweptLayer};
-use super::encounter::{EncounterLanes, FourPoints, Visitor};
+use super::encounter::{EncounterLanes, EncounterVisitor, FourPoints};
 use super::sweep::Sweep;
 use crate::parallel;
 use crate::point::layout::linear_face::rounded_down;
@@ -136,7 +136,7 @@ struct First<'a, F> {
     listed: &'a F,
 }
 
-impl<F: Fn(&PointPath, &PointPath) -> bool> Visitor for First<'_, F> {
+impl<F: Fn(&PointPath, &PointPath) -> bool> EncounterVisitor for First<'_, F> {
     const EXCLUDES_LISTED: bool = true;
 
     #[inline(always)]

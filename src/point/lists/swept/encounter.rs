@@ -36,7 +36,7 @@ impl Encounter {
 }
 
 /// What is done with encounters.
-pub(super) trait Visitor {
+pub(super) trait EncounterVisitor {
     /// Whether pairs that lists at the first time contain are excluded.
     const EXCLUDES_LISTED: bool;
     /// Comes to a point.
@@ -106,7 +106,7 @@ impl Window {
     /// parabola. Every step is symmetric, so both points see the same. Times are where the parabola is at its lowest and
     /// where it crosses the squared radius.
     #[inline(always)]
-    pub(super) fn encounters<S: Simd, V: Visitor, C: SweptCoordinate>(
+    pub(super) fn encounters<S: Simd, V: EncounterVisitor, C: SweptCoordinate>(
         &self,
         s: S,
         own: &PointPath,

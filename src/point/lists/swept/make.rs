@@ -1,7 +1,7 @@
 //! Making lists over an interval, on one thread or several, always the same ones.
 
 use super::coordinate::SweptCoordinate;
-use super::encounter::{Encounter, EncounterLanes, FourPoints, Visitor, WIDTH};
+use super::encounter::{Encounter, EncounterLanes, EncounterVisitor, FourPoints, WIDTH};
 use super::lists::EncounterLists;
 use super::sweep::{Sweep, Worker};
 use crate::parallel;
@@ -36,7 +36,7 @@ impl Maker {
     }
 }
 
-impl Visitor for Maker {
+impl EncounterVisitor for Maker {
     const EXCLUDES_LISTED: bool = false;
 
     #[inline(always)]

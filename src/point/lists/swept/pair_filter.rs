@@ -3,9 +3,9 @@
 //! As for lists at a time: the points that can come near any of a block's are gathered one behind the other, and each of
 //! the block's points is compared with these, sixteen at a time.
 
-use super::candidates::{Block, CandidateBlock, Candidates, RelativePaths, squared_up};
+use super::candidates::{Block, CandidateBlock, RelativePaths, SweptCandidates, squared_up};
 use super::coordinate::SweptCoordinate;
-use super::encounter::{Criteria, Visitor};
+use super::encounter::{Criteria, EncounterVisitor};
 use crate::point::layout::snapshot::{rows, squared};
 use crate::point::lists::candidates::{Selection, Within, write};
 use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at, lanes_at_mut};
@@ -56,10 +56,10 @@ const LANE: Lanes<u32> = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 impl PairFilter {
     /// Passes all encounters of the points of a block to a visitor.
     #[inline(always)]
-    pub(super) fn visit<S: Simd, V: Visitor, C: SweptCoordinate>(
+    pub(super) fn visit<S: Simd, V: EncounterVisitor, C: SweptCoordinate>(
         &mut self,
         s: S,
-        (block, candidates): (&Block<C>, &Candidates<C>),
+        (block, candidates): (&Block<C>, &SweptCandidates<C>),
         criteria: &Criteria,
         visitor: &mut V,
     ) {
@@ -105,7 +105,7 @@ impl CandidateRows {
     /// Gathers the points of selected blocks that come near a box, as many as there is room for; returns their number, and
     /// the blocks that are left.
     #[inline(always)]
-    fn gather<'a, S: Simd, V: Visitor>(
+    fn gather<'a, S: Simd, V: EncounterVisitor>(
         &mut self,
         s: S,
         candidates: &[CandidateBlock],
@@ -151,7 +151,7 @@ impl CandidateRows {
     /// Appends to the first `end` hits which of the gathered points come as near as their bounds to one that goes from a
     /// place by a displacement, without those that are to be excluded; the new number of hits, behind which there is room for more.
     #[inline(always)]
-    fn pairs_within<S: Simd, V: Visitor>(
+    fn pairs_within<S: Simd, V: EncounterVisitor>(
         &self,
         s: S,
         (from, displacement): ([f32; 3], [f32; 3]),

@@ -1,8 +1,8 @@
 //! The search for all encounters of a set with itself during an interval.
 
-use super::candidates::{Candidates, Group};
+use super::candidates::{Group, SweptCandidates};
 use super::coordinate::SweptCoordinate;
-use super::encounter::{Criteria, Visitor, Window};
+use super::encounter::{Criteria, EncounterVisitor, Window};
 use super::pair_filter::PairFilter;
 use super::time_slices::{Pairing, Slice, Tree, begins_with_a_slice, pairings, time_slices_of};
 use crate::parallel;
@@ -111,7 +111,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
 
     /// Shows all points and their encounters to visitors, one for each share of the points, whose order is always the
     /// same.
-    pub(super) fn run<V: Visitor + Send>(&self, start: impl Fn() -> V + Sync) -> Vec<V> {
+    pub(super) fn run<V: EncounterVisitor + Send>(&self, start: impl Fn() -> V + Sync) -> Vec<V> {
         parallel::map(self.groups.len().div_ceil(SHARE), |share| {
             let groups = &self.groups[share * SHARE..self.groups.len().min((share + 1) * SHARE)];
             let mut worker = Worker::new(start());
@@ -131,12 +131,12 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
     }
 
     /// Shows the points of one group to a visitor.
-    pub(super) fn run_group<V: Visitor>(&self, group: usize, worker: &mut Worker<V, C>) {
+    pub(super) fn run_group<V: EncounterVisitor>(&self, group: usize, worker: &mut Worker<V, C>) {
         dispatch(self.tree.simd, Share { sweep: self, groups: &self.groups[group..=group], worker });
     }
 
     /// Shows them all to one visitor, in the same order.
-    pub(super) fn run_on_one_thread<V: Visitor>(&self, worker: &mut Worker<V, C>) {
+    pub(super) fn run_on_one_thread<V: EncounterVisitor>(&self, worker: &mut Worker<V, C>) {
         dispatch(self.tree.simd, Share { sweep: self, groups: &self.groups, worker });
     }
 
@@ -162,13 +162,18 @@ fn relative_motion<C: SweptCoordinate>(slices: &[Slice<'_, C>]) -> f64 {
 pub(super) struct Worker<V, C> {
     pub(super) visitor: V,
     group: Group<C>,
-    candidates: Candidates<C>,
+    candidates: SweptCandidates<C>,
     filter: PairFilter,
 }
 
 impl<V, C: SweptCoordinate> Worker<V, C> {
     pub(super) fn new(visitor: V) -> Worker<V, C> {
-        Worker { visitor, group: Group::default(), candidates: Candidates::default(), filter: PairFilter::default() }
+        Worker {
+            visitor,
+            group: Group::default(),
+            candidates: SweptCandidates::default(),
+            filter: PairFilter::default(),
+        }
     }
 }
 
@@ -198,9 +203,9 @@ impl<C: SweptCoordinate, T: BlockTree<Coordinate = C>> Kernel for TakeGroup<'_, 
     }
 }
 
-/// See [`Candidates::add`].
+/// See [`SweptCandidates::add`].
 struct AddCandidates<'a, T: BlockTree> {
-    candidates: &'a mut Candidates<T::Coordinate>,
+    candidates: &'a mut SweptCandidates<T::Coordinate>,
     tree: &'a T,
     group: &'a Group<T::Coordinate>,
     window: Window,
@@ -215,7 +220,7 @@ impl<C: SweptCoordinate, T: BlockTree<Coordinate = C>> Kernel for AddCandidates<
     }
 }
 
-impl<V: Visitor, C: SweptCoordinate> Kernel for Share<'_, V, C> {
+impl<V: EncounterVisitor, C: SweptCoordinate> Kernel for Share<'_, V, C> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
@@ -264,7 +269,7 @@ mod tests {
     /// Counts the encounters that are reported to it.
     struct Reported(usize);
 
-    impl Visitor for Reported {
+    impl EncounterVisitor for Reported {
         const EXCLUDES_LISTED: bool = false;
         fn begin(&mut self, _own: &PointPath) {}
         fn visit<C: SweptCoordinate>(
