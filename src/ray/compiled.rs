@@ -15,7 +15,7 @@ use super::closest_point::point_query::PlacedQuery;
 use super::filter::{Filter, Offer, Seen};
 use super::kernel::outline::Outline;
 use super::traversal::batch::{Batch, BatchQuery, By, Task, Way};
-use super::traversal::collect::Visitor;
+use super::traversal::collect::HitVisitor;
 use super::traversal::interleave::Interleaved;
 use super::traversal::intersect::RaySource;
 use super::traversal::lazy::answer_lazily;
@@ -159,10 +159,10 @@ pub(crate) type Plain<G, Q, R> = fn(Target<'_, G>, &Q) -> R;
 type Guarded<G, Q, T, R> = fn(Target<'_, G>, &Q, Guards<'_, T>) -> R;
 
 /// All hits of a ray.
-type OfAll<G> = fn(Target<'_, G>, &Ray, Visitor<'_>) -> ControlFlow<()>;
+type OfAll<G> = fn(Target<'_, G>, &Ray, HitVisitor<'_>) -> ControlFlow<()>;
 
 /// The same with guards.
-type GuardedAll<G> = fn(Target<'_, G>, &Ray, Guards<'_, Offer>, Visitor<'_>) -> ControlFlow<()>;
+type GuardedAll<G> = fn(Target<'_, G>, &Ray, Guards<'_, Offer>, HitVisitor<'_>) -> ControlFlow<()>;
 
 /// A query of many rays with one `R` each.
 pub(crate) type Batched<G, R> = fn(Target<'_, G>, Task<'_, R>);
@@ -227,7 +227,7 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
     }
 
     /// All hits.
-    fn plain_all(on: Target<'_, G>, ray: &Ray, visitor: Visitor<'_>) -> ControlFlow<()> {
+    fn plain_all(on: Target<'_, G>, ray: &Ray, visitor: HitVisitor<'_>) -> ControlFlow<()> {
         let observer = &mut ();
         on.answer_plain(
             || {
@@ -255,7 +255,12 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
         on.answer(AnyOrAll::Any(AnyHit), ray, guards).is_break()
     }
 
-    fn guarded_all(on: Target<'_, G>, ray: &Ray, guards: Guards<'_, Offer>, visitor: Visitor<'_>) -> ControlFlow<()> {
+    fn guarded_all(
+        on: Target<'_, G>,
+        ray: &Ray,
+        guards: Guards<'_, Offer>,
+        visitor: HitVisitor<'_>,
+    ) -> ControlFlow<()> {
         on.answer(AnyOrAll::All(AllHits { visitor, repeats: on.layout.repeats() }), ray, guards)
     }
 

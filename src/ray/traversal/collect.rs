@@ -159,13 +159,13 @@ impl Collect for Any {
 }
 
 /// The caller's function that is called with each hit.
-pub(in crate::ray) type Visitor<'a> = &'a mut dyn FnMut(Hit) -> ControlFlow<()>;
+pub(in crate::ray) type HitVisitor<'a> = &'a mut dyn FnMut(Hit) -> ControlFlow<()>;
 
 /// Passes every primitive that is hit to a visitor, once.
 pub(crate) struct All<'a> {
     t_max: f32,
     reach: f32,
-    visitor: Visitor<'a>,
+    visitor: HitVisitor<'a>,
     /// The primitives that were passed on; `None` if each is found once.
     passed: Option<Passed>,
     /// The last return value of the visitor.
@@ -174,7 +174,7 @@ pub(crate) struct All<'a> {
 
 impl<'a> All<'a> {
     /// `repeats` tells whether a primitive may be found in several leaves.
-    pub fn new(ray: &TreeRay, visitor: Visitor<'a>, repeats: bool) -> All<'a> {
+    pub fn new(ray: &TreeRay, visitor: HitVisitor<'a>, repeats: bool) -> All<'a> {
         All {
             t_max: ray.t_max(),
             reach: ray.end,

@@ -1,6 +1,6 @@
 //! The three kinds of ray queries, independent of the layout.
 
-use super::collect::{All, Any, Closest, Collect, CollectAnyOrAll, Visitor};
+use super::collect::{All, Any, Closest, Collect, CollectAnyOrAll, HitVisitor};
 use super::intersect::RaySource;
 use super::ray_layout::RayLayout;
 use super::wide_traversal::Wide;
@@ -73,7 +73,7 @@ impl RayQuery for AnyHit {
 
 /// All hits, for a visitor.
 pub(crate) struct AllHits<'a> {
-    pub visitor: Visitor<'a>,
+    pub visitor: HitVisitor<'a>,
     /// Whether a ray may find a primitive in several leaves.
     pub repeats: bool,
 }
