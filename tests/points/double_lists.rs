@@ -178,7 +178,7 @@ fn lists_of_positions_equal_single_queries() {
                 let compare = |lists: &NeighborCsr, query: &dyn Fn(usize) -> DVec3| {
                     for i in 0..queries.len() {
                         let radius = if let Radii::Own(own) = radii { own[i] } else { 0.3 };
-                        let range = lists.offsets()[i]..lists.offsets()[i + 1];
+                        let range = lists.range(i);
                         let entry = |n: usize| (lists.ids()[n], lists.distances_squared()[n].to_bits());
                         let mut found: Vec<(u32, u32)> = range.map(entry).collect();
                         let single = tree.within(query(i), 0.4, radius);

@@ -98,7 +98,7 @@ fn check_against(
     assert_eq!(lists.len(), cloud.len(), "{what}");
     let [x, y, z] = lists.displacements();
     for (i, list) in expected.iter().enumerate() {
-        let range = lists.offsets()[i]..lists.offsets()[i + 1];
+        let range = lists.range(i);
         let found: Vec<Entry> = range
             .map(|n| {
                 let displacement = [x[n], y[n], z[n]].map(|x| (x + 0.0).to_bits());
@@ -500,7 +500,7 @@ fn bulk_queries_equal_single_ones() {
             let mut seen = vec![false; queries.len()];
             for (row, (query, ids)) in lists.iter().enumerate() {
                 assert!(!std::mem::replace(&mut seen[query as usize], true), "query {query} twice");
-                let distances = &lists.distances_squared()[lists.offsets()[row]..lists.offsets()[row + 1]];
+                let distances = &lists.distances_squared()[lists.range(row)];
                 let mut row: Vec<(u32, u32)> =
                     ids.iter().zip(distances).map(|(&id, distance)| (id, distance.to_bits())).collect();
                 row.sort_unstable();

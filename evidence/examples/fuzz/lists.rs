@@ -87,7 +87,7 @@ impl Request<'_> {
             let [x, y, z] = lists.displacements();
             let moved = |n: usize| if x.is_empty() { [0; 3] } else { [x[n], y[n], z[n]].map(|x| (x + 0.0).to_bits()) };
             let entry = |n: usize| (lists.ids()[n], lists.distances_squared()[n].to_bits(), moved(n));
-            let found: Vec<Entry> = (lists.offsets()[i]..lists.offsets()[i + 1]).map(entry).collect();
+            let found: Vec<Entry> = lists.range(i).map(entry).collect();
             same_lists!(found, list, "{what}: {self:?}: list {i}");
         }
         same!(query.run(&mut lists), Ok(()), "{what}: {self:?}");
@@ -228,7 +228,7 @@ fn check_positions(
             .filter(|n| n.distance_squared <= radius * radius)
             .map(|n| (n.id, n.distance_squared.to_bits()))
             .collect();
-        let of = lists.offsets()[i]..lists.offsets()[i + 1];
+        let of = lists.range(i);
         let mut found: Vec<(u32, u32)> = of.map(|n| (lists.ids()[n], lists.distances_squared()[n].to_bits())).collect();
         expected.sort_unstable();
         found.sort_unstable();

@@ -82,7 +82,7 @@ impl Fluid {
         let wall_at: Vec<Vec3> = bricks.iter().map(|brick| brick.0).collect();
         let walls = PointTree::build(&wall_at, &PointParams::default())?;
         let crowd = |lists: &NeighborCsr, row: usize| {
-            let range = lists.offsets()[row]..lists.offsets()[row + 1];
+            let range = lists.range(row);
             let squares = &lists.distances_squared()[range];
             kernel.value(0.0) + squares.iter().map(|&square| kernel.value(square)).sum::<f32>()
         };

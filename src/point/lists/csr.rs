@@ -3,6 +3,7 @@
 use super::columns::Columns;
 use super::prepare::Prepared;
 use super::worker::Worker;
+use core::ops::Range;
 
 /// Neighbour lists of all points, in compressed sparse rows: the lists one behind the other, and where each begins.
 ///
@@ -36,6 +37,17 @@ pub struct NeighborCsr {
     pub(super) rows: Vec<u32>,
     pub(super) prepared: Prepared,
     pub(super) workers: Vec<Worker>,
+}
+
+/// The lists and the columns that were requested; not the memory.
+impl PartialEq for NeighborCsr {
+    fn eq(&self, other: &NeighborCsr) -> bool {
+        let lists = |of: &NeighborCsr| (of.distances, of.displacements);
+        lists(self) == lists(other)
+            && (self.offsets(), self.points(), self.ids()) == (other.offsets(), other.points(), other.ids())
+            && self.distances_squared() == other.distances_squared()
+            && self.displacements() == other.displacements()
+    }
 }
 
 impl NeighborCsr {
@@ -108,12 +120,29 @@ impl NeighborCsr {
         if requested { &column[..self.neighbors()] } else { &[] }
     }
 
+    /// Where list `row` is in the columns.
+    ///
+    /// ```
+    /// use mbkd::{NeighborCsr, PointParams, PointTree};
+    /// let tree = PointTree::build(&[[0.0f32; 3], [1.0, 0.0, 0.0], [1.0, 2.0, 0.0]], &PointParams::default())?;
+    /// let mut lists = NeighborCsr::new();
+    /// tree.neighbor_lists(0.0, 2.0).with_distances().sorted().in_order().run(&mut lists)?;
+    /// assert_eq!(lists.distances_squared()[lists.range(1)], [1.0, 4.0]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Panics
+    /// If `row` is not less than [`NeighborCsr::len`].
+    pub fn range(&self, row: usize) -> Range<usize> {
+        self.offsets[row]..self.offsets[row + 1]
+    }
+
     /// The ids of list `row`.
     ///
     /// # Panics
     /// If `row` is not less than [`NeighborCsr::len`].
     pub fn row(&self, row: usize) -> &[u32] {
-        &self.columns.ids[self.offsets[row]..self.offsets[row + 1]]
+        &self.columns.ids[self.range(row)]
     }
 
     /// The lists, each with the id of its point.
