@@ -138,10 +138,26 @@ fn check_swept(random: &mut Random, trees: &[(PointTree, String)], cloud: &Cloud
     }
     expected.iter_mut().for_each(|row| row.sort_unstable_by_key(|e| e.id));
     let mut first: Option<Vec<Option<Vec<Encounter>>>> = None;
+    let [in_order, limited] = [random.one_in(2), random.one_in(2)];
     for (tree, what) in trees {
         let mut lists = EncounterLists::new();
-        let result = tree.neighbor_lists_swept(interval, radius).run(&mut lists);
+        let mut query = tree.neighbor_lists_swept(interval, radius).max_neighbors(cloud.len());
+        if in_order {
+            query = query.sorted().in_order();
+        }
+        let result = query.run(&mut lists);
         same!(result, Ok(()), "{what}: swept over {interval:?}, {radius}");
+        let most = lists.iter().map(|(_, row)| row.len()).max().unwrap_or(0);
+        if limited && most > 0 {
+            let longest = lists.iter().filter(|(_, row)| row.len() == most).map(|(id, _)| id).min();
+            let error = Err(ListError::TooManyNeighbors { id: longest.unwrap_or(u32::MAX) });
+            same!(
+                query.max_neighbors(most - 1).collect().map(|_| ()),
+                error,
+                "{what}: at most {} neighbours",
+                most - 1
+            );
+        }
         let mut rows = vec![None; cloud.len()];
         for (id, row) in lists.iter() {
             let mut row = row.to_vec();
