@@ -197,6 +197,18 @@ mod tests {
         Distortion::between(m, m)
     }
 
+    /// An entry of the adjugate that is zero at both ends of a part and greatest in its middle, where it is all that matters.
+    #[test]
+    fn bounds_of_a_part_hold_entries_of_the_inverse_that_are_zero_at_its_ends() {
+        let thin = 0.01;
+        let at = |w: f64| {
+            DMat3::from_cols(DVec3::new(-1.0, -1.0, 0.0), DVec3::new(w, 0.0, thin), DVec3::new(0.0, 1.0 - w, thin))
+        };
+        let Around::Known(found) = Distortion::along(at(0.0), at(1.0), at(0.5)) else { panic!("no bounds") };
+        let Around::Known(middle) = Distortion::around(at(0.5), DMat3::ZERO) else { panic!("singular") };
+        assert!(middle.norm > 50.0 && found.norm >= middle.norm && found.skeel >= middle.skeel, "{found:?} {middle:?}");
+    }
+
     #[test]
     fn distortion_is_none_for_scalings_small_for_rotations_and_large_for_shears() {
         let scale = DMat3::from_diagonal(DVec3::new(1e-3, 1.0, 1e6));

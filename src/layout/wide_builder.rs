@@ -464,6 +464,28 @@ fn distinct(ids: &mut [u32]) -> &[u32] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::primitive::{Scene, TriangleMesh};
+    use crate::random::Random;
+
+    /// With a budget that parameters do not allow, which no tree keeps.
+    #[test]
+    fn a_tree_that_is_larger_than_its_budget_is_an_error_unless_its_division_is_forced() {
+        let mut random = Random(3);
+        let mut key = || (0..6000).map(|_| random.vec()).collect::<Vec<_>>();
+        let mesh = TriangleMesh::new((0..2000).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(), vec![key(), key()]);
+        let set = Scene::new(&[mesh], Vec::new()).expect("a good mesh");
+        for division in [Division::Automatic, Division::Whole, Division::SeparateTrees(2)] {
+            let params = WideParams { bytes_per_primitive: 1.0, division, ..WideParams::default() };
+            match WideTree::build(&set, &params, &Progress::new(None)) {
+                Ok(_) => assert!(division.is_forced(), "{division:?}"),
+                Err(BuildError::OverBudget { bytes, budget }) => {
+                    assert!(!division.is_forced() && bytes > budget, "{division:?}");
+                    assert_eq!(budget, 2000 + LEAST_BYTES);
+                }
+                Err(other) => panic!("{other}"),
+            }
+        }
+    }
 
     #[test]
     fn after_a_tree_that_is_too_large_less_is_allowed_and_at_last_nothing() {

@@ -6,6 +6,7 @@ extern crate mbkd as engine;
 #[path = "../support/blob.rs"]
 mod blob;
 mod damage;
+mod forged;
 mod points;
 mod rays;
 mod support;

@@ -3,7 +3,7 @@
 use crate::double::{Cloud, STRUCTURES};
 use crate::support::Rng;
 use mbkd::glam::DVec3;
-use mbkd::{ListError, ListQuery, NeighborCsr, PointStructure, PointTree, Radii, SimdLevel};
+use mbkd::{ListError, ListQuery, NeighborCsr, PointParams, PointStructure, PointTree, Precision, Radii, SimdLevel};
 
 /// A neighbour: id, and the bits of the squared distance and of the displacement.
 type Entry = (u32, u32, [u32; 3]);
@@ -252,4 +252,27 @@ fn lists_do_not_depend_on_the_number_of_threads() {
     for threads in [2, 3, 8] {
         assert_eq!(lists(threads), alone, "{threads} threads");
     }
+}
+
+/// Differences whose squares are denormal in f32, or zero.
+#[test]
+fn pairs_whose_squared_distances_underflow_are_listed() {
+    let (mut rng, mut lists, mut pairs) = (Rng(85), NeighborCsr::new(), 0);
+    for round in 0..2000 {
+        let points: Vec<DVec3> = (0..20).map(|_| rng.vec().as_dvec3() * 1e-22).collect();
+        let params = PointParams { precision: Precision::Double, ..PointParams::default() };
+        let tree = PointTree::build(&points, &params).unwrap();
+        let radius = 1e-23 + 6e-23 * rng.unit();
+        tree.neighbor_lists(0.0, radius).sorted().in_order().run(&mut lists).unwrap();
+        for (i, list) in lists.iter() {
+            let squared = |j: u32| {
+                let d = points[j as usize] - points[i as usize];
+                ((d.x * d.x + d.y * d.y) + d.z * d.z) as f32
+            };
+            let expected: Vec<u32> = (0..20).filter(|&j| j != i && squared(j) <= radius * radius).collect();
+            assert_eq!(list, expected, "round {round}, point {i}");
+            pairs += expected.len();
+        }
+    }
+    assert!(pairs > 100, "{pairs}");
 }

@@ -21,6 +21,7 @@ mod lazy;
 mod masked_shapes;
 mod metamorphic;
 mod mixed;
+mod paddings;
 mod precise;
 mod progress;
 mod refit;

@@ -5,7 +5,7 @@ use crate::common::{Random, closed_sphere, difference, random_ray, soup};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    BuildError, BuildParams, Division, Keys, MovingSphere, RayTree, RefitError, Shape, TimeInterval, TriangleMesh,
+    BuildError, BuildParams, Division, Keys, MovingSphere, Ray, RayTree, RefitError, Shape, TimeInterval, TriangleMesh,
     WideParams,
 };
 
@@ -264,5 +264,21 @@ fn incompatible_meshes_are_rejected_and_change_nothing() {
     let mut random = Random(8);
     for _ in 0..200 {
         assert_eq!(difference(&tree, &oracle, &random_ray(&mut random, 1.5)), None);
+    }
+}
+
+/// A mesh that exists throughout when the tree is built, and for a part of the shutter in the next frame.
+#[test]
+fn a_mesh_whose_interval_a_refit_makes_shorter_is_not_hit_outside_of_it() {
+    let at =
+        |x: f32| TriangleMesh::fixed(vec![[0, 1, 2]], [Vec3::ZERO, Vec3::X, Vec3::Y].map(|p| p + Vec3::X * x).to_vec());
+    let mut meshes: Vec<TriangleMesh> = (0..40).map(|i| at(2.0 * i as f32)).collect();
+    let mut tree = RayTree::build(&meshes, &BuildParams::default()).unwrap();
+    tree.refit(&meshes).unwrap();
+    meshes[5] = meshes[5].clone().with_active(TimeInterval::new(0.2, 0.5).unwrap());
+    tree.refit_moved(&meshes, &[5]).unwrap();
+    for (time, expected) in [(0.1, false), (0.3, true), (0.8, false)] {
+        let ray = Ray::new(Vec3::new(10.2, 0.2, 1.0), Vec3::NEG_Z).at_time(time);
+        assert_eq!((tree.any_hit(&ray), tree.closest_hit(&ray).is_some()), (expected, expected), "at {time}");
     }
 }
