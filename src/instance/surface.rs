@@ -11,6 +11,20 @@ impl InstanceTree {
     /// The corners of the triangle that was hit, at any time of the shutter, as the instance places it then. NaN for a
     /// hit on another shape and for a hit that is not of this tree. Outside the active interval of its mesh: see
     /// [`RayTree::triangle`](crate::RayTree::triangle).
+    ///
+    /// ```
+    /// use std::sync::Arc;
+    /// use mbkd::glam::{DAffine3, DVec3, Vec3};
+    /// use mbkd::{BuildParams, Instance, InstanceTree, Ray, RayTree, TriangleMesh, WideParams};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let of = Arc::new(RayTree::build(&[mesh], &BuildParams::default())?);
+    /// let place = |z: f64| Instance::new(of.clone(), DAffine3::from_translation(DVec3::Z * z));
+    /// let tree = InstanceTree::build(vec![place(1.0), place(2.0)], &WideParams::default())?;
+    /// let ray = Ray::new(Vec3::new(0.2, 0.2, 0.0), Vec3::Z);
+    /// let found = tree.closest_hit(&ray).unwrap();
+    /// assert_eq!(tree.vertices(&found, 0.0)[1], DVec3::new(1.0, 0.0, 1.0));
+    /// # Ok::<(), mbkd::InstanceError>(())
+    /// ```
     pub fn vertices(&self, hit: &InstanceHit, time: f32) -> [DVec3; 3] {
         match (self.tree(&hit.path), self.matrix(&hit.path, time)) {
             (Some(tree), Some(matrix)) => tree.vertices(&hit.hit, time).map(|p| matrix.transform_point3(p)),

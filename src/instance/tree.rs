@@ -303,6 +303,20 @@ impl InstanceTree {
     /// A ray mapped into the own space of an instance of the outermost level, at the ray's time and with the same `t`:
     /// the ray that queries use for the placed tree, if the instance's mask and active interval allow. `None` if there
     /// is no such instance, if it is hidden, or if the direction is shorter than 2^-100 or longer than 2^100 there.
+    ///
+    /// ```
+    /// use std::sync::Arc;
+    /// use mbkd::glam::{DAffine3, DVec3, Vec3};
+    /// use mbkd::{BuildParams, Instance, InstanceTree, Ray, RayTree, TriangleMesh, WideParams};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let of = Arc::new(RayTree::build(&[mesh], &BuildParams::default())?);
+    /// let place = |z: f64| Instance::new(of.clone(), DAffine3::from_translation(DVec3::Z * z));
+    /// let tree = InstanceTree::build(vec![place(1.0), place(2.0)], &WideParams::default())?;
+    /// let ray = Ray::new(Vec3::new(0.2, 0.2, 0.0), Vec3::Z);
+    /// let local = tree.local_ray(1, &ray).unwrap();
+    /// assert_eq!((local.origin.z, local.dir), (-2.0, Vec3::Z));
+    /// # Ok::<(), mbkd::InstanceError>(())
+    /// ```
     pub fn local_ray(&self, instance: u32, ray: &Ray) -> Option<Ray> {
         let one = self.placements.placed.get(instance as usize)?;
         if !(0.0..=1.0).contains(&ray.time) {
@@ -314,6 +328,18 @@ impl InstanceTree {
 
     /// The matrix from the space of the tree at the end of a path to that of this tree, at a time of the shutter.
     /// `None` if the path is invalid or the time lies outside `[0, 1]`.
+    ///
+    /// ```
+    /// use std::sync::Arc;
+    /// use mbkd::glam::{DAffine3, DVec3, Vec3};
+    /// use mbkd::{BuildParams, Instance, InstanceTree, Ray, RayTree, TriangleMesh, WideParams};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let of = Arc::new(RayTree::build(&[mesh], &BuildParams::default())?);
+    /// let place = |z: f64| Instance::new(of.clone(), DAffine3::from_translation(DVec3::Z * z));
+    /// let tree = InstanceTree::build(vec![place(1.0), place(2.0)], &WideParams::default())?;
+    /// assert_eq!(tree.matrix(&[1], 0.5).unwrap().translation, DVec3::Z * 2.0);
+    /// # Ok::<(), mbkd::InstanceError>(())
+    /// ```
     pub fn matrix(&self, path: &[u32], time: f32) -> Option<DAffine3> {
         let (&first, rest) = path.split_first()?;
         let one = self.placements.placed.get(first as usize)?;

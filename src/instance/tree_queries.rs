@@ -10,17 +10,64 @@ use core::ops::ControlFlow;
 impl InstanceTree {
     /// The closest hit of a ray: the least `t`, of several at the same `t` the one with the lowest path, and of these
     /// the lowest (mesh, primitive).
+    ///
+    /// ```
+    /// use std::sync::Arc;
+    /// use mbkd::glam::{DAffine3, DVec3, Vec3};
+    /// use mbkd::{BuildParams, Instance, InstanceTree, Ray, RayTree, TriangleMesh, WideParams};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let of = Arc::new(RayTree::build(&[mesh], &BuildParams::default())?);
+    /// let place = |z: f64| Instance::new(of.clone(), DAffine3::from_translation(DVec3::Z * z));
+    /// let tree = InstanceTree::build(vec![place(1.0), place(2.0)], &WideParams::default())?;
+    /// let ray = Ray::new(Vec3::new(0.2, 0.2, 0.0), Vec3::Z);
+    /// let found = tree.closest_hit(&ray).unwrap();
+    /// assert_eq!((found.path[0], found.hit.t), (0, 1.0));
+    /// # Ok::<(), mbkd::InstanceError>(())
+    /// ```
     pub fn closest_hit(&self, ray: &Ray) -> Option<InstanceHit> {
         self.closest(ray, InstancePath::default(), &mut InstanceGuards::Plain)
     }
 
     /// Whether the ray hits anything. Stops at the first hit found.
+    ///
+    /// ```
+    /// use std::sync::Arc;
+    /// use mbkd::glam::{DAffine3, DVec3, Vec3};
+    /// use mbkd::{BuildParams, Instance, InstanceTree, Ray, RayTree, TriangleMesh, WideParams};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let of = Arc::new(RayTree::build(&[mesh], &BuildParams::default())?);
+    /// let place = |z: f64| Instance::new(of.clone(), DAffine3::from_translation(DVec3::Z * z));
+    /// let tree = InstanceTree::build(vec![place(1.0), place(2.0)], &WideParams::default())?;
+    /// let ray = Ray::new(Vec3::new(0.2, 0.2, 0.0), Vec3::Z);
+    /// assert_eq!([0.5, 1.5].map(|end| tree.any_hit(&ray.between(0.0, end))), [false, true]);
+    /// # Ok::<(), mbkd::InstanceError>(())
+    /// ```
     pub fn any_hit(&self, ray: &Ray) -> bool {
         self.any(ray, InstancePath::default(), &mut InstanceGuards::Plain)
     }
 
     /// Calls `visitor` with every primitive of every instance that the ray hits, each once (with its closest hit), in
     /// no particular order, until it breaks. Returns the last return value of `visitor`.
+    ///
+    /// ```
+    /// use core::ops::ControlFlow;
+    /// use std::sync::Arc;
+    /// use mbkd::glam::{DAffine3, DVec3, Vec3};
+    /// use mbkd::{BuildParams, Instance, InstanceTree, Ray, RayTree, TriangleMesh, WideParams};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let of = Arc::new(RayTree::build(&[mesh], &BuildParams::default())?);
+    /// let place = |z: f64| Instance::new(of.clone(), DAffine3::from_translation(DVec3::Z * z));
+    /// let tree = InstanceTree::build(vec![place(1.0), place(2.0)], &WideParams::default())?;
+    /// let ray = Ray::new(Vec3::new(0.2, 0.2, 0.0), Vec3::Z);
+    /// let mut found = Vec::new();
+    /// let _ = tree.all_hits(&ray, |hit| {
+    ///     found.push(hit.path[0]);
+    ///     ControlFlow::Continue(())
+    /// });
+    /// found.sort();
+    /// assert_eq!(found, [0, 1]);
+    /// # Ok::<(), mbkd::InstanceError>(())
+    /// ```
     pub fn all_hits(&self, ray: &Ray, mut visitor: impl FnMut(InstanceHit) -> ControlFlow<()>) -> ControlFlow<()> {
         self.all(ray, InstancePath::default(), &mut InstanceGuards::Plain, &mut visitor)
     }
@@ -83,6 +130,20 @@ impl InstanceTree {
     /// [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes and shapes whose masks do.
     ///
     /// `accept` must be pure: it may be called several times for the same hit, and is not called for every hit.
+    ///
+    /// ```
+    /// use std::sync::Arc;
+    /// use mbkd::glam::{DAffine3, DVec3, Vec3};
+    /// use mbkd::{BuildParams, Instance, InstanceTree, Ray, RayTree, TriangleMesh, WideParams};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let of = Arc::new(RayTree::build(&[mesh], &BuildParams::default())?);
+    /// let place = |z: f64| Instance::new(of.clone(), DAffine3::from_translation(DVec3::Z * z));
+    /// let tree = InstanceTree::build(vec![place(1.0), place(2.0)], &WideParams::default())?;
+    /// let ray = Ray::new(Vec3::new(0.2, 0.2, 0.0), Vec3::Z);
+    /// let second = tree.closest_hit_filtered(&ray, u32::MAX, |found| found.path[0] != 0);
+    /// assert_eq!(second.unwrap().hit.t, 2.0);
+    /// # Ok::<(), mbkd::InstanceError>(())
+    /// ```
     pub fn closest_hit_filtered(
         &self,
         ray: &Ray,
@@ -149,6 +210,21 @@ impl InstanceTree {
     }
 
     /// [`InstanceTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
+    ///
+    /// ```
+    /// use std::sync::Arc;
+    /// use mbkd::glam::{DAffine3, DVec3, Vec3};
+    /// use mbkd::{BuildParams, Instance, InstanceTree, Ray, RayTree, TriangleMesh, WideParams};
+    /// let mesh = TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
+    /// let of = Arc::new(RayTree::build(&[mesh], &BuildParams::default())?);
+    /// let place = |z: f64| Instance::new(of.clone(), DAffine3::from_translation(DVec3::Z * z));
+    /// let tree = InstanceTree::build(vec![place(1.0), place(2.0)], &WideParams::default())?;
+    /// let ray = Ray::new(Vec3::new(0.2, 0.2, 0.0), Vec3::Z);
+    /// let mut hits = Vec::new(); // memory that is used again
+    /// tree.closest_hits(&[ray, ray.between(1.5, 9.0)], &mut hits);
+    /// assert_eq!(hits.iter().map(|hit| hit.unwrap().path[0]).collect::<Vec<_>>(), [0, 1]);
+    /// # Ok::<(), mbkd::InstanceError>(())
+    /// ```
     pub fn closest_hits(&self, rays: &[Ray], hits: &mut Vec<Option<InstanceHit>>) {
         answer_each(rays, hits, |_, ray| self.closest_hit(ray));
     }

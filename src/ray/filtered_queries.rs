@@ -1,7 +1,8 @@
-//! Queries of single rays with a mask, and with a filter or without.
+//! Queries of single rays with a mask, with a filter or without, and with an observer.
 
 use super::compiled::Guards;
 use super::hit::Hit;
+use super::observer::Observer;
 use super::ray_tree::{Geometry, RayTree};
 use crate::geometry::Ray;
 use core::ops::ControlFlow;
@@ -100,5 +101,25 @@ impl<G: Geometry> RayTree<G> {
         mut visitor: impl FnMut(Hit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
         (self.queries.all_guarded)(self.target(), ray, Guards::filtered(mask, &|(_, hit)| accept(hit)), &mut visitor)
+    }
+
+    /// [`RayTree::closest_hit`], reporting each step to `observer`.
+    pub fn closest_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> Option<Hit> {
+        (self.queries.closest_guarded)(self.target(), ray, Guards::observed(observer))
+    }
+
+    /// [`RayTree::any_hit`], reporting each step to `observer`.
+    pub fn any_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> bool {
+        (self.queries.any_guarded)(self.target(), ray, Guards::observed(observer))
+    }
+
+    /// [`RayTree::all_hits`], reporting each step to `observer`.
+    pub fn all_hits_observed(
+        &self,
+        ray: &Ray,
+        observer: &mut impl Observer,
+        mut visitor: impl FnMut(Hit) -> ControlFlow<()>,
+    ) -> ControlFlow<()> {
+        (self.queries.all_guarded)(self.target(), ray, Guards::observed(observer), &mut visitor)
     }
 }

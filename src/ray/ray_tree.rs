@@ -1,10 +1,10 @@
 //! The tree that answers ray queries: primitives and one layout over them.
 
-use super::compiled::{Batched, Compiled, Guards, Layout, Queries, Target};
+use super::compiled::{Batched, Compiled, Layout, Queries, Target};
 use super::filter::{Offer, Visible};
 use super::kernel::outline::Outline;
 use super::traversal::batch::Task;
-use super::{Hit, Indices, Observer, Ray, Space, answer_in_order};
+use super::{Hit, Indices, Ray, Space, answer_in_order};
 use crate::error::BuildError;
 use crate::geometry::{Aabb, Frame, LinearBounds};
 use crate::layout::{RefitPlan, Statistics, TreeBox, ValidationError};
@@ -109,6 +109,16 @@ impl<G: Geometry> RayTree<G> {
     }
 
     /// The closest hit of a ray: the hit with the least `t`. Ties go to the lowest (mesh, primitive).
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+    /// let corners = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
+    /// let moved = corners.iter().map(|p| p + Vec3::Z).collect();
+    /// let tree = RayTree::build(&[TriangleMesh::new(vec![[0, 1, 2]], vec![corners, moved])], &BuildParams::default())?;
+    /// let ray = Ray::new(Vec3::new(0.2, 0.2, -1.0), Vec3::Z);
+    /// assert_eq!([0.0, 0.5, 1.0].map(|time| tree.closest_hit(&ray.at_time(time)).unwrap().t), [1.0, 1.5, 2.0]);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
     pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
         (self.queries.closest)(self.target(), ray)
     }
@@ -158,26 +168,6 @@ impl<G: Geometry> RayTree<G> {
     /// ```
     pub fn all_hits(&self, ray: &Ray, mut visitor: impl FnMut(Hit) -> ControlFlow<()>) -> ControlFlow<()> {
         (self.queries.all)(self.target(), ray, &mut visitor)
-    }
-
-    /// [`RayTree::closest_hit`], reporting each step to `observer`.
-    pub fn closest_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> Option<Hit> {
-        (self.queries.closest_guarded)(self.target(), ray, Guards::observed(observer))
-    }
-
-    /// [`RayTree::any_hit`], reporting each step to `observer`.
-    pub fn any_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> bool {
-        (self.queries.any_guarded)(self.target(), ray, Guards::observed(observer))
-    }
-
-    /// [`RayTree::all_hits`], reporting each step to `observer`.
-    pub fn all_hits_observed(
-        &self,
-        ray: &Ray,
-        observer: &mut impl Observer,
-        mut visitor: impl FnMut(Hit) -> ControlFlow<()>,
-    ) -> ControlFlow<()> {
-        (self.queries.all_guarded)(self.target(), ray, Guards::observed(observer), &mut visitor)
     }
 
     /// [`RayTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order. A
