@@ -1,6 +1,7 @@
 //! The interface between trees and searches over a range of times.
 
 use crate::geometry::{KeyTime, TimeInterval};
+use crate::parallel;
 use crate::point::leaf_order::moving_reference::SegmentSlice;
 use crate::simd::{LANES, Lanes};
 use glam::{DVec3, Vec3};
@@ -59,7 +60,7 @@ impl<C: Copy + Into<f64>> PathRows<C> {
 }
 
 /// A tree whose points are in blocks of sixteen.
-pub(in crate::point) trait BlockTree: BoxTree {
+pub(in crate::point) trait BlockTree: BoxTree + Sync {
     /// The numbers that positions are kept in.
     type Coordinate: Copy + Into<f64>;
     /// Number of blocks.
@@ -85,7 +86,8 @@ pub(in crate::point) trait BlockTree: BoxTree {
             let coordinates = rows.open.into_iter().chain(rows.close).flat_map(move |row| row.into_iter().zip(rows.id));
             coordinates.filter(|(_, id)| *id != u32::MAX).fold(0.0, |most, (x, _)| greater(most, x.into().abs()))
         };
-        (0..self.block_count()).map(of_block).fold(0.0, greater)
+        let parts = parallel::chunks(self.block_count(), |blocks| blocks.map(of_block).fold(0.0, greater));
+        parts.into_iter().fold(0.0, greater)
     }
     /// The least and the greatest displacement of a point between the keys, along each axis, infinite without a point; of no account
     /// where positions are in f32.

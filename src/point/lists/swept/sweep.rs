@@ -9,6 +9,7 @@ use crate::parallel;
 use crate::point::layout::over_interval::{BlockTree, greater, lesser};
 use crate::point::tree::PointTree;
 use crate::simd::{Kernel, Simd, dispatch};
+use std::sync::OnceLock;
 
 /// A search for all encounters of a set with itself.
 pub(super) struct Sweep<'a, C: SweptCoordinate> {
@@ -19,11 +20,14 @@ pub(super) struct Sweep<'a, C: SweptCoordinate> {
     groups: Vec<(usize, usize)>,
     times: [f64; 2],
     radius: f64,
-    /// The largest number of segments between keys, the largest magnitude of a coordinate, and the most by which displacements between
-    /// two keys differ along an axis; that is of no account for f32.
+    /// The largest number of segments between keys, and the most by which displacements between two keys differ along an axis; that is of no
+    /// account for f32.
     segments: usize,
-    magnitude: f64,
     motion: f64,
+    /// The largest magnitude of a coordinate, once it is known: lists of points in f32 do not need it, only certificates do.
+    magnitude: OnceLock<f64>,
+    /// See [`SweptCoordinate::excess`].
+    excess: f64,
     /// Pairs that are nearer than this at the first time are excluded.
     excluded_within: Option<f64>,
     /// Whether each point comes up once.
@@ -59,12 +63,12 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         let has_active_intervals = slices.iter().any(Slice::has_active_intervals);
         let times = times.map(f64::from);
         let segments = slices.iter().filter_map(Slice::segment).map(|(keys, _)| keys.max(2) - 1).max().unwrap_or(1);
-        let magnitude = slices.iter().map(Slice::magnitude).fold(0.0, f64::max);
-        Sweep {
+        let mut sweep = Sweep {
             tree,
             segments,
-            magnitude,
             motion: relative_motion(&slices),
+            magnitude: OnceLock::new(),
+            excess: 0.0,
             slices,
             pairings,
             groups,
@@ -73,7 +77,10 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
             excluded_within: None,
             once,
             has_active_intervals,
-        }
+        };
+        // Here, not where several threads would wait for it.
+        sweep.excess = C::excess(sweep.segments, || sweep.magnitude(), sweep.motion);
+        sweep
     }
 
     /// Widens the radius by what the positions, distances and bounds of queries at a time, which are computed in f32,
@@ -106,7 +113,11 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
 
     /// See [`Sweep::allow_for_rounding`].
     fn rounding(&self, radius: f64) -> f64 {
-        C::rounding(self.segments, self.magnitude, self.motion, radius)
+        C::rounding(self.segments, || self.magnitude(), self.motion, radius)
+    }
+
+    fn magnitude(&self) -> f64 {
+        *self.magnitude.get_or_init(|| self.slices.iter().map(Slice::magnitude).fold(0.0, f64::max))
     }
 
     /// Shows all points and their encounters to visitors, one for each share of the points, whose order is always the
@@ -225,7 +236,7 @@ impl<V: EncounterVisitor, C: SweptCoordinate> Kernel for Share<'_, V, C> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let Share { sweep, groups, worker: Worker { visitor, group, candidates, filter } } = self;
-        let excess = C::excess(sweep.segments, sweep.magnitude, sweep.motion);
+        let excess = sweep.excess;
         for &(number, node) in groups {
             let pairing = &sweep.pairings[number];
             let slice = &sweep.slices[pairing.own];
