@@ -265,7 +265,7 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
                     let slack = SLACK * magnitude[lane] + group.slack;
                     let bound = squared_up(radius + slack + UNDERFLOW);
                     // The radius has been lowered by more than f32 adds here, rounding of its square included:
-                    // see `Sweep::exclude_lists_of`.
+                    // see `Sweep::for_certificate`.
                     let moved = 6.0 * (magnitude[lane] + group.magnitude) * early;
                     let excluded_within =
                         excluded_within.map_or(-1.0, |within| squared(C::excluded_within(within, slack, moved)));

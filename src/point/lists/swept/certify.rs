@@ -101,12 +101,11 @@ impl PointTree {
         };
         let boxed = self.box_tree([time, until]);
         let sweep = Sweep::<C>::new(boxed.as_ref().unwrap_or(self), [time, until], radius, Some(segment))
-            .exclude_lists_of(listed_within)
-            .allow_for_rounding();
+            .for_certificate(listed_within);
         let firsts = sweep.run(|| First { time: f32::INFINITY, listed: &listed });
         let first = firsts.iter().fold(f32::INFINITY, |least, first| least.min(first.time));
         // No margin is needed. The radius r is widened by Δ, at least 28·2^-24 of the largest coordinate M, and a pair that a
-        // query finds at time t is within r + 0.9 Δ in truth: see `Sweep::rounding`. What f64 rounds in the discriminant is a
+        // query finds at time t is within r + 0.9 Δ in truth: see `Sweep::for_certificate`. What f64 rounds in the discriminant is a
         // change of the widened radius, of less than 2^-44 M² in its square, where (r + Δ)² exceeds (r + 0.9 Δ)² by more than
         // 2^-41 M². What it rounds in the quotient is less than 2^-50 of it, in which the two move by less than 2^-47 M. So the
         // computed time is before t. No f32 lies between a time and the f32 nearest to it, so t is not before that either.

@@ -38,8 +38,8 @@ pub(super) trait SweptCoordinate: Copy + Default + Into<f64> + Send + Sync {
     /// the most by which displacements between two keys differ along an axis.
     fn excess(segments: usize, magnitude: impl FnOnce() -> f64, motion: f64) -> f64;
     /// How much the distances of points that queries at a time take for within a radius may exceed it, or those of
-    /// encounters fall short of the exact ones: see [`Sweep::allow_for_rounding`](super::sweep::Sweep::allow_for_rounding).
-    fn rounding(segments: usize, magnitude: impl FnOnce() -> f64, motion: f64, radius: f64) -> f64;
+    /// encounters fall short of the exact ones: see [`Sweep::for_certificate`](super::sweep::Sweep::for_certificate).
+    fn rounding(segments: usize, magnitude: f64, motion: f64, radius: f64) -> f64;
     /// The distance up to which pairs are excluded by their positions in f32, given that up to which they may be in truth, the slack
     /// of the test, and by how much they move in it before the first time.
     fn excluded_within(distance: f64, slack: f64, moved: f64) -> f64;
@@ -81,8 +81,8 @@ impl SweptCoordinate for f32 {
     fn excess(_segments: usize, _magnitude: impl FnOnce() -> f64, _motion: f64) -> f64 {
         0.0
     }
-    fn rounding(segments: usize, magnitude: impl FnOnce() -> f64, _motion: f64, radius: f64) -> f64 {
-        ((8 * segments + 20) as f64 * magnitude() + 8.0 * radius) / 16_777_216.0 + 1e-18
+    fn rounding(segments: usize, magnitude: f64, _motion: f64, radius: f64) -> f64 {
+        ((8 * segments + 20) as f64 * magnitude + 8.0 * radius) / 16_777_216.0 + 1e-18
     }
     #[inline(always)]
     fn excluded_within(distance: f64, _slack: f64, _moved: f64) -> f64 {
@@ -130,8 +130,8 @@ impl SweptCoordinate for f64 {
     fn excess(segments: usize, magnitude: impl FnOnce() -> f64, motion: f64) -> f64 {
         (segments + 1) as f64 * magnitude() * 2f64.powi(-47) + motion * 2f64.powi(-22)
     }
-    fn rounding(segments: usize, magnitude: impl FnOnce() -> f64, motion: f64, radius: f64) -> f64 {
-        f64::excess(segments, magnitude, motion) + 8.0 * radius / 16_777_216.0 + 1e-18
+    fn rounding(segments: usize, magnitude: f64, motion: f64, radius: f64) -> f64 {
+        f64::excess(segments, || magnitude, motion) + 8.0 * radius / 16_777_216.0 + 1e-18
     }
     #[inline(always)]
     fn excluded_within(distance: f64, slack: f64, moved: f64) -> f64 {

@@ -9,7 +9,6 @@ use crate::parallel;
 use crate::point::layout::over_interval::{BlockTree, greater, lesser};
 use crate::point::tree::PointTree;
 use crate::simd::{Kernel, Simd, dispatch};
-use std::sync::OnceLock;
 
 /// A search for all encounters of a set with itself.
 pub(super) struct Sweep<'a, C: SweptCoordinate> {
@@ -24,8 +23,6 @@ pub(super) struct Sweep<'a, C: SweptCoordinate> {
     /// account for f32.
     segments: usize,
     motion: f64,
-    /// The largest magnitude of a coordinate, once it is known: lists of points in f32 do not need it, only certificates do.
-    magnitude: OnceLock<f64>,
     /// See [`SweptCoordinate::excess`].
     excess: f64,
     /// Pairs that are nearer than this at the first time are excluded.
@@ -63,12 +60,12 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         let has_active_intervals = slices.iter().any(Slice::has_active_intervals);
         let times = times.map(f64::from);
         let segments = slices.iter().filter_map(Slice::segment).map(|(keys, _)| keys.max(2) - 1).max().unwrap_or(1);
-        let mut sweep = Sweep {
+        let motion = relative_motion(&slices);
+        Sweep {
             tree,
             segments,
-            motion: relative_motion(&slices),
-            magnitude: OnceLock::new(),
-            excess: 0.0,
+            motion,
+            excess: C::excess(segments, || magnitude(&slices), motion),
             slices,
             pairings,
             groups,
@@ -77,16 +74,14 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
             excluded_within: None,
             once,
             has_active_intervals,
-        };
-        // Here, not where several threads would wait for it.
-        sweep.excess = C::excess(sweep.segments, || sweep.magnitude(), sweep.motion);
-        sweep
+        }
     }
 
     /// Widens the radius by what the positions, distances and bounds of queries at a time, which are computed in f32,
-    /// may differ from exact ones.
+    /// may differ from exact ones, and excludes the pairs that lists at the first time with the radius `listed_within` contain for certain,
+    /// where visitors want that.
     ///
-    /// With u = 2^-24, M the largest coordinate and n segments between keys, the phase between the keys is rounded by
+    /// **The radius.** With u = 2^-24, M the largest coordinate and n segments between keys, the phase between the keys is rounded by
     /// nu, which moves a point by 2Mnu; interpolation adds 4Mu, the difference of two points 2Mu; the square and its
     /// comparison with the rounded square of the radius are wrong by 4u of themselves. Along three axes, and for both
     /// points, that is below (4n + 10)·1.8Mu + 4ur.
@@ -94,30 +89,19 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
     /// Queries among points in f64 find their phases exactly. With ε, A and R as in [`super`], their positions and those here are
     /// wrong by 5εA each, and phases here by what moves two points by 16nεA: together (35 + 28n)εA in space. The square of a query
     /// is rounded once, and so is that of the radius: ur. The allowance is [`SweptCoordinate::excess`] and 8ur.
-    pub(super) fn allow_for_rounding(mut self) -> Sweep<'a, C> {
-        self.radius += self.rounding(self.radius);
-        self
-    }
-
-    /// Excludes the pairs that lists at the first time with this radius contain for certain, where visitors want that.
-    /// Positions are rounded both there and here, so the allowance for rounding counts twice. The second half covers that
+    ///
+    /// **Listed pairs.** Positions are rounded both there and here, so the allowance for rounding counts twice. The second half covers that
     /// here both positions and their difference are rounded (3·1.8Mu), and the squares are (8ur). For points in f64 positions are
     /// rounded relative to a group, which its slack covers, and those at the begin of its range of times are compared, which is a
     /// little before the first time. Until then a pair moves by a share of what it moves in the range: along an axis, at most 2M' in the
     /// group, and 2M and the drift in the other block, less than 6 (M + M') altogether.
-    pub(super) fn exclude_lists_of(mut self, radius: f32) -> Sweep<'a, C> {
-        let radius = f64::from(radius);
-        self.excluded_within = Some(radius - 2.0 * self.rounding(radius));
+    pub(super) fn for_certificate(mut self, listed_within: f32) -> Sweep<'a, C> {
+        let magnitude = magnitude(&self.slices);
+        let rounding = |radius: f64| C::rounding(self.segments, magnitude, self.motion, radius);
+        let listed_within = f64::from(listed_within);
+        self.excluded_within = Some(listed_within - 2.0 * rounding(listed_within));
+        self.radius += rounding(self.radius);
         self
-    }
-
-    /// See [`Sweep::allow_for_rounding`].
-    fn rounding(&self, radius: f64) -> f64 {
-        C::rounding(self.segments, || self.magnitude(), self.motion, radius)
-    }
-
-    fn magnitude(&self) -> f64 {
-        *self.magnitude.get_or_init(|| self.slices.iter().map(Slice::magnitude).fold(0.0, f64::max))
     }
 
     /// Shows all points and their encounters to visitors, one for each share of the points, whose order is always the
@@ -156,6 +140,11 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         let (keys, segment) = a.segment().or(b.segment()).unwrap_or((1, 0));
         Window::of_segment(keys, segment, self.times).reported_by([a.reports, b.reports])
     }
+}
+
+/// The largest magnitude of a coordinate. (Looked for only where it counts: it takes a look at every point.)
+fn magnitude<C: SweptCoordinate>(slices: &[Slice<'_, C>]) -> f64 {
+    slices.iter().map(Slice::magnitude).fold(0.0, f64::max)
 }
 
 /// The most by which displacements differ along an axis.
