@@ -20,6 +20,16 @@ pub(super) struct F(__m256, __m256);
 #[derive(Clone, Copy)]
 pub(super) struct U(__m256i, __m256i);
 
+/// Whether all code of this build is compiled for CPUs with these features.
+pub(super) const EVERYWHERE: bool = cfg!(all(
+    target_feature = "avx2",
+    target_feature = "fma",
+    target_feature = "bmi1",
+    target_feature = "bmi2",
+    target_feature = "lzcnt",
+    target_feature = "popcnt"
+));
+
 /// Whether this CPU has every feature that [`run`] enables.
 pub(super) fn detected() -> bool {
     is_x86_feature_detected!("avx2")

@@ -20,6 +20,15 @@ pub(super) struct F(__m512);
 #[derive(Clone, Copy)]
 pub(super) struct U(__m512i);
 
+/// Whether all code of this build is compiled for CPUs with these features.
+pub(super) const EVERYWHERE: bool = super::avx2::EVERYWHERE
+    && cfg!(all(
+        target_feature = "avx512f",
+        target_feature = "avx512bw",
+        target_feature = "avx512dq",
+        target_feature = "avx512vl"
+    ));
+
 /// Whether this CPU has every feature that [`run`] enables.
 pub(super) fn detected() -> bool {
     is_x86_feature_detected!("avx512f")

@@ -35,9 +35,22 @@ enum Isa {
     Avx512,
 }
 
+/// The narrowest instruction set that is compiled.
+#[cfg(target_arch = "x86_64")]
+const BASELINE: Isa = if avx512::EVERYWHERE {
+    Isa::Avx512
+} else if avx2::EVERYWHERE {
+    Isa::Avx2
+} else {
+    Isa::Baseline
+};
+#[cfg(not(target_arch = "x86_64"))]
+const BASELINE: Isa = Isa::Baseline;
+
 impl SimdLevel {
-    /// The level of every CPU of the architecture: SSE2 on x86-64, NEON on AArch64, plain code elsewhere.
-    pub const BASELINE: SimdLevel = SimdLevel(Isa::Baseline);
+    /// The narrowest level that is compiled: SSE2 on x86-64, NEON on AArch64, plain code elsewhere. Where the crate is compiled for
+    /// CPUs with AVX2 or AVX-512 (`-C target-cpu`), it is that, and nothing narrower is compiled.
+    pub const BASELINE: SimdLevel = SimdLevel(BASELINE);
 
     /// All levels of this CPU, narrowest first; the first is always [`SimdLevel::BASELINE`].
     pub fn available() -> Vec<SimdLevel> {
@@ -45,10 +58,10 @@ impl SimdLevel {
         let mut levels = vec![SimdLevel::BASELINE];
         #[cfg(target_arch = "x86_64")]
         {
-            if avx2::detected() {
+            if avx2::detected() && !avx2::EVERYWHERE && !avx512::EVERYWHERE {
                 levels.push(SimdLevel(Isa::Avx2));
             }
-            if avx512::detected() {
+            if avx512::detected() && !avx512::EVERYWHERE {
                 levels.push(SimdLevel(Isa::Avx512));
             }
         }
@@ -99,33 +112,24 @@ impl core::fmt::Display for SimdLevel {
 /// and code compiled for it is larger than for any other level.
 #[inline(always)]
 pub(crate) fn dispatch_or<K: Kernel>(level: SimdLevel, kernel: K, otherwise: impl FnOnce(K) -> K::Output) -> K::Output {
-    match level.0 {
-        #[cfg(target_arch = "x86_64")]
-        Isa::Baseline => otherwise(kernel),
-        #[cfg(not(target_arch = "x86_64"))]
-        Isa::Baseline => {
-            let _ = otherwise;
-            baseline::run(kernel)
-        }
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: as in `dispatch`.
-        Isa::Avx2 => unsafe { avx2::run(kernel) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: as in `dispatch`.
-        Isa::Avx512 => unsafe { avx512::run(kernel) },
-    }
+    if cfg!(target_arch = "x86_64") && level.0 == Isa::Baseline { otherwise(kernel) } else { dispatch(level, kernel) }
 }
 
-/// Runs a kernel compiled for `level`.
+/// Runs a kernel compiled for `level`. What is narrower than [`SimdLevel::BASELINE`] is never reached, and so not compiled.
 #[inline(always)]
 pub(crate) fn dispatch<K: Kernel>(level: SimdLevel, kernel: K) -> K::Output {
-    match level.0 {
-        Isa::Baseline => baseline::run(kernel),
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: a `SimdLevel` of AVX2 is only made after detection found it on this CPU.
-        Isa::Avx2 => unsafe { avx2::run(kernel) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: a `SimdLevel` of AVX-512 is only made after detection found it on this CPU.
-        Isa::Avx512 => unsafe { avx512::run(kernel) },
+    #[cfg(target_arch = "x86_64")]
+    {
+        if avx512::EVERYWHERE || level.0 == Isa::Avx512 {
+            // SAFETY: a `SimdLevel` of AVX-512 is only made after detection found it on this CPU, unless all code needs it.
+            return unsafe { avx512::run(kernel) };
+        }
+        if avx2::EVERYWHERE || level.0 == Isa::Avx2 {
+            // SAFETY: a `SimdLevel` of AVX2 is only made after detection found it on this CPU, unless all code needs it.
+            return unsafe { avx2::run(kernel) };
+        }
     }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = level;
+    baseline::run(kernel)
 }

@@ -2,9 +2,10 @@
 //!
 //! A query kernel is written once, generic over [`Simd`], as plain straight-line code. On x86-64, [`dispatch()`] compiles
 //! it three times (SSE2, AVX2, AVX-512) and runs the widest version that the CPU has, so a default build reaches AVX-512
-//! without compiler flags; on AArch64 it is compiled once, for NEON. The picture to have in mind: a token `s` of type
-//! `S: Simd` is the proof that the CPU has the instructions, and every vector is made from it. Other architectures run
-//! the plain lanes of `portable`, against which all instruction sets are tested.
+//! without compiler flags. (A build for CPUs with more than SSE2, by `-C target-cpu`, compiles nothing narrower than they have.) On
+//! AArch64 it is compiled once, for NEON. Other architectures run the plain lanes of `portable`, against which all instruction sets
+//! are tested. The picture to have in mind: a token `s` of type `S: Simd` is the proof that the CPU has the instructions, and every
+//! vector is made from it.
 //!
 //! All lane operations except [`Simd::mul_add`], [`Simd::negated_mul_add`] and [`Simd::mul_add_one`] give the same bits on
 //! every instruction set; answers are computed with those. These three fuse where the hardware does and are for culling
