@@ -134,7 +134,7 @@ impl fmt::Display for BuildError {
             BuildError::BadBounds { primitive } => {
                 write!(
                     f,
-                    "shape or primitive {primitive}: its bounds are NaN, infinite, inverted or beyond {:e}",
+                    "shape or primitive {primitive}: its bounds are NaN, infinite, inverted or beyond {:e} (`check_primitive` tells over which interval)",
                     MAX_COORDINATE as f32
                 )
             }
@@ -148,7 +148,10 @@ impl fmt::Display for BuildError {
                 write!(f, "the tree would take {bytes} bytes, but {budget} are allowed: raise bytes_per_primitive")
             }
             BuildError::TooLargeTree => {
-                write!(f, "the tree would be larger than 2 GiB; split the scene into several trees")
+                write!(
+                    f,
+                    "the tree would be larger than 2 GiB; split the scene into several trees, and place them in an `InstanceTree`"
+                )
             }
             BuildError::Parameter { name, expected } => write!(f, "build parameter `{name}` must be {expected}"),
             BuildError::TooManyReferences => f.write_str(

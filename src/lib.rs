@@ -24,32 +24,8 @@
 //! Public names by topic: [`motion`] describes moving geometry, [`ray`], [`point`] and [`instance`] have the trees and their
 //! answers, [`baseline`] is brute force. The main ones are also in the root.
 //!
-//! The modules form layers. Each imports only from earlier rows of this table, in the direction of the data:
-//! primitives, builds, layouts, traversals, queries. (`tests/layers.rs` checks that.)
-//!
-//! | module | contents |
-//! |---|---|
-//! | `limits` | limits of inputs and layouts that several modules check |
-//! | `tuning` | all fitted constants, each with the command that fits it |
-//! | `error` | why a build refuses its input |
-//! | `random` | random numbers of `check_primitive`, and of the unit tests |
-//! | `parallel` | parallel loops over several threads |
-//! | `simd` | sixteen lanes with run-time dispatch, and the memory they read; the only `unsafe` code |
-//! | `file` | tree files: header, checksum, numbers and arrays as bytes |
-//! | `params` | build parameters |
-//! | `progress` | progress of a build, and cancelling it |
-//! | `geometry` | boxes, linear bounds, time intervals, rays, planes, clipping, separating axes, local space |
-//! | `primitive` | meshes, spheres, points, custom primitives |
-//! | `mbkd` | the paper's k-d tree and its build: classification, duplication, propagation |
-//! | `bvh` | object splits, pre-splits, collapse into wide nodes |
-//! | `time` | time slices of the shutter and how they are chosen |
-//! | `layout` | the wide layout ([`Policy::Wide`]): nodes, leaf blocks, writing; validation and statistics of all ray trees |
-//! | `traverse` | traversal of a layout, independent of the query |
-//! | `ray` | [`RayTree`]: rays and closest points, the watertight triangle test, queries, batches |
-//! | `instance` | [`InstanceTree`]: trees with many moving instances |
-//! | `point` | [`PointTree`]: its structures, how one is chosen, its searches |
-//! | `motion` | public names: moving geometry and its description |
-//! | `baseline` | brute force, the reference for everything |
+//! The default ray tree is a sixteen-way bounding volume hierarchy (BVH) whose boxes move with their contents
+//! ([`Policy::Wide`]); the paper's k-d tree is [`KdParams::paper`].
 //!
 //! The library began as an implementation of "k-d Tree Construction Designed for Motion Blur" (Yang, Liu, Yin, Zhang, Zhou,
 //! Wei).
@@ -73,9 +49,9 @@ mod error;
 mod file;
 mod geometry;
 pub mod instance;
+mod kd;
 mod layout;
 mod limits;
-mod mbkd;
 pub mod motion;
 mod parallel;
 mod params;
@@ -102,7 +78,7 @@ pub use limits::{MAX_COORDINATE, MAX_POINT_COORDINATE};
 pub use params::{BuildParams, Division, KdParams, LazyParams, Policy, WideParams};
 pub use point::{
     Approach, BulkQuery, Encounter, EncounterLists, Keep, KeepAll, KeepIf, ListError, ListQuery, Neighbor,
-    NeighborBuffer, NeighborCsr, NeighborLists, NeighborQuery, NeighborWork, PointError, PointLayerKind,
+    NeighborBatch, NeighborBuffer, NeighborLists, NeighborQuery, NeighborWork, PointError, PointLayerKind,
     PointLayerStatistics, PointParams, PointStatistics, PointStructure, PointTree, Precision, Radii, RadiusOf,
     SweptQuery, TreePoint, WithinIter, certified_duration,
 };

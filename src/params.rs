@@ -8,7 +8,7 @@ use crate::tuning::lazy::SUBTREE;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Policy {
-    /// Sixteen-way nodes with boxes that move linearly, over leaf blocks for SIMD: the fastest, and the default.
+    /// A bounding volume hierarchy: sixteen-way nodes with boxes that move linearly, over leaf blocks for SIMD. The fastest, and the default.
     Wide(WideParams),
     /// A binary k-d tree: the paper's ([`KdParams::paper`]), the same with moving planes ([`KdParams::default`]), or an
     /// ordinary one over swept boxes ([`KdParams::classic`]).
@@ -23,7 +23,7 @@ impl Default for Policy {
     }
 }
 
-/// How a [`RayTree`](crate::RayTree) is built. The default is a wide tree.
+/// How a [`RayTree`](crate::RayTree) is built. The default is a wide tree, a bounding volume hierarchy with sixteen children in a node.
 ///
 /// ```
 /// use mbkd::{BuildParams, KdParams, WideParams};
@@ -86,7 +86,7 @@ fn check(fine: bool, name: &'static str, expected: &'static str) -> Result<(), B
 /// How a wide tree is built ([`Policy::Wide`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WideParams {
-    /// The largest number of references per primitive after early split clipping of long triangles, in [1, 8]. Triangles are
+    /// The largest number of references per primitive after pre-splits (early split clipping) of long triangles, in [1, 8]. Triangles are
     /// split only if the expected cost of a ray falls enough; memory grows with the references. Default 1.58.
     pub max_references: f32,
     /// The budget of the tree, in bytes per primitive, in [128, 1e6]. Added to it are 36 bytes per triangle for each key beyond

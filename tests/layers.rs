@@ -1,7 +1,7 @@
 //! The modules of `src` lie in layers and import downward only, and no files import each other in a circle, nor do the folders
 //! of a layer.
 //!
-//! The order of the layers is the table in the documentation of the crate, top row lowest. Imports are the paths that
+//! The order of the layers is the table in `docs/ARCHITECTURE.md`, top row lowest. Imports are the paths that
 //! begin with `crate` or `super`, or with the name of a module beside them, outside of tests, comments and strings.
 //! An item that a module re-exports from another (`pub use`) counts as an import of that other module by its users.
 
@@ -29,7 +29,8 @@ fn modules_import_downward_and_without_circles() {
     let mut files = Vec::new();
     read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), &mut Vec::new(), &mut files);
     let files: Vec<(&str, &str)> = files.iter().map(|(path, text)| (path.as_str(), text.as_str())).collect();
-    let it = Crate::new(&files);
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/ARCHITECTURE.md");
+    let it = Crate::new(&std::fs::read_to_string(page).unwrap(), &files);
     assert!(it.layers.len() > 10 && it.imports.len() > 50, "{} layers, {} files", it.layers.len(), it.imports.len());
     let imports: usize = it.imports.keys().map(|module| it.used_by(module).len()).sum();
     assert!(imports > 200, "only {imports} imports were understood");
@@ -51,11 +52,10 @@ fn read(folder: &Path, names: &mut Vec<String>, files: &mut Vec<(String, String)
 }
 
 impl Crate {
-    /// Parses files, given as paths below `src` and their text.
-    fn new(files: &[(&str, &str)]) -> Crate {
-        let row = |line: &str| Some(line.strip_prefix("//! | `")?.split('`').next()?.to_string());
-        let root = files.iter().find(|(path, _)| *path == "lib.rs").map_or("", |file| file.1);
-        let layers = root.lines().filter_map(row).collect();
+    /// Parses the table of layers and files, given as paths below `src` and their text.
+    fn new(table: &str, files: &[(&str, &str)]) -> Crate {
+        let row = |line: &str| Some(line.strip_prefix("| `")?.split('`').next()?.to_string());
+        let layers = table.lines().filter_map(row).collect();
         let module = |path: &str| {
             let path = path.trim_end_matches(".rs").trim_end_matches("/mod");
             path.split('/').filter(|name| *name != "lib").map(str::to_string).collect()
@@ -83,7 +83,7 @@ impl Crate {
         let below_root = self.imports.keys().filter(|module| !module.is_empty());
         for module in below_root.clone() {
             let Some(own) = layer(module) else {
-                violations.push(format!("{} is in no layer of the table in lib.rs", module.join("::")));
+                violations.push(format!("{} is in no layer of the table of layers", module.join("::")));
                 continue;
             };
             for import in &self.imports[module] {
@@ -93,7 +93,7 @@ impl Crate {
                 if layers.into_iter().flatten().any(|of| of > own) {
                     let path = import.path.join("::");
                     violations.push(format!(
-                        "{} uses {path}, which is in a later row of the table in lib.rs",
+                        "{} uses {path}, which is in a later row of the table of layers",
                         module.join("::")
                     ));
                 }
@@ -337,8 +337,9 @@ fn shortest_way_back(begin: &Module, used: &BTreeMap<Module, BTreeSet<Module>>) 
 
 /// The violations in made-up files in which `low` is below `high`.
 fn wrong(files: &[(&str, &str)]) -> Vec<String> {
-    let root = "//! | `low` | this |\n//! | `high` | that |\nmod high;\nmod low;\npub use high::High;";
-    Crate::new(&[&[("lib.rs", root)], files].concat()).violations()
+    let table = "| module | contents |\n|---|---|\n| `low` | this |\n| `high` | that |";
+    let root = "mod high;\nmod low;\npub use high::High;";
+    Crate::new(table, &[&[("lib.rs", root)], files].concat()).violations()
 }
 
 #[test]
@@ -409,5 +410,5 @@ fn circles_within_a_layer_are_found() {
 
 #[test]
 fn a_module_without_a_layer_is_found() {
-    assert_eq!(wrong(&[("new.rs", "")]), ["new is in no layer of the table in lib.rs"]);
+    assert_eq!(wrong(&[("new.rs", "")]), ["new is in no layer of the table of layers"]);
 }

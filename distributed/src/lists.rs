@@ -10,7 +10,7 @@ use crate::exchange::Exchange;
 use crate::reach::{check_radius, check_time};
 use crate::rows::Rows;
 use crate::step::Step;
-use mbkd::{ListQuery, NeighborCsr};
+use mbkd::{ListQuery, NeighborLists};
 
 /// A neighbour of a particle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,7 +33,7 @@ impl<E: Exchange> Step<'_, E> {
     pub fn neighbor_lists(&self, time: f32, radius: f32) -> Result<Rows<Near>, Error> {
         let checked = check_time(time).and_then(|()| self.check_radius(radius));
         agree(self.exchange, Arguments::new(Call::Lists).times([time; 2]).radius(radius), checked)?;
-        let (mut among_own, mut among_halo) = (NeighborCsr::new(), NeighborCsr::new());
+        let (mut among_own, mut among_halo) = (NeighborLists::new(), NeighborLists::new());
         self.run(self.own.neighbor_lists(time, radius), &mut among_own);
         self.run(self.own.neighbor_lists(time, radius).among(&self.near), &mut among_halo);
         let mut rows = Rows::new();
@@ -59,14 +59,14 @@ impl<E: Exchange> Step<'_, E> {
         if radius <= self.reach.radius { Ok(()) } else { Err(Problem::BeyondReach) }
     }
 
-    fn run(&self, query: ListQuery<'_>, lists: &mut NeighborCsr) {
+    fn run(&self, query: ListQuery<'_>, lists: &mut NeighborLists) {
         let query = query.periodic(self.reach.periods).with_distances().sorted().in_order();
         query.run(lists).unwrap_or_else(|error| unreachable!("the query has been checked: {error}"));
     }
 }
 
 /// A row of lists in the order of ids: neighbours and squared distances.
-fn row(lists: &NeighborCsr, row: usize) -> impl Iterator<Item = (u32, f32)> {
+fn row(lists: &NeighborLists, row: usize) -> impl Iterator<Item = (u32, f32)> {
     let ends = lists.offsets()[row]..lists.offsets()[row + 1];
     let (ids, distances) = (&lists.ids()[ends.clone()], &lists.distances_squared()[ends]);
     ids.iter().copied().zip(distances.iter().copied())

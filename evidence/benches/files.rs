@@ -81,7 +81,7 @@ fn main() -> Tried<()> {
     points("still", &|| Ok(PointTree::build(&still, &PointParams::default())?))?;
     points("moving boxes", &|| Ok(PointTree::build(&moving, &of(PointStructure::Linear))?))?;
     points("moving, chosen", &|| Ok(PointTree::build(&moving, &PointParams::default())?))?;
-    points("k-d", &|| Ok(PointTree::build(&moving, &of(PointStructure::Mbkd))?))?;
+    points("k-d", &|| Ok(PointTree::build(&moving, &of(PointStructure::Kd))?))?;
     points("still in f64", &|| {
         let set = PointArrays { keys: &[&wide], active: &[], ids: &[] };
         Ok(PointTree::build(&set, &PointParams::default())?)

@@ -324,7 +324,7 @@ fn moving_tables(args: &Args) {
                 Arena::new_from_slice(&at).unwrap()
             })
             .collect();
-        use PointStructure::{Automatic, Linear, Mbkd, TimeSlices};
+        use PointStructure::{Automatic, Kd, Linear, TimeSlices};
         let forced = [Linear, TimeSlices(2), TimeSlices(4), TimeSlices(8), TimeSlices(16)];
         let structures = [&[Automatic][..], if args.structures { &forced } else { &[] }].concat();
         let trees = built(&points, &structures);
@@ -363,7 +363,7 @@ fn moving_tables(args: &Args) {
             // Far slower than the others, so measured separately with a tenth of the queries.
             let some = &at[..at.len() / 10];
             drop(trees);
-            let mbkd = built(&points, &[Mbkd]).remove(0).0;
+            let kd = built(&points, &[Kd]).remove(0).0;
             let mut kiddo = || {
                 for pair in some {
                     kiddo_queries!(
@@ -374,9 +374,9 @@ fn moving_tables(args: &Args) {
                     );
                 }
             };
-            let times = race_trees(1, &[&mbkd, &still], some, 8, radius, &mut kiddo);
+            let times = race_trees(1, &[&kd, &still], some, 8, radius, &mut kiddo);
             println!(
-                "  Mbkd:  k=8 {:.0} ({:.2} x static, snapshots {:.2})",
+                "  Kd:  k=8 {:.0} ({:.2} x static, snapshots {:.2})",
                 times[0],
                 times[0] / times[1],
                 times[2] / times[0]

@@ -6,7 +6,7 @@
 
 use clap::Parser;
 use mbkd::glam::DVec3;
-use mbkd::{NeighborBuffer, NeighborCsr, PointArrays, PointParams, PointTree, Precision};
+use mbkd::{NeighborBuffer, NeighborLists, PointArrays, PointParams, PointTree, Precision};
 use mbkd_evidence::accuracy::Random;
 use std::hint::black_box;
 use std::time::Instant;
@@ -113,7 +113,7 @@ fn compare(scene: &str, count: usize, moving: bool) -> Result<(), Box<dyn std::e
     let mut queries: Vec<(DVec3, f32)> = (0..QUERIES)
         .map(|_| (open[random.below(count)] + random.vec() * (0.5 * spacing), random.unit() as f32))
         .collect();
-    let (mut buffer, mut lists, mut ratios) = (NeighborBuffer::new(), NeighborCsr::new(), Vec::new());
+    let (mut buffer, mut lists, mut ratios) = (NeighborBuffer::new(), NeighborLists::new(), Vec::new());
     for _ in 0..ROUNDS {
         let mut make = |tree: &PointTree| {
             let start = Instant::now();

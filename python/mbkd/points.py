@@ -33,14 +33,14 @@ class PointTree:
     boxsize : float or (3,), optional
         Periodic box [0, L) as in scipy; 0 or infinity for axes that are not periodic. Distances are to the nearest image. Static
         points must lie in the box. Moving points may leave it by up to four periods.
-    structure : {'automatic', 'linear', 'time_slices:N', 'mbkd'}
+    structure : {'automatic', 'linear', 'time_slices:N', 'kd'}
         The structure of the tree for moving points. Answers do not depend on it.
     max_references : float
         The greatest number of references per point, in structures that store a point more than once.
     precision : {'automatic', 'float32', 'float64'}
         What positions are kept in. 'automatic': what they were given in, but float64 positions that are all float32
         numbers, on both sides of zero, in float32. 'float32': float64 positions are rounded relative to the middle of the
-        set; the tree is smaller and faster, and supports all neighbour lists. 'float64': always float64.
+        set; the tree is smaller and faster. 'float64': always float64.
     workers : int
         Threads for the build; -1 for all processors.
     progress : callable, optional

@@ -3,7 +3,7 @@
 use crate::arrays::{slice, value_error};
 use crate::points::Points;
 use crate::threads::on;
-use mbkd::{NeighborCsr, Radii};
+use mbkd::{NeighborLists, Radii};
 use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -19,7 +19,7 @@ type Columns<'py> = (
 );
 
 /// The memory of the last lists, reused for the next ones: allocating it anew would take as much time as the lists.
-static MEMORY: Mutex<Option<NeighborCsr>> = Mutex::new(None);
+static MEMORY: Mutex<Option<NeighborLists>> = Mutex::new(None);
 
 /// Memory beyond this is released.
 const MOST_KEPT: usize = 1 << 29;
@@ -89,13 +89,13 @@ pub fn neighbor_lists_with_skin<'py>(
 }
 
 /// The memory of the last lists, unless another thread uses it.
-fn memory() -> NeighborCsr {
+fn memory() -> NeighborLists {
     MEMORY.lock().ok().and_then(|mut kept| kept.take()).unwrap_or_default()
 }
 
 /// Copies lists into arrays of their size and keeps their memory. Row i belongs to point i, or the rows are in the order of
 /// their computation.
-fn hand_over(py: Python<'_>, lists: NeighborCsr, points: Option<usize>, workers: isize) -> PyResult<Columns<'_>> {
+fn hand_over(py: Python<'_>, lists: NeighborLists, points: Option<usize>, workers: isize) -> PyResult<Columns<'_>> {
     let rows: Vec<u32> = match points {
         None => (0..lists.len() as u32).collect(),
         Some(points) => {

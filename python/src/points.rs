@@ -406,10 +406,10 @@ fn named(structure: &str) -> PyResult<PointStructure> {
     match (structure, structure.strip_prefix("time_slices:").map(str::parse)) {
         ("automatic", _) => Ok(PointStructure::Automatic),
         ("linear", _) => Ok(PointStructure::Linear),
-        ("mbkd", _) => Ok(PointStructure::Mbkd),
+        ("kd", _) => Ok(PointStructure::Kd),
         (_, Some(Ok(slices))) => Ok(PointStructure::TimeSlices(slices)),
         _ => Err(PyValueError::new_err(format!(
-            "structure must be 'automatic', 'linear', 'mbkd' or 'time_slices:N', not '{structure}'"
+            "structure must be 'automatic', 'linear', 'kd' or 'time_slices:N', not '{structure}'"
         ))),
     }
 }

@@ -13,7 +13,7 @@ QUERIES = RNG.random((50, 3), dtype=np.float32)
 TIMES = RNG.random(50)
 
 
-@pytest.mark.parametrize("structure", ["automatic", "linear", "time_slices:3", "mbkd"])
+@pytest.mark.parametrize("structure", ["automatic", "linear", "time_slices:3", "kd"])
 def test_point_trees_come_back(structure, tmp_path):
     trees = [PointTree(POINTS), PointTree(POINTS.astype(np.float64) + 0.1)]
     trees += [PointTree(POINTS, keys=MOVED, structure=structure, active=np.tile([0.0, 0.9], (500, 1)))]

@@ -51,7 +51,7 @@ def test_query_is_brute_force_to_the_bit():
         np.testing.assert_array_equal(d, distances)
 
 
-@pytest.mark.parametrize("structure", ["automatic", "linear", "time_slices:3", "mbkd"])
+@pytest.mark.parametrize("structure", ["automatic", "linear", "time_slices:3", "kd"])
 def test_moving_points_are_those_of_a_snapshot(structure):
     tree = PointTree(SINGLE, keys=CLOSE, structure=structure)
     times = RNG.random(len(QUERIES)).astype(np.float32)

@@ -13,7 +13,7 @@ use super::tree::{InstanceOf, InstanceTree};
 use crate::geometry::Ray;
 use crate::layout::ChildRef;
 use crate::primitive::PrimitiveSet;
-use crate::ray::{Hit, LeafVisitor, Observer, RayTraversal, TreeRay};
+use crate::ray::{Hit, LeafVisitor, ObjectTraversal, Observer, TreeRay};
 use crate::simd::{Simd, dispatch};
 use core::ops::ControlFlow;
 
@@ -258,9 +258,9 @@ impl InstanceTree {
         let mut visitor = InstanceVisitor { set, trees, local: *ray, path, guards, query };
         let (tree, tree_ray) = (&self.wide, &tree_ray);
         if Q::ORDERED {
-            dispatch(self.simd, RayTraversal::<true, _> { tree, ray, tree_ray, visitor: &mut visitor });
+            dispatch(self.simd, ObjectTraversal::<true, _> { tree, ray, tree_ray, visitor: &mut visitor });
         } else {
-            dispatch(self.simd, RayTraversal::<false, _> { tree, ray, tree_ray, visitor: &mut visitor });
+            dispatch(self.simd, ObjectTraversal::<false, _> { tree, ray, tree_ray, visitor: &mut visitor });
         }
         visitor.query
     }

@@ -2,8 +2,8 @@
 
 use super::validation_error::ValidationError;
 use crate::file::{FileError, broken, require};
+use crate::kd::{BadLink, KdTree, KdView, check_links};
 use crate::limits::DEPTH_LIMIT;
-use crate::mbkd::{BadLink, KdTree, KdView, check_links};
 
 impl KdTree {
     /// Returns the tree if queries can traverse it safely.

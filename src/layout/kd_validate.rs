@@ -4,7 +4,7 @@
 
 use super::validation_error::ValidationError;
 use crate::geometry::{Box3, TimeInterval, ULP};
-use crate::mbkd::{KdTree, KdView};
+use crate::kd::{KdTree, KdView};
 use crate::primitive::PrimitiveSet;
 
 /// Cells are shrunk by this before primitives are searched in them. A primitive that only touches a face, within the rounding of clipping,

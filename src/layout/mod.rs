@@ -12,9 +12,10 @@
 //! first enters it.
 //!
 //! A draft (`crate::time`) is written (`wide_builder`, `write`) in the format of `wide_node` and `leaf_block`, and
-//! assembled (`serialize`). Then the tree is indexed in one pass (`leaf_index`): corners are stored in leaf blocks
+//! assembled (`assemble`). Then the tree is indexed in one pass (`leaf_index`): corners are stored in leaf blocks
 //! only, and those of a single triangle are found there (`corners`).
 
+mod assemble;
 mod block_masks;
 mod built_place;
 mod corners;
@@ -37,7 +38,6 @@ mod node_boxes;
 mod refit;
 mod refit_plan;
 mod root_bounds;
-mod serialize;
 mod shared_blocks;
 mod sphere_leaf;
 mod statistics;

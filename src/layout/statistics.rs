@@ -1,6 +1,6 @@
 //! Sizes and counts of a finished tree.
 
-use crate::mbkd::{BuildTimes, KdReference, KdTree, KdView};
+use crate::kd::{BuildTimes, KdReference, KdTree, KdView};
 use crate::primitive::PrimitiveSet;
 use core::fmt;
 

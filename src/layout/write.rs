@@ -1,10 +1,10 @@
 //! Writing nodes into the arena.
 //!
-//! Subtrees up to a fixed size are written separately by any thread and concatenated ([`super::serialize`]). The few
+//! Subtrees up to a fixed size are written separately by any thread and concatenated ([`super::assemble`]). The few
 //! nodes above them follow.
 
+use super::assemble::{FIRST, Fragment, write_in_order};
 use super::node_boxes::BoxRows;
-use super::serialize::{FIRST, Fragment, write_in_order};
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS, children_mut};
 use crate::bvh::{BinaryNode, Collapse, WideChild, mean_half_area};
 use crate::error::BuildError;

@@ -161,7 +161,7 @@ fn encode_layer<'a, 'b, T>(
 ) -> Result<(), FileError> {
     let per_segment = match statistics.kind {
         PointLayerKind::Linear { time_slices } => time_slices,
-        PointLayerKind::Static | PointLayerKind::Mbkd => 1,
+        PointLayerKind::Static | PointLayerKind::Kd => 1,
     };
     to.put([number, statistics.keys as u32, per_segment as u32, trees.len() as u32])?;
     to.put(statistics.points as u64)?;
@@ -212,7 +212,7 @@ impl LayerRecord {
             Trees::Planes(records) => {
                 let trees = checked_trees(slices(records.len())?, records, PlaneRecord::checked)?;
                 require(points <= trees.iter().map(PlaneTree::references).sum(), OTHER_POINTS)?;
-                tree.add(Layer::Planes(trees), PointLayerKind::Mbkd, points, why);
+                tree.add(Layer::Planes(trees), PointLayerKind::Kd, points, why);
             }
             Trees::Precise(records) => {
                 let moves = records.iter().any(PreciseRecord::moves);

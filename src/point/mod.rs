@@ -46,13 +46,13 @@ pub use gather::{
     VisiblePoints,
 };
 pub use lists::{
-    BulkQuery, Encounter, EncounterLists, ListError, ListQuery, NeighborCsr, Radii, RadiusOf, SweptQuery,
+    BulkQuery, Encounter, EncounterLists, ListError, ListQuery, NeighborLists, Radii, RadiusOf, SweptQuery,
     certified_duration,
 };
 pub use neighbor::Neighbor;
 pub use precision::Precision;
 pub use queries::approach::Approach;
-pub use queries::batch::NeighborLists;
+pub use queries::batch::NeighborBatch;
 pub use queries::iter::WithinIter;
 pub use queries::query::{NeighborBuffer, NeighborQuery};
 pub use queries::visit::TreePoint;

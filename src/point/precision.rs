@@ -3,12 +3,12 @@
 /// The numbers that a tree keeps positions in.
 ///
 /// ```
-/// use mbkd::{NeighborCsr, PointParams, PointTree, Precision};
+/// use mbkd::{NeighborLists, PointParams, PointTree, Precision};
 /// let in_f64 = PointParams { precision: Precision::Double, ..PointParams::default() };
 /// // All of the wall's coordinates are f32 numbers, those of the fluid are not.
 /// let wall = PointTree::build(&[[-1.0f64, 0.0, 0.0], [1.0, 0.0, 0.0]], &in_f64)?;
 /// let fluid = PointTree::build(&[[0.1f64, 0.0, 0.0], [1.1, 0.0, 0.0]], &in_f64)?;
-/// let mut lists = NeighborCsr::new();
+/// let mut lists = NeighborLists::new();
 /// fluid.neighbor_lists(0.0, 0.5).among(&wall).in_order().run(&mut lists)?;
 /// assert_eq!((lists.offsets(), lists.ids()), (&[0, 0, 1][..], &[1][..]));
 /// # Ok::<(), Box<dyn std::error::Error>>(())

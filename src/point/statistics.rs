@@ -15,7 +15,7 @@ pub enum PointLayerKind {
         time_slices: usize,
     },
     /// The paper's k-d tree, one for each segment between keys: points that cross a plane are on both sides of it.
-    Mbkd,
+    Kd,
 }
 
 /// One layer of a tree.

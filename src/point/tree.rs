@@ -36,7 +36,7 @@ pub enum PointStructure {
     TimeSlices(usize),
     /// The k-d tree of the paper. A point that crosses a plane is stored on both sides, on each with the time it spends there. An
     /// error for positions kept in f64.
-    Mbkd,
+    Kd,
 }
 
 /// The parameters of the build of a point tree.
@@ -450,7 +450,7 @@ pub(super) fn work_of<P: PointSet + ?Sized>(points: &P) -> usize {
 fn kind(plan: Plan) -> PointLayerKind {
     match plan {
         Plan::Boxes(time_slices) => PointLayerKind::Linear { time_slices },
-        Plan::Planes(_) => PointLayerKind::Mbkd,
+        Plan::Planes(_) => PointLayerKind::Kd,
     }
 }
 
@@ -460,6 +460,6 @@ fn forced(params: &PointParams) -> Option<Plan> {
         PointStructure::Automatic => None,
         PointStructure::Linear => Some(Plan::Boxes(1)),
         PointStructure::TimeSlices(slices) => Some(Plan::Boxes(slices)),
-        PointStructure::Mbkd => Some(Plan::Planes(params.max_references)),
+        PointStructure::Kd => Some(Plan::Planes(params.max_references)),
     }
 }

@@ -13,8 +13,8 @@
 //! difference (2), its product with a fraction that is rounded itself (1 + 2), a sum (3: the line may leave M by that of others) and
 //! a difference (4): 12. The tube's end is a sum (3). So the padding is twice the slack and 16 ULP.
 
+use super::key_window::Window;
 use super::triangles::Triangles;
-use super::window::Window;
 use crate::geometry::{Box3, CornerBounds, LinearBox3, TimeInterval, ULP};
 use core::ops::Range;
 use glam::{Vec3, Vec3A};

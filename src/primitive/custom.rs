@@ -4,9 +4,9 @@
 //! through [`PrimitiveSet`], in tree space. Triangle meshes are one such set; a list of [`Primitive`]s is another.
 
 use super::intersection::{Intersection, SurfacePoint};
+use super::key_window::Intervals;
 use super::sphere::MovingSphere;
 use super::vertex_tubes::VertexTubes;
-use super::window::Intervals;
 use crate::error::BuildError;
 use crate::geometry::{Aabb, Box3, CornerBounds, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
 use crate::limits::MAX_COORDINATE;

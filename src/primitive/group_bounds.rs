@@ -3,11 +3,11 @@
 //! The keys of up to sixteen vertices are transposed into rows, of which [`super::tubes`] makes the bounds of the triangles
 //! between these vertices, over any number of intervals.
 
+use super::key_window::{Intervals, Window};
 use super::keys_of_vertices::KeysOfVertices;
 use super::shared_vertices::Shared;
 use super::triangles::Triangles;
 use super::tubes::{RowsOfKeys, bounds_of_faces, lanes_of_faces};
-use super::window::{Intervals, Window};
 use crate::geometry::{LaneBounds, LinearBox3};
 use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch, greatest_of_each};
 use core::ops::Range;

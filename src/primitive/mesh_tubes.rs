@@ -2,11 +2,11 @@
 //! order of memory.
 
 use super::bent_bounds::TUBE_ULPS;
+use super::key_window::Window;
 use super::keys_of_vertices::KeysOfVertices;
 use super::triangles::Triangles;
 use super::tubes::lanes_of_faces;
 use super::vertex_tubes::{MeshTubes, SIZE, VertexTubes};
-use super::window::Window;
 use crate::geometry::{LaneBounds, TimeInterval, ULP};
 use crate::parallel;
 use crate::simd::{Kernel, LANES, Mask, Simd, SimdLevel, dispatch, huge_vec_of};

@@ -1,13 +1,14 @@
 //! Moving primitives: triangle meshes, spheres, custom primitives, points.
 
 mod bent_bounds;
+mod bounds_of_many;
 mod check;
 mod copy_meshes;
 mod custom;
 mod group_bounds;
 mod intersection;
+mod key_window;
 mod keys_of_vertices;
-mod lane_bounds;
 mod merge_keys;
 mod mesh;
 mod mesh_index;
@@ -26,12 +27,12 @@ mod triangles_file;
 mod tubes;
 mod vertex_slack;
 mod vertex_tubes;
-mod window;
 
 pub use check::{PrimitiveError, check_primitive};
 pub use custom::{Primitive, Shapes};
 pub(crate) use custom::{PrimitiveSet, SPHERE_KEY_BYTES};
 pub use intersection::{Intersection, SurfacePoint};
+pub(crate) use key_window::{Intervals, Window};
 pub(crate) use merge_keys::{DOUBLE, SINGLE, kept_keys, widest_step};
 pub use mesh::{Keys, TriangleMesh};
 pub use points::{MovingPoint, PointArrays, PointColumns, PointSet, Position};
@@ -44,4 +45,3 @@ pub(crate) use sphere::SPHERE_ROUNDING;
 pub(crate) use triangles::Triangles;
 pub(crate) use tubes::{Faces, RowsOfKeys, at_corners, bounds_of_faces};
 pub(crate) use vertex_tubes::VertexTubes;
-pub(crate) use window::{Intervals, Window};

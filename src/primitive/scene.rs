@@ -2,11 +2,11 @@
 
 use super::custom::{Primitive, PrimitiveSet, Shapes, ShapesExtent, include_each, with_merged_keys};
 use super::intersection::{Intersection, SurfacePoint};
+use super::key_window::Intervals;
 use super::mesh::TriangleMesh;
 use super::sphere::MovingSphere;
 use super::triangles::Triangles;
 use super::vertex_tubes::VertexTubes;
-use super::window::Intervals;
 use crate::error::{BuildError, RefitError};
 use crate::geometry::{Box3, CornerBounds, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
 use crate::progress::Progress;

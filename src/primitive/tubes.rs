@@ -5,8 +5,8 @@
 //! The tube of a vertex that several triangles share is computed once.
 
 use super::bent_bounds::TUBE_ULPS;
+use super::key_window::Window;
 use super::vertex_tubes::SIZE;
-use super::window::Window;
 use crate::geometry::{Box3, KeyTime, LinearBox3, ULP};
 use crate::simd::{LANES, Lanes, Mask, Rows, Simd, transpose};
 use glam::Vec3;

@@ -3,8 +3,8 @@
 use super::compiled::Layout;
 use super::ray_tree::{Geometry, RayTree};
 use crate::file::{self, Decoder, Encoder, FileError, FileKind, broken};
+use crate::kd::KdTree;
 use crate::layout::WideTree;
-use crate::mbkd::KdTree;
 use crate::primitive::{Primitive, SceneRecord, Shapes, ShapesRecord};
 use std::io::{Read, Write};
 use std::path::Path;

@@ -62,5 +62,5 @@ pub use observer::{Counters, Observer};
 pub use ray_tree::{Geometry, RayTree};
 pub use refit::Refit;
 pub(crate) use surface::{Departure, OF_COORDINATE};
-pub(crate) use traversal::ray_traversal::{LeafVisitor, RayTraversal};
+pub(crate) use traversal::object_traversal::{LeafVisitor, ObjectTraversal};
 pub use visit::TreePrimitive;

@@ -321,11 +321,28 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn bounds(&self) -> Option<Aabb> {
-        (self.geometry.len() > 0).then(|| self.linear_bounds().swept())
+        self.linear_bounds().map(LinearBounds::swept)
+    }
+
+    /// A box at the beginning of the shutter and one at its end, between which the box of each time is interpolated: around all
+    /// primitives that exist then, slightly enlarged for rounding; `None` if there are none. Of k-d trees both are
+    /// [`RayTree::bounds`]. Takes constant time.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, RayTree, TriangleMesh, glam::{DVec3, Vec3}};
+    /// let open = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
+    /// let close = open.iter().map(|p| *p + 4.0 * Vec3::Z).collect();
+    /// let tree = RayTree::build(&[TriangleMesh::new(vec![[0, 1, 2]], vec![open, close])], &BuildParams::default())?;
+    /// let middle = tree.linear_bounds().unwrap().at(0.5);
+    /// assert!(middle.contains(DVec3::Z * 2.0) && !middle.contains(DVec3::Z * 1.9));
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn linear_bounds(&self) -> Option<LinearBounds> {
+        (self.geometry.len() > 0).then(|| self.own_bounds())
     }
 
     /// Linear bounds of all primitives over the shutter, in world space, as wide as the boxes of queries.
-    pub(crate) fn linear_bounds(&self) -> LinearBounds {
+    fn own_bounds(&self) -> LinearBounds {
         let swept = LinearBounds::fixed(self.geometry.frame().bounds);
         match &self.layout {
             Layout::Wide(tree) => tree.linear_bounds(self.geometry.frame()).unwrap_or(swept),
@@ -341,7 +358,7 @@ impl<G: Geometry> RayTree<G> {
             Layout::Lazy(tree) => tree.top.bounds_of_children(self.geometry.frame()),
             Layout::Kd(_) => None,
         };
-        subtrees.unwrap_or_else(|| vec![self.linear_bounds()])
+        subtrees.unwrap_or_else(|| vec![self.own_bounds()])
     }
 
     /// Which rays miss everything.

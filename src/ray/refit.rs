@@ -48,7 +48,8 @@ impl<G: Geometry> RayTree<G> {
         // If the tree space changed, all coordinates did.
         let moved = if self.geometry.frame().maps_as(geometry.frame()) { moved } else { Moved::All };
         let masks_differ = self.geometry.masks() != geometry.masks();
-        let first = (self.plan.is_none() && self.geometry.len() > 0).then(|| BuiltPlace::new(&self.linear_bounds()));
+        let bounds = if self.plan.is_none() { self.linear_bounds() } else { None };
+        let first = bounds.map(|bounds| BuiltPlace::new(&bounds));
         self.geometry = geometry;
         self.rewrite(&moved, masks_differ, first)
     }

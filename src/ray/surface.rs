@@ -124,18 +124,21 @@ impl RayTree {
         (!point.is_nan()).then_some(point)
     }
 
+    /// The number of meshes. A hit with this number as its mesh is one on a shape ([`RayTree::shapes`]), and any lower one is the index of
+    /// a mesh.
+    pub fn mesh_count(&self) -> usize {
+        self.geometry.triangles.mesh_count()
+    }
+
     /// The shape that was hit; `None` if it was a triangle, or is not in this tree.
     fn shape_of(&self, hit: &Hit) -> Option<&Shape> {
-        if hit.mesh as usize == self.geometry.triangles.mesh_count() {
-            self.shapes().get(hit.primitive as usize)
-        } else {
-            None
-        }
+        if hit.mesh as usize == self.mesh_count() { self.shapes().get(hit.primitive as usize) } else { None }
     }
 
     /// The ray from the point where `ray` hit the surface into the direction `dir`, at the same time: for shadow rays, reflections,
     /// refractions and bounces. Its origin is moved off the surface, to the side that `dir` leaves to, so that it does not hit the same
-    /// triangle or sphere again at once. Its range is from 0 to infinity; limit that of a shadow ray by [`Ray::between`].
+    /// triangle or sphere again at once. Its range is from 0 to infinity; limit that of a shadow ray by [`Ray::between`],
+    /// whose ends are included: where the lamp is a surface of the scene, end a little before it.
     /// (Where the direction is so long that the origin moves by less than 7e-46 of it, half of the least `t` above 0, the same triangle is
     /// hit at 0.)
     ///
@@ -151,7 +154,7 @@ impl RayTree {
     /// let ray = Ray::new(Vec3::new(0.3, 0.4, 7.0), Vec3::new(0.1, 0.2, -1.0)).at_time(0.5);
     /// let hit = tree.closest_hit(&ray).unwrap();
     /// let light = Vec3::new(2.0, 3.0, 4.0);
-    /// let to_light = light - ray.point(hit.t).as_vec3();
+    /// let to_light = light - tree.point_at(&ray, &hit, ray.time).unwrap().as_vec3();
     /// let shadow = tree.secondary_ray(&ray, &hit, to_light).between(0.0, 1.0);
     /// assert!(!tree.any_hit(&shadow));
     /// # Ok::<(), mbkd::BuildError>(())

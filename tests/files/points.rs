@@ -5,7 +5,7 @@ use core::fmt::Write;
 use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    FileError, MovingPoint, NeighborCsr, PointArrays, PointLayerKind, PointParams, PointStructure, PointTree,
+    FileError, MovingPoint, NeighborLists, PointArrays, PointLayerKind, PointParams, PointStructure, PointTree,
     SimdLevel, TimeInterval, TreePoint, Visitor,
 };
 use std::collections::BTreeSet;
@@ -50,7 +50,7 @@ fn trees() -> Vec<(String, PointTree)> {
         trees.push((format!("{n} static"), tree));
     }
     let structures =
-        [PointStructure::Automatic, PointStructure::Linear, PointStructure::TimeSlices(3), PointStructure::Mbkd];
+        [PointStructure::Automatic, PointStructure::Linear, PointStructure::TimeSlices(3), PointStructure::Kd];
     for structure in structures {
         for n in [1, 20, 700] {
             let tree = PointTree::build(&moving(n, &mut random), &of(structure)).unwrap();
@@ -144,7 +144,7 @@ fn answers(tree: &PointTree, searches: usize, seed: u64) -> String {
     if tree.len() > 50_000 {
         return out;
     }
-    let mut lists = NeighborCsr::default();
+    let mut lists = NeighborLists::default();
     let made = tree.neighbor_lists(0.3, 0.02).sorted().with_distances().run(&mut lists);
     writeln!(out, "{} {made:?} {:?}", visitor.0, lists.iter().take(50).collect::<Vec<_>>()).unwrap();
     let made = tree.neighbor_lists(0.7, 0.02).in_order().run(&mut lists);

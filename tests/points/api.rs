@@ -17,7 +17,7 @@ fn tree_of(cloud: &Cloud, structure: PointStructure) -> PointTree {
 }
 
 const STRUCTURES: [PointStructure; 4] =
-    [PointStructure::Automatic, PointStructure::Linear, PointStructure::TimeSlices(3), PointStructure::Mbkd];
+    [PointStructure::Automatic, PointStructure::Linear, PointStructure::TimeSlices(3), PointStructure::Kd];
 
 #[test]
 fn batches_equal_single_queries_for_any_number_of_threads() {
@@ -394,8 +394,8 @@ const GOLDEN: [(&str, PointStructure, (u64, u64)); 5] = [
     ("uniform", PointStructure::Automatic, (5339, 7786)),
     ("coherent", PointStructure::Linear, (6242, 8454)),
     ("random", PointStructure::TimeSlices(4), (5727, 8265)),
-    ("fast few", PointStructure::Mbkd, (50400, 20661)),
-    ("short intervals", PointStructure::Mbkd, (135364, 88664)),
+    ("fast few", PointStructure::Kd, (50400, 20661)),
+    ("short intervals", PointStructure::Kd, (135364, 88664)),
 ];
 
 #[test]

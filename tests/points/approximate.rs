@@ -47,7 +47,7 @@ fn a_radius_is_never_shrunk_and_any_epsilon_answers() {
         let points: Vec<MovingPoint> = (0..900)
             .map(|i| MovingPoint::new(cloud.keys[0][i], cloud.keys[1][i]).with_active(cloud.active[i]))
             .collect();
-        for structure in [PointStructure::Automatic, PointStructure::TimeSlices(3), PointStructure::Mbkd] {
+        for structure in [PointStructure::Automatic, PointStructure::TimeSlices(3), PointStructure::Kd] {
             for simd in SimdLevel::available() {
                 let params = PointParams { structure, simd, ..PointParams::default() };
                 let tree = PointTree::build(&points, &params).unwrap();

@@ -46,8 +46,8 @@ fn bounds_hold_all_points_at_all_times_and_little_more() {
                 MovingPoint { open, close, active: cloud.active[i] }
             })
             .collect();
-        use PointStructure::{Automatic, Linear, Mbkd, TimeSlices};
-        for structure in [Automatic, Linear, TimeSlices(3), Mbkd] {
+        use PointStructure::{Automatic, Kd, Linear, TimeSlices};
+        for structure in [Automatic, Linear, TimeSlices(3), Kd] {
             let tree = PointTree::build(&points, &PointParams { structure, ..PointParams::default() }).unwrap();
             check(&tree, 0.1, &format!("{kind}, {structure:?}"));
         }

@@ -4,7 +4,7 @@ use crate::support::Rng;
 use core::ops::ControlFlow;
 use mbkd::glam::DVec3;
 use mbkd::{
-    Aabb, ListError, Neighbor, NeighborCsr, PointArrays, PointError, PointLayerKind, PointParams, PointStructure,
+    Aabb, ListError, Neighbor, NeighborLists, PointArrays, PointError, PointLayerKind, PointParams, PointStructure,
     PointTree, Precision, Radii, RadiusOf, SimdLevel, TimeInterval, TreePoint, Visitor,
 };
 
@@ -207,10 +207,10 @@ fn clusters_far_apart_keep_their_spacing() {
 #[test]
 fn queries_that_f64_points_do_not_support_are_rejected() {
     let cloud = Cloud::new(100, 2, (1.0, 1e7, 1.0), false, &mut Rng(1));
-    let error = cloud.tree(PointStructure::Mbkd, SimdLevel::best()).unwrap_err();
+    let error = cloud.tree(PointStructure::Kd, SimdLevel::best()).unwrap_err();
     assert!(matches!(error, PointError::Parameter { name: "structure", .. }), "{error}");
     let tree = cloud.tree(PointStructure::Automatic, SimdLevel::best()).unwrap();
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     let query = tree.neighbor_lists(0.0, 1.0);
     let own = Radii::Own(&[1.0; 99]);
     assert_eq!(
@@ -228,10 +228,9 @@ fn queries_that_f64_points_do_not_support_are_rejected() {
     // Rounded to f32, all of it works.
     let keys: Vec<&[DVec3]> = cloud.keys.iter().map(|key| &key[..]).collect();
     let set = PointArrays { keys: &keys, active: &[], ids: &[] };
-    let params =
-        PointParams { structure: PointStructure::Mbkd, precision: Precision::Single, ..PointParams::default() };
+    let params = PointParams { structure: PointStructure::Kd, precision: Precision::Single, ..PointParams::default() };
     let tree = PointTree::build(&set, &params).unwrap();
-    assert_eq!(tree.neighbor_lists(0.0, 1.0).run(&mut NeighborCsr::new()), Ok(()));
+    assert_eq!(tree.neighbor_lists(0.0, 1.0).run(&mut NeighborLists::new()), Ok(()));
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use crate::double::{Cloud, STRUCTURES};
 use crate::support::Rng;
 use mbkd::glam::DVec3;
-use mbkd::{ListError, ListQuery, NeighborCsr, PointParams, PointStructure, PointTree, Precision, Radii, SimdLevel};
+use mbkd::{ListError, ListQuery, NeighborLists, PointParams, PointStructure, PointTree, Precision, Radii, SimdLevel};
 
 /// A neighbour: id, and the bits of the squared distance and of the displacement.
 type Entry = (u32, u32, [u32; 3]);
@@ -62,7 +62,7 @@ impl Case<'_> {
     }
 }
 
-fn found(lists: &NeighborCsr) -> Vec<Vec<Entry>> {
+fn found(lists: &NeighborLists) -> Vec<Vec<Entry>> {
     let [x, y, z] = lists.displacements();
     let bits = |n: usize| [x[n], y[n], z[n]].map(|x| (x + 0.0).to_bits());
     let entry = |n: usize| (lists.ids()[n], lists.distances_squared()[n].to_bits(), bits(n));
@@ -76,7 +76,7 @@ const SETS: [(f64, f64, f64); 5] =
 #[test]
 fn lists_equal_comparing_all_pairs() {
     let mut rng = Rng(23);
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     for (number, set) in SETS.into_iter().enumerate() {
         let size = set.0;
         for (keys, partly_active) in [(1, false), (2, true), (4, false)] {
@@ -137,7 +137,7 @@ fn differing(found: &[Vec<Entry>], expected: &[Vec<Entry>]) -> Option<(usize, Ve
 #[test]
 fn neighbours_at_the_radius_are_not_lost() {
     let mut rng = Rng(5);
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     for (radius, far) in [(0.25f32, 0.0), (1e-3, 1e6), (3e-7, 1.0), (1e-21, 1e-20), (7.0, 1e9)] {
         let r = f64::from(radius);
         let mut points = Vec::new();
@@ -173,9 +173,9 @@ fn lists_of_positions_equal_single_queries() {
         let own: Vec<f32> = queries.iter().map(|_| rng.unit()).collect();
         for simd in SimdLevel::available() {
             let tree = cloud.tree(PointStructure::Automatic, simd).unwrap();
-            let mut lists = NeighborCsr::new();
+            let mut lists = NeighborLists::new();
             for radii in [Radii::Equal(0.3), Radii::Own(&own)] {
-                let compare = |lists: &NeighborCsr, query: &dyn Fn(usize) -> DVec3| {
+                let compare = |lists: &NeighborLists, query: &dyn Fn(usize) -> DVec3| {
                     for i in 0..queries.len() {
                         let radius = if let Radii::Own(own) = radii { own[i] } else { 0.3 };
                         let range = lists.range(i);
@@ -197,7 +197,7 @@ fn lists_of_positions_equal_single_queries() {
         }
     }
     let tree = Cloud::new(100, 1, SETS[0], false, &mut rng).tree(PointStructure::Automatic, SimdLevel::best()).unwrap();
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     let bad = tree.within_lists(&[DVec3::ONE, DVec3::splat(3e18)], 0.0, 1.0).run(&mut lists);
     assert_eq!(bad, Err(ListError::Query { query: 1 }));
     assert_eq!(tree.within_lists(&[] as &[DVec3], 0.0, 1.0).run(&mut lists), Ok(()));
@@ -212,10 +212,10 @@ fn memory_serves_both_kinds_of_sets() {
         PointTree::build(&single, &Default::default()).unwrap(),
         cloud.tree(PointStructure::Automatic, SimdLevel::best()).unwrap(),
     ];
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     for number in [0, 1, 0, 1] {
         trees[number].neighbor_lists(0.0, 0.3).run(&mut lists).unwrap();
-        let mut alone = NeighborCsr::new();
+        let mut alone = NeighborLists::new();
         trees[number].neighbor_lists(0.0, 0.3).run(&mut alone).unwrap();
         assert_eq!((lists.ids(), lists.offsets()), (alone.ids(), alone.offsets()));
     }
@@ -227,7 +227,7 @@ fn periods_are_not_rounded() {
     let length = 0.1;
     let points = [DVec3::new(0.01, 0.02, 0.03), DVec3::new(0.01 + 9999.0 * length, 0.02, 0.03)];
     let tree = PointTree::build(&points, &Default::default()).unwrap();
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     tree.neighbor_lists(0.0, 1e-9).periodic([Some(length), None, None]).run(&mut lists).unwrap();
     assert_eq!(lists.neighbors(), 2);
     tree.neighbor_lists(0.0, 1e-9).periodic([Some(0.1f32), None, None]).run(&mut lists).unwrap();
@@ -242,7 +242,7 @@ fn lists_do_not_depend_on_the_number_of_threads() {
     let tree = cloud.tree(PointStructure::Automatic, SimdLevel::best()).unwrap();
     let lists = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let mut lists = NeighborCsr::new();
+        let mut lists = NeighborLists::new();
         let query = tree.neighbor_lists(0.3, 0.2).with_distances().with_displacements();
         pool.install(|| query.run(&mut lists)).unwrap();
         (lists.points().to_vec(), found(&lists))
@@ -257,7 +257,7 @@ fn lists_do_not_depend_on_the_number_of_threads() {
 /// Differences whose squares are denormal in f32, or zero.
 #[test]
 fn pairs_whose_squared_distances_underflow_are_listed() {
-    let (mut rng, mut lists, mut pairs) = (Rng(85), NeighborCsr::new(), 0);
+    let (mut rng, mut lists, mut pairs) = (Rng(85), NeighborLists::new(), 0);
     for round in 0..2000 {
         let points: Vec<DVec3> = (0..20).map(|_| rng.vec().as_dvec3() * 1e-22).collect();
         let params = PointParams { precision: Precision::Double, ..PointParams::default() };

@@ -5,7 +5,7 @@ use crate::encounter::Pair;
 use crate::lists_swept::check;
 use crate::support::Rng;
 use mbkd::glam::DVec3;
-use mbkd::{Encounter, EncounterLists, NeighborCsr, PointStructure, PointTree, SimdLevel, TimeInterval};
+use mbkd::{Encounter, EncounterLists, NeighborLists, PointStructure, PointTree, SimdLevel, TimeInterval};
 
 /// The encounter of two points, by comparing them.
 fn meet(cloud: &Cloud, (i, j): (usize, usize), times: [f64; 2], square: f64) -> Option<Encounter> {
@@ -211,7 +211,7 @@ fn crowds_that_just_touch_the_radius_are_met() {
 #[test]
 fn lists_with_a_skin_hold_until_the_time_that_is_certified() {
     let mut rng = Rng(47);
-    let (mut cut_short, mut complete, mut lists) = (0, 0, NeighborCsr::new());
+    let (mut cut_short, mut complete, mut lists) = (0, 0, NeighborLists::new());
     for (size, apart, speed, far) in SETS.into_iter().filter(|set| set.0 > 1e-10) {
         for (keys, partly_active) in [(1, true), (2, false), (2, true), (4, false), (12, false)] {
             let cloud = far_away(Cloud::new(90, keys, (size, apart, speed), partly_active, &mut rng), far);
@@ -282,7 +282,7 @@ fn lists_with_a_skin_hold_until_the_time_that_is_certified() {
 #[test]
 fn a_pair_just_beyond_the_skin_is_not_taken_for_a_listed_one() {
     let mut rng = Rng(62);
-    let (mut meetings, mut lists) = (0, NeighborCsr::new());
+    let (mut meetings, mut lists) = (0, NeighborLists::new());
     for round in 0..600 {
         let (far, speed) = [(1e9, 0.1), (0.0, 0.1), (1e3, 10.0), (1e6, 1e-3)][round % 4];
         let at = vec(&mut rng) * far;
@@ -314,7 +314,7 @@ fn a_pair_just_beyond_the_skin_is_not_taken_for_a_listed_one() {
 #[test]
 fn certificates_end_before_points_that_begin_to_exist_beside_a_key() {
     let mut rng = Rng(63);
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     for keys in 4..60usize {
         for key in 1..keys - 1 {
             let exact = key as f64 / (keys - 1) as f64;
@@ -344,7 +344,7 @@ fn points_at_rest() {
     let mut rng = Rng(3);
     let points: Vec<DVec3> = (0..300).map(|_| vec(&mut rng) + DVec3::X * 1e9).collect();
     let tree = PointTree::build(&points, &mbkd::PointParams::default()).unwrap();
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     assert_eq!(tree.neighbor_lists_with_skin(0.25, 0.2, 0.1, 0.75, &mut lists), Ok(0.75));
     let mut met = EncounterLists::new();
     tree.neighbor_lists_swept(TimeInterval::FULL, 0.3).run(&mut met).unwrap();

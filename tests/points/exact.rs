@@ -12,7 +12,7 @@ const STRUCTURES: [PointStructure; 5] = [
     PointStructure::Linear,
     PointStructure::TimeSlices(1),
     PointStructure::TimeSlices(3),
-    PointStructure::Mbkd,
+    PointStructure::Kd,
 ];
 
 fn build(cloud: &Cloud, structure: PointStructure, simd: SimdLevel) -> PointTree {
@@ -305,7 +305,7 @@ fn every_point_is_in_exactly_one_place_at_every_crossing() {
     let mut rng = Rng(21);
     let count = 3000;
     let points: Vec<_> = (0..count).map(|_| MovingPoint::new(rng.vec(), rng.vec())).collect();
-    for structure in [PointStructure::Mbkd] {
+    for structure in [PointStructure::Kd] {
         let params = PointParams { structure, max_references: 16.0, ..PointParams::default() };
         let tree = PointTree::build(&points, &params).unwrap();
         assert!(tree.statistics().references_per_point() > 1.3, "nothing was cut: {}", tree.statistics());

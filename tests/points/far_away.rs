@@ -3,7 +3,9 @@
 
 use crate::support::Rng;
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{MAX_COORDINATE, MovingPoint, NeighborCsr, PointArrays, PointError, PointParams, PointStructure, PointTree};
+use mbkd::{
+    MAX_COORDINATE, MovingPoint, NeighborLists, PointArrays, PointError, PointParams, PointStructure, PointTree,
+};
 
 /// Blocks that searches for `k` visit, and blocks of searches that know the distance of the k-th neighbour.
 fn blocks(tree: &PointTree, k: usize) -> [u64; 2] {
@@ -50,7 +52,7 @@ fn sets_in_f64_lie_as_far_from_zero_as_meshes_may() {
         let rows: Vec<&[DVec3]> = keys.iter().map(|key| &key[..]).collect();
         for keys in [&rows[..1], &rows] {
             let tree = PointTree::build(&PointArrays { keys, active: &[], ids: &[] }, &PointParams::default()).unwrap();
-            let mut lists = NeighborCsr::new();
+            let mut lists = NeighborLists::new();
             tree.neighbor_lists(0.0, 1.5 * step as f32).run(&mut lists).unwrap();
             assert_eq!(lists.neighbors(), 2 * 39, "{far:e}");
             for (i, &query) in keys[keys.len() - 1].iter().enumerate() {

@@ -81,7 +81,7 @@ fn contradictions_never_panic() {
     let (mut errors, mut trees) = (0, 0);
     for kind in KINDS {
         for moves in [false, true] {
-            for structure in [Automatic, Linear, TimeSlices(3), Mbkd] {
+            for structure in [Automatic, Linear, TimeSlices(3), Kd] {
                 for after in [0, 1, 2, 3, 1000, 9003, 12_500, 20_000, 40_000, 60_000] {
                     let set = Set { kind, moves, calls: AtomicUsize::new(0), after };
                     let params = PointParams { structure, ..PointParams::default() };

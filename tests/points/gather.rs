@@ -121,9 +121,9 @@ fn crowds_of_photons_in_few_places_are_gathered_as_by_brute_force() {
 
 #[test]
 fn structures_and_instruction_sets_give_the_same_bits() {
-    use PointStructure::{Automatic, Linear, Mbkd, TimeSlices};
+    use PointStructure::{Automatic, Kd, Linear, TimeSlices};
     for kind in ["surface", "random", "lattice"] {
-        for structure in [Automatic, Linear, TimeSlices(3), Mbkd] {
+        for structure in [Automatic, Linear, TimeSlices(3), Kd] {
             for simd in SimdLevel::available() {
                 let mut rng = Rng(5);
                 let photons = photons(kind, 600, 3, &mut rng);
@@ -374,6 +374,10 @@ fn bad_input_is_a_typed_error_or_a_documented_answer() {
     let map = PhotonMap::build(&moving, &GatherParams::default()).unwrap();
     let error = map.gather(&query.window(0.06), &mut scratch).unwrap_err();
     assert_eq!(error, GatherError::WindowTooWide { most: 0.05 });
+    let late = |time| GatherQuery::new(Vec3::ZERO, Vec3::Z, time).radius(1.0);
+    let found = map.gather(&late(0.46), &mut scratch).unwrap();
+    assert_eq!((found.count, found.window), (1, 0.05), "without a window the widest that there is");
+    assert_eq!(map.gather(&late(0.44), &mut scratch).unwrap().count, 0);
     assert_eq!(map.nearest_in_space_time(Vec3::ZERO, 0.5, 1.0, 3, &mut scratch), Err(GatherError::NotStamped));
 
     let point = VisiblePoint { position: Vec3::ZERO, time: 0.5, radius: 1.0 };

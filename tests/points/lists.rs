@@ -2,12 +2,12 @@
 
 use crate::support::{Cloud, KINDS, Rng, cloud};
 use mbkd::{
-    EncounterLists, ListError, ListQuery, MAX_POINT_COORDINATE, MovingPoint, NeighborCsr, PointArrays, PointParams,
+    EncounterLists, ListError, ListQuery, MAX_POINT_COORDINATE, MovingPoint, NeighborLists, PointArrays, PointParams,
     PointStructure, PointTree, Precision, Radii, RadiusOf, SimdLevel, TimeInterval, glam::Vec3,
 };
 
 pub const STRUCTURES: [PointStructure; 4] =
-    [PointStructure::Automatic, PointStructure::Linear, PointStructure::TimeSlices(3), PointStructure::Mbkd];
+    [PointStructure::Automatic, PointStructure::Linear, PointStructure::TimeSlices(3), PointStructure::Kd];
 
 pub fn build(cloud: &Cloud, structure: PointStructure, simd: SimdLevel) -> PointTree {
     let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();
@@ -81,7 +81,7 @@ fn compare_all(own: &Cloud, among: &Cloud, case: &ListCase) -> Vec<Vec<Entry>> {
     lists
 }
 
-fn check(trees: [&PointTree; 2], clouds: [&Cloud; 2], case: &ListCase, lists: &mut NeighborCsr, what: &str) {
+fn check(trees: [&PointTree; 2], clouds: [&Cloud; 2], case: &ListCase, lists: &mut NeighborLists, what: &str) {
     check_against(&compare_all(clouds[0], clouds[1], case), trees, clouds[0], case, lists, what);
 }
 
@@ -90,7 +90,7 @@ fn check_against(
     trees: [&PointTree; 2],
     cloud: &Cloud,
     case: &ListCase,
-    lists: &mut NeighborCsr,
+    lists: &mut NeighborLists,
     what: &str,
 ) {
     let query = case.query(trees[0], trees[1]);
@@ -131,7 +131,7 @@ fn lists_equal_comparing_all_pairs() {
         let all = STRUCTURES.into_iter().flat_map(|s| SimdLevel::available().into_iter().map(move |simd| (s, simd)));
         let trees: Vec<_> =
             all.map(|(s, simd)| (clouds.map(|c| build(c, s, simd)), format!("{s:?}, {simd}"))).collect();
-        let mut lists = NeighborCsr::new();
+        let mut lists = NeighborLists::new();
         for time in [0.0, 1.0, rng.unit()] {
             let size = (0..clouds[0].len()).map(|i| clouds[0].at(i, time).abs().max_element()).fold(1e-40, f32::max);
             let spacing = size * 0.3;
@@ -184,15 +184,15 @@ fn larger_sets_and_all_numbers_of_threads() {
             ListCase { radii: Radii::Larger { own: &own, others: &own }, ..ListCase::plain(time, 0.0) },
             ListCase { radii: Radii::Sum { own: &own, others: &own }, ..ListCase::plain(time, 0.0) },
         ];
-        let trees = [PointStructure::Automatic, PointStructure::Mbkd].map(|s| build(&cloud, s, SimdLevel::best()));
+        let trees = [PointStructure::Automatic, PointStructure::Kd].map(|s| build(&cloud, s, SimdLevel::best()));
         for case in &cases {
             let expected = compare_all(&cloud, &cloud, case);
             for tree in &trees {
-                let mut one = NeighborCsr::new();
+                let mut one = NeighborLists::new();
                 check_against(&expected, [tree; 2], &cloud, case, &mut one, kind);
                 for threads in [1, 3] {
                     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                    let mut lists = NeighborCsr::new();
+                    let mut lists = NeighborLists::new();
                     pool.install(|| case.query(tree, tree).with_displacements().run(&mut lists)).unwrap();
                     case.query(tree, tree).with_displacements().run(&mut one).unwrap();
                     assert_eq!(lists.points(), one.points());
@@ -210,10 +210,10 @@ fn larger_sets_and_all_numbers_of_threads() {
 #[test]
 fn order_within_lists_is_the_same_on_every_instruction_set() {
     let cloud = cloud("random", 3_000, &mut Rng(3));
-    let mut expected: Option<NeighborCsr> = None;
+    let mut expected: Option<NeighborLists> = None;
     for simd in SimdLevel::available() {
         let tree = build(&cloud, PointStructure::TimeSlices(2), simd);
-        let mut lists = NeighborCsr::new();
+        let mut lists = NeighborLists::new();
         tree.neighbor_lists(0.3, 0.3).run(&mut lists).unwrap();
         let expected = expected.get_or_insert_with(|| lists.clone());
         assert_eq!((lists.offsets(), lists.ids()), (expected.offsets(), expected.ids()), "{simd}");
@@ -226,7 +226,7 @@ fn points_of_a_lattice_exactly_at_the_radius_count() {
     let at = |i: i32| Vec3::new((i % n) as f32, (i / n % n) as f32, (i / n / n) as f32);
     let cloud = Cloud::still((0..n * n * n).map(at).collect());
     let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     let period = Some(n as f32);
     tree.neighbor_lists(0.5, 2.0).periodic([period; 3]).run(&mut lists).unwrap();
     // Whole points in a ball of radius 2 without its middle: 6 + 12 + 8 + 6.
@@ -244,7 +244,7 @@ fn a_point_that_leaves_the_box_stays_the_neighbor_of_its_images() {
         MovingPoint::fixed(Vec3::new(0.1, 0.5, 0.5)),
     ];
     let tree = PointTree::build(&points, &PointParams::default()).unwrap();
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     let mut near = |time: f32| {
         tree.neighbor_lists(time, 0.25).periodic([Some(1.0); 3]).with_displacements().run(&mut lists).unwrap();
         let [x, ..] = lists.displacements();
@@ -261,7 +261,7 @@ fn a_point_that_leaves_the_box_stays_the_neighbor_of_its_images() {
 fn a_radius_beyond_the_box_lists_everything_once() {
     let cloud = cloud("uniform", 500, &mut Rng(9));
     let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     for radius in [0.6, 3.0, 1e30, f32::INFINITY] {
         let case = ListCase { periods: [Some(1.0), Some(0.7), Some(2.0)], ..ListCase::plain(0.0, radius) };
         check([&tree; 2], [&cloud; 2], &case, &mut lists, "radius beyond the box");
@@ -274,7 +274,7 @@ fn a_radius_beyond_the_box_lists_everything_once() {
 fn empty_sets_and_single_points_have_empty_lists() {
     let empty = PointTree::build(&[] as &[Vec3], &PointParams::default()).unwrap();
     let one = PointTree::build(&[Vec3::ONE], &PointParams::default()).unwrap();
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     assert_eq!((lists.len(), lists.neighbors(), lists.offsets()), (0, 0, &[0usize][..]));
     for (tree, among, rows, found) in
         [(&empty, &empty, 0, 0), (&empty, &one, 0, 0), (&one, &empty, 1, 0), (&one, &one, 1, 1)]
@@ -289,7 +289,7 @@ fn empty_sets_and_single_points_have_empty_lists() {
 #[test]
 fn bad_queries_get_errors() {
     let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3]], &PointParams::default()).unwrap();
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     tree.neighbor_lists(0.0, 9.0).run(&mut lists).unwrap();
     let mut error = |query: ListQuery| {
         let error = query.run(&mut lists).unwrap_err();
@@ -336,7 +336,7 @@ fn bad_queries_get_errors() {
 fn buffers_are_reused() {
     let cloud = cloud("uniform", 5_000, &mut Rng(1));
     let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     tree.neighbor_lists(0.0, 0.2).with_distances().in_order().run(&mut lists).unwrap();
     tree.neighbor_lists(0.0, 0.2).with_distances().in_order().run(&mut lists).unwrap();
     let (bytes, address) = (lists.bytes(), [lists.ids().as_ptr(), lists.points().as_ptr()]);
@@ -356,7 +356,7 @@ fn lists_of_tight_clusters_in_a_large_set() {
     let place = |i: usize| Vec3::new((i % 11) as f32, (i / 11 % 11) as f32, (i / 121) as f32);
     let points: Vec<Vec3> = (0..300_000).map(|i| place(i / 200) + rng.vec() * 1e-3).collect();
     let tree = PointTree::build(&points, &PointParams::default()).unwrap();
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     tree.neighbor_lists(0.0, 5e-4).in_order().run(&mut lists).unwrap();
     for i in (0..points.len()).step_by(37) {
         assert_eq!(lists.row(i).len() + 1, tree.query(points[i], 0.0).radius(5e-4).count(), "point {i}");
@@ -387,7 +387,7 @@ fn rebuilt_trees_answer_like_new_ones() {
             }
             let new = PointTree::build(&points, &params).unwrap();
             let lists = [&tree, &new].map(|tree| {
-                let mut lists = NeighborCsr::new();
+                let mut lists = NeighborLists::new();
                 tree.neighbor_lists(0.0, 0.15).in_order().sorted().with_distances().run(&mut lists).unwrap();
                 lists
             });
@@ -441,7 +441,7 @@ fn lists_longer_than_allowed_are_an_error_on_any_number_of_threads() {
     let mut points: Vec<Vec3> = (0..4913).map(grid).collect();
     points.iter_mut().skip(3000).step_by(40).take(40).for_each(|p| *p = Vec3::splat(-9.0));
     let tree = PointTree::build(&points, &PointParams::default()).unwrap();
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     for threads in [1, 2, 5] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let mut run = |most| pool.install(|| tree.neighbor_lists(0.0, 1.0).max_neighbors(most).run(&mut lists));
@@ -469,7 +469,7 @@ fn memory_of_lists_is_in_proportion_to_what_they_hold() {
     for corner in [Vec3::ONE, Vec3::NEG_ONE] {
         let points: Vec<Vec3> = points.iter().map(|p| *p * corner).collect();
         let tree = PointTree::build(&points, &PointParams::default()).unwrap();
-        let (mut lists, mut swept) = (NeighborCsr::new(), EncounterLists::new());
+        let (mut lists, mut swept) = (NeighborLists::new(), EncounterLists::new());
         pool.install(|| tree.neighbor_lists(0.0, 0.01).run(&mut lists)).unwrap();
         pool.install(|| tree.neighbor_lists_swept(TimeInterval::FULL, 0.01).run(&mut swept)).unwrap();
         assert!(lists.neighbors() > 700 * 699 && swept.encounters().len() == lists.neighbors());
@@ -490,7 +490,7 @@ fn bulk_queries_equal_single_ones() {
         let most = Vec3::splat(MAX_POINT_COORDINATE as f32);
         let queries: Vec<Vec3> = (0..700).map(|_| (rng.vec() * size * 1.2).clamp(-most, most)).collect();
         let own: Vec<f32> = queries.iter().map(|_| 0.2 * size * rng.unit()).collect();
-        let mut lists = NeighborCsr::new();
+        let mut lists = NeighborLists::new();
         for (time, radius) in [(0.0, 0.3 * size), (rng.unit(), 0.1 * size), (1.0, 0.0), (0.5, f32::NAN)] {
             // NaN stands for radii of their own.
             let radii = if radius.is_nan() { Radii::Own(&own) } else { Radii::Equal(radius) };
@@ -532,7 +532,7 @@ fn bulk_queries_equal_single_ones() {
     let points: Vec<[f64; 3]> = (0..100).map(|i| [1e9 + f64::from(i) * 0.25, 3.0, -1e9]).collect();
     let params = PointParams { precision: Precision::Single, ..PointParams::default() };
     let tree = PointTree::build(&points, &params).unwrap();
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     tree.within_lists(&points, 0.0, 0.3).run(&mut lists).unwrap();
     assert!(lists.iter().all(|(query, row)| row.len() == if query == 0 || query == 99 { 2 } else { 3 }));
 }
@@ -542,7 +542,8 @@ fn queries_in_bulk_take_all_refinements_of_lists() {
     let mut rng = Rng(78);
     let [points, queries] = [900, 300].map(|count| (0..count).map(|_| rng.vec()).collect::<Vec<Vec3>>());
     let [tree, of_queries] = [&points, &queries].map(|at| PointTree::build(at, &PointParams::default()).unwrap());
-    let (mut found, mut expected, periods) = (NeighborCsr::new(), NeighborCsr::new(), [Some(2.0f32), None, Some(2.0)]);
+    let (mut found, mut expected, periods) =
+        (NeighborLists::new(), NeighborLists::new(), [Some(2.0f32), None, Some(2.0)]);
     let query = tree.within_lists(&queries, 0.3, 0.4).in_order().sorted().with_displacements().periodic(periods);
     query.run(&mut found).unwrap();
     let lists = of_queries.neighbor_lists(0.3, 0.4).among(&tree).in_order().sorted().with_displacements();
@@ -562,10 +563,10 @@ fn missing_radii_do_not_depend_on_the_structure() {
     let part = TimeInterval::new(0.0, 0.25).unwrap();
     let at = |x: f32| MovingPoint::new(Vec3::X * x, Vec3::X * x + Vec3::Y);
     let points = [at(0.0), at(1.0), at(2.0).with_active(part)];
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     for precision in [Precision::Single, Precision::Double] {
         // Points in f64 have no trees with planes.
-        let planes = |structure: &PointStructure| precision == Precision::Double && *structure == PointStructure::Mbkd;
+        let planes = |structure: &PointStructure| precision == Precision::Double && *structure == PointStructure::Kd;
         for structure in STRUCTURES.into_iter().filter(|structure| !planes(structure)) {
             let tree =
                 PointTree::build(&points, &PointParams { structure, precision, ..PointParams::default() }).unwrap();

@@ -4,7 +4,7 @@ use crate::encounter::Pair;
 use crate::lists::{STRUCTURES, build};
 use crate::support::{Cloud, KINDS, Rng, cloud};
 use mbkd::{
-    Encounter, EncounterLists, ListError, MovingPoint, NeighborCsr, PointArrays, PointParams, PointStructure,
+    Encounter, EncounterLists, ListError, MovingPoint, NeighborLists, PointArrays, PointParams, PointStructure,
     PointTree, Precision, SimdLevel, TimeInterval, certified_duration, glam::Vec3,
 };
 
@@ -135,7 +135,7 @@ fn lists_of_many_points_are_the_same_on_two_threads_as_on_one() {
     let [one, two] = [1, 2].map(|threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap());
     let interval = TimeInterval::new(0.2, 0.7).unwrap();
     let (mut swept, mut lists) =
-        ([EncounterLists::new(), EncounterLists::new()], [NeighborCsr::new(), NeighborCsr::new()]);
+        ([EncounterLists::new(), EncounterLists::new()], [NeighborLists::new(), NeighborLists::new()]);
     for count in [30_000, 12_345, 20_000] {
         let tree = build(&cloud("random", count, &mut Rng(count as u64)), PointStructure::Linear, SimdLevel::best());
         for ((pool, swept), lists) in [&one, &two].into_iter().zip(&mut swept).zip(&mut lists) {
@@ -225,7 +225,7 @@ fn intervals_that_touch_at_splits_of_the_shutter() {
     let structures = [
         PointStructure::Automatic,
         PointStructure::Linear,
-        PointStructure::Mbkd,
+        PointStructure::Kd,
         PointStructure::TimeSlices(2),
         PointStructure::TimeSlices(3),
         PointStructure::TimeSlices(8),
@@ -292,7 +292,7 @@ fn lists_with_a_skin_hold_until_the_time_that_is_certified() {
         let size = size(&cloud);
         for structure in [
             PointStructure::Automatic,
-            PointStructure::Mbkd,
+            PointStructure::Kd,
             PointStructure::TimeSlices(2),
             PointStructure::TimeSlices(8),
         ] {
@@ -306,7 +306,7 @@ fn lists_with_a_skin_hold_until_the_time_that_is_certified() {
             ] {
                 let (radius, skin) = (0.1 * size, skin * size);
                 let what = format!("{kind}, {structure:?}, {time}..{until}, radius {radius}, skin {skin}");
-                let mut lists = NeighborCsr::new();
+                let mut lists = NeighborLists::new();
                 let good = tree.neighbor_lists_with_skin(time, radius, skin, until, &mut lists).unwrap();
                 assert!((time..=until).contains(&good), "{what}: {good}");
                 let mut listed = vec![vec![false; cloud.len()]; cloud.len()];
@@ -418,7 +418,7 @@ fn closest_times_of_active_intervals_that_begin_and_end_at_a_key() {
 #[test]
 fn bad_queries_get_errors_and_empty_sets_empty_lists() {
     let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3]], &PointParams::default()).unwrap();
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     for bad in [-1.0, f32::NAN] {
         let radius = Err(ListError::Radius { of: None });
         assert_eq!(tree.neighbor_lists_swept(TimeInterval::FULL, bad).collect().map(|_| ()), radius.clone());
@@ -527,7 +527,7 @@ fn a_pair_just_beyond_the_skin_is_not_taken_for_a_listed_one() {
             skin = skin.next_down();
         }
         let tree = PointTree::build(&points, &PointParams::default()).unwrap();
-        let mut lists = NeighborCsr::new();
+        let mut lists = NeighborLists::new();
         let good = tree.neighbor_lists_with_skin(time, radius, skin, 1.0, &mut lists).unwrap();
         assert_eq!(lists.neighbors(), 0, "round {round}");
         let enter = meet(&cloud, (0, 1), [f64::from(time), 1.0], f64::from(radius) * f64::from(radius)).unwrap().enter;
@@ -554,7 +554,7 @@ fn certificates_end_before_points_that_begin_to_exist_beside_a_key() {
             let cloud = Cloud { keys: (0..keys).map(at).collect(), active: active.to_vec() };
             for structure in STRUCTURES {
                 let tree = build(&cloud, structure, SimdLevel::best());
-                let mut lists = NeighborCsr::new();
+                let mut lists = NeighborLists::new();
                 let time = nearest - 0.5 / (keys - 1) as f32;
                 let good = tree.neighbor_lists_with_skin(time, 1.0, 0.1, 1.0, &mut lists).unwrap();
                 assert_eq!((lists.neighbors(), good), (0, before), "{keys} keys, {structure:?}, beside key {key}");
@@ -569,7 +569,7 @@ fn certificates_end_before_points_that_begin_to_exist_beside_a_key() {
 /// which goes on to the answer comes to the end.
 #[test]
 fn lists_with_a_skin_go_on_at_keys_that_are_no_floats() {
-    let (mut before, mut lists) = (0, NeighborCsr::new());
+    let (mut before, mut lists) = (0, NeighborLists::new());
     for keys in (3..400u16).step_by(7) {
         let at = |x: f32, key: u16| Vec3::new(x, if key.is_multiple_of(2) { 0.5 } else { -0.5 }, 0.0);
         let cloud: Vec<[Vec3; 2]> = (0..keys).map(|key| [at(0.0, key), at(100.0, key)]).collect();

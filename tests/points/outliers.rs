@@ -35,7 +35,7 @@ fn compare(points: &[MovingPoint], structure: PointStructure) {
         let tree = PointTree::build(&all, &params).unwrap();
         for (with, without) in work(&tree).into_iter().zip(alone) {
             let [with, without] = [with, without].map(|w| w.nodes + w.blocks);
-            let sides = if structure == PointStructure::Mbkd { 9 } else { 1 };
+            let sides = if structure == PointStructure::Kd { 9 } else { 1 };
             let most = without * 3 / 2 + 300 * (4 + 4 * sides) * outliers.len() as u64;
             assert!(with <= most, "{structure:?}, {} points, {outliers:?}: {with} for {without}", points.len());
         }
@@ -51,7 +51,7 @@ fn moving_points() {
     };
     let points: Vec<MovingPoint> = (0..200_000).map(&mut point).collect();
     use PointStructure::*;
-    for structure in [Linear, TimeSlices(2), Mbkd, Automatic] {
+    for structure in [Linear, TimeSlices(2), Kd, Automatic] {
         compare(&points, structure);
     }
 }

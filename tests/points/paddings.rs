@@ -3,7 +3,7 @@
 use crate::lists::{STRUCTURES, build};
 use crate::lists_swept::{check, meet, meet_all};
 use crate::support::{Cloud, Rng};
-use mbkd::{NeighborCsr, PointStructure, SimdLevel, TimeInterval, glam::Vec3};
+use mbkd::{NeighborLists, PointStructure, SimdLevel, TimeInterval, glam::Vec3};
 
 /// The least radius at which two points meet.
 fn least_radius(cloud: &Cloud, (i, j): (usize, usize), interval: TimeInterval) -> f32 {
@@ -115,7 +115,7 @@ fn the_factor_of_approximate_answers_is_rounded_up() {
 /// A slow pair far from zero, which queries at some times find within the radius before it is there in truth.
 #[test]
 fn a_certificate_ends_before_rounding_takes_a_pair_for_near() {
-    let (mut rng, mut lists, mut early) = (Rng(66), NeighborCsr::new(), 0);
+    let (mut rng, mut lists, mut early) = (Rng(66), NeighborLists::new(), 0);
     for round in 0..90 {
         let keys = [2, 3, 9][round % 3];
         let offset = rng.vec() * [1e3, 30.0, 1e5][round % 3];
@@ -148,7 +148,7 @@ fn a_certificate_ends_before_rounding_takes_a_pair_for_near() {
 /// as those have it, the pair may seem to be listed.
 #[test]
 fn a_pair_just_outside_the_lists_by_their_rounding_is_not_taken_for_a_listed_one() {
-    let (mut rng, mut lists) = (Rng(69), NeighborCsr::new());
+    let (mut rng, mut lists) = (Rng(69), NeighborLists::new());
     for round in 0..600 {
         let (at, by, direction) = (rng.vec() * 1e3, rng.vec() * 3e3, rng.vec().normalize_or(Vec3::X));
         let keys = vec![vec![at - by, at - by + direction], vec![at + by, at + by + direction * 0.1]];
@@ -176,7 +176,7 @@ fn a_pair_just_outside_the_lists_of_a_time_slice_is_not_taken_for_a_listed_one()
     let keys = vec![with([-900.0, -889.890_6]), with([898.0, 888.109_44])];
     let cloud = Cloud { keys, active: vec![TimeInterval::FULL; 10] };
     let tree = build(&cloud, PointStructure::TimeSlices(1024), SimdLevel::best());
-    let (mut lists, radius, later) = (NeighborCsr::new(), 0.1, 0.5008);
+    let (mut lists, radius, later) = (NeighborLists::new(), 0.1, 0.5008);
     let good = tree.neighbor_lists_with_skin(0.5, radius, 0.009424, 0.5009, &mut lists).unwrap();
     assert_eq!(lists.neighbors(), 0);
     tree.neighbor_lists(later, radius).run(&mut lists).unwrap();

@@ -38,7 +38,7 @@ fn builds_report_progress_and_can_be_cancelled() {
         (PointStructure::Automatic, 2, false),
         (PointStructure::Linear, 2, false),
         (PointStructure::TimeSlices(4), 2, false),
-        (PointStructure::Mbkd, 2, false),
+        (PointStructure::Kd, 2, false),
         (PointStructure::Automatic, 1, true),
         (PointStructure::TimeSlices(4), 2, true),
     ] {
@@ -54,7 +54,7 @@ fn builds_report_progress_and_can_be_cancelled() {
             let most = all.iter().copied().fold(0.0, f32::max);
             assert_eq!(none.unwrap_err(), PointError::Cancelled, "{what}");
             // Skipped work is not reported as finished. The k-d tree makes leaves of the remaining nodes.
-            assert!(most < 0.9 || structure == PointStructure::Mbkd, "{what}: went on to {most}");
+            assert!(most < 0.9 || structure == PointStructure::Kd, "{what}: went on to {most}");
         }
     }
 }
@@ -73,7 +73,7 @@ fn builds_report_evenly() {
         ("hardly moving", &[&still, &hardly], PointParams::default()),
         ("moving", &[&still, &far], PointParams::default()),
         ("time slices", &[&still, &far], params(PointStructure::TimeSlices(4))),
-        ("k-d tree", &[&still, &far], params(PointStructure::Mbkd)),
+        ("k-d tree", &[&still, &far], params(PointStructure::Kd)),
         ("in f64", &[&still, &far], PointParams { precision: Precision::Double, ..PointParams::default() }),
     ] {
         let build = |enough: &(dyn Fn(usize) -> bool + Sync)| {

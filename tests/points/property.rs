@@ -36,7 +36,7 @@ fn structure() -> impl Strategy<Value = PointStructure> {
         Just(PointStructure::Automatic),
         Just(PointStructure::Linear),
         (1usize..6).prop_map(PointStructure::TimeSlices),
-        Just(PointStructure::Mbkd),
+        Just(PointStructure::Kd),
     ]
 }
 
@@ -79,7 +79,7 @@ proptest! {
         // Mirrored in all axes: the same floats up to sign, hence the same bits of distances.
         let mirror = |p: Vec3| -p;
         let mirrored: Vec<_> = points.iter().map(|p| MovingPoint { open: mirror(p.open), close: mirror(p.close), ..*p }).collect();
-        let params = PointParams { structure: [PointStructure::Linear, PointStructure::Mbkd][usize::from(turned)], ..PointParams::default() };
+        let params = PointParams { structure: [PointStructure::Linear, PointStructure::Kd][usize::from(turned)], ..PointParams::default() };
         let other = PointTree::build(&mirrored, &params).unwrap();
         prop_assert_eq!(&other.nearest_n(mirror(q), t, 10), &found);
         // Scaled by a power of two: distances scale exactly.

@@ -51,10 +51,10 @@ fn every_point_is_visited_once_at_its_position() {
         })
         .collect();
     let still: Vec<MovingPoint> = (0..3000).map(|_| MovingPoint::fixed(vec())).collect();
-    use PointStructure::{Automatic, Linear, Mbkd, TimeSlices};
+    use PointStructure::{Automatic, Kd, Linear, TimeSlices};
     let everywhere = Aabb { min: DVec3::splat(-9.0), max: DVec3::splat(9.0) };
     for points in [&moving, &still] {
-        for structure in [Automatic, Linear, TimeSlices(3), Mbkd] {
+        for structure in [Automatic, Linear, TimeSlices(3), Kd] {
             let params = PointParams { structure, ..PointParams::default() };
             let tree = PointTree::build(points, &params).unwrap();
             for time in [0.0, 0.2, 0.5, 1.0] {

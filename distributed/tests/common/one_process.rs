@@ -2,7 +2,7 @@
 
 use super::sets::Set;
 use core::ops::RangeInclusive;
-use mbkd::{NeighborCsr, PointArrays, PointParams, PointTree, TimeInterval};
+use mbkd::{NeighborLists, PointArrays, PointParams, PointTree, TimeInterval};
 use mbkd_distributed::{Meeting, Nearest, Particle, Query};
 use std::collections::HashMap;
 
@@ -29,7 +29,7 @@ impl<'a> Whole<'a> {
 
     /// Ids and squared distances.
     pub fn lists(&self, time: f32, radius: f32) -> HashMap<u64, Vec<(u64, f32)>> {
-        let mut lists = NeighborCsr::new();
+        let mut lists = NeighborLists::new();
         let query = self.tree.neighbor_lists(time, radius).periodic(self.set.periods);
         query.with_distances().sorted().in_order().run(&mut lists).unwrap();
         let row = |i: usize| {

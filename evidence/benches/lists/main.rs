@@ -12,8 +12,8 @@ use kiddo::SquaredEuclidean;
 use kiddo::batch::Executor;
 use mbkd::glam::Vec3;
 use mbkd::{
-    Encounter, EncounterLists, MovingPoint, NeighborBuffer, NeighborCsr, PointParams, PointStructure, PointTree, Radii,
-    TimeInterval,
+    Encounter, EncounterLists, MovingPoint, NeighborBuffer, NeighborLists, PointParams, PointStructure, PointTree,
+    Radii, TimeInterval,
 };
 use mbkd_evidence::lcg::Lcg;
 use std::hint::black_box;
@@ -139,8 +139,8 @@ fn threads(args: &Args, pools: [&rayon::ThreadPool; 2]) {
     let starts = uniform(args.points);
     let radius = radius(&starts, args.neighbors);
     let title = format!("{} threads, uniform, lists", args.threads);
-    let (mut lists, mut more) = (NeighborCsr::new(), NeighborCsr::new());
-    let run = |lists: &mut NeighborCsr| ours(&starts, radius, lists);
+    let (mut lists, mut more) = (NeighborLists::new(), NeighborLists::new());
+    let run = |lists: &mut NeighborLists| ours(&starts, radius, lists);
     speed_up(&title, args, pools, [Box::new(|| run(&mut lists)), Box::new(|| run(&mut more))]);
 }
 
@@ -176,7 +176,7 @@ fn speed_up(
     println!("  speed-up {:.2}", times[1] / times[0]);
 }
 
-fn ours(points: &[Vec3], radius: f32, lists: &mut NeighborCsr) {
+fn ours(points: &[Vec3], radius: f32, lists: &mut NeighborLists) {
     let tree = PointTree::build(points, &PointParams::default()).unwrap();
     tree.neighbor_lists(0.0, radius).run(lists).unwrap();
     black_box(lists.ids());
@@ -207,14 +207,14 @@ fn all(args: &Args, name: &str, point: fn(&mut Lcg) -> Vec3) {
     let size = wide.iter().flatten().fold(0.0f64, |most, x| most.max(x.abs())) * 2.0 + 1.0;
     let cell = linkcell::Cell::ortho(size, size, size).unwrap();
 
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     // Every step moves each particle by a tenth of the mean spacing, for arrays in the same order and for arrays in
     // tree order.
     let spacing = radius / (args.neighbors as f32 * 3.0 / (4.0 * core::f32::consts::PI)).cbrt();
     let steps = |sorted: bool| {
         let mut moving = points.clone();
         let mut tree = PointTree::build(&moving, &PointParams::default()).unwrap();
-        let (mut lists, mut rng, mut kept) = (NeighborCsr::new(), Lcg(5), 0);
+        let (mut lists, mut rng, mut kept) = (NeighborLists::new(), Lcg(5), 0);
         tree.neighbor_lists(0.0, radius).run(&mut lists).unwrap();
         if sorted {
             moving = tree.take_order().iter().map(|&id| moving[id as usize]).collect();
@@ -313,7 +313,7 @@ fn radii(args: &Args) {
     let mean = radius(&points, args.neighbors);
     let own: Vec<f32> = points.iter().map(|_| mean * 10f32.powf(rng.unit() - 0.75)).collect();
     let arrays: Vec<[f32; 3]> = points.iter().map(|p| p.to_array()).collect();
-    let (mut lists, mut grid, mut ids) = (NeighborCsr::new(), Grid::default(), Vec::new());
+    let (mut lists, mut grid, mut ids) = (NeighborLists::new(), Grid::default(), Vec::new());
     let contestants: Vec<Contestant> = vec![
         (
             "mbkd",
@@ -346,7 +346,7 @@ fn swept(args: &Args) {
     let radius = radius(&starts, args.neighbors);
     let spacing = (1.0 / args.points as f32).cbrt();
     let points = moving(&starts);
-    let (mut meetings, mut lists, mut found) = (EncounterLists::new(), NeighborCsr::new(), Vec::new());
+    let (mut meetings, mut lists, mut found) = (EncounterLists::new(), NeighborLists::new(), Vec::new());
     let contestants: Vec<Contestant> = vec![
         ("mbkd", Box::new(|| ours_swept(&points, radius, &mut meetings))),
         (
@@ -375,7 +375,7 @@ fn skin(args: &Args) {
     let radius = radius(&starts, args.neighbors) / 1.2;
     let params = PointParams { structure: PointStructure::Linear, ..PointParams::default() };
     let tree = PointTree::build(&moving(&starts), &params).unwrap();
-    let (mut lists, mut more, mut until) = (NeighborCsr::new(), NeighborCsr::new(), 0.0);
+    let (mut lists, mut more, mut until) = (NeighborLists::new(), NeighborLists::new(), 0.0);
     let contestants: Vec<Contestant> = vec![
         (
             "mbkd, lists with a certificate",
@@ -413,7 +413,7 @@ fn growth(args: &Args) {
     let radius = radius(&points, args.neighbors);
     let spacing = (1.0 / args.points as f32).cbrt();
     let mut kept = PointTree::build(&points, &PointParams::default()).unwrap();
-    let (mut lists, mut more) = (NeighborCsr::new(), NeighborCsr::new());
+    let (mut lists, mut more) = (NeighborLists::new(), NeighborLists::new());
     println!("\na random walk by a tenth of the spacing, ns per particle: rebuilding and lists, building and lists");
     for step in 1..=20 {
         points.iter_mut().for_each(|p| *p += rng.direction() * (0.1 * spacing));
@@ -450,11 +450,11 @@ fn bulk(args: &Args) {
     let points: Vec<Vec3> = (0..args.points).map(|_| rng.vec()).collect();
     let radius = radius(&points, args.neighbors);
     let tree = PointTree::build(&points, &PointParams::default()).unwrap();
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     tree.neighbor_lists(0.0, radius).run(&mut lists).unwrap();
     let sorted: Vec<Vec3> = lists.points().iter().map(|&id| points[id as usize]).collect();
     for (name, queries) in [("in random order", &points), ("in the order of the tree", &sorted)] {
-        let (mut lists, mut buffer, mut ids, mut ends) = (NeighborCsr::new(), NeighborBuffer::new(), vec![], vec![]);
+        let (mut lists, mut buffer, mut ids, mut ends) = (NeighborLists::new(), NeighborBuffer::new(), vec![], vec![]);
         let contestants: Vec<Contestant> = vec![
             ("mbkd, within_lists", Box::new(|| tree.within_lists(queries, 0.0, radius).run(&mut lists).unwrap())),
             (

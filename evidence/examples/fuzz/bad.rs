@@ -11,7 +11,7 @@ use mbkd::baseline::BruteForce;
 use mbkd::glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 use mbkd::point::{GatherParams, GatherQuery, NeighborBuffer, Photon, PhotonMap};
 use mbkd::{
-    BuildError, BuildParams, Division, EncounterLists, Instance, InstanceTree, Keys, NeighborCsr, PointArrays,
+    BuildError, BuildParams, Division, EncounterLists, Instance, InstanceTree, Keys, NeighborLists, PointArrays,
     PointParams, PointStructure, PointTree, Policy, Pose, Radii, RayTree, TimeInterval, Transform, WideParams,
 };
 use std::sync::Arc;
@@ -191,7 +191,7 @@ fn bad_points(random: &mut Random) -> Outcome {
         ensure!(exists || found.is_empty(), "{q} at {time}: {found:?}");
         let _ = (tree.within(q, time, radius), tree.closest_approach(q, r, random.interval()));
         let _ = tree.query(q, time).approximate(radius).nearest();
-        let mut lists = NeighborCsr::new();
+        let mut lists = NeighborLists::new();
         let few = vec![radius; random.below(tree.len() + 1)];
         let periods = [Some(radius), None, Some(number)];
         let _ = tree.neighbor_lists(time, radius).periodic(periods).in_order().run(&mut lists);
@@ -246,7 +246,7 @@ fn forged_points(random: &mut Random) -> Outcome {
         let (q, radius) = (cloud.query(random, time), (cloud.places.scale * 0.1) as f32);
         let _ = (tree.nearest_n(q, time, 20), tree.within(q, time, radius));
         let _ = tree.closest_approach(q, q * 0.5, TimeInterval::FULL);
-        let _ = tree.neighbor_lists(time, radius).run(&mut NeighborCsr::new());
+        let _ = tree.neighbor_lists(time, radius).run(&mut NeighborLists::new());
         let _ = tree.neighbor_lists_swept(TimeInterval::FULL, radius).collect();
     }
     Ok(())

@@ -177,7 +177,7 @@ pub fn params(random: &mut Random) -> PointParams {
     let structure = match random.below(6) {
         0 => PointStructure::Linear,
         1 => PointStructure::TimeSlices(random.pick(&[1, 2, 3, 5, 8, 17])),
-        2 | 3 => PointStructure::Mbkd,
+        2 | 3 => PointStructure::Kd,
         _ => PointStructure::Automatic,
     };
     let simd = random.pick(&SimdLevel::available());

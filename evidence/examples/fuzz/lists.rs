@@ -7,7 +7,7 @@ use crate::encounter::Pair;
 use crate::random::Random;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    Encounter, EncounterLists, ListError, NeighborCsr, PointError, PointParams, PointStructure, PointTree, Precision,
+    Encounter, EncounterLists, ListError, NeighborLists, PointError, PointParams, PointStructure, PointTree, Precision,
     Radii,
 };
 
@@ -74,7 +74,7 @@ impl Request<'_> {
         let mut query = trees[0].neighbor_lists(self.time, self.radii).periodic(self.periods);
         query = if self.once { query.pairs_once() } else { query };
         query = if self.other { query.among(trees[1]) } else { query };
-        let mut lists = NeighborCsr::new();
+        let mut lists = NeighborLists::new();
         let all = query.in_order().sorted().with_distances();
         let all = if self.displacements { all.with_displacements() } else { all };
         match all.run(&mut lists) {
@@ -185,7 +185,7 @@ fn check_skin(random: &mut Random, tree: &PointTree, cloud: &Cloud, radius: f32,
     let (time, until) = (random.time(), random.time());
     let (time, until) = (time.min(until), time.max(until));
     let skin = radius * random.pick(&[0.0, 0.01, 0.3, 2.0]);
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     let what = format!("{what}: from {time} to {until} within {radius}, skin {skin}");
     let good = tree.neighbor_lists_with_skin(time, radius, skin, until, &mut lists);
     let good = good.map_err(|error| format!("{what}: {error}"))?;
@@ -232,7 +232,7 @@ fn check_positions(
     let queries: Vec<DVec3> = (0..random.below(60)).map(|_| cloud.query(random, time)).collect();
     let own = radii(random, queries.len(), radius);
     let each = random.one_in(2);
-    let mut lists = NeighborCsr::new();
+    let mut lists = NeighborLists::new();
     let query = if each { Radii::Own(&own) } else { Radii::Equal(radius) };
     let result = tree.within_lists(&queries, time, query).with_distances().in_order().run(&mut lists);
     same!(result, Ok(()), "{what}: around {} positions", queries.len());
@@ -267,7 +267,7 @@ pub fn case(random: &mut Random) -> Outcome {
         let params = PointParams { precision, ..params(random) };
         let pair = [clouds[0].tree(&params), clouds[1].tree(&params)];
         let refused = |tree: &Result<PointTree, PointError>| matches!(tree, Err(PointError::Parameter { .. }));
-        if double && params.structure == PointStructure::Mbkd && pair.iter().any(refused) {
+        if double && params.structure == PointStructure::Kd && pair.iter().any(refused) {
             continue;
         }
         let [own, other] = pair;

@@ -108,7 +108,7 @@ fn check_visitor(tree: &PointTree, cloud: &Cloud, time: f32, what: &str) -> Outc
     let mut all = Everything { boxes: Vec::new(), found: Vec::new(), outside: false };
     ensure!(tree.traverse(time, &mut all).is_continue(), "{what}: traverse");
     // A k-d tree may be a single leaf, which has no box.
-    let cells = tree.statistics().layers.iter().any(|layer| matches!(layer.kind, PointLayerKind::Mbkd));
+    let cells = tree.statistics().layers.iter().any(|layer| matches!(layer.kind, PointLayerKind::Kd));
     ensure!(cells || !all.outside, "{what}: a point is in no box at {time}");
     let mut found: Vec<(u32, [u64; 3])> = all
         .found
@@ -175,7 +175,7 @@ pub fn case(random: &mut Random) -> Outcome {
         let params = mbkd::PointParams { precision, ..params(random) };
         match cloud.tree(&params) {
             Err(PointError::Parameter { name: "structure", .. })
-                if cloud.double && !rounded && params.structure == PointStructure::Mbkd => {}
+                if cloud.double && !rounded && params.structure == PointStructure::Kd => {}
             tree => trees.push((tree.map_err(|error| format!("{params:?}: {error}"))?, format!("{params:?}"))),
         }
     }

@@ -1,7 +1,7 @@
 //! Particles on their way, and ways to keep their neighbour lists up to date: what lists cost, and how many pairs they miss.
 
 use mbkd::glam::Vec3;
-use mbkd::{MovingPoint, NeighborCsr, PointParams, PointStructure, PointTree};
+use mbkd::{MovingPoint, NeighborLists, PointParams, PointStructure, PointTree};
 use mbkd_evidence::accuracy::Random;
 use mbkd_evidence::point_sets::spacing;
 use std::error::Error;
@@ -45,7 +45,7 @@ impl Walk {
         let most = 0.005 * spacing;
         let radius = 2.1 * spacing;
         let mut walk = Walk { positions: Vec::new(), velocities: Vec::new(), most, radius, pairs: Vec::new() };
-        let mut lists = NeighborCsr::new();
+        let mut lists = NeighborLists::new();
         for _ in 0..steps {
             tree.rebuild(&at, &PointParams::default())?;
             tree.neighbor_lists(0.0, radius).run(&mut lists)?;
@@ -102,7 +102,7 @@ pub enum Upkeep {
 struct Lists {
     maker: Maker,
     tree: Option<PointTree>,
-    csr: NeighborCsr,
+    lists: NeighborLists,
     wide: Vec<[f64; 3]>,
     columns: linkcell::PairColumns,
 }
@@ -112,7 +112,7 @@ impl Lists {
         Lists {
             maker,
             tree: None,
-            csr: NeighborCsr::new(),
+            lists: NeighborLists::new(),
             wide: Vec::new(),
             columns: linkcell::PairColumns::default(),
         }
@@ -136,7 +136,7 @@ impl Lists {
             }
             None => PointTree::build(at, &PointParams::default())?,
         };
-        self.tree.insert(tree).neighbor_lists(0.0, reach).run(&mut self.csr)?;
+        self.tree.insert(tree).neighbor_lists(0.0, reach).run(&mut self.lists)?;
         Ok(())
     }
 
@@ -152,7 +152,7 @@ impl Lists {
             let own = at[id as usize];
             row.iter().map(|&other| near(own, at[other as usize])).sum::<usize>()
         };
-        self.csr.iter().map(of).sum()
+        self.lists.iter().map(of).sum()
     }
 }
 
@@ -196,7 +196,7 @@ pub fn keep(walk: &Walk, maker: Maker, upkeep: Upkeep) -> Result<Kept, Box<dyn E
                 }
             }
             Upkeep::Certified { skin } if expired => {
-                let good = certified(walk, step, skin, ahead, &mut lists.csr)?;
+                let good = certified(walk, step, skin, ahead, &mut lists.lists)?;
                 good_until = Some(step + good);
                 // Looking farther ahead than lists last costs more than it finds out.
                 ahead = (2 * good).max(1);
@@ -223,7 +223,7 @@ fn certified(
     step: usize,
     skin: f32,
     ahead: usize,
-    lists: &mut NeighborCsr,
+    lists: &mut NeighborLists,
 ) -> Result<usize, Box<dyn Error>> {
     let skin = walk.radius * skin;
     // Positions are rounded in every step.

@@ -153,7 +153,7 @@ fn over_number(run: &Run, size: &Size) -> Result<Vec<Curve>, Box<dyn Error>> {
                 (4, cost_of_kiddo(&still, &queries)?),
             ];
             if n <= size.planes {
-                costs.push((3, cost(&points, PointStructure::Mbkd, &queries, false)?));
+                costs.push((3, cost(&points, PointStructure::Kd, &queries, false)?));
             }
             Ok(costs)
         })?;
@@ -170,7 +170,7 @@ fn over_displacement(run: &Run, size: &Size, spacings: &[f32]) -> Result<Vec<Cur
         ("mbkd, automatic", PointStructure::Automatic),
         ("mbkd, linear boxes", PointStructure::Linear),
         ("mbkd, linear boxes in 4 time slices", PointStructure::TimeSlices(4)),
-        ("the paper's k-d tree", PointStructure::Mbkd),
+        ("the paper's k-d tree", PointStructure::Kd),
     ];
     let mut curves: Vec<Curve> =
         structures.iter().enumerate().map(|(i, (label, _))| Curve::new(label, i == 0)).collect();
@@ -190,7 +190,7 @@ fn over_displacement(run: &Run, size: &Size, spacings: &[f32]) -> Result<Vec<Cur
             let planes = costs[3].1;
             let params = PointParams::default();
             let most = 2.0 * params.max_references;
-            let params = PointParams { structure: PointStructure::Mbkd, max_references: most, ..params };
+            let params = PointParams { structure: PointStructure::Kd, max_references: most, ..params };
             // With more to spend it would cut more.
             if PointTree::build(&points, &params)?.statistics().references_per_point() > planes.references {
                 costs.push((4, planes));

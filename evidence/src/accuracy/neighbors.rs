@@ -18,9 +18,9 @@ pub fn structures(wide: bool) -> Vec<(&'static str, PointStructure)> {
         ("automatic", PointStructure::Automatic),
         ("linear", PointStructure::Linear),
         ("time slices", PointStructure::TimeSlices(3)),
-        ("mbkd", PointStructure::Mbkd),
+        ("mbkd", PointStructure::Kd),
     ];
-    all.retain(|(_, s)| !(wide && matches!(s, PointStructure::Mbkd)));
+    all.retain(|(_, s)| !(wide && matches!(s, PointStructure::Kd)));
     all
 }
 

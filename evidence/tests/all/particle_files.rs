@@ -45,7 +45,7 @@ impl Set {
 fn check(name: &str, cloud: &Cloud) {
     let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();
     let set = PointArrays { keys: &keys, active: &cloud.active, ids: &[] };
-    for structure in [PointStructure::Automatic, PointStructure::Linear, PointStructure::Mbkd] {
+    for structure in [PointStructure::Automatic, PointStructure::Linear, PointStructure::Kd] {
         let tree = PointTree::build(&set, &PointParams { structure, ..PointParams::default() }).unwrap();
         println!("{name}: {} points\n{}", cloud.len(), tree.statistics());
         let mut rng = Rng(17);

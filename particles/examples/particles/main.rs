@@ -14,7 +14,7 @@ mod vtk;
 
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use mbkd::NeighborCsr;
+use mbkd::NeighborLists;
 use mbkd::glam::Vec3;
 use mbkd_renderer::fluid::{Drop, Photo, Shot, Tank, expose, gif, strip};
 use rivals::Look;
@@ -102,7 +102,7 @@ fn run(options: &Options) -> Result<(), Box<dyn Error>> {
         1e3 * fluid.kernel.radius
     ));
     let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
-    let (mut looks, mut lists) = (Vec::new(), NeighborCsr::new());
+    let (mut looks, mut lists) = (Vec::new(), NeighborLists::new());
     let (mut pictures, mut frames) = (Vec::new(), Vec::new());
     let bar = bar(options.steps.map_or(fluid.steps_for(options.seconds), |steps| steps as usize) as u64);
     let (mut simulating, mut rendering, mut frame) = (Duration::ZERO, Duration::ZERO, 0);

@@ -3,7 +3,7 @@
 
 use kiddo::SquaredEuclidean;
 use mbkd::glam::{IVec3, Vec3};
-use mbkd::{NeighborCsr, PointParams, PointTree};
+use mbkd::{NeighborLists, PointParams, PointTree};
 use std::time::{Duration, Instant};
 
 /// Times of one comparison.
@@ -15,7 +15,7 @@ pub struct Look {
 }
 
 /// Makes the lists with each of the three methods; an error if they differ in length.
-pub fn look(at: &[Vec3], radius: f32, lists: &mut NeighborCsr) -> Result<Look, String> {
+pub fn look(at: &[Vec3], radius: f32, lists: &mut NeighborLists) -> Result<Look, String> {
     let begin = Instant::now();
     let tree = PointTree::build(at, &PointParams::default()).map_err(|e| e.to_string())?;
     tree.neighbor_lists(0.0, radius).run(lists).map_err(|e| e.to_string())?;

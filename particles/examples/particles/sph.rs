@@ -9,7 +9,7 @@
 use crate::kernel::Kernel;
 use crate::tank::Brick;
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{NeighborCsr, PointParams, PointTree};
+use mbkd::{NeighborLists, PointParams, PointTree};
 use mbkd_renderer::fluid::Tank;
 use rayon::prelude::*;
 use std::error::Error;
@@ -53,8 +53,8 @@ pub struct Fluid {
     /// The momentum added by gravity and walls since the beginning.
     impulse: DVec3,
     begin: DVec3,
-    lists: NeighborCsr,
-    wall_lists: NeighborCsr,
+    lists: NeighborLists,
+    wall_lists: NeighborLists,
 }
 
 /// Sums over all particles.
@@ -81,13 +81,13 @@ impl Fluid {
         let kernel = Kernel::new(REACH * spacing);
         let wall_at: Vec<Vec3> = bricks.iter().map(|brick| brick.0).collect();
         let walls = PointTree::build(&wall_at, &PointParams::default())?;
-        let crowd = |lists: &NeighborCsr, row: usize| {
+        let crowd = |lists: &NeighborLists, row: usize| {
             let range = lists.range(row);
             let squares = &lists.distances_squared()[range];
             kernel.value(0.0) + squares.iter().map(|&square| kernel.value(square)).sum::<f32>()
         };
         // The mass that gives rest density to the particle at the 90th percentile of kernel sums.
-        let mut lists = NeighborCsr::new();
+        let mut lists = NeighborLists::new();
         let tree = PointTree::build(&at, &PointParams::default())?;
         tree.neighbor_lists(0.0, kernel.radius).with_distances().run(&mut lists)?;
         let mut crowds: Vec<f32> = (0..lists.len()).map(|row| crowd(&lists, row)).collect();
@@ -119,7 +119,7 @@ impl Fluid {
             impulse: DVec3::ZERO,
             begin: DVec3::ZERO,
             lists,
-            wall_lists: NeighborCsr::new(),
+            wall_lists: NeighborLists::new(),
         };
         fluid.begin = fluid.sums().momentum;
         Ok(fluid)

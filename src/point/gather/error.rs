@@ -90,7 +90,7 @@ impl fmt::Display for GatherError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             GatherError::Flux => f.write_str("the flux of a photon is not finite; remove it"),
-            GatherError::PhotonNormal => f.write_str("the normal of a photon is not finite"),
+            GatherError::PhotonNormal => f.write_str("the normal of a photon is not finite; remove it"),
             GatherError::TooMany { found } => write!(f, "{found} photons or points are too many for ids of 32 bits"),
             GatherError::Parameter { name, expected } => write!(f, "`{name}` must be {expected}"),
             GatherError::Position => {
@@ -102,7 +102,11 @@ impl fmt::Display for GatherError {
                 f.write_str("the window of a query must be greater than 0, and not below some 1e-38")
             }
             GatherError::WindowTooWide { most } => {
-                write!(f, "the window of a query is wider than the {most} that the map was built for")
+                write!(
+                    f,
+                    "the window of a query is wider than {most}, for which the map was built: photons that are carried along \
+                     have a widest window; build the map with a greater `GatherParams::window`"
+                )
             }
             GatherError::Radius => {
                 write!(

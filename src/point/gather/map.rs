@@ -24,7 +24,7 @@ pub struct Gathered<F> {
     pub density: F,
     /// Radius of the disc over which it was estimated: the query's, or the distance of the photon after the k nearest.
     pub radius: f32,
-    /// Half width of the query's window.
+    /// Half width of the window: the query's, or without one the widest that the map allows.
     pub window: f32,
     /// The integral of the time kernel over that part of the window that is inside the shutter.
     pub duration: f32,
@@ -77,6 +77,7 @@ pub struct PhotonMap<F> {
 struct Accept<'a> {
     index: &'a Index,
     query: &'a GatherQuery<'a>,
+    window: f32,
     at: KeyTime,
 }
 
@@ -84,8 +85,8 @@ impl Keep for Accept<'_> {
     const FILTERS: bool = true;
     #[inline]
     fn keep(&self, slot: u32) -> bool {
-        let Accept { index, query, at } = *self;
-        if !index.in_window(slot, query.time, query.window) {
+        let Accept { index, query, window, at } = *self;
+        if !index.in_window(slot, query.time, window) {
             return false;
         }
         query.accepts(|| index.normal(slot), || index.position(slot, at))
@@ -262,16 +263,17 @@ impl<F: Flux> PhotonMap<F> {
     ) -> Result<Gathered<F>, GatherError> {
         query.check()?;
         let index = &self.index;
-        if query.window > index.most_window {
+        let window = query.window.unwrap_or(index.most_window);
+        if window > index.most_window {
             return Err(GatherError::WindowTooWide { most: index.most_window });
         }
-        let disc = find(index, query, buffer);
-        let duration = query.time_weight.over_time(query.time.into(), query.window.into(), 0.0, 1.0) as f32;
+        let disc = find(index, query, window, buffer);
+        let duration = query.time_weight.over_time(query.time.into(), window.into(), 0.0, 1.0) as f32;
         let per_duration = 1.0 / duration;
         let gathered = |count| Gathered {
             density: F::default(),
             radius: disc.radius,
-            window: query.window,
+            window,
             duration,
             count,
             reached: disc.reached,
@@ -289,7 +291,7 @@ impl<F: Flux> PhotonMap<F> {
         for near in &buffer.found[..disc.count] {
             let in_time = match index.time_weight(near.id) {
                 TimeWeight::Stamp(stamp) => {
-                    let x = (stamp - query.time) / query.window;
+                    let x = (stamp - query.time) / window;
                     query.time_weight.weight(x * x) * per_duration
                 }
                 TimeWeight::Even(even) => even,
@@ -307,19 +309,19 @@ impl<F> core::fmt::Debug for PhotonMap<F> {
     }
 }
 
-/// Finds the photons of a query, in order, into the buffer; returns the disc of the estimate.
-fn find(index: &Index, query: &GatherQuery, buffer: &mut NeighborBuffer) -> Disc {
+/// Finds the photons of a query in a window, in order, into the buffer; returns the disc of the estimate.
+fn find(index: &Index, query: &GatherQuery, window: f32, buffer: &mut NeighborBuffer) -> Disc {
     // The window of photons that move with their surface is tested by the filter only.
     if query.has_filter() || index.carried {
-        let accept = Accept { index, query, at: KeyTime::new(query.time, 2) };
-        find_kept(index, query, &accept, buffer)
+        let accept = Accept { index, query, window, at: KeyTime::new(query.time, 2) };
+        find_kept(index, query, window, &accept, buffer)
     } else {
-        find_kept(index, query, &KeepAll, buffer)
+        find_kept(index, query, window, &KeepAll, buffer)
     }
 }
 
-fn find_kept(index: &Index, query: &GatherQuery, keep: &impl Keep, buffer: &mut NeighborBuffer) -> Disc {
-    let GatherQuery { position, time, window, radius, .. } = *query;
+fn find_kept(index: &Index, query: &GatherQuery, window: f32, keep: &impl Keep, buffer: &mut NeighborBuffer) -> Disc {
+    let GatherQuery { position, time, radius, .. } = *query;
     let search = PhotonSearch::<_, false> { index, point: position, time, scale: window, keep };
     let bound = (radius * radius).min(f32::MAX);
     let Some(k) = query.neighbors else {

@@ -29,7 +29,7 @@ pub struct GatherQuery<'f> {
     pub(super) time: f32,
     pub(super) neighbors: Option<usize>,
     pub(super) radius: f32,
-    pub(super) window: f32,
+    pub(super) window: Option<f32>,
     pub(super) cosine: Option<f32>,
     pub(super) thickness: Option<f32>,
     pub(super) space: Kernel,
@@ -38,8 +38,9 @@ pub struct GatherQuery<'f> {
 }
 
 impl<'f> GatherQuery<'f> {
-    /// A gather at a position with a unit normal, at a time of the shutter. By default it takes photons of all times and
-    /// all normals, and weights them equally.
+    /// A gather at a position with a unit normal, at a time of the shutter. By default it takes photons of all normals and, if none is
+    /// carried along ([`PhotonTime::Carried`](crate::point::PhotonTime::Carried)), of all times, otherwise those in the widest window that
+    /// the map allows; and weights them equally.
     pub fn new(position: Vec3, normal: Vec3, time: f32) -> GatherQuery<'f> {
         GatherQuery {
             position,
@@ -47,7 +48,7 @@ impl<'f> GatherQuery<'f> {
             time,
             neighbors: None,
             radius: f32::INFINITY,
-            window: f32::INFINITY,
+            window: None,
             cosine: None,
             thickness: None,
             space: Kernel::Box,
@@ -68,9 +69,10 @@ impl<'f> GatherQuery<'f> {
     }
 
     /// Half width of the window in time: photons stamped at s count if `|s - time| <= window` (in f32). If it is
-    /// infinite, time is ignored.
+    /// infinite, time is ignored. A map with photons that are carried along has a widest window:
+    /// [`GatherParams::window`](crate::point::GatherParams::window).
     pub fn window(self, window: f32) -> Self {
-        GatherQuery { window, ..self }
+        GatherQuery { window: Some(window), ..self }
     }
 
     /// Only photons whose normal has at least this cosine with the query's.
@@ -98,7 +100,7 @@ impl<'f> GatherQuery<'f> {
     pub(super) fn check(&self) -> Result<(), GatherError> {
         let fine = |fine: bool, error| if fine { Ok(()) } else { Err(error) };
         check_position(self.position, self.time)?;
-        fine(self.window > 0.0, GatherError::Window)?;
+        fine(self.window.is_none_or(|window| window > 0.0), GatherError::Window)?;
         fine(valid_radius(self.radius), GatherError::Radius)?;
         fine(self.neighbors != Some(0), GatherError::NoNeighbors)?;
         fine(self.neighbors.is_some() || self.radius < f32::INFINITY, GatherError::Unbounded)?;

@@ -4,7 +4,7 @@ use super::moving_leaf::MovingLeaves;
 use super::plane_tree::PlaneTree;
 use crate::file::{Decoder, Encoder, FileError, broken, require};
 use crate::geometry::Box3;
-use crate::mbkd::{KdNode, check_links};
+use crate::kd::{KdNode, check_links};
 use crate::point::leaf_order::moving_reference::SegmentSlice;
 
 /// The contents of a file for one tree, not validated yet.

@@ -26,7 +26,7 @@ use super::over_interval::PointPath;
 use super::slice_tree::SliceTree;
 use super::static_tree::StaticTree;
 use crate::geometry::{Box3, KeyTime, Plane};
-use crate::mbkd::{KdNode, KdView, PointReference, Trajectories, Trajectory, build_kd_over_points};
+use crate::kd::{KdNode, KdView, PointReference, Trajectories, Trajectory, build_kd_over_points};
 use crate::point::leaf_order::moving_reference::{MovingReference, SegmentSlice};
 use crate::progress::Progress;
 use crate::simd::{Item, LANES};

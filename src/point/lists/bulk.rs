@@ -1,7 +1,7 @@
 //! Radius queries in bulk: the query points are put into a tree of their own, whose leaves traverse the other tree.
 
-use super::csr::NeighborCsr;
 use super::error::{ListError, RadiusOf};
+use super::neighbor_lists::NeighborLists;
 use super::query::ListQuery;
 use super::radii::Radii;
 use crate::limits::is_in_range;
@@ -27,15 +27,15 @@ impl PointTree {
     /// query: what [`PointTree::within`] finds for each of them, as compressed rows in memory of the caller.
     ///
     /// Unless refined, the lists hold ids only, in no particular order, and come in the order in which they are made, where
-    /// queries that are close in space follow each other; [`NeighborCsr::points`] says which query each belongs to.
+    /// queries that are close in space follow each other; [`NeighborLists::points`] says which query each belongs to.
     ///
     /// Queries may come in any order: they are put into a tree of their own, so that neighbouring ones are answered
     /// together. That costs a build over them; for a handful of queries, ask them one by one.
     ///
     /// ```
-    /// use mbkd::{NeighborCsr, PointParams, PointTree};
+    /// use mbkd::{NeighborLists, PointParams, PointTree};
     /// let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3], [9.0; 3]], &PointParams::default())?;
-    /// let mut lists = NeighborCsr::new();
+    /// let mut lists = NeighborLists::new();
     /// let queries = [[0.5f32; 3], [8.0; 3]];
     /// tree.within_lists(&queries, 0.0, 2.0).with_distances().in_order().run(&mut lists)?;
     /// assert_eq!(lists.offsets(), [0, 2, 3]);
@@ -90,16 +90,26 @@ impl<Q: Position> BulkQuery<'_, Q> {
         self
     }
 
+    /// Makes the lists, in new memory. Call after call, [`BulkQuery::run`] saves allocating it.
+    ///
+    /// # Errors
+    /// As [`BulkQuery::run`].
+    pub fn collect(self) -> Result<NeighborLists, ListError> {
+        let mut lists = NeighborLists::new();
+        self.run(&mut lists)?;
+        Ok(lists)
+    }
+
     /// Makes the lists, in place of what `lists` held. After an error it holds no lists.
     ///
     /// # Errors
     /// - [`ListError::Query`] for a query that is not finite or too far away, [`ListError::TooManyQueries`].
     /// - All others as [`ListQuery::run`], with the index of a query where that names a point.
-    pub fn run(self, lists: &mut NeighborCsr) -> Result<(), ListError> {
+    pub fn run(self, lists: &mut NeighborLists) -> Result<(), ListError> {
         parallel::entered(self.queries.len(), || self.checked_run(lists))
     }
 
-    fn checked_run(self, lists: &mut NeighborCsr) -> Result<(), ListError> {
+    fn checked_run(self, lists: &mut NeighborLists) -> Result<(), ListError> {
         let BulkQuery { among, queries, .. } = self;
         lists.clear();
         if queries.len() >= u32::MAX as usize {

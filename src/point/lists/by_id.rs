@@ -1,15 +1,15 @@
 //! Lists in the order of ids instead of that of the tree.
 
-use super::csr::NeighborCsr;
 use super::error::ListError;
 use super::list_request::ListRequest;
+use super::neighbor_lists::NeighborLists;
 use crate::parallel;
 
 /// Lists that one task copies.
 const SHARE: usize = 1024;
 
 /// Brings the lists into the order of ids.
-pub(super) fn reorder(request: &ListRequest<'_>, lists: &mut NeighborCsr) -> Result<(), ListError> {
+pub(super) fn reorder(request: &ListRequest<'_>, lists: &mut NeighborLists) -> Result<(), ListError> {
     let count = request.tree.len();
     if let Err(error) = rows_of_ids(&lists.points, count, &mut lists.rows) {
         lists.clear();

@@ -26,9 +26,9 @@ impl fmt::Display for RadiusOf {
 /// Why neighbour lists could not be made. Nothing here panics on bad input: it returns this.
 ///
 /// ```
-/// use mbkd::{ListError, NeighborCsr, PointParams, PointTree};
+/// use mbkd::{ListError, NeighborLists, PointParams, PointTree};
 /// let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3]], &PointParams::default())?;
-/// let error = tree.neighbor_lists(0.0, -1.0).run(&mut NeighborCsr::new()).unwrap_err();
+/// let error = tree.neighbor_lists(0.0, -1.0).run(&mut NeighborLists::new()).unwrap_err();
 /// assert_eq!(error, ListError::Radius { of: None });
 /// println!("{error}");
 /// # Ok::<(), mbkd::PointError>(())

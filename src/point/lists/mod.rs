@@ -7,7 +7,7 @@
 //! point with points, always sixteen at a time.
 //!
 //! Data flows `query` (the request) → `prepare` (groups of leaves) → `candidates` (the leaves that a group can reach) →
-//! `row` (the list of a point) → `worker` (a share of the groups) → `in_order` and `run` (all threads) → `csr` (all
+//! `row` (the list of a point) → `worker` (a share of the groups) → `scheduling` and `run` (all threads) → `neighbor_lists` (all
 //! lists in one array).
 //!
 //! [`bulk`] makes lists for positions that are not points of a tree. [`swept`] makes lists over an interval of time.
@@ -25,12 +25,11 @@ mod by_id;
 mod candidates;
 mod columns;
 mod coordinate;
-mod csr;
 mod error;
 mod group;
-mod in_order;
 mod list_layer;
 mod list_request;
+mod neighbor_lists;
 mod periodic_box;
 mod point_rows;
 mod prepare;
@@ -39,12 +38,13 @@ mod radii;
 mod reach;
 mod row;
 mod run;
+mod scheduling;
 mod swept;
 mod worker;
 
 pub use bulk::BulkQuery;
-pub use csr::NeighborCsr;
 pub use error::{ListError, RadiusOf};
+pub use neighbor_lists::NeighborLists;
 pub use query::ListQuery;
 pub use radii::Radii;
 pub use swept::{Encounter, EncounterLists, SweptQuery, certified_duration};

@@ -1,8 +1,8 @@
 //! The public interface of neighbour lists.
 
-use super::csr::NeighborCsr;
 use super::error::ListError;
 use super::list_request::{ListRequest, Listing};
+use super::neighbor_lists::NeighborLists;
 use super::periodic_box::PeriodicBox;
 use super::radii::Radii;
 use super::run;
@@ -26,14 +26,14 @@ impl PointTree {
     /// not depend on the latter two either.
     ///
     /// Cost: one walk through the tree for sixteen neighbouring leaves, then about one vector operation on sixteen
-    /// candidates for two to three neighbours found. Of [`PointStructure::Mbkd`](crate::PointStructure::Mbkd) the points
+    /// candidates for two to three neighbours found. Of [`PointStructure::Kd`](crate::PointStructure::Kd) the points
     /// that exist at the time are put into a tree of boxes first.
     ///
     /// ```
-    /// use mbkd::{MovingPoint, NeighborCsr, PointParams, PointTree, glam::Vec3};
+    /// use mbkd::{MovingPoint, NeighborLists, PointParams, PointTree, glam::Vec3};
     /// let points = [MovingPoint::new(Vec3::ZERO, Vec3::X), MovingPoint::fixed(Vec3::X * 2.0)];
     /// let tree = PointTree::build(&points, &PointParams::default())?;
-    /// let mut lists = NeighborCsr::new();
+    /// let mut lists = NeighborLists::new();
     /// tree.neighbor_lists(0.0, 1.5).run(&mut lists)?;
     /// assert_eq!(lists.neighbors(), 0);
     /// tree.neighbor_lists(0.75, 1.5).with_distances().run(&mut lists)?;
@@ -111,9 +111,9 @@ impl<'a> ListQuery<'a> {
     /// counted before the error.
     ///
     /// ```
-    /// use mbkd::{ListError, NeighborCsr, PointParams, PointTree};
+    /// use mbkd::{ListError, NeighborLists, PointParams, PointTree};
     /// let tree = PointTree::build(&[[0.0f32; 3]; 1000], &PointParams::default())?;
-    /// let lists = tree.neighbor_lists(0.0, 1.0).max_neighbors(200).run(&mut NeighborCsr::new());
+    /// let lists = tree.neighbor_lists(0.0, 1.0).max_neighbors(200).run(&mut NeighborLists::new());
     /// assert_eq!(lists, Err(ListError::TooManyNeighbors { id: 0 }));
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
@@ -142,6 +142,23 @@ impl<'a> ListQuery<'a> {
         }
     }
 
+    /// Makes the lists, in new memory. Step after step, [`ListQuery::run`] saves allocating it.
+    ///
+    /// ```
+    /// use mbkd::{PointParams, PointTree};
+    /// let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3], [9.0; 3]], &PointParams::default())?;
+    /// assert_eq!(tree.neighbor_lists(0.0, 2.0).in_order().collect()?.row(0), [1]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`ListQuery::run`].
+    pub fn collect(self) -> Result<NeighborLists, ListError> {
+        let mut lists = NeighborLists::new();
+        self.run(&mut lists)?;
+        Ok(lists)
+    }
+
     /// Makes the lists, in place of what `lists` held. After an error it holds no lists.
     ///
     /// # Errors
@@ -153,11 +170,11 @@ impl<'a> ListQuery<'a> {
     ///   ([`ListQuery::among`]).
     /// - [`ListError::Ids`] if lists in the order of ids are requested, and ids are not 0, 1, 2, … ([`ListQuery::in_order`]).
     /// - [`ListError::TooManyNeighbors`] for a list that is too long ([`ListQuery::max_neighbors`]).
-    pub fn run(self, lists: &mut NeighborCsr) -> Result<(), ListError> {
+    pub fn run(self, lists: &mut NeighborLists) -> Result<(), ListError> {
         parallel::entered(self.request.tree.len(), || self.checked_run(lists))
     }
 
-    fn checked_run(mut self, lists: &mut NeighborCsr) -> Result<(), ListError> {
+    fn checked_run(mut self, lists: &mut NeighborLists) -> Result<(), ListError> {
         lists.clear();
         self.request.check()?;
         self.request.listing.periodic_box = PeriodicBox::new(self.request.periods);

@@ -8,11 +8,11 @@ use crate::simd::Simd;
 /// Radii of listed points are by id, those of queries ([`PointTree::within_lists`](crate::PointTree::within_lists)) by index.
 ///
 /// ```
-/// use mbkd::{NeighborCsr, PointParams, PointTree, Radii};
+/// use mbkd::{NeighborLists, PointParams, PointTree, Radii};
 /// let centers = [[0.0f32, 0.0, 0.0], [1.5, 0.0, 0.0], [4.0, 0.0, 0.0]];
 /// let radii = [1.0, 0.5, 1.9];
 /// let tree = PointTree::build(&centers, &PointParams::default())?;
-/// let mut contacts = NeighborCsr::new();
+/// let mut contacts = NeighborLists::new();
 /// tree.neighbor_lists(0.0, Radii::Sum { own: &radii, others: &radii }).pairs_once().in_order().run(&mut contacts)?;
 /// assert_eq!(contacts.ids(), [1]);
 /// # Ok::<(), Box<dyn std::error::Error>>(())

@@ -5,17 +5,17 @@
 
 use super::by_id;
 use super::columns::{Columns, Room};
-use super::csr::NeighborCsr;
 use super::error::ListError;
-use super::in_order::{in_order, room_for, slots};
 use super::list_request::ListRequest;
+use super::neighbor_lists::NeighborLists;
 use super::prepare::{Prepared, prepare};
+use super::scheduling::{in_order, room_for, slots};
 use super::worker::{Share, Worker};
 use crate::parallel;
 use crate::simd::dispatch;
 
 /// Makes the lists of a checked request.
-pub(super) fn run(request: &ListRequest<'_>, lists: &mut NeighborCsr) -> Result<(), ListError> {
+pub(super) fn run(request: &ListRequest<'_>, lists: &mut NeighborLists) -> Result<(), ListError> {
     let mut prepared = core::mem::take(&mut lists.prepared);
     let done = prepare(request, &mut prepared).and_then(|()| fill(request, &prepared, lists));
     lists.prepared = prepared;
@@ -26,7 +26,7 @@ pub(super) fn run(request: &ListRequest<'_>, lists: &mut NeighborCsr) -> Result<
 }
 
 /// Makes the lists of all groups.
-fn fill(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut NeighborCsr) -> Result<(), ListError> {
+fn fill(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut NeighborLists) -> Result<(), ListError> {
     make_all(request, prepared, lists);
     match lists.workers.iter_mut().filter_map(|worker| worker.lists.crowded.take()).min() {
         None => Ok(()),
@@ -37,7 +37,7 @@ fn fill(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut NeighborCsr)
     }
 }
 
-fn make_all(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut NeighborCsr) {
+fn make_all(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut NeighborLists) {
     let count = if parallel::threads() > 1 { slots() } else { 1 };
     if lists.workers.len() < count {
         lists.workers.resize(count, Worker::default());
@@ -48,7 +48,7 @@ fn make_all(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut Neighbor
         return on_one_thread(request, prepared, lists);
     }
     let requested = request.listing.columns();
-    let (NeighborCsr { offsets, points, columns, workers, .. }, groups) = (lists, prepared.groups.len());
+    let (NeighborLists { offsets, points, columns, workers, .. }, groups) = (lists, prepared.groups.len());
     let (workers, mut done) = (&mut workers[..count], 0);
     // What is left of the lists before says nothing about these.
     workers.iter_mut().for_each(|worker| worker.lists.clear());
@@ -84,8 +84,8 @@ fn work(share: Share<'_>) {
 }
 
 /// The same on one thread, whose lists need not be copied: it makes them where the caller will find them.
-fn on_one_thread(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut NeighborCsr) {
-    let NeighborCsr { offsets, points, columns, workers, .. } = lists;
+fn on_one_thread(request: &ListRequest<'_>, prepared: &Prepared, lists: &mut NeighborLists) {
+    let NeighborLists { offsets, points, columns, workers, .. } = lists;
     let worker = &mut workers[0];
     worker.share = 0..prepared.groups.len();
     let swap = |worker: &mut Worker, columns: &mut Columns, offsets: &mut Vec<usize>, points: &mut Vec<u32>| {

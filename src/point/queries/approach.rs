@@ -21,8 +21,8 @@
 
 use super::pair_approach::{Overlap, QueryPath};
 use crate::geometry::{Plane, TimeInterval};
+use crate::kd::KdView;
 use crate::limits::MAX_POINT_COORDINATE;
-use crate::mbkd::KdView;
 use crate::point::layout::over_interval::{BoxTree, PointPath, greater, lesser};
 use crate::point::layout::plane_tree::{PlaneTree, plane_error};
 use crate::point::leaf_order::moving_reference::{SegmentSlice, exact_phase};

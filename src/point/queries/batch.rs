@@ -26,13 +26,13 @@ use glam::Vec3;
 /// # Ok::<(), mbkd::PointError>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
-pub struct NeighborLists {
+pub struct NeighborBatch {
     /// Begin of each list, and the end of the last.
     begin: Vec<usize>,
     neighbors: Vec<Neighbor>,
 }
 
-impl NeighborLists {
+impl NeighborBatch {
     /// Number of lists.
     pub fn len(&self) -> usize {
         self.begin.len() - 1
@@ -46,7 +46,7 @@ impl NeighborLists {
     /// The neighbours of a query.
     ///
     /// # Panics
-    /// If `query` is not less than [`NeighborLists::len`].
+    /// If `query` is not less than [`NeighborBatch::len`].
     pub fn row(&self, query: usize) -> &[Neighbor] {
         &self.neighbors[self.begin[query]..self.begin[query + 1]]
     }
@@ -89,7 +89,7 @@ impl PointTree {
     }
 
     /// The `k` nearest points of each query, as [`PointTree::nearest_n`] gives them.
-    pub fn nearest_n_batch<Q: Position>(&self, queries: &[(Q, f32)], k: usize) -> NeighborLists {
+    pub fn nearest_n_batch<Q: Position>(&self, queries: &[(Q, f32)], k: usize) -> NeighborBatch {
         self.lists(queries, |_, query, buffer, out| out.extend_from_slice(query.nearest_n_into(k, buffer)))
     }
 
@@ -100,7 +100,7 @@ impl PointTree {
         queries: &[(Q, f32)],
         k: usize,
         accept: impl Fn(usize, u32) -> bool + Sync,
-    ) -> NeighborLists {
+    ) -> NeighborBatch {
         self.lists(queries, |index, query, buffer, out| {
             out.extend_from_slice(query.filter(|id| accept(index, id)).nearest_n_into(k, buffer));
         })
@@ -116,7 +116,7 @@ impl PointTree {
     /// assert!(lists.row(1).is_empty());
     /// # Ok::<(), mbkd::PointError>(())
     /// ```
-    pub fn within_batch<Q: Position>(&self, queries: &[(Q, f32)], radius: f32) -> NeighborLists {
+    pub fn within_batch<Q: Position>(&self, queries: &[(Q, f32)], radius: f32) -> NeighborBatch {
         self.lists(queries, |_, query, buffer, out| {
             out.extend_from_slice(query.radius(radius).collect_sorted_into(buffer));
         })
@@ -129,7 +129,7 @@ impl PointTree {
         queries: &[(Q, f32)],
         radius: f32,
         accept: impl Fn(usize, u32) -> bool + Sync,
-    ) -> NeighborLists {
+    ) -> NeighborBatch {
         self.lists(queries, |index, query, buffer, out| {
             let query = query.radius(radius).filter(|id| accept(index, id));
             out.extend_from_slice(query.collect_sorted_into(buffer));
@@ -155,7 +155,7 @@ impl PointTree {
         &self,
         queries: &[(Q, f32)],
         answer: impl Fn(usize, NeighborQuery<'_>, &mut NeighborBuffer, &mut Vec<Neighbor>) + Sync,
-    ) -> NeighborLists {
+    ) -> NeighborBatch {
         let order = self.order(queries);
         let runs = in_runs(&order, |indices| {
             let mut buffer = NeighborBuffer::new();
@@ -185,7 +185,7 @@ impl PointTree {
         for (ends, &(run, from)) in begin.windows(2).zip(&source) {
             neighbors.extend_from_slice(&runs[run as usize].found[from..from + (ends[1] - ends[0])]);
         }
-        NeighborLists { begin, neighbors }
+        NeighborBatch { begin, neighbors }
     }
 
     /// The order in which queries are answered. For a tree that fits a near cache any order will do.

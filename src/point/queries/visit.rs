@@ -1,7 +1,7 @@
 //! Custom traversals of a [`PointTree`].
 
 use crate::geometry::{Aabb, KeyTime};
-use crate::mbkd::KdView;
+use crate::kd::KdView;
 use crate::point::layout::over_interval::{BoxTree, PointPath};
 use crate::point::layout::plane_tree::PlaneTree;
 use crate::point::search::layers::Layer;

@@ -14,8 +14,8 @@
 use super::k_nearest::KNearest;
 use super::radius::{Sink, search_blocks};
 use super::{Keep, Observe};
+use crate::kd::KdView;
 use crate::limits::DEPTH_LIMIT;
-use crate::mbkd::KdView;
 use crate::point::layout::plane_tree::{PlaneView, plane_error};
 use crate::point::layout::snapshot::LeafView;
 use crate::simd::Simd;

@@ -29,12 +29,12 @@ use super::nearest_first::{LeafSearch, NearestFirst};
 use super::point_query::{Candidate, PlacedQuery, QueryInTree};
 use super::triangle_bound::TriangleBound;
 use crate::geometry::{KeyTime, LEAST_SQUARED, ULP};
+use crate::kd::{KdTree, KdView};
 use crate::layout::{
     Between, ChildRef, CornerLanes, ListBoxes, NODE_ROWS, SPHERE_ROWS, STATIC_NODE_ROWS, SphereLeaf, WideSource,
     WideTree, block_sizes, sphere_row,
 };
 use crate::limits::DEPTH_LIMIT;
-use crate::mbkd::{KdTree, KdView};
 use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes};
 use crate::ray::filter::{Everything, Filter};
 use crate::ray::observer::Observer;

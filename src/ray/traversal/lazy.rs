@@ -5,8 +5,8 @@
 
 use super::collect::Collect;
 use super::intersect::RaySource;
+use super::object_traversal::{LeafVisitor, ObjectTraversal};
 use super::query::{Asked, PartOfWide, QueryArgs, RayQuery};
-use super::ray_traversal::{LeafVisitor, RayTraversal};
 use crate::geometry::Ray;
 use crate::layout::{ChildRef, LazyTree};
 use crate::ray::filter::Filter;
@@ -33,8 +33,8 @@ pub(in crate::ray) fn answer_lazily<G: RaySource, F: Filter, O: Observer, Q: Ray
     // Compiled once for all queries: the query of a subtree takes far longer than the call.
     let visitor: &mut dyn SubtreeVisitor = &mut subtrees;
     match Q::Collect::ORDERED {
-        true => dispatch(simd, RayTraversal::<'_, true, _> { tree: top, ray, tree_ray, visitor }),
-        false => dispatch(simd, RayTraversal::<'_, false, _> { tree: top, ray, tree_ray, visitor }),
+        true => dispatch(simd, ObjectTraversal::<'_, true, _> { tree: top, ray, tree_ray, visitor }),
+        false => dispatch(simd, ObjectTraversal::<'_, false, _> { tree: top, ray, tree_ray, visitor }),
     }
     subtrees.collect.map_or(Q::NOTHING, |collect| Q::answer(collect, set))
 }

@@ -10,8 +10,8 @@ use super::sweep::Sweep;
 use crate::parallel;
 use crate::point::layout::linear_face::rounded_down;
 use crate::point::layout::over_interval::PointPath;
-use crate::point::lists::csr::NeighborCsr;
 use crate::point::lists::error::ListError;
+use crate::point::lists::neighbor_lists::NeighborLists;
 use crate::point::lists::radii::{is_bad, squared_radius};
 use crate::point::tree::PointTree;
 
@@ -20,10 +20,10 @@ impl PointTree {
     /// `radius`: see [`PointTree::certified_until`], which tells this alone, for lists with other columns or in another order.
     ///
     /// ```
-    /// use mbkd::{MovingPoint, NeighborCsr, PointParams, PointTree, glam::Vec3};
+    /// use mbkd::{MovingPoint, NeighborLists, PointParams, PointTree, glam::Vec3};
     /// let points = [MovingPoint::fixed(Vec3::ZERO), MovingPoint::new(Vec3::X * 4.0, Vec3::ZERO)];
     /// let tree = PointTree::build(&points, &PointParams::default())?;
-    /// let mut lists = NeighborCsr::new();
+    /// let mut lists = NeighborLists::new();
     /// // Four apart, not in the lists; one apart after three quarters of the time.
     /// let valid_until = tree.neighbor_lists_with_skin(0.0, 1.0, 0.5, 1.0, &mut lists)?;
     /// assert!(lists.neighbors() == 0 && (valid_until - 0.75).abs() < 1e-5 && valid_until <= 0.75);
@@ -38,7 +38,7 @@ impl PointTree {
         radius: f32,
         skin: f32,
         until: f32,
-        lists: &mut NeighborCsr,
+        lists: &mut NeighborLists,
     ) -> Result<f32, ListError> {
         lists.clear();
         check([time, until], radius, skin)?;
@@ -66,10 +66,10 @@ impl PointTree {
     /// If not the motion but a bound on all speeds is known: [`certified_duration`].
     ///
     /// ```
-    /// use mbkd::{MovingPoint, NeighborCsr, PointParams, PointTree, glam::Vec3};
+    /// use mbkd::{MovingPoint, NeighborLists, PointParams, PointTree, glam::Vec3};
     /// let points = [MovingPoint::fixed(Vec3::ZERO), MovingPoint::new(Vec3::X * 4.0, Vec3::ZERO)];
     /// let tree = PointTree::build(&points, &PointParams::default())?;
-    /// let (time, radius, skin, mut lists) = (0.0, 1.0, 0.5, NeighborCsr::new());
+    /// let (time, radius, skin, mut lists) = (0.0, 1.0, 0.5, NeighborLists::new());
     /// tree.neighbor_lists(time, radius + skin).pairs_once().in_order().max_neighbors(500).run(&mut lists)?;
     /// let valid_until = tree.certified_until(time, radius, skin, 1.0)?;
     /// assert!((valid_until - 0.75).abs() < 1e-5 && valid_until <= 0.75);

@@ -6,7 +6,7 @@ use super::lists::EncounterLists;
 use super::sweep::{Sweep, Worker};
 use crate::parallel;
 use crate::point::layout::over_interval::PointPath;
-use crate::point::lists::in_order::{in_order, room_for};
+use crate::point::lists::scheduling::{in_order, room_for};
 
 /// Groups of points for each thread whose lists are on their way: few, because the lists of one are a few hundred kilobytes.
 const SHARES: usize = 2;

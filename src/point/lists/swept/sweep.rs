@@ -322,7 +322,7 @@ mod tests {
                     (PointStructure::TimeSlices(2), Precision::Single),
                     (PointStructure::TimeSlices(8), Precision::Single),
                     (PointStructure::Automatic, Precision::Single),
-                    (PointStructure::Mbkd, Precision::Single),
+                    (PointStructure::Kd, Precision::Single),
                     (PointStructure::Linear, Precision::Double),
                     (PointStructure::TimeSlices(8), Precision::Double),
                     (PointStructure::Automatic, Precision::Double),

@@ -185,7 +185,7 @@ impl<M: Moving> Builder<'_, M> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mbkd::{KdView, build_kd};
+    use crate::kd::{KdView, build_kd};
     use crate::params::KdParams;
     use crate::primitive::{TriangleMesh, Triangles};
     use crate::scene;

@@ -25,7 +25,7 @@ pub(crate) trait LeafVisitor {
 }
 
 /// The traversal of a ray, to be dispatched to an instruction set; if `ORDERED`, front to back.
-pub(crate) struct RayTraversal<'a, const ORDERED: bool, Q: ?Sized> {
+pub(crate) struct ObjectTraversal<'a, const ORDERED: bool, Q: ?Sized> {
     /// The tree, which must not be empty.
     pub tree: &'a WideTree,
     /// The ray as the caller gave it.
@@ -35,12 +35,12 @@ pub(crate) struct RayTraversal<'a, const ORDERED: bool, Q: ?Sized> {
     pub visitor: &'a mut Q,
 }
 
-impl<const ORDERED: bool, Q: LeafVisitor + ?Sized> Kernel for RayTraversal<'_, ORDERED, Q> {
+impl<const ORDERED: bool, Q: LeafVisitor + ?Sized> Kernel for ObjectTraversal<'_, ORDERED, Q> {
     type Output = ();
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let RayTraversal { tree, ray, tree_ray, visitor } = self;
+        let ObjectTraversal { tree, ray, tree_ray, visitor } = self;
         let (ray, reach) = (Ray { t_max: tree_ray.t_max(), ..*ray }, tree_ray.end);
         let mut query = RayState::<ORDERED, Q> { tree, tree_ray, ray, reach, mask: visitor.mask(), visitor };
         let mut memory = StackOf::new();

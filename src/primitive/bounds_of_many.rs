@@ -2,10 +2,10 @@
 //! tenth.
 
 use super::custom::PrimitiveSet;
+use super::key_window::Intervals;
 use super::mesh_index::MeshInfo;
 use super::triangles::Triangles;
 use super::vertex_tubes::VertexTubes;
-use super::window::Intervals;
 use crate::geometry::{KeyTime, LaneBounds, TimeInterval};
 use glam::Vec4;
 

@@ -88,7 +88,7 @@ impl<'a, M: Moving> Children<'a, M> {
 mod tests {
     use super::*;
     use crate::geometry::Box3;
-    use crate::mbkd::primitives::Primitives;
+    use crate::kd::primitives::Primitives;
     use crate::primitive::{TriangleMesh, Triangles};
     use glam::Vec3;
 

@@ -11,9 +11,9 @@ use core::ops::Range;
 /// from then on.
 ///
 /// ```
-/// use mbkd::{NeighborCsr, PointParams, PointTree};
+/// use mbkd::{NeighborLists, PointParams, PointTree};
 /// let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3], [9.0; 3]], &PointParams::default())?;
-/// let mut lists = NeighborCsr::new();
+/// let mut lists = NeighborLists::new();
 /// tree.neighbor_lists(0.0, 2.0).in_order().run(&mut lists)?;
 /// assert_eq!(lists.offsets(), [0, 1, 2, 2]);
 /// assert_eq!(lists.ids(), [1, 0]);
@@ -23,7 +23,7 @@ use core::ops::Range;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug, Default)]
-pub struct NeighborCsr {
+pub struct NeighborLists {
     pub(super) offsets: Vec<usize>,
     pub(super) points: Vec<u32>,
     /// Longer than what is in use, so that nothing is cleared from query to query.
@@ -40,9 +40,9 @@ pub struct NeighborCsr {
 }
 
 /// The lists and the columns that were requested; not the memory.
-impl PartialEq for NeighborCsr {
-    fn eq(&self, other: &NeighborCsr) -> bool {
-        let lists = |of: &NeighborCsr| (of.distances, of.displacements);
+impl PartialEq for NeighborLists {
+    fn eq(&self, other: &NeighborLists) -> bool {
+        let lists = |of: &NeighborLists| (of.distances, of.displacements);
         lists(self) == lists(other)
             && (self.offsets(), self.points(), self.ids()) == (other.offsets(), other.points(), other.ids())
             && self.distances_squared() == other.distances_squared()
@@ -50,17 +50,17 @@ impl PartialEq for NeighborCsr {
     }
 }
 
-impl NeighborCsr {
+impl NeighborLists {
     /// No lists, no memory.
-    pub fn new() -> NeighborCsr {
-        NeighborCsr::default()
+    pub fn new() -> NeighborLists {
+        NeighborLists::default()
     }
 
     /// Drops all lists and keeps the memory.
     ///
     /// ```
-    /// use mbkd::{NeighborCsr, PointParams, PointTree};
-    /// let mut lists = NeighborCsr::new();
+    /// use mbkd::{NeighborLists, PointParams, PointTree};
+    /// let mut lists = NeighborLists::new();
     /// PointTree::build(&[[0.0f32; 3], [1.0; 3]], &PointParams::default())?.neighbor_lists(0.0, 2.0).run(&mut lists)?;
     /// assert_eq!(lists.len(), 2);
     /// lists.clear();
@@ -123,16 +123,16 @@ impl NeighborCsr {
     /// Where list `row` is in the columns.
     ///
     /// ```
-    /// use mbkd::{NeighborCsr, PointParams, PointTree};
+    /// use mbkd::{NeighborLists, PointParams, PointTree};
     /// let tree = PointTree::build(&[[0.0f32; 3], [1.0, 0.0, 0.0], [1.0, 2.0, 0.0]], &PointParams::default())?;
-    /// let mut lists = NeighborCsr::new();
+    /// let mut lists = NeighborLists::new();
     /// tree.neighbor_lists(0.0, 2.0).with_distances().sorted().in_order().run(&mut lists)?;
     /// assert_eq!(lists.distances_squared()[lists.range(1)], [1.0, 4.0]);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     ///
     /// # Panics
-    /// If `row` is not less than [`NeighborCsr::len`].
+    /// If `row` is not less than [`NeighborLists::len`].
     pub fn range(&self, row: usize) -> Range<usize> {
         self.offsets[row]..self.offsets[row + 1]
     }
@@ -140,7 +140,7 @@ impl NeighborCsr {
     /// The ids of list `row`.
     ///
     /// # Panics
-    /// If `row` is not less than [`NeighborCsr::len`].
+    /// If `row` is not less than [`NeighborLists::len`].
     pub fn row(&self, row: usize) -> &[u32] {
         &self.columns.ids[self.range(row)]
     }
