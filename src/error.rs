@@ -207,7 +207,8 @@ pub enum RefitError {
         /// The number that it needs.
         found: usize,
     },
-    /// A mesh exists at times when it did not when the tree was built, and the tree left it out of time slices, or its keys at these times.
+    /// A mesh exists at times when it did not when the tree was built, and the tree left it out of time slices, or its keys at
+    /// these times.
     Active {
         /// The mesh; shapes count as meshes after the last one.
         mesh: usize,
@@ -233,8 +234,8 @@ pub enum RefitError {
     },
     /// The input would be invalid for a build as well.
     ///
-    /// If the error is [`BuildError::BadBounds`] and only the bounds over a part of the shutter are bad, the tree has the new positions
-    /// already: its other primitives answer for these, and it treats the one that is named as unbounded.
+    /// If the error is [`BuildError::BadBounds`] and only the bounds over a part of the shutter are bad, the tree has the new
+    /// positions already: its other primitives answer for these, and it treats the one that is named as unbounded.
     Input(BuildError),
 }
 

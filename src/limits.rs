@@ -26,7 +26,8 @@ pub(crate) const MAX_MESH_KEYS: usize = 1 << 24;
 /// The most time slices of a point tree that can be requested.
 pub(crate) const MAX_POINT_TIME_SLICES: usize = 1024;
 
-/// The most references per primitive in a wide tree that can be requested ([`WideParams::max_references`](crate::WideParams::max_references)).
+/// The most references per primitive in a wide tree that can be requested
+/// ([`WideParams::max_references`](crate::WideParams::max_references)).
 pub(crate) const MOST_REFERENCES: usize = 8;
 
 /// The most slices of the shutter in a wide tree.

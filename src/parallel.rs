@@ -25,15 +25,15 @@ pub(crate) fn alone<T>(f: impl FnOnce() -> T) -> T {
     f()
 }
 
-/// The least number of items whose work is shared among threads: triangles to build a tree of, or as much work. Not fitted: a quarter of the least
-/// number that most loops divide.
+/// The least number of items whose work is shared among threads: triangles to build a tree of, or as much work. Not fitted: a
+/// quarter of the least number that most loops divide.
 const SHARED: usize = 1024;
 
-/// Calls `f`, which has several loops over this many items: on the calling thread alone if there are few or there is one thread, otherwise on a
-/// thread of the pool.
+/// Calls `f`, which has several loops over this many items: on the calling thread alone if there are few or there is one thread,
+/// otherwise on a thread of the pool.
 ///
-/// A thread outside the pool that begins a loop hands it to the pool and sleeps until it is done. That takes as long as building a tree of some
-/// thirty triangles, for each loop. So whoever has several loops enters the pool once, and for little work not at all.
+/// A thread outside the pool that begins a loop hands it to the pool and sleeps until it is done. That takes as long as building a
+/// tree of some thirty triangles, for each loop. So whoever has several loops enters the pool once, and for little work not at all.
 pub(crate) fn entered<T: Send>(items: usize, f: impl FnOnce() -> T + Send) -> T {
     if items < SHARED || threads() == 1 {
         return alone(f);

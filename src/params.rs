@@ -8,7 +8,8 @@ use crate::tuning::lazy::SUBTREE;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Policy {
-    /// A bounding volume hierarchy: sixteen-way nodes with boxes that move linearly, over leaf blocks for SIMD. The fastest, and the default.
+    /// A bounding volume hierarchy: sixteen-way nodes with boxes that move linearly, over leaf blocks for SIMD. The fastest, and
+    /// the default.
     Wide(WideParams),
     /// A binary k-d tree: the paper's ([`KdParams::paper`]), the same with moving planes ([`KdParams::default`]), or an
     /// ordinary one over swept boxes ([`KdParams::classic`]).
@@ -23,7 +24,8 @@ impl Default for Policy {
     }
 }
 
-/// How a [`RayTree`](crate::RayTree) is built. The default is a wide tree, a bounding volume hierarchy with sixteen children in a node.
+/// How a [`RayTree`](crate::RayTree) is built. The default is a wide tree, a bounding volume hierarchy with sixteen children in a
+/// node.
 ///
 /// ```
 /// use mbkd::{BuildParams, KdParams, WideParams};
@@ -86,8 +88,8 @@ fn check(fine: bool, name: &'static str, expected: &'static str) -> Result<(), B
 /// How a wide tree is built ([`Policy::Wide`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WideParams {
-    /// The largest number of references per primitive after pre-splits (early split clipping) of long triangles, in [1, 8]. Triangles are
-    /// split only if the expected cost of a ray falls enough; memory grows with the references. Default 1.58.
+    /// The largest number of references per primitive after pre-splits (early split clipping) of long triangles, in [1, 8].
+    /// Triangles are split only if the expected cost of a ray falls enough; memory grows with the references. Default 1.58.
     pub max_references: f32,
     /// The budget of the tree, in bytes per primitive, in [128, 1e6]. Added to it are 36 bytes per triangle for each key beyond
     /// the second at which its motion changes, 50 bytes per key of a sphere, and 8 KiB per tree. If the tree cannot be made that
@@ -180,8 +182,8 @@ pub struct LazyParams {
     /// [`WideParams::bytes_per_primitive`] is the budget of each of them; a subtree that cannot
     /// be made as small is larger, since a query has no error to return.
     pub wide: WideParams,
-    /// The most primitives in a subtree, in [1, 65536]. With a larger number, more primitives are built that no query visits; with a
-    /// smaller one, the coarse build takes longer. Default 2048.
+    /// The most primitives in a subtree, in [1, 65536]. With a larger number, more primitives are built that no query visits; with
+    /// a smaller one, the coarse build takes longer. Default 2048.
     pub subtree: usize,
 }
 

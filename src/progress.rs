@@ -1,9 +1,9 @@
 //! Progress and cancellation of a build.
 //!
 //! The whole is divided into parts, and these into further ones, each a fraction of what it is a part of. A part counts as finished
-//! when it is dropped, whatever it has reported until then. So shares always add up to the whole, also where a step turns out not to be
-//! needed. Where it is not known how many steps there will be, each takes a share of the rest ([`Progress::rest`]), and what follows
-//! takes what is left.
+//! when it is dropped, whatever it has reported until then. So shares always add up to the whole, also where a step turns out not
+//! to be needed. Where it is not known how many steps there will be, each takes a share of the rest ([`Progress::rest`]), and what
+//! follows takes what is left.
 
 use crate::error::BuildError;
 use core::ops::ControlFlow;
@@ -16,8 +16,8 @@ pub(crate) type Callback<'a> = &'a (dyn Fn(f32) -> ControlFlow<()> + Sync);
 /// Fractions are counted in these units, so that sums do not depend on the order.
 const WHOLE: u64 = 1 << 40;
 
-/// Progress is reported in steps of this part of the whole. They are small because a build that exceeds its budget begins again when
-/// little is left.
+/// Progress is reported in steps of this part of the whole. They are small because a build that exceeds its budget begins again
+/// when little is left.
 const STEPS: u64 = 1000;
 
 /// Shared by all threads of a build. It never influences the tree.
@@ -81,8 +81,8 @@ impl<'a> Progress<'a> {
         if self.cancelled() { Err(BuildError::Cancelled) } else { Ok(()) }
     }
 
-    /// Reports that so many units are finished; of a part that was not given units, this fraction of it. More than all of it count as
-    /// all.
+    /// Reports that so many units are finished; of a part that was not given units, this fraction of it. More than all of it count
+    /// as all.
     pub fn finished(&self, units: f64) {
         if !self.heard {
             return;
@@ -100,8 +100,8 @@ impl<'a> Progress<'a> {
 
     /// Calls back if a step is finished, but for the last: the whole is finished when [`Progress::complete`] says so.
     ///
-    /// One thread calls at a time, so that fractions never decrease and nothing is reported once the build is cancelled. Others do not
-    /// wait for it: a callback may run other tasks of the build, which report as well.
+    /// One thread calls at a time, so that fractions never decrease and nothing is reported once the build is cancelled. Others do
+    /// not wait for it: a callback may run other tasks of the build, which report as well.
     fn report(&self, before: u64, now: u64) {
         let step = |done: u64| (done * STEPS / WHOLE).min(STEPS - 1);
         let Some(callback) = self.callback.filter(|_| step(before) != step(now)) else { return };

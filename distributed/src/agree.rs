@@ -4,7 +4,8 @@ use crate::error::{Error, Problem};
 use crate::exchange::{Exchange, gather};
 use bytemuck::{Pod, Zeroable};
 
-/// The arguments of a call, which must be the same on all ranks. Floats are compared by their bits; what a call does not take is zero.
+/// The arguments of a call, which must be the same on all ranks. Floats are compared by their bits; what a call does not take is
+/// zero.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub(crate) struct Arguments {

@@ -12,10 +12,10 @@ use crate::swept_box::{Periods, SweptBox};
 /// Moves all particles to the ranks that they belong to, so that each rank has about the same work and particles close
 /// to each other: a range of a Morton curve each. All ranks call this together.
 ///
-/// `work[i]` says what particle i costs, such as 1 + its number of neighbours in the last step; zero counts as one.
-/// Where it is empty, all cost the same. Ranks may begin with any particles, or none. Returns the particles of this rank in the order of
-/// ids, and the route by which they came, for whatever else is known of them. A particle's image along `periods` decides
-/// where it belongs; positions stay as they are.
+/// `work[i]` says what particle i costs, such as 1 + its number of neighbours in the last step; zero counts as one. Where it is
+/// empty, all cost the same. Ranks may begin with any particles, or none. Returns the particles of this rank in the order of ids,
+/// and the route by which they came, for whatever else is known of them. A particle's image along `periods` decides where it
+/// belongs; positions stay as they are.
 ///
 /// Cost: sorting the own particles, 63 sums of one number for each rank, and the particles that change ranks. Ranges
 /// are exact but for particles at the same place of the curve (in the same cell, 2^21 of them along the box), which stay

@@ -314,7 +314,8 @@ fn watertight(args: &Args, rays: u64, report: &mut Report) -> Result<(), Box<dyn
         .with_message("watertight");
     let mut total = 0;
     for closed in &meshes {
-        // A fifth for each k-d tree, of a long run less: on meshes that move like these they take twenty times as long for each ray.
+        // A fifth for each k-d tree, of a long run less: on meshes that move like these they take twenty times as long for each
+        // ray.
         let of_kd = (each / 5).min(MOST_OF_KD / meshes.len() as u64);
         let mut row = (0, Vec::new());
         for ((policy, params), rays) in policies().iter().zip([each - 2 * of_kd, of_kd, of_kd]) {

@@ -1,8 +1,8 @@
 //! What meshes kept in f64 cost.
 //!
-//! First scenes moved to coordinates of the earth, 300 m large: the same triangles rounded to f32 relative to the middle and kept in f64,
-//! closest hits in turn, one thread, medians. Then counted work: two machines of 1 mm parts farther and farther apart, in one
-//! tree and in one tree for each, placed in a tree of instances.
+//! First scenes moved to coordinates of the earth, 300 m large: the same triangles rounded to f32 relative to the middle and kept
+//! in f64, closest hits in turn, one thread, medians. Then counted work: two machines of 1 mm parts farther and farther apart, in
+//! one tree and in one tree for each, placed in a tree of instances.
 //!
 //! `cargo run --release --example precise_meshes`
 

@@ -140,8 +140,8 @@ impl Points {
             (distances.try_readwrite().map_err(value_error)?, ids.try_readwrite().map_err(value_error)?);
         let (d, i): (&mut [f64], &mut [i64]) =
             (d.as_slice_mut().map_err(value_error)?, i.as_slice_mut().map_err(value_error)?);
-        // As in scipy, a point at the bound itself does not count. If the square is too small for f32, all that were found have a square of 0,
-        // and the bound is more than that.
+        // As in scipy, a point at the bound itself does not count. If the square is too small for f32, all that were found have a
+        // square of 0, and the bound is more than that.
         let square = bound * bound;
         let counts = |near: &&Neighbor| near.distance_squared < square || (square == 0.0 && bound > 0.0);
         let run = |queries: &[u32]| {

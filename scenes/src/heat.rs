@@ -1,6 +1,7 @@
 //! The colours of heat maps.
 
-/// Black over violet and orange to pale yellow, with monotone brightness, for a value in [0, 1]. Others take the nearest end, NaN that of 0.
+/// Black over violet and orange to pale yellow, with monotone brightness, for a value in [0, 1]. Others take the nearest end, NaN
+/// that of 0.
 ///
 /// ```
 /// assert_eq!(mbkd_scenes::heat(f32::NAN), mbkd_scenes::heat(0.0));

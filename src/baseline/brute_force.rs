@@ -39,8 +39,8 @@ impl BruteForce {
     /// Brute force over meshes and other shapes.
     ///
     /// # Errors
-    /// As [`RayTree::of_scene`](crate::RayTree::of_scene) reports them. (A tree may ask a shape for its bounds over other parts of the
-    /// shutter as well, and refuse it for those.)
+    /// As [`RayTree::of_scene`](crate::RayTree::of_scene) reports them. (A tree may ask a shape for its bounds over other parts of
+    /// the shutter as well, and refuse it for those.)
     pub fn of_scene(meshes: &[TriangleMesh], shapes: Vec<Shape>) -> Result<BruteForce, BuildError> {
         Ok(BruteForce::over(Scene::new(meshes, shapes)?))
     }

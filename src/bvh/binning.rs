@@ -139,8 +139,8 @@ impl Table {
 /// each other there.
 const TURNS: usize = 4;
 
-/// References at each of these places whose bins are computed before they are counted: bins go through memory, since extracting lanes
-/// from registers is slow.
+/// References at each of these places whose bins are computed before they are counted: bins go through memory, since extracting
+/// lanes from registers is slow.
 const BLOCK: usize = 8;
 
 /// Adds references to the bins of a table, on all axes that are not flat.

@@ -88,9 +88,9 @@ pub(crate) fn build_binary(
     }
 }
 
-/// The number of visits, as an area, above which a leaf counts as large; of few references every leaf is visited by many rays, so it
-/// must be visited more often than `leaf` references are by themselves. The boxes of bent motion are large for its bends, which time
-/// slices may divide, so they do not tell how many primitives rays meet.
+/// The number of visits, as an area, above which a leaf counts as large; of few references every leaf is visited by many rays, so
+/// it must be visited more often than `leaf` references are by themselves. The boxes of bent motion are large for its bends, which
+/// time slices may divide, so they do not tell how many primitives rays meet.
 fn large_visits(
     density: SurfaceDensity,
     bounds: &LinearBox3,
@@ -250,8 +250,8 @@ impl Builder<'_> {
         left | right
     }
 
-    /// Reports that a node of `n` references is divided, and gives its children their shares of the remaining work: dividing takes as
-    /// long on each level. Children that do not report count as finished.
+    /// Reports that a node of `n` references is divided, and gives its children their shares of the remaining work: dividing takes
+    /// as long on each level. Children that do not report count as finished.
     fn shared(&self, task: &Task, n: usize, sides: (Task, Task), middle: usize) -> (Task, Task) {
         let levels = (n as f64 / self.leaf as f64).log2().max(0.0) + 1.0;
         let below = task.share * (1.0 - 1.0 / levels);

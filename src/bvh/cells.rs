@@ -1,14 +1,14 @@
 //! The top levels of a binary tree, by grids.
 //!
-//! Object splits visit every reference once per level. If only the first levels are wanted, one pass over the primitives is
-//! enough: each is put into the cell of a grid that holds its centre, and object splits then partition the cells. No reference is
-//! stored: a primitive leaves its bounds in its cell, and the number of the cell. A single cell with too many primitives is split as
-//! usual, or by a grid of its own if it has very many, but not more than half of all, as where a scene is concentrated in a small region: then
-//! grid after grid might separate little.
+//! Object splits visit every reference once per level. If only the first levels are wanted, one pass over the primitives is enough:
+//! each is put into the cell of a grid that holds its centre, and object splits then partition the cells. No reference is stored: a
+//! primitive leaves its bounds in its cell, and the number of the cell. A single cell with too many primitives is split as usual,
+//! or by a grid of its own if it has very many, but not more than half of all, as where a scene is concentrated in a small region:
+//! then grid after grid might separate little.
 //!
-//! Where the tree ends is decided from the leaves up: a subtree is one leaf unless its parts are expected to cost less, since they are
-//! needed less often. Rays of a picture are close together, so whether any of them enters a box depends on its size: the chance grows
-//! with the root of the area, not with the area.
+//! Where the tree ends is decided from the leaves up: a subtree is one leaf unless its parts are expected to cost less, since they
+//! are needed less often. Rays of a picture are close together, so whether any of them enters a box depends on its size: the chance
+//! grows with the root of the area, not with the area.
 
 use super::builder::{BinaryNode, BinaryTree, build_binary};
 use super::reference::Reference;
@@ -34,12 +34,13 @@ const REPORTED: usize = 16 * BLOCK;
 /// The share of binning in the whole, about.
 const BINNING: f64 = 0.8;
 
-/// Writes the bounds of some primitives, in ascending order. Called through `dyn`, since a grid within a cell asks for those of others.
+/// Writes the bounds of some primitives, in ascending order. Called through `dyn`, since a grid within a cell asks for those of
+/// others.
 pub(crate) type BoundsOf<'a> = dyn Fn(&[u32], &mut [LaneBounds]) + Sync + 'a;
 
 /// A binary tree over `0..n` whose leaves have at most `most` primitives, and the ids of these in the order of the tree; those of a
-/// leaf are a few ascending runs. `bounds` writes those of some primitives in ascending order. Once `progress` is cancelled, the tree
-/// is of no use.
+/// leaf are a few ascending runs. `bounds` writes those of some primitives in ascending order. Once `progress` is cancelled, the
+/// tree is of no use.
 pub(crate) fn coarse_tree(n: usize, bounds: &BoundsOf<'_>, most: usize, progress: &Progress) -> (BinaryTree, Vec<u32>) {
     if n == 0 {
         return (BinaryTree::new(), Vec::new());

@@ -1,12 +1,12 @@
 //! Joining leaf blocks of one wide node that are not neighbours in the binary tree.
 //!
-//! The collapse makes a leaf block of a binary subtree. Where a few large primitives overlap many small ones, object splits take them off
-//! one side after the other, as their centres are far apart. So they end up in several blocks of one wide node, and each ray at that node
-//! visits all of these. One block of all of them costs less.
+//! The collapse makes a leaf block of a binary subtree. Where a few large primitives overlap many small ones, object splits take
+//! them off one side after the other, as their centres are far apart. So they end up in several blocks of one wide node, and each
+//! ray at that node visits all of these. One block of all of them costs less.
 //!
 //! Blocks that cost less together are moved beside each other in the binary tree, and the tree is collapsed again. Like reinsertion
-//! ([`super::reinsertion`]), whose means this uses, it is done at the top of the tree only, where most can be gained in little time, and
-//! only if that pays.
+//! ([`super::reinsertion`]), whose means this uses, it is done at the top of the tree only, where most can be gained in little
+//! time, and only if that pays.
 
 use super::builder::{BinaryNode, BinaryTree};
 use super::collapse::{Collapse, CostModel, WideChild};
@@ -18,8 +18,8 @@ use crate::tuning::reinsertion::{LEAST_GAIN, LEAST_NODES, SHARE};
 use core::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Moves leaf blocks beside others with which they cost less, and returns the better tree, to be collapsed again; `None` if little is to
-/// be gained. As after reinsertion, only the references of nodes that may be leaf blocks are side by side in it.
+/// Moves leaf blocks beside others with which they cost less, and returns the better tree, to be collapsed again; `None` if little
+/// is to be gained. As after reinsertion, only the references of nodes that may be leaf blocks are side by side in it.
 pub(crate) fn join_leaves(
     nodes: &[BinaryNode],
     collapse: &Collapse,

@@ -2,8 +2,8 @@
 //! (Ernst and Greiner, "Early Split Clipping for Bounding Volume Hierarchies", 2007; the shares after Karras and Aila,
 //! "Fast Parallel Construction of High-Quality Bounding Volume Hierarchies", 2013), here for moving triangles.
 //!
-//! Long triangles fill little of their boxes; their parts fill more. Planes across a triangle at the middle of the interval divide it
-//! into parts that then move with it: each is bounded by the bounds of its own corners, however far it moves.
+//! Long triangles fill little of their boxes; their parts fill more. Planes across a triangle at the middle of the interval divide
+//! it into parts that then move with it: each is bounded by the bounds of its own corners, however far it moves.
 
 use super::reference::{Packed, Reference};
 use super::visits::{SurfaceDensity, mean_half_area};
@@ -172,14 +172,14 @@ fn raised(gains: &[Vec<Gain>], least: f32, most: usize) -> f32 {
 /// Divides a moving triangle at successive planes: linear bounds of the parts between them.
 ///
 /// Proof that the bounds hold the triangle at every time. A plane meets two edges in the middle of the interval, at fractions u of
-/// them, which are kept at all other times: its *chord* ends where these points of the edges move. The bounds of a part hold the ends of
-/// the chords below and above it, and the corners in between.
+/// them, which are kept at all other times: its *chord* ends where these points of the edges move. The bounds of a part hold the
+/// ends of the chords below and above it, and the corners in between.
 /// - An end of a chord is a mean of two corners with fixed weights, so the same mean of their linear bounds holds it at all times,
 ///   and bounds that hold some points hold all points between these.
-/// - Every point of the triangle lies on a chord that is obtained by moving the ends of one chord along the edges to those of the next
-///   one, beginning at the lowest corner and ending at the highest: such a motion sweeps the whole triangle, also if fractions are
-///   rounded, even if two chords cross. On its way it meets the chord's own ends and corners that lie between both planes only, so it
-///   stays in the part's bounds. The comparisons that tell between which planes a corner lies are exact.
+/// - Every point of the triangle lies on a chord that is obtained by moving the ends of one chord along the edges to those of the
+///   next one, beginning at the lowest corner and ending at the highest: such a motion sweeps the whole triangle, also if fractions
+///   are rounded, even if two chords cross. On its way it meets the chord's own ends and corners that lie between both planes only,
+///   so it stays in the part's bounds. The comparisons that tell between which planes a corner lies are exact.
 ///
 /// The points are computed with three roundings at sizes of at most twice the largest coordinate (8 ULP of it cover them), and
 /// the corners of queries deviate from their bounds by `slack`.
@@ -410,8 +410,8 @@ mod tests {
         assert!(points_lost(|_| 0.0) > 100);
     }
 
-    /// Counts corners, as the kernel computes them at times of a slice, that are in no part. They move far between keys, of which the
-    /// slice may have one more inside, and times are rounded the more the more keys there are.
+    /// Counts corners, as the kernel computes them at times of a slice, that are in no part. They move far between keys, of which
+    /// the slice may have one more inside, and times are rounded the more the more keys there are.
     fn corners_lost(pad_of: impl Fn(&CornerBounds) -> f32) -> usize {
         let (mut random, mut lost) = (Random(31), 0);
         for round in 0..600 {

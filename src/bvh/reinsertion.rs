@@ -1,13 +1,14 @@
 //! Moving subtrees of a finished binary tree to better places.
 //!
-//! Object splits are decided from the top down, where it is not known yet what they will separate. Some primitives end up below nodes that
-//! would be much smaller without them: the parts of a floor that runs below several rooms, or something large beside something small. So
-//! the subtrees that are visited most often are taken out and inserted again where that increases the visits of nodes least.
+//! Object splits are decided from the top down, where it is not known yet what they will separate. Some primitives end up below
+//! nodes that would be much smaller without them: the parts of a floor that runs below several rooms, or something large beside
+//! something small. So the subtrees that are visited most often are taken out and inserted again where that increases the visits of
+//! nodes least.
 //!
-//! Sources: J. Bittner, M. Hapala and V. Havran, "Fast Insertion-Based Optimization of Bounding Volume Hierarchies" (2013); the search for
-//! a place, from that of the subtree upward, is that of D. Meister and J. Bittner, "Parallel Reinsertion for Bounding Volume Hierarchy
-//! Optimization" (2018). Here only the top of the tree is improved, which is where most can be gained in little time, and only as long as
-//! that pays: a tree over evenly sized primitives is left as it is.
+//! Sources: J. Bittner, M. Hapala and V. Havran, "Fast Insertion-Based Optimization of Bounding Volume Hierarchies" (2013); the
+//! search for a place, from that of the subtree upward, is that of D. Meister and J. Bittner, "Parallel Reinsertion for Bounding
+//! Volume Hierarchy Optimization" (2018). Here only the top of the tree is improved, which is where most can be gained in little
+//! time, and only as long as that pays: a tree over evenly sized primitives is left as it is.
 
 use super::builder::{BinaryNode, BinaryTree};
 use super::collapse::CostModel;
@@ -28,12 +29,12 @@ const REPORTED: usize = 512;
 /// A changed tree is at most so many levels deep above what is not changed. Few moves make a tree deeper at all.
 const MOST_LEVELS: u32 = 128;
 
-/// Moves subtrees and returns the better tree; `None` if little is to be gained. Replaced subtrees are moved as a whole, and get their new
-/// nodes, which are leaves.
+/// Moves subtrees and returns the better tree; `None` if little is to be gained. Replaced subtrees are moved as a whole, and get
+/// their new nodes, which are leaves.
 ///
-/// References stay where they are. So those below a node are no longer side by side, unless the node may be a leaf block: then they are
-/// appended in its order. The cost of a tree of `n` nodes is that of copying it, and of some hundred nanoseconds for each of the few
-/// percent of its subtrees that are tried. Once `progress` is cancelled, no more are.
+/// References stay where they are. So those below a node are no longer side by side, unless the node may be a leaf block: then they
+/// are appended in its order. The cost of a tree of `n` nodes is that of copying it, and of some hundred nanoseconds for each of
+/// the few percent of its subtrees that are tried. Once `progress` is cancelled, no more are.
 pub(crate) fn reinsert(
     nodes: &[BinaryNode],
     references: &mut Vec<Reference>,
@@ -148,7 +149,8 @@ impl<'a> Reinsertion<'a> {
         Some(children)
     }
 
-    /// Moves subtrees as long as that pays, twice as many in each round: a move makes others worthwhile. Returns whether any was moved.
+    /// Moves subtrees as long as that pays, twice as many in each round: a move makes others worthwhile. Returns whether any was
+    /// moved.
     ///
     /// Nobody knows how many rounds there will be, so each takes a share of what is left of `progress`.
     fn improve(&mut self, progress: &Progress) -> bool {
@@ -204,7 +206,8 @@ impl<'a> Reinsertion<'a> {
         }
     }
 
-    /// The best place for a subtree, that is, its sibling there, and the visits that are saved; `None` if it is at the best already.
+    /// The best place for a subtree, that is, its sibling there, and the visits that are saved; `None` if it is at the best
+    /// already.
     fn find(&mut self, x: u32) -> Option<(u32, f32)> {
         let (own, parent, beside) = (self.bounds(x), self.parent[x as usize], self.sibling(x));
         if parent == 0 {
@@ -249,7 +252,8 @@ impl<'a> Reinsertion<'a> {
         }
     }
 
-    /// Moves one of two subtrees beside the other and returns the parent of both. Their parents are known, and the root stays where it is.
+    /// Moves one of two subtrees beside the other and returns the parent of both. Their parents are known, and the root stays where
+    /// it is.
     pub(super) fn join(&mut self, a: u32, b: u32) -> u32 {
         let (moved, to) = if self.parent[b as usize] != 0 { (b, a) } else { (a, b) };
         let parent = self.parent[moved as usize];

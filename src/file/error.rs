@@ -56,8 +56,8 @@ pub enum FileError {
         /// Its index among the shapes.
         shape: usize,
     },
-    /// A lazy tree ([`Policy::Lazy`](crate::Policy::Lazy)) cannot be written: most of it is not built yet. A tree of another policy over
-    /// the same scene gives the same answers.
+    /// A lazy tree ([`Policy::Lazy`](crate::Policy::Lazy)) cannot be written: most of it is not built yet. A tree of another policy
+    /// over the same scene gives the same answers.
     Lazy,
     /// The primitives passed to loading are not those that the tree was built of.
     OtherPrimitives {

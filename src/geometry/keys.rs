@@ -33,8 +33,8 @@ impl KeyTime {
         KeyTime::within(t, keys, [0, keys - 2])
     }
 
-    /// Locates a time among the segments from `first` to `last` of a motion with more than two keys. Times before and after extrapolate the
-    /// motion in the nearest of them.
+    /// Locates a time among the segments from `first` to `last` of a motion with more than two keys. Times before and after
+    /// extrapolate the motion in the nearest of them.
     #[inline]
     pub fn within(t: f32, keys: usize, [first, last]: [usize; 2]) -> KeyTime {
         let at = t * (keys - 1) as f32;

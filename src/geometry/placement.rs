@@ -45,8 +45,8 @@ impl Placement {
 
     /// Maps a point into the placed space, for distances to objects within `bounds` there.
     ///
-    /// The error of the preimage is measured by the distance of its own image from the point. `deviation` includes this error, and the
-    /// rounding of the images of objects in `bounds`.
+    /// The error of the preimage is measured by the distance of its own image from the point. `deviation` includes this error, and
+    /// the rounding of the images of objects in `bounds`.
     pub fn preimage(&self, point: DVec3, bounds: Aabb) -> Preimage {
         let there = self.inverse * (point - self.matrix.translation);
         if !there.is_finite() || self.scale_bound.is_infinite() {

@@ -38,8 +38,9 @@ impl Motions {
             }
             beyond = self.beyond_chords(motion, of, &times) * bulge;
         }
-        // Thousands of times the rounding error of f64 here, and of the origins of rays that are mapped into the own space. Where the
-        // translation cancels what the matrix makes of a distant tree, both are larger than the bounds; and a rotation mixes the axes.
+        // Thousands of times the rounding error of f64 here, and of the origins of rays that are mapped into the own space. Where
+        // the translation cancels what the matrix makes of a distant tree, both are larger than the bounds; and a rotation mixes
+        // the axes.
         let size = |&time: &f64| {
             let DAffine3 { matrix3, translation } = self.matrix(motion, time);
             (translation.abs() + abs(matrix3) * farthest(of, time)).max_element()

@@ -67,8 +67,8 @@ impl InstanceTree {
         self.nearest(*query, InstanceGuards::Filtered { mask, accept: &accept })
     }
 
-    /// [`InstanceTree::closest_point`] in instances whose [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes and shapes whose
-    /// masks do.
+    /// [`InstanceTree::closest_point`] in instances whose [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes
+    /// and shapes whose masks do.
     ///
     /// ```
     /// use std::sync::Arc;

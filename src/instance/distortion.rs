@@ -34,8 +34,8 @@ impl Distortion {
     /// The bounds for poses at a key: rows of a rotation have length 1, so a row of rotation and scale sums up to at most the
     /// length of the scale, and `|R| |R^T|` to at most 3.
     ///
-    /// They hold between two keys as well if they hold at both: the scale of an axis is linear there and keeps its sign, so that its
-    /// square is convex, and the ratio of two of them is monotone.
+    /// They hold between two keys as well if they hold at both: the scale of an axis is linear there and keeps its sign, so that
+    /// its square is convex, and the ratio of two of them is monotone.
     pub fn of_scale(scale: DVec3) -> Distortion {
         let scale = scale.abs();
         let norm = 3.0 * scale.max_element() / scale.min_element();
@@ -101,13 +101,14 @@ impl Distortion {
         }
     }
 
-    /// The bounds for all matrices between two, if the determinant changes little. `D` need not be small: of nearly flat matrices that turn
-    /// it would have to be smaller than they are thick.
+    /// The bounds for all matrices between two, if the determinant changes little. `D` need not be small: of nearly flat matrices
+    /// that turn it would have to be smaller than they are thick.
     ///
-    /// `M^-1` is the adjugate divided by the determinant. Between both matrices entries are linear, so that those of the adjugate are
-    /// quadratic and the determinant is cubic. A polynomial lies between the least and the greatest of its Bernstein coefficients (Farouki,
-    /// "The Bernstein polynomial basis", 2012), which are means of products of entries, some at one end and some at the other. With columns
-    /// scaled to a length of about 1, at most `l`, each is off by less than a hundred roundings of `l^3` and `l^2`.
+    /// `M^-1` is the adjugate divided by the determinant. Between both matrices entries are linear, so that those of the adjugate
+    /// are quadratic and the determinant is cubic. A polynomial lies between the least and the greatest of its Bernstein
+    /// coefficients (Farouki, "The Bernstein polynomial basis", 2012), which are means of products of entries, some at one end and
+    /// some at the other. With columns scaled to a length of about 1, at most `l`, each is off by less than a hundred roundings of
+    /// `l^3` and `l^2`.
     fn along(first: DMat3, last: DMat3, middle: DMat3) -> Around {
         let lengths = column_lengths(middle);
         let unscale = DMat3::from_diagonal(lengths.recip());
@@ -152,19 +153,22 @@ impl Distortion {
     }
 }
 
-/// Parts of the time between two keys that were halved so often are so short that [`Distortion::along`], which takes the greatest entries of
-/// a part, is hardly above the exact value.
+/// Parts of the time between two keys that were halved so often are so short that [`Distortion::along`], which takes the greatest
+/// entries of a part, is hardly above the exact value.
 const SHORT: u32 = 6;
 
-/// The greatest number of halvings of the time between two keys. Only the times around a nearly singular matrix are halved so often,
-/// as when an object shrinks to a millionth; where all matrices are singular, the first part of the greatest depth ends the search.
+/// The greatest number of halvings of the time between two keys. Only the times around a nearly singular matrix are halved so
+/// often, as when an object shrinks to a millionth; where all matrices are singular, the first part of the greatest depth ends the
+/// search.
 const DEPTH: u32 = 40;
 
-/// The greatest rounding of a ray in an instance, in ULP of distances: 2^18. Boxes then still grow by less than the width of the scene.
+/// The greatest rounding of a ray in an instance, in ULP of distances: 2^18. Boxes then still grow by less than the width of the
+/// scene.
 pub(super) const MAX_DEVIATION: f64 = 262144.0;
 
-/// Where a matrix is so nearly singular that its determinant is not known, the number of parts grows with its condition. After so many it is
-/// enough to know that it is distorted too much. (Through a singular matrix there are some hundred, at which the depth ends the search.)
+/// Where a matrix is so nearly singular that its determinant is not known, the number of parts grows with its condition. After so
+/// many it is enough to know that it is distorted too much. (Through a singular matrix there are some hundred, at which the depth
+/// ends the search.)
 const MANY_PARTS: usize = 4096;
 
 enum Around {

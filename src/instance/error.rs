@@ -40,16 +40,16 @@ pub enum InstanceError {
         /// The key.
         key: usize,
     },
-    /// A transform is singular, or so nearly that its inverse is not finite. (One that is zero at all keys is no error: it hides the
-    /// instance.)
+    /// A transform is singular, or so nearly that its inverse is not finite. (One that is zero at all keys is no error: it hides
+    /// the instance.)
     Singular {
         /// The instance.
         instance: usize,
         /// The key.
         key: usize,
     },
-    /// A transform becomes singular at some time between two keys, or so nearly that it cannot be told apart: entries of matrices, or
-    /// scales, are interpolated through zero.
+    /// A transform becomes singular at some time between two keys, or so nearly that it cannot be told apart: entries of matrices,
+    /// or scales, are interpolated through zero.
     SingularBetween {
         /// The instance.
         instance: usize,

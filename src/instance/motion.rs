@@ -109,8 +109,8 @@ fn first_key(stored: usize, more: usize, instance: usize) -> Result<u32, Instanc
 }
 
 impl Motions {
-    /// Checks a transform, adds it, and returns its effect on rounding errors; none of a transform that maps everything to one point
-    /// at all times.
+    /// Checks a transform, adds it, and returns its effect on rounding errors; none of a transform that maps everything to one
+    /// point at all times.
     pub fn add(
         &mut self,
         transform: &Transform,

@@ -55,8 +55,8 @@ pub(super) struct Placements {
 const NEAR: f64 = 3.0;
 
 impl Placements {
-    /// Takes instances of trees with these extents, each with its motion's [`Distortion`], or none if it is hidden. `padding` scales
-    /// the padding of boxes and rays for rounding: 1, or less in tests.
+    /// Takes instances of trees with these extents, each with its motion's [`Distortion`], or none if it is hidden. `padding`
+    /// scales the padding of boxes and rays for rounding: 1, or less in tests.
     pub fn new(
         placed: Vec<(Placed, Option<Distortion>)>,
         motions: Motions,

@@ -43,8 +43,8 @@ impl InstanceTree {
     }
 
     /// The unit normal of the surface at the point that `ray` hit, at its time, as the instance places it then: as
-    /// [`RayTree::surface_normal`](crate::RayTree::surface_normal), so also of spheres, which a scale may have made ellipsoids. Zero for a hit
-    /// that is not of this tree as well.
+    /// [`RayTree::surface_normal`](crate::RayTree::surface_normal), so also of spheres, which a scale may have made ellipsoids.
+    /// Zero for a hit that is not of this tree as well.
     ///
     /// ```
     /// use std::sync::Arc;
@@ -69,8 +69,8 @@ impl InstanceTree {
         normal().unwrap_or(Vec3::ZERO)
     }
 
-    /// Where the point of the surface that `ray` hit is at another time of the shutter, as the instance places it then: for motion vectors. As
-    /// [`RayTree::point_at`](crate::RayTree::point_at); `None` for a hit that is not of this tree as well.
+    /// Where the point of the surface that `ray` hit is at another time of the shutter, as the instance places it then: for motion
+    /// vectors. As [`RayTree::point_at`](crate::RayTree::point_at); `None` for a hit that is not of this tree as well.
     ///
     /// ```
     /// use std::sync::Arc;
@@ -101,10 +101,11 @@ impl InstanceTree {
         }
     }
 
-    /// The ray from the point where `ray` hit the surface into the direction `dir`, at the same time, as [`RayTree::secondary_ray`] makes
-    /// it: with its origin moved off the surface, to the side that `dir` leaves to.
+    /// The ray from the point where `ray` hit the surface into the direction `dir`, at the same time, as [`RayTree::secondary_ray`]
+    /// makes it: with its origin moved off the surface, to the side that `dir` leaves to.
     ///
-    /// The direction is rounded again in the space of an instance. So a ray that leaves within 2^-24 of the surface may hit it all the same.
+    /// The direction is rounded again in the space of an instance. So a ray that leaves within 2^-24 of the surface may hit it all
+    /// the same.
     ///
     /// ```
     /// use std::sync::Arc;

@@ -210,8 +210,8 @@ impl InstanceTree {
         InstanceTree::build_reporting(instances, params, &Progress::new(None))
     }
 
-    /// [`InstanceTree::build`] that calls `progress` as [`RayTree::build_with_progress`] does. `Break` cancels the build, which then
-    /// returns [`BuildError::Cancelled`] in an [`InstanceError::Build`].
+    /// [`InstanceTree::build`] that calls `progress` as [`RayTree::build_with_progress`] does. `Break` cancels the build, which
+    /// then returns [`BuildError::Cancelled`] in an [`InstanceError::Build`].
     ///
     /// ```
     /// use core::ops::ControlFlow;

@@ -72,8 +72,8 @@ impl InstanceTree {
         self.all(ray, InstancePath::default(), &mut InstanceGuards::Plain, &mut visitor)
     }
 
-    /// [`InstanceTree::closest_hit`] in instances whose [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes and shapes whose
-    /// masks do.
+    /// [`InstanceTree::closest_hit`] in instances whose [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes and
+    /// shapes whose masks do.
     ///
     /// ```
     /// use std::sync::Arc;

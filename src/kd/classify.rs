@@ -46,9 +46,10 @@ fn crossing(interval: TimeInterval, (d0, d1): (f64, f64)) -> f64 {
 
 /// The part of the interval in which a linear distance is negative, rounded outward.
 ///
-/// The length of the interval is rounded to f32, by at most 2^-24 of itself, and so the computed crossing is less than one step of f32 away from
-/// the true one (what f64 rounds is far less). Rounded to nearest it is at most one float above the first time behind the true crossing and at least one
-/// below the last before it: a begin goes one step down, and an end, which is not held itself, two up.
+/// The length of the interval is rounded to f32, by at most 2^-24 of itself, and so the computed crossing is less than one step of
+/// f32 away from the true one (what f64 rounds is far less). Rounded to nearest it is at most one float above the first time behind
+/// the true crossing and at least one below the last before it: a begin goes one step down, and an end, which is not held itself,
+/// two up.
 fn negative(interval: TimeInterval, d: (f64, f64)) -> Option<TimeInterval> {
     negative_by(interval, d, |t| t.next_down(), |t| t.next_up().next_up())
 }

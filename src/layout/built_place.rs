@@ -1,8 +1,9 @@
 //! Where a tree was when it was built, and what rays that meet this place cost since then.
 //!
 //! The cost of a refitted tree is that of rays that meet its root's box ([`super::refit`]). If a part of the scene flies off, the
-//! box grows, and hardly any of those rays meets what is left, though it may be held by much larger boxes than before. So where the extent
-//! has grown, the cost is computed for the rays that meet the former box as well: with the parts of all boxes that lie in it.
+//! box grows, and hardly any of those rays meets what is left, though it may be held by much larger boxes than before. So where the
+//! extent has grown, the cost is computed for the rays that meet the former box as well: with the parts of all boxes that lie in
+//! it.
 
 use super::leaf_block::WideSource;
 use super::wide_node::{ChildRef, Kind};
@@ -58,9 +59,9 @@ fn half_area(size: DVec3) -> f64 {
 }
 
 impl WideTree {
-    /// The cost of a ray that meets a region: the sum over nodes and leaf blocks of the cost of a visit times the area of the part of
-    /// their bounds that lies in the region, per area of the region. Visits the nodes that reach into it. Zero for a region that is so
-    /// small beside the scene that f32 has no area for it.
+    /// The cost of a ray that meets a region: the sum over nodes and leaf blocks of the cost of a visit times the area of the part
+    /// of their bounds that lies in the region, per area of the region. Visits the nodes that reach into it. Zero for a region that
+    /// is so small beside the scene that f32 has no area for it.
     pub fn cost_within<S: WideSource>(&self, region: Box3) -> f64 {
         let area = mean_half_area(&LinearBox3 { begin: region, end: region });
         if !area.is_normal() {

@@ -7,8 +7,8 @@ use crate::geometry::{Box3, TimeInterval, ULP};
 use crate::kd::{KdTree, KdView};
 use crate::primitive::PrimitiveSet;
 
-/// Cells are shrunk by this before primitives are searched in them. A primitive that only touches a face, within the rounding of clipping,
-/// may be stored on the other side.
+/// Cells are shrunk by this before primitives are searched in them. A primitive that only touches a face, within the rounding of
+/// clipping, may be stored on the other side.
 const MARGIN: f32 = 128.0 * ULP;
 /// The number of sampled times per primitive, besides the beginning, middle and end.
 const TIMES: usize = 24;

@@ -1,8 +1,9 @@
 //! Leaf blocks of triangles whose motion has more than two keys.
 //!
-//! A block stores each key once that its queries may need, in order of time. A query reads the rows of the two keys around its time. The
-//! front of the block holds what does not depend on time. Its size follows from the reference to the block. So the reference and the time
-//! alone determine the position of the rows ([`KeyedRows`]), and a query prefetches them together with the front:
+//! A block stores each key once that its queries may need, in order of time. A query reads the rows of the two keys around its
+//! time. The front of the block holds what does not depend on time. Its size follows from the reference to the block. So the
+//! reference and the time alone determine the position of the rows ([`KeyedRows`]), and a query prefetches them together with the
+//! front:
 //!
 //! | words | |
 //! |---|---|
@@ -84,8 +85,8 @@ impl KeyedLeaf {
         HEADER + if self.shared { self.count } else { 1 }
     }
 
-    /// The offset of the rows of the key at which a segment begins; the rows of the next key follow. For a segment that is not in the
-    /// block, the offset of some rows of the block.
+    /// The offset of the rows of the key at which a segment begins; the rows of the next key follow. For a segment that is not in
+    /// the block, the offset of some rows of the block.
     #[inline(always)]
     pub fn rows(&self, segment: usize) -> usize {
         let key = segment.saturating_sub(self.first).min(self.keys.saturating_sub(2));
@@ -115,8 +116,8 @@ impl KeyedLeaf {
     }
 }
 
-/// How most of a tree's blocks with many keys divide the shutter. With this, a query can prefetch the rows of a block before it has read
-/// anything of the block. For other blocks the position may be wrong, which costs time and nothing else.
+/// How most of a tree's blocks with many keys divide the shutter. With this, a query can prefetch the rows of a block before it has
+/// read anything of the block. For other blocks the position may be wrong, which costs time and nothing else.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct KeyedRows {
     /// Segments between keys; 0 if there are no such blocks.
@@ -170,8 +171,8 @@ impl Triangles {
         KeyedLeaf::new(shared, count, keys, segments).words()
     }
 
-    /// Writes a block of triangles with `keys` keys each. The block holds the keys of the segments from `first` to `last`. Returns `None` if
-    /// the arena is full.
+    /// Writes a block of triangles with `keys` keys each. The block holds the keys of the segments from `first` to `last`. Returns
+    /// `None` if the arena is full.
     pub(super) fn write_keyed(
         &self,
         arena: &mut Arena,

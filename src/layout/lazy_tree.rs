@@ -1,20 +1,20 @@
 //! A wide tree whose subtrees are built when queries first reach them.
 //!
-//! The coarse top is an ordinary wide tree whose leaves list one *subtree* each. A subtree has up to some thousand primitives, which
-//! object splits of coarse cells put together. It becomes an ordinary wide tree over its primitives, in the same tree space, built by the
-//! first query that enters it.
+//! The coarse top is an ordinary wide tree whose leaves list one *subtree* each. A subtree has up to some thousand primitives,
+//! which object splits of coarse cells put together. It becomes an ordinary wide tree over its primitives, in the same tree space,
+//! built by the first query that enters it.
 //!
-//! Whether subtrees divide the shutter and pre-split is decided for a *group* of neighbouring ones, by a sample, when the first of them is
-//! built: deciding for each would often take as long as building it. The sample consists of small neighbourhoods in the group's space, so
-//! it does not depend on the order of the primitives.
+//! Whether subtrees divide the shutter and pre-split is decided for a *group* of neighbouring ones, by a sample, when the first of
+//! them is built: deciding for each would often take as long as building it. The sample consists of small neighbourhoods in the
+//! group's space, so it does not depend on the order of the primitives.
 //!
 //! The boxes of the coarse tree hold their contents over the whole shutter. So the coarse tree has no time nodes, its build decides
 //! nothing by samples, and no primitive is split.
 //!
-//! **Why no two threads wait for each other.** The thread that builds a subtree does so alone ([`crate::parallel::alone`]) and does not query
-//! the tree. All other threads that need the same subtree wait for this one build, and hold no subtree of their own meanwhile. The
-//! same holds for the decision on a group, which a thread makes or waits for before it builds. (Functions of custom primitives, which
-//! both call, must not wait for others either: see [`Primitive`](crate::Primitive).)
+//! **Why no two threads wait for each other.** The thread that builds a subtree does so alone ([`crate::parallel::alone`]) and does
+//! not query the tree. All other threads that need the same subtree wait for this one build, and hold no subtree of their own
+//! meanwhile. The same holds for the decision on a group, which a thread makes or waits for before it builds. (Functions of custom
+//! primitives, which both call, must not wait for others either: see [`Primitive`](crate::Primitive).)
 
 use super::leaf_block::{WideSource, write_list};
 use super::left_out::InSlices;

@@ -12,7 +12,8 @@ use glam::Vec3;
 
 /// The requirements of the wide layout on a set of primitives, beyond [`PrimitiveSet`].
 pub(crate) trait WideSource: PrimitiveSet {
-    /// Whether the set may have triangles. Their corners are in leaf blocks, in f32; leaf blocks of other primitives are lists of ids.
+    /// Whether the set may have triangles. Their corners are in leaf blocks, in f32; leaf blocks of other primitives are lists of
+    /// ids.
     const TRIANGLES: bool = false;
     /// The triangles, whose ids come first.
     fn triangles(&self) -> Option<&Triangles> {
@@ -33,7 +34,8 @@ pub(crate) trait WideSource: PrimitiveSet {
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef> {
         write_shapes(self, arena, ids, slice)
     }
-    /// Rewrites the coordinates of a leaf block that begins at `words[0]`, and returns the bounds of its primitives; `None` if no coordinate changed. All primitives of a list of ids count as changed.
+    /// Rewrites the coordinates of a leaf block that begins at `words[0]`, and returns the bounds of its primitives; `None` if no
+    /// coordinate changed. All primitives of a list of ids count as changed.
     fn rewrite_leaf(&self, words: &mut [u32], of: MovedLeaf<'_>) -> Option<LinearBox3> {
         rewrite_shapes(self, words, of.ids);
         Some(bounds_of(self, of.ids, of.over))

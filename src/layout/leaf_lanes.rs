@@ -130,8 +130,8 @@ impl Between {
     }
 }
 
-/// A row of the spheres of a block at a time: one coordinate of the centers relative to an origin, or the radii relative to zero. For culling
-/// only.
+/// A row of the spheres of a block at a time: one coordinate of the centers relative to an origin, or the radii relative to zero.
+/// For culling only.
 #[inline(always)]
 pub(crate) fn sphere_row<S: Simd, const MOVING: bool>(s: S, rows: &Rows, at: Between, row: usize, origin: f32) -> S::F {
     let (base, other) = at.rows(SPHERE_ROWS);

@@ -29,8 +29,8 @@ impl WideTree {
         self.in_slices(set, &mut Vec::new()).share()
     }
 
-    /// Counts what time slices hold, without reading the tree if nothing comes or goes. `seen` has a zero for each primitive of the set,
-    /// before and after.
+    /// Counts what time slices hold, without reading the tree if nothing comes or goes. `seen` has a zero for each primitive of the
+    /// set, before and after.
     pub(super) fn in_slices<S: WideSource>(&self, set: &S, seen: &mut Vec<u32>) -> InSlices {
         let mut all = InSlices::default();
         if set.always_active() || self.counts.time_nodes == 0 {

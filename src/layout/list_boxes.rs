@@ -1,5 +1,5 @@
-//! Leaf blocks of shapes other than spheres: lists of ids, and behind them the boxes of the shapes, sixteen of which a query tests at once. Each
-//! shape takes a call of its own function, so most of those in a leaf are ruled out by their boxes first.
+//! Leaf blocks of shapes other than spheres: lists of ids, and behind them the boxes of the shapes, sixteen of which a query tests
+//! at once. Each shape takes a call of its own function, so most of those in a leaf are ruled out by their boxes first.
 //!
 //! | words | |
 //! |---|---|
@@ -52,8 +52,8 @@ impl ListBoxes {
         if self.moving { NODE_ROWS - 1 } else { STATIC_NODE_ROWS - 1 }
     }
 
-    /// The rows of a block of `n` ids that begins at `words[0]`, one less than a node with such boxes has. (A constant number, so that the
-    /// compiler knows which rows exist.)
+    /// The rows of a block of `n` ids that begins at `words[0]`, one less than a node with such boxes has. (A constant number, so
+    /// that the compiler knows which rows exist.)
     #[inline(always)]
     pub fn rows<'a, const ROWS: usize>(&self, words: &'a [f32], n: usize) -> Rows<'a> {
         Rows::new(&words[self.at..], n, ROWS - 1)
@@ -64,7 +64,8 @@ impl ListBoxes {
         self.at + self.count() * n
     }
 
-    /// The number of words of a block of `n` ids, at most; `None` if it is a list without boxes, as a single shape has its box above.
+    /// The number of words of a block of `n` ids, at most; `None` if it is a list without boxes, as a single shape has its box
+    /// above.
     pub fn most_words(n: usize) -> Option<usize> {
         (n > 1).then(|| ListBoxes::new(n, true).words(n))
     }
@@ -97,7 +98,8 @@ impl Boxed {
         to.zip(rows.as_chunks::<LANES>().0).for_each(|(to, row)| to.copy_from_slice(&row[..n]));
     }
 
-    /// Rewrites the boxes of a block that has some: of shapes that move where there is no room for velocities, those that they sweep.
+    /// Rewrites the boxes of a block that has some: of shapes that move where there is no room for velocities, those that they
+    /// sweep.
     pub fn rewrite<S: PrimitiveSet + ?Sized>(set: &S, words: &mut [u32], ids: &[u32]) {
         let n = ids.len();
         let Some(of) = ListBoxes::of(words, n) else { return };

@@ -1,13 +1,14 @@
 //! Refitting: new positions for a tree with the same structure.
 //!
-//! The coordinates of primitives that moved are rewritten in their leaf blocks, and boxes are recomputed from the leaves up, all in place.
-//! If nothing changed below a box, the box is kept, clipped to a cell or not. So the static parts of a scene do not become worse. All
-//! other boxes hold whole primitives. Subtrees that are contiguous in the arena are refitted by any thread ([`super::refit_plan`]), and
-//! the nodes above them last.
+//! The coordinates of primitives that moved are rewritten in their leaf blocks, and boxes are recomputed from the leaves up, all in
+//! place. If nothing changed below a box, the box is kept, clipped to a cell or not. So the static parts of a scene do not become
+//! worse. All other boxes hold whole primitives. Subtrees that are contiguous in the arena are refitted by any thread
+//! ([`super::refit_plan`]), and the nodes above them last.
 //!
-//! The answers stay those of brute force, but the tree may become slower. Its cost is the sum over nodes and leaf blocks of the cost of a visit times
-//! area, per area of the root. This is nearly what the build minimizes (MacDonald and Booth, "Heuristics for ray tracing using space
-//! subdivision", 1990). Its growth tells when a new tree is better (Lauterbach et al., "RT-DEFORM", 2006, use ratios of areas).
+//! The answers stay those of brute force, but the tree may become slower. Its cost is the sum over nodes and leaf blocks of the
+//! cost of a visit times area, per area of the root. This is nearly what the build minimizes (MacDonald and Booth, "Heuristics for
+//! ray tracing using space subdivision", 1990). Its growth tells when a new tree is better (Lauterbach et al., "RT-DEFORM", 2006,
+//! use ratios of areas).
 
 use super::leaf_block::{MovedLeaf, WideSource};
 use super::leaf_ids::Ids;
@@ -75,8 +76,8 @@ impl Done {
 }
 
 impl WideTree {
-    /// Overwrites the coordinates in the tree by those of a set with the same primitives. Returns the work done, and the tree's cost per
-    /// area of its root, relative to the cost when it was built.
+    /// Overwrites the coordinates in the tree by those of a set with the same primitives. Returns the work done, and the tree's
+    /// cost per area of its root, relative to the cost when it was built.
     ///
     /// The first refit makes `plan`, which belongs to the tree from then on.
     pub fn refit<S: WideSource>(&mut self, set: &S, moved: &Moved, plan: &mut Option<Box<RefitPlan>>) -> (Done, f64) {
@@ -351,8 +352,8 @@ impl<S: WideSource> Pass<'_, S> {
 
     /// Calls `each` with the number of every block, and with the primitives that it holds if it is a leaf block to be rewritten.
     ///
-    /// In large trees leaf blocks come from memory: first their ids, then the vertex numbers of their triangles, and the coordinates, old
-    /// and new, while `each` is busy with the block before.
+    /// In large trees leaf blocks come from memory: first their ids, then the vertex numbers of their triangles, and the
+    /// coordinates, old and new, while `each` is busy with the block before.
     #[inline(always)]
     fn in_order<'a>(
         &self,
@@ -422,8 +423,8 @@ impl<S: WideSource> Pass<'_, S> {
         lanes.fold(LinearBox3::EMPTY, |all, lane| all.union(read_box(block, at.kind(), lane, over)))
     }
 
-    /// Linear bounds of all slices of a time node: the line between the first and the last state, moved outward until it holds each slice
-    /// at both of its ends. Each slice is linear between its ends.
+    /// Linear bounds of all slices of a time node: the line between the first and the last state, moved outward until it holds each
+    /// slice at both of its ends. Each slice is linear between its ends.
     ///
     /// Computed in f64, whose rounding errors are negligible beside the padding of the result.
     fn bounds_of_slices(&self, place: &Place<'_>, at: ChildRef, over: TimeInterval) -> LinearBox3 {

@@ -257,9 +257,9 @@ fn leaves(tree: &WideTree, of: ChildRef) -> Vec<ChildRef> {
 }
 
 impl WideTree {
-    /// The triangles of other meshes whose vertices a refit reads if these meshes move: those in the leaf blocks that it rewrites, and in
-    /// the few leaf blocks that are the whole tree or a whole time slice, since these have no box in a node. `None` if there are more than
-    /// `most`.
+    /// The triangles of other meshes whose vertices a refit reads if these meshes move: those in the leaf blocks that it rewrites,
+    /// and in the few leaf blocks that are the whole tree or a whole time slice, since these have no box in a node. `None` if there
+    /// are more than `most`.
     pub fn beside<S: WideSource>(&self, set: &S, moved: &[bool], plan: &RefitPlan, most: usize) -> Option<Vec<u32>> {
         let list = (0..).zip(moved).filter(|&(_, &moved)| moved).map(|(mesh, _)| mesh);
         let list: Vec<u32> = list.collect();

@@ -1,7 +1,7 @@
 //! Leaf blocks that the hierarchies of several time slices share, in a refit.
 //!
-//! They are rewritten before the hierarchies are refitted. A block is in the cache then, so its bounds in all slices are computed at once,
-//! and the hierarchies do not read it.
+//! They are rewritten before the hierarchies are refitted. A block is in the cache then, so its bounds in all slices are computed
+//! at once, and the hierarchies do not read it.
 
 use super::wide_node::ChildRef;
 use crate::geometry::LinearBox3;
@@ -98,8 +98,8 @@ impl SharedBounds {
         self.bounds.extend(other.bounds);
     }
 
-    /// The bounds of the block of some number in one of its slices if it changed, and the number of its primitives; `None` if no block was
-    /// visited.
+    /// The bounds of the block of some number in one of its slices if it changed, and the number of its primitives; `None` if no
+    /// block was visited.
     pub fn of(&self, number: usize, slice: usize) -> Option<(Option<LinearBox3>, usize)> {
         let Visited { primitives, slices, bounds } = *self.visited.get(number)?;
         let before = (slices & ((1 << slice) - 1)).count_ones() as usize;

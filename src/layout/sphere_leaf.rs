@@ -9,13 +9,14 @@
 //! | n | if there are more than two keys: the number of keys that each sphere has itself |
 //! | 4 n or 8 n | for each key in the block, sphere by sphere: the same as the caller gave them, in f32 if no bit is lost, otherwise in f64 |
 //!
-//! A block is made for spheres with one number of keys, or with one and two. After a refit some may have fewer, between which the rows are
-//! interpolated.
+//! A block is made for spheres with one number of keys, or with one and two. After a refit some may have fewer, between which the
+//! rows are interpolated.
 //!
-//! Queries use the rows to rule out spheres; what is left is decided by the caller's numbers. So nothing of the caller's shapes is read, which
-//! would have to be fetched from three places. The header also has the greatest error of the rows: as in other blocks, sizes are the exponents of
-//! two powers of two. No coordinate and no radius is larger than the first. At any time, the distance of centers from those of [`MovingSphere::at`]
-//! and the difference of radii are together at most the second, but for roundings of f32.
+//! Queries use the rows to rule out spheres; what is left is decided by the caller's numbers. So nothing of the caller's shapes is
+//! read, which would have to be fetched from three places. The header also has the greatest error of the rows: as in other blocks,
+//! sizes are the exponents of two powers of two. No coordinate and no radius is larger than the first. At any time, the distance of
+//! centers from those of [`MovingSphere::at`] and the difference of radii are together at most the second, but for roundings of
+//! f32.
 
 use super::list_boxes::{Boxed, ListBoxes, MOVING};
 use super::needed_segments::needed_segments;
@@ -67,8 +68,8 @@ impl SphereLeaf {
         }
     }
 
-    /// The offset of the rows of the key at which a segment begins, in a block of `n` ids; the rows of the next key follow. For a segment
-    /// that is not in the block, the offset of some rows of the block.
+    /// The offset of the rows of the key at which a segment begins, in a block of `n` ids; the rows of the next key follow. For a
+    /// segment that is not in the block, the offset of some rows of the block.
     #[inline(always)]
     pub fn rows(&self, n: usize, segment: usize) -> usize {
         let key = segment.saturating_sub(self.first).min(self.held.saturating_sub(2));
@@ -87,8 +88,8 @@ impl SphereLeaf {
         self.own_keys(n) + if self.keys > 2 { n } else { 0 }
     }
 
-    /// Of a sphere with this many keys: the number of the block's segments in one of its own, the first of its keys in the block, and how
-    /// many there are.
+    /// Of a sphere with this many keys: the number of the block's segments in one of its own, the first of its keys in the block,
+    /// and how many there are.
     #[inline(always)]
     fn own_range(&self, own: usize) -> (usize, usize, usize) {
         if own <= 1 || self.keys <= 2 {
@@ -130,8 +131,8 @@ impl SphereLeaf {
         self.given(n) + self.held * self.given_words() * n
     }
 
-    /// Center and radius of a sphere at a time, as [`MovingSphere::at`] computes them, from a block of `n` ids that begins at `words[0]`. `None` if
-    /// the block does not have the keys around that time. That is possible within a rounding error of a key.
+    /// Center and radius of a sphere at a time, as [`MovingSphere::at`] computes them, from a block of `n` ids that begins at
+    /// `words[0]`. `None` if the block does not have the keys around that time. That is possible within a rounding error of a key.
     #[inline(always)]
     pub fn at(&self, words: &[u32], n: usize, lane: usize, time: f32) -> Option<(DVec3, f64)> {
         let key = |key: usize| {
@@ -173,8 +174,8 @@ impl SphereLeaf {
         (end <= words.len()).then_some(end)
     }
 
-    /// The rows of some shapes in a time slice, without their sizes; `None` if they are to be listed only: not all are spheres, or one has keys
-    /// between those of another, or more than [`MAX_MESH_KEYS`].
+    /// The rows of some shapes in a time slice, without their sizes; `None` if they are to be listed only: not all are spheres, or
+    /// one has keys between those of another, or more than [`MAX_MESH_KEYS`].
     fn for_shapes<S: PrimitiveSet + ?Sized>(set: &S, ids: &[u32], slice: TimeSlice) -> Option<SphereLeaf> {
         let keys = ids.iter().map(|&id| set.sphere(id).map_or(0, |sphere| sphere.keys.len())).max().unwrap_or(0);
         if keys > MAX_MESH_KEYS {
@@ -314,8 +315,8 @@ pub(super) fn write_shapes<S: PrimitiveSet + ?Sized>(
     ChildRef::new(Kind::OtherLeaf, at, n)
 }
 
-/// Rewrites a block of shapes with these ids that begins at `words[0]`. If shapes are no longer spheres, have keys that the block does not, or no
-/// room for their bits, the block only lists them from then on.
+/// Rewrites a block of shapes with these ids that begins at `words[0]`. If shapes are no longer spheres, have keys that the block
+/// does not, or no room for their bits, the block only lists them from then on.
 pub(super) fn rewrite_shapes<S: PrimitiveSet + ?Sized>(set: &S, words: &mut [u32], ids: &[u32]) {
     let Some(leaf) = SphereLeaf::of(words, ids.len()) else { return Boxed::rewrite(set, words, ids) };
     let fits = leaf.with(set, ids).is_some_and(|now| leaf.fine || !now.fine);
@@ -399,7 +400,8 @@ mod tests {
         assert!(missing * 100 < found, "{missing} of {found}");
     }
 
-    /// How far the rows of spheres with many keys, between keys as queries find them, are off at most, relative to the stated error.
+    /// How far the rows of spheres with many keys, between keys as queries find them, are off at most, relative to the stated
+    /// error.
     fn off(error_of: fn(&MovingSphere, &Frame) -> f64) -> f64 {
         let mut random = Random(5);
         let mut most = 0.0f64;

@@ -4,8 +4,8 @@ use crate::kd::{BuildTimes, KdReference, KdTree, KdView};
 use crate::primitive::PrimitiveSet;
 use core::fmt;
 
-/// Sizes and counts of a finished tree ([`RayTree::statistics`](crate::RayTree::statistics)). Printed with `{}`, they are one line that
-/// says what the tree skips.
+/// Sizes and counts of a finished tree ([`RayTree::statistics`](crate::RayTree::statistics)). Printed with `{}`, they are one line
+/// that says what the tree skips.
 ///
 /// ```
 /// use mbkd::{BuildParams, RayTree, TriangleMesh, glam::Vec3};
@@ -49,8 +49,8 @@ pub struct Statistics {
     pub static_references: usize,
     /// Temporal splits: nodes that select a child by the time of the query (wide trees).
     pub time_nodes: usize,
-    /// Share of the primitives below temporal splits, each counted once for each time slice, that the slice leaves out since they do not
-    /// exist in it (wide trees). 0 if everything exists all the time.
+    /// Share of the primitives below temporal splits, each counted once for each time slice, that the slice leaves out since they
+    /// do not exist in it (wide trees). 0 if everything exists all the time.
     pub left_out: f64,
     /// Subtrees that are built when a query first enters them ([`Policy::Lazy`](crate::Policy::Lazy)); 0 in other trees.
     pub subtrees: usize,
@@ -62,8 +62,8 @@ pub struct Statistics {
     pub cost: f64,
     /// Bytes allocated for the tree.
     pub bytes: usize,
-    /// Bytes allocated for the primitives, with the tables that say where the tree has them. What shapes have allocated themselves, as spheres
-    /// have their keys, is not counted.
+    /// Bytes allocated for the primitives, with the tables that say where the tree has them. What shapes have allocated themselves,
+    /// as spheres have their keys, is not counted.
     pub primitive_bytes: usize,
 }
 

@@ -16,14 +16,15 @@ pub enum ValidationError {
         /// Depth of a leaf.
         depth: usize,
     },
-    /// A leaf's references lie outside the array, overlap another leaf's, or have the id of no primitive or an empty time interval. In a
-    /// wide or lazy tree also: the recorded leaf block of a triangle does not hold it, or a primitive is not in exactly one subtree.
+    /// A leaf's references lie outside the array, overlap another leaf's, or have the id of no primitive or an empty time interval.
+    /// In a wide or lazy tree also: the recorded leaf block of a triangle does not hold it, or a primitive is not in exactly one
+    /// subtree.
     References {
         /// The leaf; 0 where it is not one leaf.
         node: usize,
     },
-    /// A primitive is in the cell of a leaf of a k-d tree at some time, but the leaf has no reference to it that is active then; or no
-    /// leaf of a wide tree holds it, or a subtree of a lazy one is in no leaf.
+    /// A primitive is in the cell of a leaf of a k-d tree at some time, but the leaf has no reference to it that is active then; or
+    /// no leaf of a wide tree holds it, or a subtree of a lazy one is in no leaf.
     Missing {
         /// The primitive's id, or the subtree's.
         primitive: u32,

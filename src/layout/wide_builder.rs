@@ -85,8 +85,8 @@ impl WideTree {
         })
     }
 
-    /// Decides by a sample of a few neighbourhoods whether to pre-split, and on the temporal split: trying it with all primitives of a
-    /// subtree would take several times as long as building it.
+    /// Decides by a sample of a few neighbourhoods whether to pre-split, and on the temporal split: trying it with all primitives
+    /// of a subtree would take several times as long as building it.
     pub(super) fn decided<S: WideSource>(set: &S, sample: &[u32], params: &WideParams) -> DraftParams {
         parallel::alone(|| {
             let (draft, presplit) = draft_sample(set, sample, params);
@@ -346,9 +346,9 @@ impl WideTree {
     }
 }
 
-/// Shares of the steps of a build, about, for its progress: of the index of leaf blocks in the whole; of each attempt in what is left,
-/// where most builds need only one; of the draft in an attempt, if nothing changes and if time slices may follow; of hierarchies
-/// for shared leaves in their region, and of writing these leaves in the rest.
+/// Shares of the steps of a build, about, for its progress: of the index of leaf blocks in the whole; of each attempt in what is
+/// left, where most builds need only one; of the draft in an attempt, if nothing changes and if time slices may follow; of
+/// hierarchies for shared leaves in their region, and of writing these leaves in the rest.
 const INDEXING: f64 = 0.03;
 const ATTEMPT: [f64; ATTEMPTS] = [0.95, 0.5];
 const DRAFT: f64 = 0.8;
@@ -374,8 +374,8 @@ fn some_change<S: WideSource>(set: &S, ids: &[u32]) -> bool {
 /// Further builds that are tried if a tree is larger than allowed.
 const ATTEMPTS: usize = 2;
 
-/// The parameters after an attempt that took too much memory: the estimates of the choices were too low. The last attempt is without
-/// pre-splitting and temporal splits. `share` is the share of the tree's bytes that is allowed, if these are known.
+/// The parameters after an attempt that took too much memory: the estimates of the choices were too low. The last attempt is
+/// without pre-splitting and temporal splits. `share` is the share of the tree's bytes that is allowed, if these are known.
 fn with_less(wide: WideParams, share: Option<f32>, primitives: usize, attempt: usize) -> WideParams {
     if attempt + 1 == ATTEMPTS {
         return WideParams { max_references: 1.0, division: Division::Whole, ..wide };

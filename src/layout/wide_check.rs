@@ -1,10 +1,9 @@
 //! Checking a tree that was read from a file, before queries traverse it.
 //!
-//! Queries rely on invariants of the tree. They follow references without bounds checks of their own, their stack is just as deep as the
-//! tree, and boxes tell them which lanes of a node have a child. A build ensures this, but a file may hold anything. So every block is
-//! visited once before the first query, and every invariant that queries rely on is checked. The
-//! *values* of boxes and corners are not checked: wrong ones cause wrong answers ([`WideTree::validate`] finds those),
-//! but no panics.
+//! Queries rely on invariants of the tree. They follow references without bounds checks of their own, their stack is just as deep
+//! as the tree, and boxes tell them which lanes of a node have a child. A build ensures this, but a file may hold anything. So
+//! every block is visited once before the first query, and every invariant that queries rely on is checked. The *values* of boxes
+//! and corners are not checked: wrong ones cause wrong answers ([`WideTree::validate`] finds those), but no panics.
 
 use super::keyed_leaf::KeyedLeaf;
 use super::leaf_block::WideSource;

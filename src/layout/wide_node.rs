@@ -49,8 +49,8 @@ pub(crate) enum Kind {
     SharedLeaf,
     /// Static vertices, and triangles between them.
     SharedStaticLeaf,
-    /// Any other leaf: triangles with more than two keys, or a list of ids. [`WideTree::lists`](super::wide_tree::WideTree::lists) tells
-    /// which.
+    /// Any other leaf: triangles with more than two keys, or a list of ids. [`WideTree::lists`](super::wide_tree::WideTree::lists)
+    /// tells which.
     OtherLeaf,
 }
 

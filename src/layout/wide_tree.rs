@@ -17,8 +17,8 @@ pub(crate) struct WideTree {
     pub(crate) presplit: bool,
     /// Whether hierarchies of time slices lack primitives that do not exist in them, or have boxes without these.
     pub(crate) leaves_out: bool,
-    /// The active interval of each mesh and, after these, of each shape when the tree was built, if the tree lacks them at other times. None
-    /// in a tree from a file, which is not refitted.
+    /// The active interval of each mesh and, after these, of each shape when the tree was built, if the tree lacks them at other
+    /// times. None in a tree from a file, which is not refitted.
     pub(crate) existing: Vec<TimeInterval>,
     /// The greatest number of time slices that have leaf blocks of their own.
     pub(crate) slices: usize,

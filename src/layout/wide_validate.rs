@@ -24,8 +24,8 @@ impl WideTree {
         let hidden = set.hidden();
         let all: Vec<u32> = (0..set.len() as u32).filter(|id| hidden.binary_search(id).is_err()).collect();
         self.validate_ids(set, &all)?;
-        // The recorded leaf block of each triangle holds it, and so does the block of each time slice in which it exists where there are
-        // several.
+        // The recorded leaf block of each triangle holds it, and so does the block of each time slice in which it exists where
+        // there are several.
         let triangles = set.triangles();
         for (id, triangles) in triangles.into_iter().flat_map(|t| (0..t.len() as u32).map(move |id| (id, t))) {
             if set.is_listed(id) {

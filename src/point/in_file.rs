@@ -90,8 +90,8 @@ impl PointTree {
         self.encode(sink)
     }
 
-    /// [`PointTree::write_to`] a file, which appears under this name once it is complete, and not before: it is written next to it and
-    /// then renamed. A symbolic link is followed; a pipe or device is written to directly.
+    /// [`PointTree::write_to`] a file, which appears under this name once it is complete, and not before: it is written next to it
+    /// and then renamed. A symbolic link is followed; a pipe or device is written to directly.
     ///
     /// # Errors
     /// Errors of writing.

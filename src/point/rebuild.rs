@@ -77,8 +77,8 @@ impl PointTree {
         })
     }
 
-    /// The ids of all points in the order of the tree, in which points that are close in space are close together. A tree that consists of
-    /// several, for time slices, has a point as many times as it is in these.
+    /// The ids of all points in the order of the tree, in which points that are close in space are close together. A tree that
+    /// consists of several, for time slices, has a point as many times as it is in these.
     ///
     /// ```
     /// use mbkd::{PointArrays, PointParams, PointTree};
@@ -104,9 +104,9 @@ impl PointTree {
         of_layers.chain(precise.flat_map(|tree| tree.ids()))
     }
 
-    /// Hands out the order of the tree, in which points that are close in space are close together, and numbers the
-    /// points by it: element `i` of what is returned is the id that point `i` had so far. (Points that share an id get one each in a
-    /// tree of one static structure, and share the new one in all others.)
+    /// Hands out the order of the tree, in which points that are close in space are close together, and numbers the points by it:
+    /// element `i` of what is returned is the id that point `i` had so far. (Points that share an id get one each in a tree of one
+    /// static structure, and share the new one in all others.)
     ///
     /// A simulation that brings its arrays into this order finds neighbours close in memory, and may
     /// [`rebuild`](PointTree::rebuild) this tree from them.

@@ -52,8 +52,8 @@ pub struct PointParams {
     /// structure.
     pub structure: PointStructure,
     /// The greatest number of references per point for each segment between two keys, in the k-d tree and over time slices; from 1
-    /// to 1024, default 8. Points with n keys may so have n - 1 times as many, since each segment has a tree of its own. A reference takes
-    /// 32 to 48 bytes. Time slices that are requested explicitly are not limited.
+    /// to 1024, default 8. Points with n keys may so have n - 1 times as many, since each segment has a tree of its own. A
+    /// reference takes 32 to 48 bytes. Time slices that are requested explicitly are not limited.
     pub max_references: f32,
     /// The numbers that positions are kept in. Default: those that they need. [`PointTree::precision`] tells which a tree has.
     pub precision: Precision,
@@ -98,15 +98,16 @@ impl PointParams {
 
 /// A tree over moving points that answers neighbour queries exactly at any time of the shutter.
 ///
-/// Every answer equals that of comparing all points. The position of a point at time t is interpolated in f32 from the
-/// nearer of two keys a and b: with the phase s between them, it is `a + (b - a) * s` if s is below 0.5, and `b + (b - a) * (s - 1)`
-/// otherwise. (Of n keys, the phase is the fraction of `t * (n - 1)`.) The squared distance is `(dx·dx + dy·dy) + dz·dz` in f32. Neighbours are ordered by it, ties by id. For
-/// positions kept in f64, all of this is computed in f64, and the square is rounded to f32 once. Answers do not depend on
-/// the number of threads or the instruction set.
+/// Every answer equals that of comparing all points. The position of a point at time t is interpolated in f32 from the nearer of
+/// two keys a and b: with the phase s between them, it is `a + (b - a) * s` if s is below 0.5, and `b + (b - a) * (s - 1)`
+/// otherwise. (Of n keys, the phase is the fraction of `t * (n - 1)`.) The squared distance is `(dx·dx + dy·dy) + dz·dz` in f32.
+/// Neighbours are ordered by it, ties by id. For positions kept in f64, all of this is computed in f64, and the square is rounded
+/// to f32 once. Answers do not depend on the number of threads or the instruction set.
 ///
 /// A query finds nothing if its time is outside [0, 1], if its point is not finite or farther from the origin than
 /// [`MAX_POINT_COORDINATE`](crate::MAX_POINT_COORDINATE), or if its radius is negative or NaN. Differences of coordinates below
-/// about 1e-19 have squares that are denormal in f32 and lose bits, and below 2e-23 they are zero: such points count as equally far.
+/// about 1e-19 have squares that are denormal in f32 and lose bits, and below 2e-23 they are zero: such points count as equally
+/// far.
 ///
 /// ```
 /// use mbkd::{PointParams, PointTree};
@@ -146,8 +147,8 @@ const MAX_POINT_TREES: usize = 1 << 14;
 const SIMPLE: Plan = Plan::Boxes(1);
 
 impl PointTree {
-    /// Selects another instruction set of this CPU for queries, as [`PointParams::simd`] does for a build: of a tree from a file, which
-    /// has the widest, or for tests and measurements. Answers do not change.
+    /// Selects another instruction set of this CPU for queries, as [`PointParams::simd`] does for a build: of a tree from a file,
+    /// which has the widest, or for tests and measurements. Answers do not change.
     ///
     /// ```
     /// use mbkd::{PointParams, PointTree, SimdLevel};
@@ -179,9 +180,8 @@ impl PointTree {
         PointTree::build_reporting(points, params, &Progress::new(None))
     }
 
-    /// [`PointTree::build`] that calls `progress` with the finished fraction (above 0, and at the end 1) from time to time, from any of its
-    /// threads.
-    /// `Break` cancels the build, which then returns [`PointError::Cancelled`].
+    /// [`PointTree::build`] that calls `progress` with the finished fraction (above 0, and at the end 1) from time to time, from
+    /// any of its threads. `Break` cancels the build, which then returns [`PointError::Cancelled`].
     ///
     /// ```
     /// use core::ops::ControlFlow;
@@ -425,8 +425,8 @@ impl PointTree {
         &self.statistics
     }
 
-    /// The position in the caller's coordinates that limits of magnitude and f32 positions are relative to: zero for
-    /// f32 input, and for f64 input of which all coordinates are f32 numbers, on both sides of zero; otherwise the middle of the set.
+    /// The position in the caller's coordinates that limits of magnitude and f32 positions are relative to: zero for f32 input, and
+    /// for f64 input of which all coordinates are f32 numbers, on both sides of zero; otherwise the middle of the set.
     pub fn origin(&self) -> DVec3 {
         self.origin
     }

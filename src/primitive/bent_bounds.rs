@@ -8,10 +8,10 @@
 //! the line shifted by the least and the greatest distance there bounds it at all times. The least of several lines is
 //! concave in time, so the line through its values at both ends lies below them all in between. (Likewise for upper faces.)
 //!
-//! Rounding, in ULP of the largest coordinate M at the keys that are used. A vertex as computed by the kernel and the computed position at an
-//! end of the interval differ from the exact ones by [`Triangles::slack`] each. A distance from the line is computed with a
-//! difference (2), its product with a fraction that is rounded itself (1 + 2), a sum (3: the line may leave M by that of others) and
-//! a difference (4): 12. The tube's end is a sum (3). So the padding is twice the slack and 16 ULP.
+//! Rounding, in ULP of the largest coordinate M at the keys that are used. A vertex as computed by the kernel and the computed
+//! position at an end of the interval differ from the exact ones by [`Triangles::slack`] each. A distance from the line is computed
+//! with a difference (2), its product with a fraction that is rounded itself (1 + 2), a sum (3: the line may leave M by that of
+//! others) and a difference (4): 12. The tube's end is a sum (3). So the padding is twice the slack and 16 ULP.
 
 use super::key_window::Window;
 use super::triangles::Triangles;

@@ -1,5 +1,5 @@
-//! Bounds of many triangles, fast: the coarse build of a lazy tree spends most of its time on them, and builds over many time slices a
-//! tenth.
+//! Bounds of many triangles, fast: the coarse build of a lazy tree spends most of its time on them, and builds over many time
+//! slices a tenth.
 
 use super::custom::PrimitiveSet;
 use super::key_window::Intervals;

@@ -112,9 +112,10 @@ impl fmt::Display for PrimitiveError {
 
 impl std::error::Error for PrimitiveError {}
 
-/// Tests the contract of [`Primitive`] with `samples` rays at the primitive, over intervals of all lengths, each of them once more from
-/// just behind its hit, and with the rays' origins for [`Primitive::closest_point`], if that is implemented: its answers lie within the bounds and are no
-/// farther than hits of rays. A primitive that is a sphere ([`Primitive::as_sphere`]) has that sphere's answers.
+/// Tests the contract of [`Primitive`] with `samples` rays at the primitive, over intervals of all lengths, each of them once more
+/// from just behind its hit, and with the rays' origins for [`Primitive::closest_point`], if that is implemented: its answers lie
+/// within the bounds and are no farther than hits of rays. A primitive that is a sphere ([`Primitive::as_sphere`]) has that
+/// sphere's answers.
 ///
 /// Rays are drawn from a fixed sequence around the primitive's swept box, many of them aimed at its faces and edges,
 /// where padding matters. Passing is no proof; a failure is one, and the error contains the ray. The rounding of `t` to f32
@@ -169,8 +170,8 @@ pub fn check_primitive(primitive: &impl Primitive, samples: usize) -> Result<(),
     Ok(())
 }
 
-/// Tests the hit of a ray, and returns its distance. The bounds over an interval are `now` at the ray's time, and `size` is about the size
-/// of the primitive.
+/// Tests the hit of a ray, and returns its distance. The bounds over an interval are `now` at the ray's time, and `size` is about
+/// the size of the primitive.
 fn check_hit(
     primitive: &impl Primitive,
     ray: &Ray,

@@ -30,8 +30,8 @@ use glam::DVec3;
 /// - [`intersect`](Primitive::intersect) and [`closest_point`](Primitive::closest_point) are pure: the same arguments give
 ///   the same answer, for any number of calls and on any thread.
 /// - The sphere of [`as_sphere`](Primitive::as_sphere), if there is one, has the same answers, and is there at each call.
-/// - No function waits for tasks of rayon's. A lazy tree calls [`bounds`](Primitive::bounds) while other threads wait for the subtree, and
-///   a thread that waits for its tasks may take up one of those that wait: then none of them goes on.
+/// - No function waits for tasks of rayon's. A lazy tree calls [`bounds`](Primitive::bounds) while other threads wait for the
+///   subtree, and a thread that waits for its tasks may take up one of those that wait: then none of them goes on.
 ///
 /// A primitive that breaks the contract does not affect others. If its bounds are invalid, the build fails with
 /// [`BuildError::BadBounds`]. If its bounds do not contain all hits, or change from one call to the next, hits of this
@@ -68,7 +68,8 @@ pub trait Primitive: Send + Sync {
     /// Linear bounds over a part of the shutter, in world coordinates. The primitive need not exist during the whole part.
     fn bounds(&self, over: TimeInterval) -> LinearBounds;
 
-    /// The nearest intersection at `ray.time` with `t` in `[ray.t_min, ray.t_max]`; `None` if there is no intersection in that range.
+    /// The nearest intersection at `ray.time` with `t` in `[ray.t_min, ray.t_max]`; `None` if there is no intersection in that
+    /// range.
     ///
     /// An answer outside that range breaks the contract: trees ignore it, and so lose an intersection in the range behind it.
     fn intersect(&self, ray: &Ray) -> Option<Intersection>;
@@ -88,8 +89,8 @@ pub trait Primitive: Send + Sync {
         TimeInterval::FULL
     }
 
-    /// The visibility mask: a query with a mask sees the primitive if the two share a bit. With a mask of 0, only queries without a mask see
-    /// it. The default has all bits. A tree calls this once, when it takes the primitive.
+    /// The visibility mask: a query with a mask sees the primitive if the two share a bit. With a mask of 0, only queries without a
+    /// mask see it. The default has all bits. A tree calls this once, when it takes the primitive.
     ///
     /// ```
     /// use mbkd::glam::{DVec3, Vec3};
@@ -117,10 +118,11 @@ pub trait Primitive: Send + Sync {
         u32::MAX
     }
 
-    /// The sphere that has the same intersections and, where the primitive has any, the same closest points; for instance of a sphere that
-    /// carries further data of the caller's. Its active interval and its mask do not count, those of the primitive do.
+    /// The sphere that has the same intersections and, where the primitive has any, the same closest points; for instance of a
+    /// sphere that carries further data of the caller's. Its active interval and its mask do not count, those of the primitive do.
     ///
-    /// Rays are tested against up to sixteen spheres at a time, by the sphere's functions instead of the primitive's. The default is `None`: rays are tested against one primitive after the other.
+    /// Rays are tested against up to sixteen spheres at a time, by the sphere's functions instead of the primitive's. The default
+    /// is `None`: rays are tested against one primitive after the other.
     ///
     /// ```
     /// use mbkd::glam::{DVec3, Vec3};
@@ -149,7 +151,8 @@ pub trait Primitive: Send + Sync {
         None
     }
 
-    /// Drops what the motion does not need. A tree, and brute force, call this once when they take the primitive, before anything else.
+    /// Drops what the motion does not need. A tree, and brute force, call this once when they take the primitive, before anything
+    /// else.
     ///
     /// A [`MovingSphere`] drops keys on the straight lines between others. A primitive with a sphere of its own
     /// ([`Primitive::as_sphere`]) best calls this method of it: queries read all keys that remain. The default changes nothing.
@@ -185,7 +188,8 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     fn active_intervals(&self) -> Vec<TimeInterval> {
         (0..self.len() as u32).map(|id| self.active(id)).collect()
     }
-    /// For each mesh and, after these, each shape, the interval to which refits of a tree are bound by the keys that leaf blocks hold.
+    /// For each mesh and, after these, each shape, the interval to which refits of a tree are bound by the keys that leaf blocks
+    /// hold.
     fn intervals_of_keys(&self) -> Vec<TimeInterval> {
         Vec::new()
     }
@@ -230,7 +234,8 @@ pub(crate) trait PrimitiveSet: Send + Sync {
         let _ = ids;
         true
     }
-    /// A bound of the bytes of triangles' keys beyond the second and of all keys of spheres in leaf blocks, if each key is stored once.
+    /// A bound of the bytes of triangles' keys beyond the second and of all keys of spheres in leaf blocks, if each key is stored
+    /// once.
     fn further_key_bytes(&self) -> usize {
         0
     }
@@ -254,8 +259,8 @@ pub(crate) trait PrimitiveSet: Send + Sync {
         let _ = (id, over);
         None
     }
-    /// At the begin of an interval: half the area of the box around the corners of a triangle, and the area of the triangle itself; `None` for
-    /// a primitive that is not split.
+    /// At the begin of an interval: half the area of the box around the corners of a triangle, and the area of the triangle itself;
+    /// `None` for a primitive that is not split.
     fn areas(&self, id: u32, over: TimeInterval) -> Option<[f32; 2]> {
         self.corner_bounds(id, over).map(|corners| corners.areas())
     }
@@ -308,7 +313,8 @@ pub struct Shapes<P> {
     masks: Vec<u32>,
     /// The bytes of spheres' keys in leaf blocks.
     key_bytes: usize,
-    /// The [`kind`] of each shape, or the one that all have, as it was when they were taken: builders ask often and rely on the answer.
+    /// The [`kind`] of each shape, or the one that all have, as it was when they were taken: builders ask often and rely on the
+    /// answer.
     kinds: Vec<u32>,
     frame: Frame,
     /// The box that holds all shapes at all times.
@@ -317,7 +323,8 @@ pub struct Shapes<P> {
     bad: AtomicU32,
 }
 
-/// What a sphere at one key takes in a leaf block, in f32 and in f64, at most: an arena may be a thirty-second larger than its blocks.
+/// What a sphere at one key takes in a leaf block, in f32 and in f64, at most: an arena may be a thirty-second larger than its
+/// blocks.
 pub(crate) const SPHERE_KEY_BYTES: usize = size_of::<([f32; 4], [f64; 4])>() * 33 / 32 + 1;
 
 /// No primitive has this id.

@@ -1,16 +1,17 @@
 //! Merging keys: if all vertices of a mesh move on straight lines, fewer keys describe the same motion.
 //!
-//! Keys are spaced evenly, so keys are kept on a coarser grid that the given one refines: of 65 keys every second, fourth, …
-//! or the first and the last; one if all of them are equal. The whole mesh keeps the same keys, so that triangles which
-//! share a vertex still compute the same numbers for it; the same holds for a whole set of points, which has one tree for each segment.
+//! Keys are spaced evenly, so keys are kept on a coarser grid that the given one refines: of 65 keys every second, fourth, … or the
+//! first and the last; one if all of them are equal. The whole mesh keeps the same keys, so that triangles which share a vertex
+//! still compute the same numbers for it; the same holds for a whole set of points, which has one tree for each segment.
 //!
 //! The rule, with u = 2^-24 for positions in f32 and 2^-53 for those in f64: every coordinate of a key that is dropped lies within
 //! 4u of the line between the kept keys around it, relative to the larger coordinate of these two. This is what rounding does to a
-//! straight motion that a program samples: `a (1 - w) + b w` is off by up to 3u, `a + (b - a) w` by up to 5u if signs differ, mostly
-//! less than 2u. The line itself is computed in f64, which errs by less than 4 * 2^-53: so numbers in f64 lie within 8u = 2^-50.
+//! straight motion that a program samples: `a (1 - w) + b w` is off by up to 3u, `a + (b - a) w` by up to 5u if signs differ,
+//! mostly less than 2u. The line itself is computed in f64, which errs by less than 4 * 2^-53: so numbers in f64 lie within 8u =
+//! 2^-50.
 //!
-//! The distance of the merged motion from the given one: both are linear between given keys, so their distance is greatest at one of
-//! those: 4u. With n keys interpolation itself may err by (4 + 2 (n - 1))u, and with those that are kept by at least 4u less. So
+//! The distance of the merged motion from the given one: both are linear between given keys, so their distance is greatest at one
+//! of those: 4u. With n keys interpolation itself may err by (4 + 2 (n - 1))u, and with those that are kept by at least 4u less. So
 //! the bound that `docs/accuracy.md` states for the keys as given holds for the merged motion too.
 
 use crate::geometry::ULP;
@@ -22,8 +23,8 @@ use core::ops::Range;
 pub(crate) const SINGLE: f64 = ULP as f64;
 pub(crate) const DOUBLE: f64 = 0.5 * f64::EPSILON;
 
-/// The number of keys that are kept of `keys`. `read` writes the coordinates of some vertices (or points) at a key, which are rounded by
-/// `ulp`. `(keys - 1) / (kept - 1)` given segments become one.
+/// The number of keys that are kept of `keys`. `read` writes the coordinates of some vertices (or points) at a key, which are
+/// rounded by `ulp`. `(keys - 1) / (kept - 1)` given segments become one.
 ///
 /// Takes one pass over all positions if keys are merged, and usually much less otherwise.
 pub(crate) fn kept_keys(
@@ -144,8 +145,8 @@ impl Kernel for OffLine<'_> {
     }
 }
 
-/// Of the keys of a single thing, given by some numbers, every how many are kept: all others lie on the lines between these. Numbers that
-/// f32 has at all keys count as f32 ones if `single`.
+/// Of the keys of a single thing, given by some numbers, every how many are kept: all others lie on the lines between these.
+/// Numbers that f32 has at all keys count as f32 ones if `single`.
 pub(crate) fn widest_step<const N: usize>(keys: usize, single: bool, numbers: impl Fn(usize) -> [f64; N]) -> usize {
     let segments = keys.saturating_sub(1);
     if segments < 2 {

@@ -97,7 +97,8 @@ impl From<Vec<Vec<DVec3>>> for Keys {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct TriangleMesh {
-    /// Three vertex indices per triangle. Vertices that no triangle has must be finite and take memory, but do not extend the scene.
+    /// Three vertex indices per triangle. Vertices that no triangle has must be finite and take memory, but do not extend the
+    /// scene.
     pub indices: Vec<[u32; 3]>,
     /// Vertex positions at the keys, all keys of equal length.
     pub keys: Keys,
@@ -118,8 +119,8 @@ impl TriangleMesh {
         TriangleMesh::new(indices, vec![positions])
     }
 
-    /// The mesh with an active interval. Queries at other times do not see the mesh, and where much comes and goes, trees leave it out of
-    /// time slices in which it does not exist, so that rays do not pass by it.
+    /// The mesh with an active interval. Queries at other times do not see the mesh, and where much comes and goes, trees leave it
+    /// out of time slices in which it does not exist, so that rays do not pass by it.
     pub fn with_active(self, active: TimeInterval) -> TriangleMesh {
         TriangleMesh { active, ..self }
     }
@@ -142,8 +143,8 @@ impl TriangleMesh {
     /// to 2 cm, two machines 1e7 m apart only to 20 m: for these one tree each, placed in an
     /// [`InstanceTree`](crate::InstanceTree) without a transform, is as exact and far faster.
     ///
-    /// Triangles are tested one by one. Redundant keys are dropped here as well, where all vertices stay within 2^-50, relative to the
-    /// coordinate, of the lines between those that are kept.
+    /// Triangles are tested one by one. Redundant keys are dropped here as well, where all vertices stay within 2^-50, relative to
+    /// the coordinate, of the lines between those that are kept.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::{DVec3, Vec3}};

@@ -35,11 +35,12 @@ pub(super) struct MeshIndex {
     at: Vec<u32>,
 }
 
-/// Where meshes are large, the mesh of one triangle in `1 << FEW` is stored; usually the triangles up to the next one are of the same mesh.
+/// Where meshes are large, the mesh of one triangle in `1 << FEW` is stored; usually the triangles up to the next one are of the
+/// same mesh.
 const FEW: u32 = 5;
 
-/// With so many triangles per mesh or fewer, each triangle's mesh is stored. Together they take no more memory than what is known of
-/// the meshes, among which a search would otherwise wait for the caches several times.
+/// With so many triangles per mesh or fewer, each triangle's mesh is stored. Together they take no more memory than what is known
+/// of the meshes, among which a search would otherwise wait for the caches several times.
 const SMALL: usize = size_of::<MeshInfo>() / size_of::<u32>();
 
 impl MeshIndex {

@@ -1,7 +1,7 @@
 //! Moving some meshes of a set, for a refit in which the others stay where they are.
 //!
-//! A refit reads the vertices of all triangles in the leaf blocks that it rewrites: those of the meshes that moved, and of other triangles
-//! beside them in a block. Only these are copied, so that what stays where it is costs nothing.
+//! A refit reads the vertices of all triangles in the leaf blocks that it rewrites: those of the meshes that moved, and of other
+//! triangles beside them in a block. Only these are copied, so that what stays where it is costs nothing.
 
 use super::copy_meshes::{append, counts, digest, frame_of};
 use super::merge_keys::given_key;

@@ -1,7 +1,8 @@
 //! Triangles whose vertices are kept in f64, of meshes with [`Keys::Precise`](super::Keys::Precise).
 //!
-//! Trees are built of the same vertices rounded to f32, as of any other mesh, with boxes larger by that rounding. So are
-//! the margins with which queries test leaf blocks (`ray/kernel/shear.rs`). Hits and nearest points are computed from the vertices in f64.
+//! Trees are built of the same vertices rounded to f32, as of any other mesh, with boxes larger by that rounding. So are the
+//! margins with which queries test leaf blocks (`ray/kernel/shear.rs`). Hits and nearest points are computed from the vertices in
+//! f64.
 
 use super::triangles::Triangles;
 use crate::geometry::{KeyTime, TimeInterval, ULP};

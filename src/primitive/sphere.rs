@@ -5,8 +5,8 @@ use super::merge_keys::widest_step;
 use crate::geometry::{Aabb, KeyPhase, LinearBounds, Ray, TimeInterval, lerp};
 use glam::{DVec3, Vec3};
 
-/// A bound of the rounding of a sphere's own functions, relative to the size of the world's numbers: it is millions of times the rounding of
-/// the interpolation and of the intersection, which are in f64 (2^-53 each, a dozen operations).
+/// A bound of the rounding of a sphere's own functions, relative to the size of the world's numbers: it is millions of times the
+/// rounding of the interpolation and of the intersection, which are in f64 (2^-53 each, a dozen operations).
 pub(crate) const SPHERE_ROUNDING: f64 = 1e-9;
 
 /// A sphere whose center and radius move linearly between keys spaced evenly over the shutter.
@@ -15,9 +15,9 @@ pub(crate) const SPHERE_ROUNDING: f64 = 1e-9;
 /// nothing hits.
 ///
 /// Redundant keys cost nothing but the time to find them: a tree keeps every second, third, … key if all others lie on the lines
-/// between these ([`Primitive::merge_keys`](super::Primitive::merge_keys)): within 2^-50 relative to the coordinate, or within 2^-22 if
-/// f32 has this coordinate at all keys, as it then probably was computed in f32. So a straight motion may be given with any number of
-/// keys. (Two remain in any case, so that a tree of spheres at rest can be refitted.)
+/// between these ([`Primitive::merge_keys`](super::Primitive::merge_keys)): within 2^-50 relative to the coordinate, or within
+/// 2^-22 if f32 has this coordinate at all keys, as it then probably was computed in f32. So a straight motion may be given with
+/// any number of keys. (Two remain in any case, so that a tree of spheres at rest can be refitted.)
 ///
 /// ```
 /// use mbkd::glam::{DVec3, Vec3};
@@ -116,7 +116,8 @@ impl MovingSphere {
         (lerp(p, q, w), lerp(r.abs(), s.abs(), w))
     }
 
-    /// The nearer of the two intersections with a sphere that lies in the ray's range, as [`Primitive::intersect`](super::Primitive::intersect) returns it.
+    /// The nearer of the two intersections with a sphere that lies in the ray's range, as
+    /// [`Primitive::intersect`](super::Primitive::intersect) returns it.
     #[inline(always)]
     pub(crate) fn intersection(sphere: (DVec3, f64), ray: &Ray) -> Option<Intersection> {
         let Chord { middle, half, .. } = Chord::of(sphere, ray)?;

@@ -9,8 +9,8 @@ use glam::DVec3;
 impl Primitive for MovingSphere {
     /// Chords of center ± radius, shifted to hold the keys between.
     ///
-    /// They are padded by 1e-9 of the size of the numbers (`SPHERE_ROUNDING`); the error that grows with the ray's distance is covered by the
-    /// tree.
+    /// They are padded by 1e-9 of the size of the numbers (`SPHERE_ROUNDING`); the error that grows with the ray's distance is
+    /// covered by the tree.
     fn bounds(&self, over: TimeInterval) -> LinearBounds {
         self.padded_bounds(over, SPHERE_ROUNDING)
     }

@@ -43,8 +43,8 @@ pub struct Triangles {
 /// The vertices of all triangles.
 #[derive(Default)]
 pub(super) struct Vertices {
-    /// The positions of all meshes: mesh by mesh, in each vertex by vertex, since one key of a vertex is usually read together with all
-    /// others.
+    /// The positions of all meshes: mesh by mesh, in each vertex by vertex, since one key of a vertex is usually read together with
+    /// all others.
     pub(super) positions: Vec<Vec3>,
     /// The corners of each triangle, as indices of their first keys in `positions`.
     pub(super) corners: Vec<[u32; 3]>,
@@ -158,8 +158,8 @@ impl Triangles {
         &self.vertices.positions[vertex as usize..][..keys]
     }
 
-    /// About the mesh of a triangle, for hints: one near it, if there are several. To find it takes as long as waiting for what would be
-    /// prefetched.
+    /// About the mesh of a triangle, for hints: one near it, if there are several. To find it takes as long as waiting for what
+    /// would be prefetched.
     #[inline(always)]
     fn mesh_near(&self, id: u32) -> &MeshInfo {
         &self.meshes[self.index.near(id)]
@@ -200,8 +200,8 @@ impl Triangles {
         self.mesh(id).segments_of_life()
     }
 
-    /// The corners at any time, as trees have them that hold only the keys that queries need: where the triangle does not exist, in the
-    /// nearest motion segment in which it does.
+    /// The corners at any time, as trees have them that hold only the keys that queries need: where the triangle does not exist, in
+    /// the nearest motion segment in which it does.
     pub(crate) fn corners_at_any_time(&self, id: u32, t: f32) -> [DVec3; 3] {
         let mesh = self.mesh(id);
         if mesh.keys <= 2 {

@@ -68,8 +68,8 @@ impl Indices<'_> {
     }
 }
 
-/// Answers a batch by `fill`, which is told whether the rays of a task have similar directions. Others are sorted first if the tree is
-/// larger than the cache.
+/// Answers a batch by `fill`, which is told whether the rays of a task have similar directions. Others are sorted first if the tree
+/// is larger than the cache.
 pub(crate) fn answer_in_order<T: Copy + Send>(
     rays: &[Ray],
     answers: &mut [T],

@@ -46,9 +46,9 @@ impl<G: Geometry> RayTree<G> {
     /// mask shares a bit with `mask`, as in [`RayTree::closest_hit_filtered`]. `accept` must be pure. It is not called for every
     /// point.
     ///
-    /// Blocks of the tree in which `mask` hides everything are skipped (in the k-d layout, only primitives are). `accept` cannot skip
-    /// any: where it rejects all of the nearest hundred thousand triangles, each of their closest points is computed. So prefer
-    /// masks where they can express it.
+    /// Blocks of the tree in which `mask` hides everything are skipped (in the k-d layout, only primitives are). `accept` cannot
+    /// skip any: where it rejects all of the nearest hundred thousand triangles, each of their closest points is computed. So
+    /// prefer masks where they can express it.
     ///
     /// ```
     /// use mbkd::{BuildParams, ClosestPointQuery, RayTree, TriangleMesh, glam::Vec3};
@@ -69,7 +69,8 @@ impl<G: Geometry> RayTree<G> {
         self.closest_point_guarded(&(*query).into(), Guards::filtered(mask, &accept))
     }
 
-    /// [`RayTree::closest_point`] on meshes and shapes whose mask shares a bit with `mask`, as [`RayTree::closest_point_filtered`] without a filter.
+    /// [`RayTree::closest_point`] on meshes and shapes whose mask shares a bit with `mask`, as [`RayTree::closest_point_filtered`]
+    /// without a filter.
     ///
     /// ```
     /// use mbkd::{BuildParams, ClosestPointQuery, RayTree, TriangleMesh, glam::Vec3};

@@ -43,7 +43,8 @@ impl<G: Geometry> RayTree<G> {
         self.any_batch(rays, Some(Visible { mask, accept: None }), hits);
     }
 
-    /// [`RayTree::closest_point_masked`] for many queries, in parallel. `answers` is cleared and gets one answer per query, in order.
+    /// [`RayTree::closest_point_masked`] for many queries, in parallel. `answers` is cleared and gets one answer per query, in
+    /// order.
     ///
     /// ```
     /// use mbkd::{BuildParams, ClosestPointQuery, RayTree, TriangleMesh, glam::Vec3};

@@ -10,8 +10,8 @@ use core::ops::ControlFlow;
 impl<G: Geometry> RayTree<G> {
     /// [`RayTree::closest_hit`] among the hits for which `accept` returns true, on meshes and shapes whose mask
     /// ([`TriangleMesh::mask`](crate::TriangleMesh::mask), [`MovingSphere::mask`](crate::MovingSphere::mask),
-    /// [`Primitive::mask`](crate::Primitive::mask)) shares a bit with `mask`. Blocks of the tree in which `mask` hides everything are skipped
-    /// (in the k-d layout, only primitives are).
+    /// [`Primitive::mask`](crate::Primitive::mask)) shares a bit with `mask`. Blocks of the tree in which `mask` hides everything
+    /// are skipped (in the k-d layout, only primitives are).
     ///
     /// `accept` must be pure. It may be called several times for the same hit, and is not called for every hit.
     ///
@@ -31,7 +31,8 @@ impl<G: Geometry> RayTree<G> {
         (self.queries.closest_guarded)(self.target(), ray, Guards::filtered(mask, &|(_, hit)| accept(hit)))
     }
 
-    /// [`RayTree::closest_hit`] on meshes and shapes whose mask shares a bit with `mask`, as [`RayTree::closest_hit_filtered`] without a filter.
+    /// [`RayTree::closest_hit`] on meshes and shapes whose mask shares a bit with `mask`, as [`RayTree::closest_hit_filtered`]
+    /// without a filter.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -46,8 +47,8 @@ impl<G: Geometry> RayTree<G> {
         (self.queries.closest_guarded)(self.target(), ray, Guards::masked(mask))
     }
 
-    /// [`RayTree::any_hit`] on meshes and shapes whose mask shares a bit with `mask`, as [`RayTree::any_hit_filtered`] without a filter but faster:
-    /// where a hit is certain, its position is not computed.
+    /// [`RayTree::any_hit`] on meshes and shapes whose mask shares a bit with `mask`, as [`RayTree::any_hit_filtered`] without a
+    /// filter but faster: where a hit is certain, its position is not computed.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -61,7 +62,8 @@ impl<G: Geometry> RayTree<G> {
         (self.queries.any_guarded)(self.target(), ray, Guards::masked(mask))
     }
 
-    /// [`RayTree::all_hits`] on meshes and shapes whose mask shares a bit with `mask`, as [`RayTree::all_hits_filtered`] without a filter.
+    /// [`RayTree::all_hits`] on meshes and shapes whose mask shares a bit with `mask`, as [`RayTree::all_hits_filtered`] without a
+    /// filter.
     ///
     /// ```
     /// use core::ops::ControlFlow;

@@ -6,14 +6,14 @@ pub struct Hit {
     /// Distance in units of the ray's direction: the point is `origin + t * dir`. Always finite, and within the ray's
     /// range; never -0.
     pub t: f32,
-    /// Barycentric weight of the triangle's second vertex; on a [sphere](crate::MovingSphere) the x of the unit normal, on a custom primitive
-    /// the value that it returned.
-    pub u: f32,
-    /// Barycentric weight of the triangle's third vertex, where the first has `1 - u - v`; on a sphere the y of the unit normal, on a custom
+    /// Barycentric weight of the triangle's second vertex; on a [sphere](crate::MovingSphere) the x of the unit normal, on a custom
     /// primitive the value that it returned.
+    pub u: f32,
+    /// Barycentric weight of the triangle's third vertex, where the first has `1 - u - v`; on a sphere the y of the unit normal, on
+    /// a custom primitive the value that it returned.
     pub v: f32,
-    /// The mesh, as an index into the meshes that the tree was built of; for one of the other shapes of a scene the number of meshes
-    /// ([`RayTree::mesh_count`](crate::RayTree::mesh_count)), so 0 for a tree of shapes only.
+    /// The mesh, as an index into the meshes that the tree was built of; for one of the other shapes of a scene the number of
+    /// meshes ([`RayTree::mesh_count`](crate::RayTree::mesh_count)), so 0 for a tree of shapes only.
     pub mesh: u32,
     /// The triangle within its mesh, or the shape's index.
     pub primitive: u32,

@@ -68,8 +68,8 @@ impl<G: Geometry> RayTree<G> {
     /// for memory. The bytes are the same on every machine and for any number of threads of the build. `docs/files.md`
     /// describes them.
     ///
-    /// Of a tree of custom primitives ([`RayTree::of_primitives`]) it writes their number, bounds and times, and the layout, since only the
-    /// caller knows their type: [`RayTree::read_primitives_from`] reads it.
+    /// Of a tree of custom primitives ([`RayTree::of_primitives`]) it writes their number, bounds and times, and the layout, since
+    /// only the caller knows their type: [`RayTree::read_primitives_from`] reads it.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};

@@ -2,8 +2,8 @@
 
 /// Is called for each step of a query. All methods do nothing unless implemented.
 ///
-/// A query without an observer is compiled without one, so the hooks cost it nothing. (On SSE2, in lazy trees, and for closest points in
-/// k-d trees it is not: there they cost a test for each step.)
+/// A query without an observer is compiled without one, so the hooks cost it nothing. (On SSE2, in lazy trees, and for closest
+/// points in k-d trees it is not: there they cost a test for each step.)
 ///
 /// ```
 /// use mbkd::{BuildParams, Observer, Ray, RayTree, TriangleMesh, glam::Vec3};

@@ -221,8 +221,8 @@ impl<G: Geometry> RayTree<G> {
         self.batch(rays, visible, hits, [self.queries.streams_any; 2]);
     }
 
-    /// Interleaving pays for the closest hit in trees that move, are larger than the caches and have a temporal split (measured; see
-    /// docs/notes_rays.md).
+    /// Interleaving pays for the closest hit in trees that move, are larger than the caches and have a temporal split (measured;
+    /// see docs/notes_rays.md).
     fn interleaving_pays(&self) -> bool {
         let large = self.statistics.bytes > CACHED;
         matches!(&self.layout, Layout::Wide(tree) if large && tree.moves() && tree.time_slices() > 1)
@@ -307,8 +307,8 @@ impl<G: Geometry> RayTree<G> {
         }
     }
 
-    /// A box around all primitives over the shutter, slightly enlarged for rounding; `None` if there are none. It holds motion outside of
-    /// active intervals as well. Takes constant time.
+    /// A box around all primitives over the shutter, slightly enlarged for rounding; `None` if there are none. It holds motion
+    /// outside of active intervals as well. Takes constant time.
     ///
     /// ```
     /// use mbkd::{BuildParams, RayTree, TriangleMesh, glam::{DVec3, Vec3}};
@@ -434,13 +434,13 @@ impl RayTree {
         of_scene(meshes, shapes, params, None)
     }
 
-    /// [`RayTree::build`] that calls `progress` from time to time with the finished fraction (above 0, and at the end 1), from any of its
-    /// threads. `Break` cancels the build, which then returns [`BuildError::Cancelled`].
+    /// [`RayTree::build`] that calls `progress` from time to time with the finished fraction (above 0, and at the end 1), from any
+    /// of its threads. `Break` cancels the build, which then returns [`BuildError::Cancelled`].
     ///
-    /// Fractions increase by a tenth of a percent at least, mostly by little more, and 1 comes last. They are about proportional to time, as
-    /// far as it is known what follows: a moving scene may turn out to need time slices, and a tree that exceeds its budget is built
-    /// again within what is left. One thread calls at a time. After `Break` there is no further call, and the build ends within a few percent of its
-    /// time.
+    /// Fractions increase by a tenth of a percent at least, mostly by little more, and 1 comes last. They are about proportional to
+    /// time, as far as it is known what follows: a moving scene may turn out to need time slices, and a tree that exceeds its
+    /// budget is built again within what is left. One thread calls at a time. After `Break` there is no further call, and the build
+    /// ends within a few percent of its time.
     ///
     /// ```
     /// use core::ops::ControlFlow;
@@ -502,7 +502,8 @@ impl<P: Primitive> RayTree<Shapes<P>> {
         of_primitives(primitives, params, Some(progress))
     }
 
-    /// The primitives that were given to the build or the last refit, without the keys that were dropped ([`Primitive::merge_keys`]).
+    /// The primitives that were given to the build or the last refit, without the keys that were dropped
+    /// ([`Primitive::merge_keys`]).
     pub fn primitives(&self) -> &[P] {
         self.geometry.shapes()
     }

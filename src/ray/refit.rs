@@ -19,10 +19,10 @@ pub struct Refit {
     pub kept: usize,
     /// Blocks that were not visited.
     pub skipped: usize,
-    /// Expected cost of a ray that hits the root box, relative to that when the tree was built: the sum over nodes and
-    /// leaf blocks of cost times area, as in the surface area heuristic. The time per ray grows about as much. If the root box has
-    /// grown since the build, it is the larger of that and the cost of a ray that hits the box that it had then: so that what flies off
-    /// does not hide that rays in the rest take longer.
+    /// Expected cost of a ray that hits the root box, relative to that when the tree was built: the sum over nodes and leaf blocks
+    /// of cost times area, as in the surface area heuristic. The time per ray grows about as much. If the root box has grown since
+    /// the build, it is the larger of that and the cost of a ray that hits the box that it had then: so that what flies off does
+    /// not hide that rays in the rest take longer.
     pub cost: f64,
 }
 
@@ -108,10 +108,10 @@ impl RayTree {
     /// time of a new build. Every answer then equals that of brute force over these meshes, bit for bit.
     ///
     /// The meshes must have the triangles that the tree was built of; positions, [`active`](TriangleMesh::active) and
-    /// [`mask`](TriangleMesh::mask) may differ, and so may the number of keys, as long as the number of keys after
-    /// merging redundant ones is the same. Shapes beside the meshes stay as they are. A tree with temporal splits may
-    /// have left out what did not exist in a time slice when it was built, and any tree leaves out the keys of a mesh or sphere with
-    /// more than two at times when it did not exist; then active intervals may become shorter, but no longer than they were.
+    /// [`mask`](TriangleMesh::mask) may differ, and so may the number of keys, as long as the number of keys after merging
+    /// redundant ones is the same. Shapes beside the meshes stay as they are. A tree with temporal splits may have left out what
+    /// did not exist in a time slice when it was built, and any tree leaves out the keys of a mesh or sphere with more than two at
+    /// times when it did not exist; then active intervals may become shorter, but no longer than they were.
     ///
     /// The tree keeps its structure, which groups primitives that were near each other when it was built. So rays
     /// become slower as the motion goes on, and [`Refit::cost`] estimates by how much. If nothing moved, the tree does
@@ -145,9 +145,9 @@ impl RayTree {
     /// [`RayTree::refit`] where only the meshes with these indices differ from the last time; this is not checked. All
     /// meshes must be there and valid.
     ///
-    /// From the second refit of a tree on, it takes the time that these meshes take: subtrees without them are not visited, and of the
-    /// other meshes only the triangles are read that share a leaf block with one that moved. If tree space changes, everything is read
-    /// and rewritten: where the extent of the scene passes a power of two, or moves while it is far from zero.
+    /// From the second refit of a tree on, it takes the time that these meshes take: subtrees without them are not visited, and of
+    /// the other meshes only the triangles are read that share a leaf block with one that moved. If tree space changes, everything
+    /// is read and rewritten: where the extent of the scene passes a power of two, or moves while it is far from zero.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -167,8 +167,8 @@ impl RayTree {
     }
 
     /// [`RayTree::refit_with_shapes`] where of the meshes only those with these indices differ from the last time, as for
-    /// [`RayTree::refit_moved`]; any of the shapes may. All meshes are read, and only the parts of the tree are rewritten that hold these
-    /// meshes or shapes.
+    /// [`RayTree::refit_moved`]; any of the shapes may. All meshes are read, and only the parts of the tree are rewritten that hold
+    /// these meshes or shapes.
     ///
     /// ```
     /// use mbkd::glam::{DVec3, Vec3};
@@ -194,8 +194,8 @@ impl RayTree {
 
     /// [`RayTree::refit`] of a tree with spheres and custom primitives, as many as before ([`RayTree::of_scene`]).
     ///
-    /// Spheres may have other keys. If some need keys that their leaf block does not have ([`Primitive::merge_keys`]), those of the block are
-    /// tested one by one from then on, which is slower; a new build tests them together again.
+    /// Spheres may have other keys. If some need keys that their leaf block does not have ([`Primitive::merge_keys`]), those of the
+    /// block are tested one by one from then on, which is slower; a new build tests them together again.
     ///
     /// ```
     /// use mbkd::glam::{DVec3, Vec3};

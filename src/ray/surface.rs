@@ -1,9 +1,9 @@
 //! The surface at a hit: corners and normals of triangles, and rays that leave it.
 //!
-//! A ray that begins at the computed point of a hit begins on either side of the surface, by rounding, and may hit it again. So its origin
-//! is moved off the surface, to the side that the ray leaves to, by no more than the rounding of the intersection asks for. The
-//! point is not `origin + t * dir`, as `t` is an f32: it is the point of the triangle with the weights of the hit, which lies in the
-//! triangle's plane up to the rounding of f64, however far away the first ray began.
+//! A ray that begins at the computed point of a hit begins on either side of the surface, by rounding, and may hit it again. So its
+//! origin is moved off the surface, to the side that the ray leaves to, by no more than the rounding of the intersection asks for.
+//! The point is not `origin + t * dir`, as `t` is an f32: it is the point of the triangle with the weights of the hit, which lies
+//! in the triangle's plane up to the rounding of f64, however far away the first ray began.
 
 use super::compiled::Layout;
 use super::hit::Hit;
@@ -22,14 +22,15 @@ pub(crate) struct Departure {
     pub lift: f64,
 }
 
-/// How far an origin is moved off a triangle, relative to the sum `M` of its longest edge `L` and the largest coordinate of a corner from the
-/// origin of tree space. (Of a sphere: relative to its radius.) Beside that it is moved by [`OF_COORDINATE`].
+/// How far an origin is moved off a triangle, relative to the sum `M` of its longest edge `L` and the largest coordinate of a
+/// corner from the origin of tree space. (Of a sphere: relative to its radius.) Beside that it is moved by [`OF_COORDINATE`].
 ///
-/// If it is `d` off the plane of a triangle, the numerator of the computed distance from it is `d` times twice the area, `|n|`, with the
-/// sign that matters. The origin is rounded in tree space, by 2^-53 M; the corners as seen from it, and their shear, by less. So sheared
-/// coordinates are off by 6 times 2^-53 M, each of the six products of two of them by 6 times 2^-52 M L, and their sum, weighted with depths of at most L, by less than 2^-46 M L². So `d` has to be more than
-/// 2^-46 M L² / |n|, which this is where triangles are up to a thousand times as long as wide; of others [`OF_SLIVER`] is. What else is
-/// in the scene, and how far away, does not matter.
+/// If it is `d` off the plane of a triangle, the numerator of the computed distance from it is `d` times twice the area, `|n|`,
+/// with the sign that matters. The origin is rounded in tree space, by 2^-53 M; the corners as seen from it, and their shear, by
+/// less. So sheared coordinates are off by 6 times 2^-53 M, each of the six products of two of them by 6 times 2^-52 M L, and their
+/// sum, weighted with depths of at most L, by less than 2^-46 M L². So `d` has to be more than 2^-46 M L² / |n|, which this is
+/// where triangles are up to a thousand times as long as wide; of others [`OF_SLIVER`] is. What else is in the scene, and how far
+/// away, does not matter.
 const OF_TRIANGLE: f64 = 1.0 / (1u64 << 36) as f64;
 const OF_SLIVER: f64 = 1.0 / (1u64 << 46) as f64;
 
@@ -40,9 +41,10 @@ pub(crate) const OF_COORDINATE: f64 = 1.0 / (1u64 << 48) as f64;
 const OF_DISTANCE: f64 = 1.0 / (1u64 << 22) as f64;
 
 impl RayTree {
-    /// The corners of a triangle of a mesh at any time, exactly as rays meet them. (Queries of closest points round moving ones to f32.)
-    /// NaN if there is no such triangle. A time outside `[0, 1]` extrapolates the motion. So does one outside the active interval of a mesh
-    /// of more than two keys, unless it is [`precise`](crate::TriangleMesh::precise): a tree holds only the keys around the interval.
+    /// The corners of a triangle of a mesh at any time, exactly as rays meet them. (Queries of closest points round moving ones to
+    /// f32.) NaN if there is no such triangle. A time outside `[0, 1]` extrapolates the motion. So does one outside the active
+    /// interval of a mesh of more than two keys, unless it is [`precise`](crate::TriangleMesh::precise): a tree holds only the keys
+    /// around the interval.
     pub fn triangle(&self, mesh: u32, triangle: u32, time: f32) -> [DVec3; 3] {
         match self.geometry.triangles.id(mesh, triangle) {
             Some(id) => {
@@ -59,15 +61,15 @@ impl RayTree {
         }
     }
 
-    /// The corners of the triangle that was hit, at any time: see [`RayTree::triangle`], also for times outside the active interval of its
-    /// mesh.
+    /// The corners of the triangle that was hit, at any time: see [`RayTree::triangle`], also for times outside the active interval
+    /// of its mesh.
     pub fn vertices(&self, hit: &Hit, time: f32) -> [DVec3; 3] {
         self.triangle(hit.mesh, hit.primitive, time)
     }
 
     /// The unit normal of the triangle that was hit, at any time. Seen from the side that it points to, the corners are in
-    /// counter-clockwise order. Zero for a degenerate triangle, for a hit of another tree and for one on a shape, whose normal depends on
-    /// the point: see [`RayTree::surface_normal`].
+    /// counter-clockwise order. Zero for a degenerate triangle, for a hit of another tree and for one on a shape, whose normal
+    /// depends on the point: see [`RayTree::surface_normal`].
     pub fn normal(&self, hit: &Hit, time: f32) -> Vec3 {
         self.normal_of_triangle(hit, time).as_vec3()
     }
@@ -77,8 +79,8 @@ impl RayTree {
         (b - a).cross(c - a).normalize_or_zero()
     }
 
-    /// The unit normal of the surface at the point that `ray` hit, at its time: of a triangle as [`RayTree::normal`] has it, of a sphere
-    /// outwards, wherever the ray came from. Zero on a custom shape that is no sphere, and where there is no normal.
+    /// The unit normal of the surface at the point that `ray` hit, at its time: of a triangle as [`RayTree::normal`] has it, of a
+    /// sphere outwards, wherever the ray came from. Zero on a custom shape that is no sphere, and where there is no normal.
     ///
     /// ```
     /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree, glam::{DVec3, Vec3}};
@@ -100,9 +102,9 @@ impl RayTree {
         }
     }
 
-    /// Where the point of the surface that `ray` hit is at another time in [0, 1]: for motion vectors. A point of a triangle keeps its weights,
-    /// a point of a sphere its direction from the centre. `None` on a custom shape, and for a hit of another tree. Outside the active interval
-    /// of a mesh the motion is that of [`RayTree::triangle`].
+    /// Where the point of the surface that `ray` hit is at another time in [0, 1]: for motion vectors. A point of a triangle keeps
+    /// its weights, a point of a sphere its direction from the centre. `None` on a custom shape, and for a hit of another tree.
+    /// Outside the active interval of a mesh the motion is that of [`RayTree::triangle`].
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::{DVec3, Vec3}};
@@ -124,8 +126,8 @@ impl RayTree {
         (!point.is_nan()).then_some(point)
     }
 
-    /// The number of meshes. A hit with this number as its mesh is one on a shape ([`RayTree::shapes`]), and any lower one is the index of
-    /// a mesh.
+    /// The number of meshes. A hit with this number as its mesh is one on a shape ([`RayTree::shapes`]), and any lower one is the
+    /// index of a mesh.
     pub fn mesh_count(&self) -> usize {
         self.geometry.triangles.mesh_count()
     }
@@ -136,16 +138,15 @@ impl RayTree {
     }
 
     /// The ray from the point where `ray` hit the surface into the direction `dir`, at the same time: for shadow rays, reflections,
-    /// refractions and bounces. Its origin is moved off the surface, to the side that `dir` leaves to, so that it does not hit the same
-    /// triangle or sphere again at once. Its range is from 0 to infinity; limit that of a shadow ray by [`Ray::between`],
-    /// whose ends are included: where the lamp is a surface of the scene, end a little before it.
-    /// (Where the direction is so long that the origin moves by less than 7e-46 of it, half of the least `t` above 0, the same triangle is
-    /// hit at 0.)
+    /// refractions and bounces. Its origin is moved off the surface, to the side that `dir` leaves to, so that it does not hit the
+    /// same triangle or sphere again at once. Its range is from 0 to infinity; limit that of a shadow ray by [`Ray::between`],
+    /// whose ends are included: where the lamp is a surface of the scene, end a little before it. (Where the direction is so long
+    /// that the origin moves by less than 7e-46 of it, half of the least `t` above 0, the same triangle is hit at 0.)
     ///
-    /// The origin moves by 2^-36 of the coordinates and the size of the triangle (of a sphere's radius), which is far less than their
-    /// coordinates in f32 are rounded by, and by what those of the point are; further on triangles that are more than a thousand times as
-    /// long as wide. What else is in the scene does not matter. A custom primitive that is no sphere ([`Primitive::as_sphere`]) has no known
-    /// surface: there the origin moves by 2^-22 of the distance from the origin of `ray`.
+    /// The origin moves by 2^-36 of the coordinates and the size of the triangle (of a sphere's radius), which is far less than
+    /// their coordinates in f32 are rounded by, and by what those of the point are; further on triangles that are more than a
+    /// thousand times as long as wide. What else is in the scene does not matter. A custom primitive that is no sphere
+    /// ([`Primitive::as_sphere`]) has no known surface: there the origin moves by 2^-22 of the distance from the origin of `ray`.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -182,21 +183,21 @@ impl RayTree {
 }
 
 impl<P: Primitive> RayTree<Shapes<P>> {
-    /// The unit normal of the surface at the point that `ray` hit, as [`RayTree::surface_normal`] gives it: outwards on primitives that are
-    /// spheres ([`Primitive::as_sphere`]), zero on others.
+    /// The unit normal of the surface at the point that `ray` hit, as [`RayTree::surface_normal`] gives it: outwards on primitives
+    /// that are spheres ([`Primitive::as_sphere`]), zero on others.
     pub fn surface_normal(&self, ray: &Ray, hit: &Hit) -> Vec3 {
         let shape = self.primitives().get(hit.primitive as usize);
         shape.map_or(DVec3::ZERO, |shape| normal_of_shape(shape, ray, hit)).as_vec3()
     }
 
-    /// Where the point of the surface that `ray` hit is at another time in [0, 1], as [`RayTree::point_at`] gives it. `None` on a primitive that
-    /// is no sphere, and for a hit of another tree.
+    /// Where the point of the surface that `ray` hit is at another time in [0, 1], as [`RayTree::point_at`] gives it. `None` on a
+    /// primitive that is no sphere, and for a hit of another tree.
     pub fn point_at(&self, ray: &Ray, hit: &Hit, time: f32) -> Option<DVec3> {
         point_of_sphere(self.primitives().get(hit.primitive as usize)?, ray, hit, time)
     }
 
-    /// The ray from the point where `ray` hit the surface into the direction `dir`, as [`RayTree::secondary_ray`] makes it: exact on
-    /// primitives that are spheres ([`Primitive::as_sphere`]), moved by 2^-22 of the distance on others.
+    /// The ray from the point where `ray` hit the surface into the direction `dir`, as [`RayTree::secondary_ray`] makes it: exact
+    /// on primitives that are spheres ([`Primitive::as_sphere`]), moved by 2^-22 of the distance on others.
     ///
     /// ```
     /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree, glam::{DVec3, Vec3}};

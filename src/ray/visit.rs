@@ -13,8 +13,8 @@ use core::ops::ControlFlow;
 /// A primitive in a leaf of a [`RayTree`], as passed to a [`Visitor`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct TreePrimitive {
-    /// The mesh, as an index into the meshes that the tree was built of; the number of meshes for one of the other shapes of a scene, so 0
-    /// for a tree of shapes only.
+    /// The mesh, as an index into the meshes that the tree was built of; the number of meshes for one of the other shapes of a
+    /// scene, so 0 for a tree of shapes only.
     pub mesh: u32,
     /// The triangle within its mesh, or the primitive's index.
     pub primitive: u32,

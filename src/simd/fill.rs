@@ -18,8 +18,8 @@ pub(crate) fn fill<T: Send>(items: &mut Vec<T>, n: usize, f: impl Fn(usize) -> T
             item.write(f(first + i));
         }
     });
-    // SAFETY: there is room for that many, and `write` has written those behind the former length, all of them: a panic leaves it before.
-    // (Items that were written until then are not dropped, which is safe.)
+    // SAFETY: there is room for that many, and `write` has written those behind the former length, all of them: a panic leaves it
+    // before. (Items that were written until then are not dropped, which is safe.)
     unsafe { items.set_len(length) };
 }
 

@@ -20,8 +20,8 @@ pub(crate) trait Simd: Copy {
     /// them if their results are not used.
     const HALVES: bool = false;
 
-    /// Runs a kernel in a function of its own, compiled for this instruction set once and shared by its callers: for parts of kernels
-    /// that are large beside what a call costs. Its vectors pass through memory.
+    /// Runs a kernel in a function of its own, compiled for this instruction set once and shared by its callers: for parts of
+    /// kernels that are large beside what a call costs. Its vectors pass through memory.
     fn call<K: Kernel>(self, kernel: K) -> K::Output;
     /// The same value in every lane.
     fn splat(self, x: f32) -> Self::F;
@@ -188,9 +188,9 @@ pub(crate) trait Simd: Copy {
 
 /// A computation that [`dispatch`](super::dispatch()) can compile for every instruction set.
 ///
-/// Mark `run` and all functions it calls `#[inline(always)]`, or use [`Simd::call`]: a function that is not inlined is compiled without
-/// the instruction set, and each of its lane operations is a call then. That includes closures that are called in more than one place, by
-/// an iterator for instance, and recursion.
+/// Mark `run` and all functions it calls `#[inline(always)]`, or use [`Simd::call`]: a function that is not inlined is compiled
+/// without the instruction set, and each of its lane operations is a call then. That includes closures that are called in more than
+/// one place, by an iterator for instance, and recursion.
 pub(crate) trait Kernel {
     /// The result of the computation.
     type Output;

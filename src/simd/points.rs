@@ -63,8 +63,8 @@ pub(crate) unsafe trait WordBlock: Copy + Send {
         // Whole vectors, so that the rows are aligned like the blocks.
         let count = size_of_val(blocks) / size_of::<f32>() / 4 / LANES * LANES;
         let begin = blocks.as_mut_ptr().cast::<f32>();
-        // SAFETY: the four rows together are not larger than the blocks, which are more strictly aligned; every bit pattern is valid as
-        // both kinds of words; the borrow of the blocks is exclusive, and the four parts of their memory do not overlap.
+        // SAFETY: the four rows together are not larger than the blocks, which are more strictly aligned; every bit pattern is
+        // valid as both kinds of words; the borrow of the blocks is exclusive, and the four parts of their memory do not overlap.
         unsafe {
             let row = |i: usize| core::slice::from_raw_parts_mut(begin.add(i * count), count);
             ([row(0), row(1), row(2)], core::slice::from_raw_parts_mut(begin.add(3 * count).cast(), count))

@@ -40,9 +40,9 @@ pub(crate) struct Region {
 const MOST_BYTES: f64 = 1.5 * (1u64 << 30) as f64;
 
 /// The regions of a draft for the whole shutter, in the order of their nodes; none lies below another. A region has more references
-/// than a leaf block, unless it is the whole draft: where trees are written, its node is told from those of leaf blocks by its size.
-/// `treelet` is the least size of a treelet. Each trial takes a share of what is left of `progress`; once that is cancelled, regions are
-/// missing.
+/// than a leaf block, unless it is the whole draft: where trees are written, its node is told from those of leaf blocks by its
+/// size. `treelet` is the least size of a treelet. Each trial takes a share of what is left of `progress`; once that is cancelled,
+/// regions are missing.
 pub(crate) fn regions<S: PrimitiveSet>(
     set: &S,
     draft: &Draft,
@@ -77,7 +77,8 @@ pub(crate) fn regions<S: PrimitiveSet>(
         divided(draft, candidate, least, &decide, &mut decided);
     }
     let mut regions = joined(&draft.binary, 0, decided);
-    // What comes and goes at different times gains differently everywhere; and of many regions of their own the nodes above gain nothing.
+    // What comes and goes at different times gains differently everywhere; and of many regions of their own the nodes above gain
+    // nothing.
     if !set.always_active()
         && regions.len() > 1
         && let all = (Candidate { node: 0, treelets: &treelets })
@@ -243,8 +244,8 @@ fn joined(binary: &[BinaryNode], x: u32, mut regions: Vec<Region>) -> Vec<Region
     }
 }
 
-/// Whether a node has nearly all references, as figures on a floor do: then a node above the time node, for the few others, would cost
-/// rays more than it saves.
+/// Whether a node has nearly all references, as figures on a floor do: then a node above the time node, for the few others, would
+/// cost rays more than it saves.
 fn is_nearly_all(draft: &Draft, x: u32) -> bool {
     draft.binary[0].count as f32 <= NEARLY_ALL * draft.binary[x as usize].count as f32
 }

@@ -149,8 +149,8 @@ impl DraftParams {
         DraftParams { wide, decided: None }
     }
 
-    /// The parameters of one of several separate trees, between which the memory for pre-splitting is divided. Each holds this share
-    /// of the primitives.
+    /// The parameters of one of several separate trees, between which the memory for pre-splitting is divided. Each holds this
+    /// share of the primitives.
     pub fn of_each_tree(&self, count: usize, share: f32) -> DraftParams {
         let bytes_per_primitive = self.wide.bytes_per_primitive / (count as f32 * share);
         DraftParams { wide: WideParams { bytes_per_primitive, ..self.wide }, ..*self }
@@ -236,8 +236,8 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
     (!progress.cancelled()).then_some(Draft { primitives: ids.len(), ratio, ..draft })
 }
 
-/// Shares of the steps of a draft, about: making references is so much of the whole, the object splits are so much of the rest, and a
-/// collapse is so much of what follows if subtrees are moved before it and leaf blocks may be joined after it.
+/// Shares of the steps of a draft, about: making references is so much of the whole, the object splits are so much of the rest, and
+/// a collapse is so much of what follows if subtrees are moved before it and leaf blocks may be joined after it.
 const PREPARING: f64 = 0.1;
 const SPLITTING: f64 = 0.75;
 const COLLAPSE: f64 = 0.6;
@@ -368,8 +368,8 @@ fn is_elongated(budget: f32, ratio: Option<f64>) -> bool {
     budget > 1.0 && ratio.is_some_and(|ratio| ratio >= MIN_AREA_RATIO)
 }
 
-/// Bounds of the corners of a primitive during an interval. The same function wherever references are pre-split, so that this is compiled
-/// once.
+/// Bounds of the corners of a primitive during an interval. The same function wherever references are pre-split, so that this is
+/// compiled once.
 fn corner_bounds<S: PrimitiveSet>(set: &S, over: TimeInterval) -> impl Fn(u32) -> Option<CornerBounds> + Sync {
     move |id| set.corner_bounds(id, over)
 }

@@ -1,9 +1,9 @@
 //! What of a set exists in which time slices. What does not exist in a slice is left out of its hierarchy.
 //!
-//! A query visits the hierarchy of the slice that contains its time. So a primitive whose active interval has no such time is not there
-//! for any query that looks. (The intervals of boxes are wider: what exists in one half exactly would meet the interval of the other.)
-//! Active intervals lie in the shutter, so every primitive is in the hierarchy of some slice, from where the corners of its triangle can
-//! be read.
+//! A query visits the hierarchy of the slice that contains its time. So a primitive whose active interval has no such time is not
+//! there for any query that looks. (The intervals of boxes are wider: what exists in one half exactly would meet the interval of
+//! the other.) Active intervals lie in the shutter, so every primitive is in the hierarchy of some slice, from where the corners of
+//! its triangle can be read.
 
 use super::time_slice::TimeSlice;
 use crate::bvh::Reference;

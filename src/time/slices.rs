@@ -27,8 +27,8 @@ pub(crate) struct Slice {
 }
 
 impl SharedLeaves {
-    /// Rebuilds the nodes above the leaf blocks of a draft's subtree for some of `count` equal time slices of the shutter, in order. Of no
-    /// use once `progress` is cancelled.
+    /// Rebuilds the nodes above the leaf blocks of a draft's subtree for some of `count` equal time slices of the shutter, in
+    /// order. Of no use once `progress` is cancelled.
     pub fn build<S: PrimitiveSet>(
         set: &S,
         draft: &Draft,
@@ -178,8 +178,8 @@ impl Slice {
     }
 }
 
-/// Extends bounds over each of some time slices by those of references of one kind that exist in it. The slices are given by the intervals
-/// of their bounds, and by their query times.
+/// Extends bounds over each of some time slices by those of references of one kind that exist in it. The slices are given by the
+/// intervals of their bounds, and by their query times.
 pub(crate) fn include_slice_bounds<S: PrimitiveSet>(
     set: &S,
     references: &[Reference],

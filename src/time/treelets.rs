@@ -1,10 +1,10 @@
 //! A map of a draft for the whole shutter: where shorter time slices would make boxes smaller.
 //!
-//! The tree is divided into some hundred *treelets*, and a small sample of what changes in each shows how much smaller its boxes would be
-//! if they were made for each half of the shutter. Static and coherently moving geometry that always exists gains nothing. A motion that turns around, like
-//! that of a fan that turns once or of a foot in one step, fills the same boxes in half the time and smaller ones only in a shorter
-//! time, so bent motion that gains nothing in halves is tried in a few of the shortest slices. So is what comes and goes, since what
-//! exists for half of the shutter may exist in both halves.
+//! The tree is divided into some hundred *treelets*, and a small sample of what changes in each shows how much smaller its boxes
+//! would be if they were made for each half of the shutter. Static and coherently moving geometry that always exists gains nothing.
+//! A motion that turns around, like that of a fan that turns once or of a foot in one step, fills the same boxes in half the time
+//! and smaller ones only in a shorter time, so bent motion that gains nothing in halves is tried in a few of the shortest slices.
+//! So is what comes and goes, since what exists for half of the shutter may exist in both halves.
 
 use super::draft::Draft;
 use super::slices::{include_slice_bounds, slice_bounds};
@@ -108,8 +108,8 @@ fn add_areas<const N: usize>(
     boxes
 }
 
-/// The bounds of references of one kind for both halves of the shutter. Linear motion of what always exists has one box at mid-shutter for
-/// both.
+/// The bounds of references of one kind for both halves of the shutter. Linear motion of what always exists has one box at
+/// mid-shutter for both.
 fn in_halves<S: PrimitiveSet>(
     set: &S,
     draft: &Draft,
@@ -129,8 +129,8 @@ fn in_halves<S: PrimitiveSet>(
     halves
 }
 
-/// A small subtree in the middle of the cost of what changes below a node, and the share of the cost that changes. (Where both children
-/// do, the share in one of them stands for both.)
+/// A small subtree in the middle of the cost of what changes below a node, and the share of the cost that changes. (Where both
+/// children do, the share in one of them stands for both.)
 fn changing_sample<S: PrimitiveSet>(set: &S, draft: &Draft, mut x: u32) -> (u32, f32) {
     let (mut share, mut at) = (1.0, 0.5);
     loop {
@@ -159,8 +159,8 @@ mod tests {
     use crate::progress::Progress;
     use crate::scene;
 
-    /// What moves and what does not are side by side. The reference in the middle of a treelet may be static though most of the cost
-    /// is of what moves.
+    /// What moves and what does not are side by side. The reference in the middle of a treelet may be static though most of the
+    /// cost is of what moves.
     #[test]
     fn samples_of_treelets_in_which_something_moves_move() {
         let scene = scene::mixed(60_000);

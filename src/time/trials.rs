@@ -1,8 +1,8 @@
 //! The cost of temporal splits of a region, found by building them over samples of it.
 //!
-//! The samples are subtrees that stand for equal shares of the region's cost. Each tries one slice of a division, another one in each
-//! sample, and compares its cost with that of the undivided tree during the same slice. Trees for the shortest slices come first: no
-//! division costs a ray fewer steps, so they tell which ones are worth a trial at all.
+//! The samples are subtrees that stand for equal shares of the region's cost. Each tries one slice of a division, another one in
+//! each sample, and compares its cost with that of the undivided tree during the same slice. Trees for the shortest slices come
+//! first: no division costs a ray fewer steps, so they tell which ones are worth a trial at all.
 
 use super::draft::{Draft, DraftParams, Presplit, Reinsertion, draft_tree};
 use super::existence::{held_in, share_of_slices, slices_with};
@@ -24,8 +24,8 @@ use std::sync::OnceLock;
 /// The share of each trial of a division in the rest of the build, about.
 const TRIAL: f64 = 0.02;
 
-/// The division of a region that takes the least time; `None` if none pays. A region may grow by the factor `most`. Nobody knows how many
-/// trials there will be, so each takes a share of what is left of `progress`.
+/// The division of a region that takes the least time; `None` if none pays. A region may grow by the factor `most`. Nobody knows
+/// how many trials there will be, so each takes a share of what is left of `progress`.
 pub(super) fn decide<S: PrimitiveSet>(
     set: &S,
     draft: &Draft,
@@ -74,8 +74,8 @@ struct Search<'a, S> {
 }
 
 impl<S: PrimitiveSet> Search<'_, S> {
-    /// Tries more and more slices as long as that pays. Some sets may gain in short slices only, so the shortest slices are tried then, and
-    /// twice as long ones. Returns the cost of two slices if they were tried.
+    /// Tries more and more slices as long as that pays. Some sets may gain in short slices only, so the shortest slices are tried
+    /// then, and twice as long ones. Returns the cost of two slices if they were tried.
     fn try_kind(&mut self, kind: fn(usize) -> Division) -> Option<f32> {
         let mut two = None;
         // The first step may fall a little short.
@@ -128,13 +128,14 @@ impl<S: PrimitiveSet> Search<'_, S> {
     }
 }
 
-/// Whether primitives may gain in short time slices though they gain nothing in halves of the shutter: motion that turns around fills the
-/// same boxes in each half, and what exists for half of the shutter may exist in both.
+/// Whether primitives may gain in short time slices though they gain nothing in halves of the shutter: motion that turns around
+/// fills the same boxes in each half, and what exists for half of the shutter may exist in both.
 fn gains_in_short_slices<S: PrimitiveSet>(set: &S) -> bool {
     set.bent() || !set.always_active()
 }
 
-/// The factor by which a division multiplies a tree's bytes, if nodes are this share of them, and each slice has a share of the primitives.
+/// The factor by which a division multiplies a tree's bytes, if nodes are this share of them, and each slice has a share of the
+/// primitives.
 fn growth(division: Division, nodes: f32, share: f32) -> f32 {
     match division {
         Division::Automatic | Division::Whole => 1.0,
@@ -143,12 +144,11 @@ fn growth(division: Division, nodes: f32, share: f32) -> f32 {
     }
 }
 
-/// The time of a step or test with a division of primitives that have so many keys on average, relative to none. It is longer in a larger
-/// tree because of cache misses. The fourth root was measured for single rays on coherent, debris, needles, needles30 and tornado, 10 to
-/// 280 MB. With more keys leaf blocks are a larger part of the tree, which hierarchies share, and of which separate trees hold the keys of
-/// their slices ("What growing costs, by keys" in docs/notes_rays.md).
-/// Where primitives come and go, trees grow less, but rays at other times read other blocks all the same ("Active intervals" in
-/// docs/notes_rays.md).
+/// The time of a step or test with a division of primitives that have so many keys on average, relative to none. It is longer in a
+/// larger tree because of cache misses. The fourth root was measured for single rays on coherent, debris, needles, needles30 and
+/// tornado, 10 to 280 MB. With more keys leaf blocks are a larger part of the tree, which hierarchies share, and of which separate
+/// trees hold the keys of their slices ("What growing costs, by keys" in docs/notes_rays.md). Where primitives come and go, trees
+/// grow less, but rays at other times read other blocks all the same ("Active intervals" in docs/notes_rays.md).
 fn latency(division: Division, keys: f32) -> f32 {
     let nodes = NODE_LATENCY_SHARE / (NODE_LATENCY_SHARE + KEY_LATENCY_SHARE * keys);
     let grown = match division {
@@ -253,11 +253,11 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
         SharedLeaves::build(self.set, self.draft, self.changing[i], count, slices, progress).cost()
     }
 
-    /// The cost of separate trees for some of `count` slices, relative to no division. Whether long triangles are pre-split is decided
-    /// in the first tree.
+    /// The cost of separate trees for some of `count` slices, relative to no division. Whether long triangles are pre-split is
+    /// decided in the first tree.
     ///
-    /// If primitives come and go, more may exist in these slices than in others; then separate trees are compared with shared leaves
-    /// there, whose cost is known for all slices.
+    /// If primitives come and go, more may exist in these slices than in others; then separate trees are compared with shared
+    /// leaves there, whose cost is known for all slices.
     fn separate_trees(&self, count: usize, params: &DraftParams) -> f32 {
         let shared = if self.set.always_active() { &[] } else { self.shared_leaves(count) };
         let progress = self.progress.rest(TRIAL);
@@ -296,15 +296,15 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
         self.above + (1.0 - self.above) * below
     }
 
-    /// The mean cost of a sample during some of `count` slices, without a division: boxes may be larger at the ends of the shutter than
-    /// in its middle.
+    /// The mean cost of a sample during some of `count` slices, without a division: boxes may be larger at the ends of the shutter
+    /// than in its middle.
     fn whole(&self, i: usize, count: usize, slices: &[usize]) -> f32 {
         let cost = |&index: &usize| self.draft.cost_during(self.changing[i], TimeSlice { index, of: count });
         slices.iter().map(cost).sum::<f32>() / slices.len() as f32
     }
 
-    /// The slices of `count` that are tried in sample `i`, another one in each, spread evenly; two in a single sample. If primitives come
-    /// and go, all in which something of the sample exists. And the share of the slices for which these stand.
+    /// The slices of `count` that are tried in sample `i`, another one in each, spread evenly; two in a single sample. If
+    /// primitives come and go, all in which something of the sample exists. And the share of the slices for which these stand.
     fn slices(&self, i: usize, count: usize) -> (Vec<usize>, f32) {
         let existing = slices_with(self.set, self.references(self.changing[i]), count);
         let share = existing.len() as f32 / count as f32;
@@ -312,8 +312,8 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
     }
 
     /// The slices for which separate trees are tried: those in the middle half of the shutter. The primitives of a sample are
-    /// neighbours in the middle of the shutter and disperse before and after; a tree for a slice finds other neighbours. If primitives come
-    /// and go, in the middle half of the slices in which something of the sample exists.
+    /// neighbours in the middle of the shutter and disperse before and after; a tree for a slice finds other neighbours. If
+    /// primitives come and go, in the middle half of the slices in which something of the sample exists.
     fn tree_slices(&self, i: usize, count: usize) -> (Vec<usize>, f32) {
         let existing = slices_with(self.set, self.references(self.changing[i]), count);
         let quarter = existing.len() / 4;

@@ -4,8 +4,8 @@ use super::NodeBlock;
 use crate::layout::NODE_ROWS;
 use crate::simd::{LANES, Rows, Simd, lanes_at};
 
-/// Rows of boxes. Rows 2a and 2a + 1 are the lower and the upper faces along axis a; if there are [`NODE_ROWS`] in a node, the velocities of
-/// all faces follow six rows later.
+/// Rows of boxes. Rows 2a and 2a + 1 are the lower and the upper faces along axis a; if there are [`NODE_ROWS`] in a node, the
+/// velocities of all faces follow six rows later.
 ///
 /// Rows are named by their first word in a node: of numbers, a ray would have to compute the words once more for each node.
 pub(crate) trait Faces {

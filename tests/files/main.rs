@@ -11,8 +11,8 @@ mod points;
 mod rays;
 mod support;
 
-/// The procedural scenes of the member `scenes`, included as source: a dependency on it would have the library compiled once more for
-/// unit tests, and could not be published.
+/// The procedural scenes of the member `scenes`, included as source: a dependency on it would have the library compiled once more
+/// for unit tests, and could not be published.
 #[allow(dead_code, unused_imports)]
 #[path = "../../scenes/src/lib.rs"]
 mod scene;

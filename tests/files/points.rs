@@ -1,4 +1,5 @@
-//! Point trees of every structure are restored bit for bit, and hostile files are rejected or give arbitrary answers without a panic.
+//! Point trees of every structure are restored bit for bit, and hostile files are rejected or give arbitrary answers without a
+//! panic.
 
 use super::support::{Random, mutate, rounds};
 use core::fmt::Write;

@@ -316,8 +316,8 @@ fn run_queries(tree: RayTree, seed: u64) {
     }
 }
 
-/// Reads thousands of files with a right checksum and wrong contents, and runs queries on the trees; counts those that are refused and those that
-/// are answered from.
+/// Reads thousands of files with a right checksum and wrong contents, and runs queries on the trees; counts those that are refused
+/// and those that are answered from.
 fn hostile<G: Geometry>(
     name: &str,
     number: usize,

@@ -519,8 +519,8 @@ fn automatic_accounts_for_points_from_far_away() {
     }
 }
 
-/// Points that pass zero exactly, from 1e7 away on both sides, and a query beside zero: f64 is off by more than most of their distances
-/// differ.
+/// Points that pass zero exactly, from 1e7 away on both sides, and a query beside zero: f64 is off by more than most of their
+/// distances differ.
 #[test]
 fn closest_approaches_are_told_apart_that_f64_takes_for_equal() {
     let mut rng = Rng(33);

@@ -163,8 +163,8 @@ fn intervals_that_touch_at_splits_of_the_shutter() {
     assert!(touching > 1000, "{touching}");
 }
 
-/// Two crowds, each at one place, that come as near as the radius and no nearer: whether boxes and points are met is a matter of rounding,
-/// of f32 near zero and of f64 far away, where the radius has few bits.
+/// Two crowds, each at one place, that come as near as the radius and no nearer: whether boxes and points are met is a matter of
+/// rounding, of f32 near zero and of f64 far away, where the radius has few bits.
 #[test]
 fn crowds_that_just_touch_the_radius_are_met() {
     const CROWD: usize = 256;
@@ -277,8 +277,8 @@ fn lists_with_a_skin_hold_until_the_time_that_is_certified() {
     assert!(cut_short > 20 && complete > 20, "both cases: {cut_short}, {complete}");
 }
 
-/// A pair just outside of the lists: as f32 has them, relative to the middle and with what they have in common taken off, the two may seem
-/// to be in.
+/// A pair just outside of the lists: as f32 has them, relative to the middle and with what they have in common taken off, the two
+/// may seem to be in.
 #[test]
 fn a_pair_just_beyond_the_skin_is_not_taken_for_a_listed_one() {
     let mut rng = Rng(62);

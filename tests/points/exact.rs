@@ -162,8 +162,8 @@ fn fast_points_are_divided_in_time_within_a_small_budget() {
     }
 }
 
-/// Two flows through each other, which part by 19 spacings: a linear tree divides them. Counted, so exact; without a division by motion
-/// a search visits more than seven times as many as among static points.
+/// Two flows through each other, which part by 19 spacings: a linear tree divides them. Counted, so exact; without a division by
+/// motion a search visits more than seven times as many as among static points.
 #[test]
 fn searches_in_flows_through_each_other_visit_less_than_three_times_the_blocks_of_static_points() {
     for way in [2, 3] {

@@ -1,5 +1,5 @@
-//! Far away: searches from far outside of a set visit little more than the points that are near enough (counted work), and how far from
-//! zero a set may lie.
+//! Far away: searches from far outside of a set visit little more than the points that are near enough (counted work), and how far
+//! from zero a set may lie.
 
 use crate::support::Rng;
 use mbkd::glam::{DVec3, Vec3};
@@ -40,8 +40,8 @@ fn the_nearest_leaves_give_a_threshold_for_the_others() {
     }
 }
 
-/// Near the limit queries and lists find what they should; beyond it nothing is built. Without a limit, numbers inside trees would overflow,
-/// or be those of no point.
+/// Near the limit queries and lists find what they should; beyond it nothing is built. Without a limit, numbers inside trees would
+/// overflow, or be those of no point.
 #[test]
 fn sets_in_f64_lie_as_far_from_zero_as_meshes_may() {
     for far in [1e20, 1e29, MAX_COORDINATE] {

@@ -260,8 +260,8 @@ proptest! {
     }
 }
 
-/// A photon whose distance is rounded down to the radius, or to nothing, counts, though it lies beyond the ball; and one at the very end of the
-/// window.
+/// A photon whose distance is rounded down to the radius, or to nothing, counts, though it lies beyond the ball; and one at the
+/// very end of the window.
 #[test]
 fn photons_that_are_within_the_radius_by_rounding_alone_are_found() {
     let (mut rng, mut beyond) = (Rng(63), 0);

@@ -382,8 +382,8 @@ fn a_pair_that_just_touches_the_radius_and_points_in_the_same_place() {
     assert_eq!(row(1.0, TimeInterval::new(0.0, 0.5f32.next_down()).unwrap()).len(), 1);
 }
 
-/// Active intervals that begin and end at a key, at which paths have a bend: only the motion on the one side of the key counts, and the
-/// closest time may be the end of an interval, at which no encounter begins.
+/// Active intervals that begin and end at a key, at which paths have a bend: only the motion on the one side of the key counts, and
+/// the closest time may be the end of an interval, at which no encounter begins.
 #[test]
 fn closest_times_of_active_intervals_that_begin_and_end_at_a_key() {
     let intervals = [(0.0, 1.0), (0.0, 0.5), (0.5, 1.0), (0.0, 0.5), (0.5, 1.0), (0.0, 0.5)];
@@ -473,8 +473,8 @@ fn a_bound_on_speeds_certifies_no_longer_than_it_takes() {
     assert_eq!(certified_duration(-1.0, 1.0, 1.0), 0.0);
 }
 
-/// Two crowds, each at one place, that come as near as the radius and no nearer, far from zero: whether boxes and points are met is a
-/// matter of rounding.
+/// Two crowds, each at one place, that come as near as the radius and no nearer, far from zero: whether boxes and points are met is
+/// a matter of rounding.
 #[test]
 fn crowds_that_just_touch_the_radius_are_met() {
     const CROWD: usize = 256;
@@ -511,7 +511,8 @@ fn crowds_that_just_touch_the_radius_are_met() {
     }
 }
 
-/// A pair just outside of the lists, far from zero: as f32 has them, with what they have in common taken off, the two may seem to be in.
+/// A pair just outside of the lists, far from zero: as f32 has them, with what they have in common taken off, the two may seem to
+/// be in.
 #[test]
 fn a_pair_just_beyond_the_skin_is_not_taken_for_a_listed_one() {
     let mut rng = Rng(62);
@@ -535,8 +536,8 @@ fn a_pair_just_beyond_the_skin_is_not_taken_for_a_listed_one() {
     }
 }
 
-/// The float before the f32 nearest to a key may be located at the key already. A point that begins to exist then has no motion in the
-/// segment before, and a pair with it is missing from then on.
+/// The float before the f32 nearest to a key may be located at the key already. A point that begins to exist then has no motion in
+/// the segment before, and a pair with it is missing from then on.
 #[test]
 fn certificates_end_before_points_that_begin_to_exist_beside_a_key() {
     let (mut rng, mut beside) = (Rng(63), 0);
@@ -565,8 +566,8 @@ fn certificates_end_before_points_that_begin_to_exist_beside_a_key() {
     assert!(beside > 100, "{beside}");
 }
 
-/// Most keys are no f32 numbers, and the float nearest to one may be before it: the next answer is beyond it all the same, so that a loop
-/// which goes on to the answer comes to the end.
+/// Most keys are no f32 numbers, and the float nearest to one may be before it: the next answer is beyond it all the same, so that
+/// a loop which goes on to the answer comes to the end.
 #[test]
 fn lists_with_a_skin_go_on_at_keys_that_are_no_floats() {
     let (mut before, mut lists) = (0, NeighborLists::new());

@@ -37,8 +37,8 @@ fn a_crowd_far_from_zero_meets_one_that_stands_still_there() {
     }
 }
 
-/// Two points that are in the same place at every other key and far apart between these keys, most of which are no floats: the float
-/// next to such a key is too late, or too early, to see them meet.
+/// Two points that are in the same place at every other key and far apart between these keys, most of which are no floats: the
+/// float next to such a key is too late, or too early, to see them meet.
 #[test]
 fn encounters_at_keys_that_are_no_floats_are_met() {
     const KEYS: usize = 600;
@@ -88,8 +88,8 @@ fn tiny_points_are_met_where_squares_underflow() {
     }
 }
 
-/// A point that is nearer by just a little more than the factor 1 + ε, in a box of its own. The box around the others holds the query
-/// point and is visited first.
+/// A point that is nearer by just a little more than the factor 1 + ε, in a box of its own. The box around the others holds the
+/// query point and is visited first.
 #[test]
 fn the_factor_of_approximate_answers_is_rounded_up() {
     const CROWD: usize = 16;
@@ -144,8 +144,8 @@ fn a_certificate_ends_before_rounding_takes_a_pair_for_near() {
     assert!(early > 100, "{early}");
 }
 
-/// A pair just outside of the lists that has a fast motion in common. Lists interpolate in f32 and are off by more than places rounded once:
-/// as those have it, the pair may seem to be listed.
+/// A pair just outside of the lists that has a fast motion in common. Lists interpolate in f32 and are off by more than places
+/// rounded once: as those have it, the pair may seem to be listed.
 #[test]
 fn a_pair_just_outside_the_lists_by_their_rounding_is_not_taken_for_a_listed_one() {
     let (mut rng, mut lists) = (Rng(69), NeighborLists::new());
@@ -167,8 +167,8 @@ fn a_pair_just_outside_the_lists_by_their_rounding_is_not_taken_for_a_listed_one
     }
 }
 
-/// The same in a tree of a short time slice, whose boxes bound nothing at the keys, where coordinates and so their rounding are largest: of a
-/// pair that the lists just leave out and that is nearer in truth, at a time at which both are near others.
+/// The same in a tree of a short time slice, whose boxes bound nothing at the keys, where coordinates and so their rounding are
+/// largest: of a pair that the lists just leave out and that is nearer in truth, at a time at which both are near others.
 #[test]
 fn a_pair_just_outside_the_lists_of_a_time_slice_is_not_taken_for_a_listed_one() {
     let corner = |i: usize| Vec3::from_array([0, 1, 2].map(|axis| if i >> axis & 1 == 0 { 2.0 } else { -2.0 }));
@@ -300,8 +300,8 @@ fn fast_queries_beside_keys_that_are_no_floats_find_what_they_pass() {
     }
 }
 
-/// A runner that crosses the plane through a crowd just before its life ends, nearer to that than half a float, and so is in no leaf
-/// behind the plane: there the query stands. Another point is almost as near.
+/// A runner that crosses the plane through a crowd just before its life ends, nearer to that than half a float, and so is in no
+/// leaf behind the plane: there the query stands. Another point is almost as near.
 #[test]
 fn a_runner_that_crosses_a_plane_when_it_ends_is_approached() {
     const CROWD: usize = 40;

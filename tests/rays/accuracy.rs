@@ -74,7 +74,8 @@ impl Visitor<TreePrimitive> for AtPoint<'_> {
     }
 }
 
-/// Nodes visited (of visitors: boxes) and triangles tested by queries in the unit cube, per query: rays, nearest points, and visitors.
+/// Nodes visited (of visitors: boxes) and triangles tested by queries in the unit cube, per query: rays, nearest points, and
+/// visitors.
 fn work(tree: &RayTree) -> [(f64, f64); 3] {
     const QUERIES: usize = 2000;
     let per_query = |query: &dyn Fn(&mut Random, &mut Counters)| {

@@ -373,8 +373,8 @@ fn all_hits_stops_when_told() {
     }
 }
 
-/// Triangles that move within a line: between the keys their corners are in it only up to rounding, and a weight that is nothing but rounding
-/// would put a hit anywhere on the line.
+/// Triangles that move within a line: between the keys their corners are in it only up to rounding, and a weight that is nothing
+/// but rounding would put a hit anywhere on the line.
 #[test]
 fn triangles_in_a_line_are_hit_only_where_a_ray_meets_it() {
     let mut random = Random(32);

@@ -1,4 +1,5 @@
-//! Trees over shapes of the caller's, whose leaf blocks have the boxes of the shapes: at rest, moving, with divided time, and refitted.
+//! Trees over shapes of the caller's, whose leaf blocks have the boxes of the shapes: at rest, moving, with divided time, and
+//! refitted.
 
 use crate::common::{Blob, Random, difference, random_ray};
 use mbkd::baseline::BruteForce;

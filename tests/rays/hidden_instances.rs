@@ -75,8 +75,8 @@ fn renumbered(hit: InstanceHit, number: impl Fn(u32) -> u32) -> (Vec<u32>, [u32;
     (path, bits(hit.hit))
 }
 
-/// Compares a tree with the one that lacks its hidden instances; `numbers` has the index in it of each of the others. Returns how many
-/// rays and closest points found something.
+/// Compares a tree with the one that lacks its hidden instances; `numbers` has the index in it of each of the others. Returns how
+/// many rays and closest points found something.
 fn compare(with: &InstanceTree, without: &InstanceTree, numbers: &[u32], random: &mut Random) -> [usize; 2] {
     let number = |id: u32| numbers[id as usize];
     let mut found = [0; 2];

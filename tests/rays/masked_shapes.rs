@@ -59,8 +59,8 @@ fn params() -> Vec<BuildParams> {
     variants().into_iter().chain(divided).chain([lazy]).collect()
 }
 
-/// Every form of a query with a mask equals brute force, over shapes with these masks in turn. Returns how many shapes rays with a mask of
-/// some bits saw.
+/// Every form of a query with a mask equals brute force, over shapes with these masks in turn. Returns how many shapes rays with a
+/// mask of some bits saw.
 fn assert_same(tree: &RayTree, oracle: &BruteForce, masks: &[u32], what: &str) -> usize {
     let mask_of =
         |mesh: u32, primitive: u32| if mesh < 3 { 1 << mesh } else { masks[primitive as usize % masks.len()] };

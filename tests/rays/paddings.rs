@@ -1,4 +1,5 @@
-//! Inputs at which the rounding, or a motion between keys, decides that a padding covers. Each test fails if its padding is left out.
+//! Inputs at which the rounding, or a motion between keys, decides that a padding covers. Each test fails if its padding is left
+//! out.
 
 use crate::common::Random;
 use mbkd::baseline::BruteForce;

@@ -362,8 +362,8 @@ fn points_on_flat_triangles_that_move_are_at_distance_zero() {
     assert_eq!(missed, 0, "of 25600");
 }
 
-/// A tree so far from its own zero that f64 rounds by more than f32 does in the scene, and instances that turn it about there and bring it
-/// back: the translation cancels what the matrix makes of the distance, which is far beyond the box that the instance has.
+/// A tree so far from its own zero that f64 rounds by more than f32 does in the scene, and instances that turn it about there and
+/// bring it back: the translation cancels what the matrix makes of the distance, which is far beyond the box that the instance has.
 #[test]
 fn instances_bring_back_what_is_far_from_its_own_zero() {
     let mut hits = 0;

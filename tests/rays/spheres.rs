@@ -337,7 +337,8 @@ fn spheres_far_smaller_than_the_scene_equal_brute_force() {
     assert!(hits > 1000, "{hits}");
 }
 
-/// Rays are rounded at each level of instances, and so is the one by which the point of a hit is found: those that graze a sphere find it too.
+/// Rays are rounded at each level of instances, and so is the one by which the point of a hit is found: those that graze a sphere
+/// find it too.
 #[test]
 fn points_of_grazing_hits_are_known_at_other_times() {
     let (mut random, mut hits) = (Random(61), 0);

@@ -13,7 +13,8 @@ use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use std::borrow::Cow;
 
-/// Distances of query points near a surface, at most, and the greatest distance of such queries that have one; relative to the scene's size.
+/// Distances of query points near a surface, at most, and the greatest distance of such queries that have one; relative to the
+/// scene's size.
 const OFFSET: f32 = 0.01;
 const WITHIN: f32 = 0.02;
 
@@ -87,7 +88,8 @@ fn one(options: &Options, embree: &Embree, scene: &Scene, isa: Isa) -> Result<St
     Ok(format!("{near:.2} | {within:.2} | {inside:.2} | {far:.2} | {differ} of {number}"))
 }
 
-/// Whether two distances from a point are the same up to rounding, or one is missing and the other within rounding of the greatest distance.
+/// Whether two distances from a point are the same up to rounding, or one is missing and the other within rounding of the greatest
+/// distance.
 fn agree((point, ours, theirs): &(glam::DVec3, Option<f32>, Option<f32>), meshes: &Meshes<'_>) -> bool {
     let size = meshes.largest() + point.abs().max_element() as f32;
     let within = |a: f32, b: f32| (a - b).abs() <= ULPS * 0.5 * f32::EPSILON * (size + a);

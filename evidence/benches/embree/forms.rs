@@ -1,5 +1,5 @@
-//! Further forms of ray queries: closest and any hits with a filter, and all hits. Embree has a filter function for each mesh; for all hits it
-//! adds each one up and rejects it.
+//! Further forms of ray queries: closest and any hits with a filter, and all hits. Embree has a filter function for each mesh; for
+//! all hits it adds each one up and rejects it.
 
 use crate::configs;
 use crate::ffi::{Embree, EmbreeRay};

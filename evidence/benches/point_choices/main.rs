@@ -1,8 +1,8 @@
-//! The automatic choice of a structure for moving points against every number of time slices on request, over many kinds of motion and of
-//! active intervals.
+//! The automatic choice of a structure for moving points against every number of time slices on request, over many kinds of motion
+//! and of active intervals.
 //!
-//! Builds are in processor time, as medians of builds in turns, relative to static trees of as many points. The work of searches for eight
-//! neighbours is counted, so it is the same in each run. Constants of the choice are fitted by the means at the end:
+//! Builds are in processor time, as medians of builds in turns, relative to static trees of as many points. The work of searches
+//! for eight neighbours is counted, so it is the same in each run. Constants of the choice are fitted by the means at the end:
 //!
 //! `cargo bench --bench point_choices`; `--help` lists the options.
 

@@ -26,8 +26,8 @@ pub struct Row {
     pub requested: Option<f64>,
     /// That of the best number of time slices within the default budget of references.
     pub build_of_best: f64,
-    /// The cost of a search in the chosen structure, in nodes, and relative to the least cost of any number of time slices within the budget, and of
-    /// any number.
+    /// The cost of a search in the chosen structure, in nodes, and relative to the least cost of any number of time slices within
+    /// the budget, and of any number.
     pub work: f64,
     pub to_best: f64,
     pub to_best_of_all: f64,

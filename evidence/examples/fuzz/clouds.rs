@@ -78,7 +78,8 @@ impl Cloud {
         self.kept = self.kept_keys();
     }
 
-    /// The rule of [`mbkd::PointArrays`]: keys on lines between every second, third, … are dropped, up to 4 times 2^-24, or 2^-53 in f64.
+    /// The rule of [`mbkd::PointArrays`]: keys on lines between every second, third, … are dropped, up to 4 times 2^-24, or 2^-53
+    /// in f64.
     fn kept_keys(&self) -> usize {
         let keys = &self.keys;
         if keys.iter().all(|key| *key == keys[0]) {

@@ -1,8 +1,9 @@
 //! Counted work of every structure for rays, compared exactly with `golden/ray_structures.csv`.
 //!
-//! Counts are the same on every machine: builds and the peers' traversals are plain unfused arithmetic, scenes and rays
-//! have the same bits everywhere, and the library's wide tree, whose culling may fuse where the hardware does, is asked on the
-//! portable code path. A node of a tree that is laid out wide is sixteen boxes that a ray is tested against, of which the last may be empty. A difference is a change of a build or of a traversal, and belongs in the notes.
+//! Counts are the same on every machine: builds and the peers' traversals are plain unfused arithmetic, scenes and rays have the
+//! same bits everywhere, and the library's wide tree, whose culling may fuse where the hardware does, is asked on the portable code
+//! path. A node of a tree that is laid out wide is sixteen boxes that a ray is tested against, of which the last may be empty. A
+//! difference is a change of a build or of a traversal, and belongs in the notes.
 
 use mbkd::{BuildParams, Counters, KdParams, Ray, TriangleMesh};
 use mbkd_evidence::accuracy::Random;

@@ -64,8 +64,8 @@ fn faces(mesh: &tobj::Mesh) -> Result<Polygons, &'static str> {
     Ok(faces)
 }
 
-/// The file as tobj takes it: with continued lines joined, and without lines (`l`), which tobj takes for faces if they have more than two
-/// points. Lines keep their numbers: empty ones follow joined ones.
+/// The file as tobj takes it: with continued lines joined, and without lines (`l`), which tobj takes for faces if they have more
+/// than two points. Lines keep their numbers: empty ones follow joined ones.
 fn plain_lines(bytes: &[u8]) -> Vec<u8> {
     let mut plain = Vec::with_capacity(bytes.len() + 1);
     let (mut joined, mut comment, mut left_out) = (0, false, false);

@@ -1,7 +1,7 @@
 //! Faces with any number of corners, and their division into triangles.
 //!
-//! Corners are projected to the plane of the face's Newell normal, which is defined for faces that are not quite plane, too. Where the
-//! fan from the first corner covers the face it is kept, as for all convex faces; others are divided by ear clipping.
+//! Corners are projected to the plane of the face's Newell normal, which is defined for faces that are not quite plane, too. Where
+//! the fan from the first corner covers the face it is kept, as for all convex faces; others are divided by ear clipping.
 
 use super::FormatError;
 use earcut::Earcut;
@@ -64,8 +64,8 @@ impl Polygons {
     }
 }
 
-/// Projects the corners of a face to its plane, such that it is positively oriented there. Returns whether the fan from its first corner
-/// covers it: no triangle of the fan is negatively oriented.
+/// Projects the corners of a face to its plane, such that it is positively oriented there. Returns whether the fan from its first
+/// corner covers it: no triangle of the fan is negatively oriented.
 fn project(face: &[u32], positions: &[Vec3], flat: &mut Vec<[f64; 2]>) -> bool {
     // Relative to a corner, so that faces far from zero lose nothing.
     let first = positions[face[0] as usize].as_dvec3();

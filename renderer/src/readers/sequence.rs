@@ -27,8 +27,8 @@ pub struct Sequence {
 }
 
 impl Sequence {
-    /// Joins files of equal topology, one frame each, at 24 frames per second. All frames have the triangles into which the faces of the
-    /// first are divided.
+    /// Joins files of equal topology, one frame each, at 24 frames per second. All frames have the triangles into which the faces
+    /// of the first are divided.
     pub fn of_files(frames: Vec<(&Path, Vec<StillPart>)>) -> Result<Sequence, ReadError> {
         let (mut parts, mut faces) = (Vec::<Part>::new(), Vec::new());
         let mut first_file = None;

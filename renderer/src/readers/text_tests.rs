@@ -1,4 +1,5 @@
-//! Text files as other programs write them: faces of many corners, byte order marks, continued lines, short numbers, other versions.
+//! Text files as other programs write them: faces of many corners, byte order marks, continued lines, short numbers, other
+//! versions.
 
 use super::*;
 

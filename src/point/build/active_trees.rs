@@ -1,10 +1,10 @@
 //! The choice of a structure for points with active intervals, by trees of the whole set.
 //!
-//! The shorter time slices are, the fewer points exist in one of them, and the sooner its tree is built. So the first trees are those of
-//! the shortest slices, at the times with a quarter and three quarters of the points before them, and the work of searches in them is counted:
-//! points that burst apart are far from each other most of the time, but not at first. What longer slices cost is expected by the numbers of
-//! their points, and by how much larger the boxes of these trees would be ([`super::excess`]). Of those that promise to be chosen such trees
-//! are built and measured, too.
+//! The shorter time slices are, the fewer points exist in one of them, and the sooner its tree is built. So the first trees are
+//! those of the shortest slices, at the times with a quarter and three quarters of the points before them, and the work of searches
+//! in them is counted: points that burst apart are far from each other most of the time, but not at first. What longer slices cost
+//! is expected by the numbers of their points, and by how much larger the boxes of these trees would be ([`super::excess`]). Of
+//! those that promise to be chosen such trees are built and measured, too.
 
 use super::cost::{ReferenceCounts, Visits, memory_cost};
 use super::excess::{Excess, excess, leaves_of};

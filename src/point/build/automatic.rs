@@ -1,12 +1,12 @@
 //! The automatic choice of a structure, and its build.
 //!
 //! Small sets and those with short active intervals are compared by trees of the whole set ([`super::own_trees`],
-//! [`super::active_trees`]). Where points of samples that are close together stay together, as those of the finished tree do, nothing can
-//! cost much less than one tree ([`super::excess`]). Otherwise samples give a first choice ([`super::trials`]). Where few points are fast
-//! and cause most of the work, they are put apart without more trials, and these only follow if that costs more than expected. Samples
-//! hardly contain points that come from far away, so a structure may turn out to cost more. Therefore the tree of one time slice is built
-//! over the whole set, and the work of searches in it is counted. If shorter slices promise to cost less, the tree of one of those is built
-//! as well. The trees of the structure that is finally chosen are reused.
+//! [`super::active_trees`]). Where points of samples that are close together stay together, as those of the finished tree do,
+//! nothing can cost much less than one tree ([`super::excess`]). Otherwise samples give a first choice ([`super::trials`]). Where
+//! few points are fast and cause most of the work, they are put apart without more trials, and these only follow if that costs more
+//! than expected. Samples hardly contain points that come from far away, so a structure may turn out to cost more. Therefore the
+//! tree of one time slice is built over the whole set, and the work of searches in it is counted. If shorter slices promise to cost
+//! less, the tree of one of those is built as well. The trees of the structure that is finally chosen are reused.
 
 use super::active_trees::{by_active_trees, layer_by_active_trees};
 use super::cost::ReferenceCounts;
@@ -112,7 +112,8 @@ pub(in crate::point) fn plan_for_all(
     (whole.plan, format!("{why}; {measured}"))
 }
 
-/// Begins the cheapest layer for all points by trees of the whole set, if that takes less time than samples; and the reason for its plan.
+/// Begins the cheapest layer for all points by trees of the whole set, if that takes less time than samples; and the reason for its
+/// plan.
 fn by_whole_trees<'a>(
     source: &'a Source,
     points: &'a [u32],
@@ -127,8 +128,8 @@ fn by_whole_trees<'a>(
         .then(|| layer_by_active_trees(source, points, max_references, simd, progress))
 }
 
-/// Begins the cheapest layer for all points; returns it, its cost, and a description of the measurements. The linear tree of all points
-/// between the keys in the middle may be `ready`.
+/// Begins the cheapest layer for all points; returns it, its cost, and a description of the measurements. The linear tree of all
+/// points between the keys in the middle may be `ready`.
 fn one_layer<'a>(
     source: &'a Source,
     points: &'a [u32],

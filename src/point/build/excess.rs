@@ -1,11 +1,11 @@
 //! How much larger boxes are because their points move.
 //!
-//! A search visits the boxes that a ball meets, and their number is proportional to the volume of the boxes, each enlarged by the ball. So
-//! boxes of points that are close together in the middle of the shutter are compared with boxes of the same points at rest. Boxes of shorter time
-//! slices in the middle follow from the same points. The levels of a tree are compared separately.
+//! A search visits the boxes that a ball meets, and their number is proportional to the volume of the boxes, each enlarged by the
+//! ball. So boxes of points that are close together in the middle of the shutter are compared with boxes of the same points at
+//! rest. Boxes of shorter time slices in the middle follow from the same points. The levels of a tree are compared separately.
 //!
-//! The average is exact to a tenth where motion is of one kind. Where a few points are fast, more is visited than this says, since searches
-//! begin in boxes that are much larger than others.
+//! The average is exact to a tenth where motion is of one kind. Where a few points are fast, more is visited than this says, since
+//! searches begin in boxes that are much larger than others.
 
 use super::cost::{Visits, memory_cost};
 use crate::point::leaf_order::divide::least_lane;
@@ -25,7 +25,8 @@ pub(in crate::point) struct Excess {
 }
 
 impl Excess {
-    /// Whether that of one tree for each segment between keys, of so many references in all, is so small that time slices could not gain enough.
+    /// Whether that of one tree for each segment between keys, of so many references in all, is so small that time slices could not
+    /// gain enough.
     pub(in crate::point) fn is_small(&self, references: usize) -> bool {
         let one_tree = MOST_AT_REST * self.largest() + memory_cost(references);
         MOST_AT_REST + memory_cost(2 * references) >= MAX_COST * one_tree
@@ -68,8 +69,8 @@ pub(in crate::point) fn leaves_of<R: References + ?Sized>(references: &R, order:
 /// The largest number of nodes above bottom nodes that are examined, and of bottom nodes below each.
 const EXAMINED: [usize; 2] = [4, 8];
 
-/// That of each of these numbers of time slices for a segment, around a phase, given leaves in an order by position at that phase. Their points
-/// are taken to move on before and behind the segment.
+/// That of each of these numbers of time slices for a segment, around a phase, given leaves in an order by position at that phase.
+/// Their points are taken to move on before and behind the segment.
 pub(in crate::point) fn excess(
     leaves: &[MovingPointBlock],
     middle: f32,
@@ -118,7 +119,8 @@ fn include((around, leaves): &mut (Vec<Extent>, usize), own: &[Extent], more: us
     *leaves += more;
 }
 
-/// Adds what boxes around so many leaves exceed those at rest by, which come first, each number of slices with boxes at its two ends.
+/// Adds what boxes around so many leaves exceed those at rest by, which come first, each number of slices with boxes at its two
+/// ends.
 fn add(sums: &mut [[f64; 3]], counts: &mut [f64; 3], level: usize, extents: &[Extent], leaves: usize) {
     counts[level] += 1.0;
     let leaf = (leaves as f64).cbrt().recip();

@@ -1,9 +1,9 @@
 //! The choice of a structure for small sets of points that exist throughout, by trees of the whole set.
 //!
-//! Trees of some thousand points take little more time than samples of them, which are so small that searches in them miss half of what they
-//! would visit. The linear tree is built, and how much larger its boxes are for the motion says whether time slices can gain anything
-//! ([`super::excess`]). If so, the work of searches in it is counted, and that of shorter slices is predicted by their boxes. The first tree
-//! of those that promise most is built, and its searches are counted, as long as that gains.
+//! Trees of some thousand points take little more time than samples of them, which are so small that searches in them miss half of
+//! what they would visit. The linear tree is built, and how much larger its boxes are for the motion says whether time slices can
+//! gain anything ([`super::excess`]). If so, the work of searches in it is counted, and that of shorter slices is predicted by
+//! their boxes. The first tree of those that promise most is built, and its searches are counted, as long as that gains.
 
 use super::cost::{ReferenceCounts, Visits, memory_cost};
 use super::excess::{excess, leaves_of};

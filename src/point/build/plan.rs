@@ -87,8 +87,8 @@ fn slices_between(
     })
 }
 
-/// The tree of points that all exist during a time slice. Trees that are built one after the other share the memory `more`. Once `progress`
-/// is cancelled, it is empty.
+/// The tree of points that all exist during a time slice. Trees that are built one after the other share the memory `more`. Once
+/// `progress` is cancelled, it is empty.
 pub(in crate::point) fn tree(
     source: &Source,
     existing: &[u32],
@@ -99,8 +99,8 @@ pub(in crate::point) fn tree(
     tree_without_fast(source, existing, slice, (None, more), None, progress)
 }
 
-/// The same without fast points, if the longest side of a leaf of usual size is given, and their numbers in the set. Where all points
-/// persist, they may be `placed` already.
+/// The same without fast points, if the longest side of a leaf of usual size is given, and their numbers in the set. Where all
+/// points persist, they may be `placed` already.
 fn tree_without_fast(
     source: &Source,
     existing: &[u32],

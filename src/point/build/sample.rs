@@ -101,8 +101,8 @@ impl<'a> Sampler<'a> {
         source.all_persist().then(|| Placed::new(&SlicePoints::<false>::new(source, points, whole), whole))
     }
 
-    /// Samples for trees over `per_segment` time slices of a segment between two keys. Fast points are marked if `marked`. If there is one
-    /// slice, all points may be [`placed`](Sampler::placed).
+    /// Samples for trees over `per_segment` time slices of a segment between two keys. Fast points are marked if `marked`. If there
+    /// is one slice, all points may be [`placed`](Sampler::placed).
     pub(in crate::point) fn samples(
         &self,
         per_segment: usize,

@@ -5,7 +5,8 @@ use crate::geometry::TimeInterval;
 use crate::point::leaf_order::moving_reference::{MovingReference, References, SegmentSlice};
 use std::borrow::Cow;
 
-/// Points of a set that exist during a time slice; unless `ACTIVE`, of a set without active intervals. Their numbers are those in the set.
+/// Points of a set that exist during a time slice; unless `ACTIVE`, of a set without active intervals. Their numbers are those in
+/// the set.
 pub(in crate::point) struct SlicePoints<'a, const ACTIVE: bool> {
     source: &'a Source,
     points: &'a [u32],

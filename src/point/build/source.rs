@@ -14,9 +14,9 @@ use crate::simd::{Item, PointBlock, fill, huge_vec, prefetch};
 use core::sync::atomic::{AtomicUsize, Ordering};
 use glam::DVec3;
 
-/// A set as it was read. What the build uses of positions, active intervals and ids is one copy, so that a set which contradicts itself
-/// cannot make the build contradict itself. (To make it, some of them are read several times: to find the origin of f64 positions, the
-/// keys that are needed, and whether there are active intervals or ids at all.)
+/// A set as it was read. What the build uses of positions, active intervals and ids is one copy, so that a set which contradicts
+/// itself cannot make the build contradict itself. (To make it, some of them are read several times: to find the origin of f64
+/// positions, the keys that are needed, and whether there are active intervals or ids at all.)
 pub(in crate::point) struct Source {
     /// Number of points.
     pub(in crate::point) len: usize,

@@ -1,8 +1,8 @@
 //! Whether static points have a tree of their own.
 //!
-//! Where few points move, their tree is small, and the static points take the memory and the visits that they would take without them. Where
-//! many move, a search visits two trees, which takes a quarter to two thirds more nodes and blocks than one tree in which all points
-//! are nearly at rest. Then it is only done if motion makes the boxes of all points together clearly larger.
+//! Where few points move, their tree is small, and the static points take the memory and the visits that they would take without
+//! them. Where many move, a search visits two trees, which takes a quarter to two thirds more nodes and blocks than one tree in
+//! which all points are nearly at rest. Then it is only done if motion makes the boxes of all points together clearly larger.
 
 use super::excess::{Excess, excess, leaves_of};
 use super::plan::middle_slice;

@@ -55,7 +55,8 @@ pub(in crate::point) struct Trials<'a> {
     at_rest: f64,
     /// The cost if the fast points had a layer of their own and rested; infinite unless they are few.
     fast_at_rest: f64,
-    /// What trees of the samples that are divided by motion cost at least, relative to points at rest; 1 for those divided by position.
+    /// What trees of the samples that are divided by motion cost at least, relative to points at rest; 1 for those divided by
+    /// position.
     flows: Vec<f64>,
     progress: &'a Progress<'a>,
 }
@@ -121,7 +122,8 @@ impl<'a> Trials<'a> {
         self.fast_at_rest = self.cost_with_fast_at_rest();
     }
 
-    /// Whether a layer for the fast points is expected to cost less than any number of time slices for all, so that neither needs trials.
+    /// Whether a layer for the fast points is expected to cost less than any number of time slices for all, so that neither needs
+    /// trials.
     pub(in crate::point) fn fast_first(&self) -> bool {
         let slices = self.few_slices();
         self.fast_at_rest <= self.least_of_one_layer() * MAX_COST
@@ -135,8 +137,8 @@ impl<'a> Trials<'a> {
 
     /// Tries time slices for all points, and for the fast ones alone if they are few and `fast_too`.
     ///
-    /// How many slices are tried first is guessed from the work with one of them and that at rest. Then finer and finer ones are tried
-    /// as long as halving the slices helps and still can, and coarser ones if the guess is not confirmed.
+    /// How many slices are tried first is guessed from the work with one of them and that at rest. Then finer and finer ones are
+    /// tried as long as halving the slices helps and still can, and coarser ones if the guess is not confirmed.
     pub(in crate::point) fn try_slices(&mut self, fast_too: bool) {
         let (linear, guess) = (self.all[0].cost, self.few_slices());
         let finer = || iter::successors(Some(guess), |n| Some(2 * n)).take_while(|n| self.affordable(*n));
@@ -187,8 +189,8 @@ impl<'a> Trials<'a> {
         self.work(&at_rest, (LINEAR, None), self.searches() / BOUNDED).visited
     }
 
-    /// The cost if the fast points had a layer of their own and rested, the least that time slices of it can achieve; infinite unless
-    /// they are few.
+    /// The cost if the fast points had a layer of their own and rested, the least that time slices of it can achieve; infinite
+    /// unless they are few.
     fn cost_with_fast_at_rest(&self) -> f64 {
         let all = || self.whole.iter().flat_map(|sample| &sample.references);
         let fast = all().filter(|m| m.fast).count();
@@ -229,8 +231,9 @@ impl<'a> Trials<'a> {
         self.at_rest + self.memory_cost(slices) < limit && self.affordable(slices)
     }
 
-    /// Whether so many time slices should cost clearly more than a limit because flows pass through each other: their leaves hold points
-    /// of all flows at a place, or of one flow each, as those of one tree do. (Of the cost of both kinds the least is expected.)
+    /// Whether so many time slices should cost clearly more than a limit because flows pass through each other: their leaves hold
+    /// points of all flows at a place, or of one flow each, as those of one tree do. (Of the cost of both kinds the least is
+    /// expected.)
     fn flows_exceed(&self, slices: usize, limit: f64) -> bool {
         if self.flows.iter().all(|&flows| flows == 1.0) {
             return false;
@@ -278,15 +281,15 @@ impl<'a> Trials<'a> {
             let samples = self.sampler.samples(halved, None, false);
             self.add(&samples, Plan::Boxes(halved), None)
         });
-        // Samples did not see what makes this one expensive, so they may not see what makes the next one expensive either. Where points meet in
-        // the middle of this slice, half of it costs less than the shortest ones are expected to.
+        // Samples did not see what makes this one expensive, so they may not see what makes the next one expensive either. Where
+        // points meet in the middle of this slice, half of it costs less than the shortest ones are expected to.
         let (guess, expected) = (self.guess(slices, cost).max(halved), self.expected(slices, cost));
         let meet = predicted < expected(guess) * MAX_COST;
         (predicted < limit).then_some(Plan::Boxes(if meet { halved } else { guess }))
     }
 
-    /// Raises the work at rest to what follows from the costs of longer and shorter time slices in the whole set, if trees are not divided by
-    /// motion: the third root of the work is a line over the duration of a slice.
+    /// Raises the work at rest to what follows from the costs of longer and shorter time slices in the whole set, if trees are not
+    /// divided by motion: the third root of the work is a line over the duration of a slice.
     pub(in crate::point) fn learn(&mut self, longer: (Plan, f64), shorter: (Plan, f64)) {
         let [(longer, of_longer), (shorter, of_shorter)] = [longer, shorter].map(|(plan, cost)| {
             let slices = plan.time_slices();

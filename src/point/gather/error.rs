@@ -33,15 +33,15 @@ pub enum GatherError {
         /// Its valid range.
         expected: &'static str,
     },
-    /// A position is not finite or too large: of a query, of a visible point, or of a photon, and of one that moves also where it is when the
-    /// shutter opens and closes.
+    /// A position is not finite or too large: of a query, of a visible point, or of a photon, and of one that moves also where it
+    /// is when the shutter opens and closes.
     Position,
     /// The normal of a query is used and is not a unit vector.
     Normal,
     /// The time of a query, of a visible point or of a photon is outside the shutter.
     Time,
-    /// The window of a query is not greater than 0, or so short (some 10^-38 of the shutter) that photons in it have no finite weight,
-    /// whether the photons that were found are weighted by it or not.
+    /// The window of a query is not greater than 0, or so short (some 10^-38 of the shutter) that photons in it have no finite
+    /// weight, whether the photons that were found are weighted by it or not.
     Window,
     /// The window of a query is wider than the map was built for, and some photons move with their surface.
     WindowTooWide {
@@ -56,8 +56,8 @@ pub enum GatherError {
     Unbounded,
     /// The cosine or the thickness of a query is NaN, or the thickness is negative.
     Cutoff,
-    /// The photons of a query lie in a disc without area: the k nearest ones all at the query point, or those within a radius of less
-    /// than some 1e-19.
+    /// The photons of a query lie in a disc without area: the k nearest ones all at the query point, or those within a radius of
+    /// less than some 1e-19.
     NoArea,
     /// The speed of a space-time metric is negative, not finite or too large.
     Speed,

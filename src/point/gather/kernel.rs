@@ -12,8 +12,9 @@
 
 /// The falloff of the weight of a photon with its distance in space or time.
 ///
-/// The disc of k photons reaches to the next one, which does not count. If the k photons are as far away as that one, as in a clump or
-/// on a lattice around the query, the weights of [`Kernel::Cone`] and [`Kernel::Epanechnikov`] are all zero, and so is the density.
+/// The disc of k photons reaches to the next one, which does not count. If the k photons are as far away as that one, as in a clump
+/// or on a lattice around the query, the weights of [`Kernel::Cone`] and [`Kernel::Epanechnikov`] are all zero, and so is the
+/// density.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Kernel {
     /// 1 inside: least variance, edges are blurred most.

@@ -38,9 +38,9 @@ pub struct GatherQuery<'f> {
 }
 
 impl<'f> GatherQuery<'f> {
-    /// A gather at a position with a unit normal, at a time of the shutter. By default it takes photons of all normals and, if none is
-    /// carried along ([`PhotonTime::Carried`](crate::point::PhotonTime::Carried)), of all times, otherwise those in the widest window that
-    /// the map allows; and weights them equally.
+    /// A gather at a position with a unit normal, at a time of the shutter. By default it takes photons of all normals and, if none
+    /// is carried along ([`PhotonTime::Carried`](crate::point::PhotonTime::Carried)), of all times, otherwise those in the widest
+    /// window that the map allows; and weights them equally.
     pub fn new(position: Vec3, normal: Vec3, time: f32) -> GatherQuery<'f> {
         GatherQuery {
             position,

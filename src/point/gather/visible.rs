@@ -159,8 +159,8 @@ impl VisiblePoints {
     /// The order of the tree stays that of the build, so searches are fast as long as radii shrink about alike.
     ///
     /// # Errors
-    /// [`GatherError::Length`] for another number of radii; [`GatherError::At`] with the index of a radius that is negative, NaN or too
-    /// large. After an error nothing has changed.
+    /// [`GatherError::Length`] for another number of radii; [`GatherError::At`] with the index of a radius that is negative, NaN or
+    /// too large. After an error nothing has changed.
     pub fn set_radii(&mut self, radii: &[f32]) -> Result<(), GatherError> {
         if radii.len() != self.len() {
             return Err(GatherError::Length { expected: self.len(), found: radii.len() });
@@ -219,8 +219,9 @@ impl VisiblePoints {
     /// number of threads and instruction set.
     ///
     /// # Errors
-    /// [`GatherError::At`] with the index of a photon whose position or time is wrong; [`GatherError::Length`] for another number of
-    /// states; [`GatherError::TooMany`] beyond 2^32 photons; a window that is not greater than 0. After an error nothing was deposited.
+    /// [`GatherError::At`] with the index of a photon whose position or time is wrong; [`GatherError::Length`] for another number
+    /// of states; [`GatherError::TooMany`] beyond 2^32 photons; a window that is not greater than 0. After an error nothing was
+    /// deposited.
     pub fn scatter<P: Sync, A: Send>(
         &self,
         photons: &[P],

@@ -40,8 +40,8 @@ const BELOW: usize = LANES * LANES;
 /// Nodes that one thread fills at a time.
 const SHARE: usize = 64;
 
-/// Takes the references of each bottom node, puts them in order, and writes its leaves and boxes. Returns the numbers of
-/// those that were left out; the last lanes of their bottom nodes remain empty. `progress` counts references; once it is cancelled, nothing
+/// Takes the references of each bottom node, puts them in order, and writes its leaves and boxes. Returns the numbers of those that
+/// were left out; the last lanes of their bottom nodes remain empty. `progress` counts references; once it is cancelled, nothing
 /// more is written.
 pub(in crate::point) fn fill<R: References + ?Sized>(
     bottoms: MovingBottomNodes<'_>,

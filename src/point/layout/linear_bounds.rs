@@ -14,11 +14,12 @@
 //! only: it is below their exact lines.
 //!
 //! Where all points of a leaf have the same phases, which is the rule, the build places them in f32 too, as `a + (b − a)·s`: the
-//! difference, s and the product are rounded by |b − a|u at most, the sum by max(|a|, |b|)u. With e, that is (2|b − a| + max(|a|, |b|))·2u,
-//! of which the largest in the leaf counts ([`LinearBox::throughout`]).
+//! difference, s and the product are rounded by |b − a|u at most, the sum by max(|a|, |b|)u. With e, that is (2|b − a| + max(|a|,
+//! |b|))·2u, of which the largest in the leaf counts ([`LinearBox::throughout`]).
 //!
-//! All bounds are raised by 2^-10 of themselves, which covers the rounding of the bounds and of f64 in the build, and by 2^-148 for products
-//! that underflow. They hold per axis, and depend on the contents of the box: a distant point pads the boxes that hold it and no others.
+//! All bounds are raised by 2^-10 of themselves, which covers the rounding of the bounds and of f64 in the build, and by 2^-148 for
+//! products that underflow. They hold per axis, and depend on the contents of the box: a distant point pads the boxes that hold it
+//! and no others.
 
 use super::linear_face::{Face, FaceFit, FacesFit, TINY, UNIT, VECTORS};
 use super::linear_face::{least, load_row, magnitude, negated, sum};

@@ -132,7 +132,8 @@ impl<S: Simd> FacesFit<S> {
         faces
     }
 
-    /// The highest lines of about these slopes that are computed below all the given ones, if rounded down; and the slopes, rounded.
+    /// The highest lines of about these slopes that are computed below all the given ones, if rounded down; and the slopes,
+    /// rounded.
     #[inline(always)]
     fn lowered(&self, s: S, slope: S::D) -> (S::D, S::D) {
         let slope = s.widen_four(&s.narrow(slope));

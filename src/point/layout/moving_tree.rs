@@ -71,8 +71,9 @@ impl MovingTree {
         MovingTree::build_without_fast(references, placed, slice, None, &mut Vec::new(), progress).tree
     }
 
-    /// The same without references that are fast ([`fast_points`](crate::point::leaf_order::fast_points)), if the longest side of a leaf of usual
-    /// size is given. Their lanes are empty, the shape of the tree is that with them. Trees that are built one after the other share the memory `more`.
+    /// The same without references that are fast ([`fast_points`](crate::point::leaf_order::fast_points)), if the longest side of a
+    /// leaf of usual size is given. Their lanes are empty, the shape of the tree is that with them. Trees that are built one after
+    /// the other share the memory `more`.
     pub(in crate::point) fn build_without_fast<R: References + ?Sized>(
         references: &R,
         placed: Placed,

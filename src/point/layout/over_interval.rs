@@ -78,8 +78,8 @@ pub(in crate::point) trait BlockTree: BoxTree + Sync {
     fn center(&self, _node: usize, _phase: f64) -> [f64; 3] {
         [0.0; 3]
     }
-    /// The largest magnitude of a coordinate at either key of the segment. (Boxes do not tell: those of a time slice, and of points that exist
-    /// for a while, bound nothing at the keys.)
+    /// The largest magnitude of a coordinate at either key of the segment. (Boxes do not tell: those of a time slice, and of points
+    /// that exist for a while, bound nothing at the keys.)
     fn magnitude(&self) -> f64 {
         let of_block = |block: usize| {
             let rows = self.rows(block);
@@ -89,8 +89,8 @@ pub(in crate::point) trait BlockTree: BoxTree + Sync {
         let parts = parallel::chunks(self.block_count(), |blocks| blocks.map(of_block).fold(0.0, greater));
         parts.into_iter().fold(0.0, greater)
     }
-    /// The least and the greatest displacement of a point between the keys, along each axis, infinite without a point; of no account
-    /// where positions are in f32.
+    /// The least and the greatest displacement of a point between the keys, along each axis, infinite without a point; of no
+    /// account where positions are in f32.
     fn displacements(&self) -> [[f64; 3]; 2] {
         [[0.0; 3]; 2]
     }

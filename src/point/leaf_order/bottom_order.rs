@@ -115,7 +115,8 @@ impl<const N: usize> Rows<N> {
 }
 
 impl Rows<MOST> {
-    /// Orders the first `count` points so that leaf i holds the i-th run of `leaf` of them. The rest of the last vector becomes no points.
+    /// Orders the first `count` points so that leaf i holds the i-th run of `leaf` of them. The rest of the last vector becomes no
+    /// points.
     #[inline(always)]
     pub(in crate::point) fn order<S: Simd>(&mut self, s: S, count: usize, leaf: usize, spare: &mut Rows<SPARE>) {
         s.call(Order { rows: self, count, leaf, spare });

@@ -112,7 +112,8 @@ fn with_ties(key: f32, wanted: usize, equal: usize) -> (f32, usize) {
     if wanted == equal && key.next_up() < f32::INFINITY { (key.next_up(), 0) } else { (key, wanted) }
 }
 
-/// Two keys of a sample between which the one of this rank very likely is: three standard deviations from where it is in the sample.
+/// Two keys of a sample between which the one of this rank very likely is: three standard deviations from where it is in the
+/// sample.
 fn bracket(keys: &[f32], count: usize) -> (f32, f32) {
     let step = (keys.len() / KEYS).max(KEYS_PER);
     let mut sample = [0.0; 2 * KEYS];
@@ -137,8 +138,8 @@ fn bracket(keys: &[f32], count: usize) -> (f32, f32) {
 const GUESSES: usize = 10;
 
 /// What divides the `count` lowest keys from the others: those below a bound, and so many of those equal to it. `least` and `most`
-/// are the least and the greatest finite key. If [`GUESSES`] do not suffice, the error is the greatest number tried that too few are
-/// below.
+/// are the least and the greatest finite key. If [`GUESSES`] do not suffice, the error is the greatest number tried that too few
+/// are below.
 ///
 /// A guess may separate no others than the guess before, as on a lattice or where there are outliers. Then the next key in that
 /// direction is looked at: it is the bound, or what lies behind it is left.

@@ -49,8 +49,9 @@ fn ordered<R: References + ?Sized>(references: &R, phase: f64) -> (Vec<u32>, Vec
     (rows.index[..count].to_vec(), sizes)
 }
 
-/// Where at most so many of the references of sixteen leaves are fast, the others stay in their leaves: a thirtieth of the lanes remain empty
-/// at most, and putting the others in order again takes as long as the first time (`neighbor_tables builds --rows fast`).
+/// Where at most so many of the references of sixteen leaves are fast, the others stay in their leaves: a thirtieth of the lanes
+/// remain empty at most, and putting the others in order again takes as long as the first time
+/// (`neighbor_tables builds --rows fast`).
 const FEW: usize = LANES / 2;
 
 /// References some of which may be fast.
@@ -72,8 +73,8 @@ pub(in crate::point) struct Kept {
 }
 
 impl<R: References + ?Sized> Among<'_, R> {
-    /// Moves the fast ones among the first `count` of a bottom node, which are in order, to `fast`; `displacements` are those of each leaf
-    /// between the keys. The others are put in order again unless few are gone. If all are fast, none is.
+    /// Moves the fast ones among the first `count` of a bottom node, which are in order, to `fast`; `displacements` are those of
+    /// each leaf between the keys. The others are put in order again unless few are gone. If all are fast, none is.
     #[inline(always)]
     pub(in crate::point) fn take<S: Simd>(
         &self,

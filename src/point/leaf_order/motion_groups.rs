@@ -1,18 +1,18 @@
 //! Dividing points by their motion, where several flows pass through each other.
 //!
-//! A leaf of points that are close together in the middle of a time slice has a large box if they belong to different flows: faces are
-//! linear in time, so faces around points that part are as far from each other in the middle of the slice as at its ends. A leaf of one
-//! flow holds points that are farther apart in the middle, since only some of those at a place belong to it, but its box is small at all
-//! times. So a range of points can be divided by motion instead of position.
+//! A leaf of points that are close together in the middle of a time slice has a large box if they belong to different flows: faces
+//! are linear in time, so faces around points that part are as far from each other in the middle of the slice as at its ends. A
+//! leaf of one flow holds points that are farther apart in the middle, since only some of those at a place belong to it, but its
+//! box is small at all times. So a range of points can be divided by motion instead of position.
 //!
-//! Which is better is decided by a sample of the range. The cost is the number of leaves that a ball as large as a leaf meets, averaged
-//! over the slice. The points on both sides of a division have larger leaves, and their displacements spread less.
+//! Which is better is decided by a sample of the range. The cost is the number of leaves that a ball as large as a leaf meets,
+//! averaged over the slice. The points on both sides of a division have larger leaves, and their displacements spread less.
 //!
-//! A flow also turns, stretches and shears. Dividing by position takes care of that, so what counts is the displacement relative to the
-//! affine motion that fits the sample best.
+//! A flow also turns, stretches and shears. Dividing by position takes care of that, so what counts is the displacement relative to
+//! the affine motion that fits the sample best.
 //!
-//! Divisions by velocity are known from indexes of moving objects: Tao, Papadias and Sun, "The TPR*-tree: an optimized spatio-temporal
-//! access method for predictive queries" (2003).
+//! Divisions by velocity are known from indexes of moving objects: Tao, Papadias and Sun, "The TPR*-tree: an optimized
+//! spatio-temporal access method for predictive queries" (2003).
 
 use crate::simd::LANES;
 use crate::tuning::points::{MAX_MOTION_COST, MIN_MOTION_SPREAD};
@@ -41,16 +41,16 @@ pub(in crate::point) struct MotionDivision {
 /// The number of points of a range that should be examined.
 pub(in crate::point) const SAMPLE: usize = 128;
 
-/// Half of the distance between the least and the greatest of evenly distributed numbers, relative to their standard deviation (the root
-/// of 3): the size of a box around points at one place, averaged over the slice, if these numbers are their displacements.
+/// Half of the distance between the least and the greatest of evenly distributed numbers, relative to their standard deviation (the
+/// root of 3): the size of a box around points at one place, averaged over the slice, if these numbers are their displacements.
 const HALF_SPREAD: f64 = 1.732;
 
 /// Of the sorted sample every so many points a cut is tried.
 const STEP: usize = 4;
 
 impl MotionDivision {
-    /// The division of `count` points, of which a sample is given, into subtrees of `block` points each. `None` if division by position
-    /// is better. Where flows do not fill whole subtrees, the last one of a flow has points of the next one as well.
+    /// The division of `count` points, of which a sample is given, into subtrees of `block` points each. `None` if division by
+    /// position is better. Where flows do not fill whole subtrees, the last one of a flow has points of the next one as well.
     pub(in crate::point) fn of(sample: &[Displaced], count: usize, block: usize) -> Option<MotionDivision> {
         let expected = AffineMotion::of(sample);
         let leaf = leaf_size(sample, count);
@@ -124,7 +124,8 @@ impl Cut {
     }
 }
 
-/// What leaves of points that are divided by position cost with so many time slices, relative to points at rest: points in the order of leaves.
+/// What leaves of points that are divided by position cost with so many time slices, relative to points at rest: points in the
+/// order of leaves.
 pub(in crate::point) fn cost_of_slices(points: &[Displaced], slices: usize) -> f64 {
     let mut sum = DVec3::ZERO;
     let mut at_rest = DVec3::ZERO;
@@ -145,8 +146,8 @@ pub(in crate::point) fn cost_of_slices(points: &[Displaced], slices: usize) -> f
     if least > 0.0 { cost(at_rest, sum, DVec3::ZERO) / least } else { 1.0 }
 }
 
-/// The number of leaves of a size that a ball meets, relative to the number of leaves that have a corner in it. The ball is as large as
-/// the leaves of all points, `leaf`.
+/// The number of leaves of a size that a ball meets, relative to the number of leaves that have a corner in it. The ball is as
+/// large as the leaves of all points, `leaf`.
 fn cost(leaf: DVec3, size: DVec3, deviation: DVec3) -> f64 {
     // Of points on a surface, leaves are flat.
     let ball = leaf.x.max(leaf.y).min(leaf.y.max(leaf.z)).min(leaf.x.max(leaf.z));

@@ -29,7 +29,8 @@ const REPORTED: usize = 1 << 12;
 pub(in crate::point) const ORDERING: f64 = 0.7;
 
 /// Writes the points of `from` to `to`, which is as long, so that bottom node i holds the i-th run of sixteen leaves. What is in
-/// `from` then is of no use. Given displacements, points are also divided by motion ([`super::motion_groups`]). Returns whether any were.
+/// `from` then is of no use. Given displacements, points are also divided by motion ([`super::motion_groups`]). Returns whether any
+/// were.
 ///
 /// O(n log n), O(log n) stack; the order is the same for any number of threads. Once `progress` is cancelled, large ranges stay as
 /// they are.

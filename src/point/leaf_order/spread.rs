@@ -1,4 +1,5 @@
-//! Numbers that are spread evenly but not at equal distances, so that a sample meets all parts of a short pattern in the order of points.
+//! Numbers that are spread evenly but not at equal distances, so that a sample meets all parts of a short pattern in the order of
+//! points.
 
 /// The step of a low-discrepancy sequence: the fractional part of the golden ratio, times 2^64.
 const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;

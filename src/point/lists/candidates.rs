@@ -28,8 +28,8 @@ pub(super) enum Within<'a> {
 }
 
 impl Within<'_> {
-    /// The squared distance up to which boxes are near in which points reach so far. (Sums and squares grow with the radii, rounded ones
-    /// too.)
+    /// The squared distance up to which boxes are near in which points reach so far. (Sums and squares grow with the radii, rounded
+    /// ones too.)
     #[inline(always)]
     fn squared<S: Simd>(self, s: S, reach: S::F) -> S::F {
         match self {

@@ -48,7 +48,8 @@ pub enum ListError {
         /// The first that has none.
         of: RadiusOf,
     },
-    /// The time is outside the shutter [0, 1] or NaN, or the time until which lists with a skin shall hold is, or it is before the other.
+    /// The time is outside the shutter [0, 1] or NaN, or the time until which lists with a skin shall hold is, or it is before the
+    /// other.
     Time,
     /// A period is not above zero, or not finite, or not a normal number of f32 (about 1.2e-38 to 3.4e38).
     Period {
@@ -56,8 +57,8 @@ pub enum ListError {
         axis: usize,
     },
     /// A coordinate is more than a million periods from zero (of points in f64, from the tree's origin), where f32 does not resolve
-    /// positions in a period. The faces of the tree's boxes around moving points count too: they may reach up to three times as far as
-    /// the points.
+    /// positions in a period. The faces of the tree's boxes around moving points count too: they may reach up to three times as far
+    /// as the points.
     FarFromPeriod {
         /// The axis.
         axis: usize,

@@ -39,8 +39,8 @@ impl<'a> ListLayer<'a> {
         }
     }
 
-    /// The layer at a time. Positions in f64 are relative to `center`; those in f32 are as they are stored, relative to the origin of
-    /// the tree.
+    /// The layer at a time. Positions in f64 are relative to `center`; those in f32 are as they are stored, relative to the origin
+    /// of the tree.
     #[inline(always)]
     pub(super) fn at(self, center: DVec3, time: f32) -> ListView<'a> {
         match self {

@@ -60,8 +60,8 @@ impl PointTree {
 }
 
 impl<'a> ListQuery<'a> {
-    /// Each pair in one list only: that of the lower id. (Among another set, only neighbours with greater ids.) With radii of their own
-    /// ([`Radii::Own`]), the radius of the lower id alone decides: a pair that only the other one reaches is in no list.
+    /// Each pair in one list only: that of the lower id. (Among another set, only neighbours with greater ids.) With radii of their
+    /// own ([`Radii::Own`]), the radius of the lower id alone decides: a pair that only the other one reaches is in no list.
     /// [`Radii::Larger`] and [`Radii::Sum`] treat both alike.
     pub fn pairs_once(mut self) -> Self {
         self.request.listing.once = true;
@@ -106,9 +106,9 @@ impl<'a> ListQuery<'a> {
 
     /// An error if a list has more neighbours than this ([`ListError::TooManyNeighbors`]).
     ///
-    /// It bounds the memory of lists: where points clump, as in a simulation that becomes unstable, there may be as many
-    /// neighbours as pairs of points, and a program that runs out of memory is aborted. It does not bound the time: all neighbours are
-    /// counted before the error.
+    /// It bounds the memory of lists: where points clump, as in a simulation that becomes unstable, there may be as many neighbours
+    /// as pairs of points, and a program that runs out of memory is aborted. It does not bound the time: all neighbours are counted
+    /// before the error.
     ///
     /// ```
     /// use mbkd::{ListError, NeighborLists, PointParams, PointTree};
@@ -164,8 +164,8 @@ impl<'a> ListQuery<'a> {
     /// # Errors
     /// - [`ListError::Time`] outside [0, 1].
     /// - [`ListError::Radius`] for a radius that is negative or NaN, [`ListError::MissingRadius`] for a point without one.
-    /// - [`ListError::Period`] for a period that is not above zero or not a normal f32, [`ListError::FarFromPeriod`] for points more
-    ///   than a million periods from zero.
+    /// - [`ListError::Period`] for a period that is not above zero or not a normal f32, [`ListError::FarFromPeriod`] for points
+    ///   more than a million periods from zero.
     /// - [`ListError::Origins`] and [`ListError::Double`] if the two trees keep their positions in different ways
     ///   ([`ListQuery::among`]).
     /// - [`ListError::Ids`] if lists in the order of ids are requested, and ids are not 0, 1, 2, … ([`ListQuery::in_order`]).

@@ -4,8 +4,8 @@ use crate::simd::Simd;
 
 /// How far neighbours may be.
 ///
-/// The squared distance is compared with the squared radius, both computed in f32 (distances of points kept in f64 are rounded to it).
-/// Radii of listed points are by id, those of queries ([`PointTree::within_lists`](crate::PointTree::within_lists)) by index.
+/// The squared distance is compared with the squared radius, both computed in f32 (distances of points kept in f64 are rounded to
+/// it). Radii of listed points are by id, those of queries ([`PointTree::within_lists`](crate::PointTree::within_lists)) by index.
 ///
 /// ```
 /// use mbkd::{NeighborLists, PointParams, PointTree, Radii};
@@ -73,12 +73,13 @@ impl<'a> Radii<'a> {
 
 /// By how much farther than radii boxes are searched: where positions are rounded.
 ///
-/// **Why no neighbour is lost.** Let u = 2^-24. Positions in f64 are rounded relative to a place in the box around a group of points, so by
-/// u times their distance from there: at most the size g of that box for a point of the group, and g + r for a neighbour within r
-/// of it. Along each axis the computed gap of two boxes, or of a point and a box, exceeds the exact difference of two positions in
-/// them by at most (2g + r)u and by u of itself, hence the square root of the sum of the squares by less than 4(g + r)u and 3u of
-/// itself. That the squared distance is computed as at most that of the radius means that r is at most 2u of itself above the
-/// radius (or 1e-22, where squares underflow). Adding 16u of the radius and of g is enough with the rounding of these sums and of their square.
+/// **Why no neighbour is lost.** Let u = 2^-24. Positions in f64 are rounded relative to a place in the box around a group of
+/// points, so by u times their distance from there: at most the size g of that box for a point of the group, and g + r for a
+/// neighbour within r of it. Along each axis the computed gap of two boxes, or of a point and a box, exceeds the exact difference
+/// of two positions in them by at most (2g + r)u and by u of itself, hence the square root of the sum of the squares by less than
+/// 4(g + r)u and 3u of itself. That the squared distance is computed as at most that of the radius means that r is at most 2u of
+/// itself above the radius (or 1e-22, where squares underflow). Adding 16u of the radius and of g is enough with the rounding of
+/// these sums and of their square.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Margin {
     factor: f32,

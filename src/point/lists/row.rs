@@ -45,8 +45,8 @@ struct Gathered {
     own: (usize, Mask),
 }
 
-/// Which points within the radius of a point its list excludes, as constants: at most the point itself, whose id no other point has;
-/// another set does not contain it.
+/// Which points within the radius of a point its list excludes, as constants: at most the point itself, whose id no other point
+/// has; another set does not contain it.
 const OWN: u8 = 0;
 /// Those with the same id.
 const SAME_ID: u8 = 1;

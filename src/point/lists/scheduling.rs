@@ -22,11 +22,12 @@ pub(super) fn slots() -> usize {
 /// How many times the results that are known those of the groups without room are expected to be at most.
 const GROWTH: usize = 4;
 
-/// The room that all results need, where the first `done` groups have `end` together and there is no room for the next of `left` others. `made`
-/// are the numbers of results in the slots.
+/// The room that all results need, where the first `done` groups have `end` together and there is no room for the next of `left`
+/// others. `made` are the numbers of results in the slots.
 ///
-/// A group is expected to have as many as others on average. But the first ones may lie in a clump, where points have a thousand times the
-/// usual number of neighbours. So the room grows in steps, each in proportion to what is known, and the largest group always finds room.
+/// A group is expected to have as many as others on average. But the first ones may lie in a clump, where points have a thousand
+/// times the usual number of neighbours. So the room grows in steps, each in proportion to what is known, and the largest group
+/// always finds room.
 pub(super) fn room_for(
     end: usize,
     done: usize,

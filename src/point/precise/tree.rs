@@ -1,14 +1,13 @@
 //! The tree over f64 points for a time slice, and its view at a time.
 //!
-//! **Why no search ever loses a neighbour.** Let `q` be the query and `m` the centre of a node at the query's time, both
-//! in f64. The boxes of the node are relative to `m`, and so is the query: `p = q − m`, rounded to f32, is off by u = 2^-24 of
-//! itself. With `h` an exact face of the contents of a box, the query on its outer side at a distance `g`, |p| is at most |h| + g. Faces
-//! as computed are farther out than `h` by more than u|h| and by 1e-22 (`super::linear_box` has the sum), so the gap is at most
-//! g (1 + u) before it is rounded; and if the query is not on the outer side, there is no gap. Rounding the gap, squaring
-//! it, and adding squares makes at most seven roundings of u in the square of the distance, with those of p. It is
-//! multiplied by 1 − 2^-20 (16 u): then it is below the exact squared distance of any point in the box by more than f64
-//! rounds that (if squares underflow, the 1e-22 compensate for it). And rounding to f32 is monotone. So the distance of the box
-//! is never above that of a point in it.
+//! **Why no search ever loses a neighbour.** Let `q` be the query and `m` the centre of a node at the query's time, both in f64.
+//! The boxes of the node are relative to `m`, and so is the query: `p = q − m`, rounded to f32, is off by u = 2^-24 of itself. With
+//! `h` an exact face of the contents of a box, the query on its outer side at a distance `g`, |p| is at most |h| + g. Faces as
+//! computed are farther out than `h` by more than u|h| and by 1e-22 (`super::linear_box` has the sum), so the gap is at most g (1 +
+//! u) before it is rounded; and if the query is not on the outer side, there is no gap. Rounding the gap, squaring it, and adding
+//! squares makes at most seven roundings of u in the square of the distance, with those of p. It is multiplied by 1 − 2^-20 (16 u):
+//! then it is below the exact squared distance of any point in the box by more than f64 rounds that (if squares underflow, the
+//! 1e-22 compensate for it). And rounding to f32 is monotone. So the distance of the box is never above that of a point in it.
 
 use super::linear_box::Node;
 use crate::point::layout::moving_leaf::LaneIntervals;

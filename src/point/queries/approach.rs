@@ -13,8 +13,8 @@
 //! - The fraction of the query's interval is off by at most 7u of itself. With 5u for the rest, the position of the query is
 //!   within 2·7uM + 5uM = 19uM of the exact one per axis; with that end, 23uM.
 //! - Faces of moving boxes are farther out than the points by 2^-24 of the sizes that are rounded there, in f32
-//!   (`point/layout/linear_bounds.rs`), or by 2^-49 of the centre (`crate::point::precise`). Rounding the face itself moves it by u of the
-//!   query's coordinate and of the gap.
+//!   (`point/layout/linear_bounds.rs`), or by 2^-49 of the centre (`crate::point::precise`). Rounding the face itself moves it by u
+//!   of the query's coordinate and of the gap.
 //! - So the distance of a box is too large by less than √3·24uM < 0.5e-14 M, and a fraction 2^-50 of itself. But a distance
 //!   is excluded only if it is beyond that of a point as computed, raised by 1.5e-14 M, of which 0.9e-14 remain
 //!   ([`Overlap::estimate`]), and by two ulp of f32, of which one remains.
@@ -92,8 +92,8 @@ impl Search {
         }
     }
 
-    /// Whether a point goes the same way as the nearest one so far and has a higher id. Thousands of points may lie in one place, and
-    /// their estimates exclude none of them.
+    /// Whether a point goes the same way as the nearest one so far and has a higher id. Thousands of points may lie in one place,
+    /// and their estimates exclude none of them.
     fn follows(&self, point: &PointPath, segment: f64) -> bool {
         self.best.as_ref().is_some_and(|best| {
             let way = |p: &PointPath| (p.open, p.close, p.active);
@@ -334,11 +334,11 @@ impl PointTree {
     /// `interval` to `to` at its end, and when.
     ///
     /// Times are continuous here and active intervals include both ends, because the nearest moment may be the last. (An active
-    /// interval that begins or ends with the float next to a key which is no float may begin or end with the key.) Each point has
-    /// a nearest moment in each segment between keys. Ties of their distances, as rounded to f32, go to the earlier time, then to the
-    /// lower id. The distance is the exact one of these numbers, rounded to f32, as long as it is more than 2^-70 of the
-    /// largest coordinate. The time is rounded to f32 from one in f64. Finds nothing for positions that are not finite or farther from the origin than
-    /// [`MAX_POINT_COORDINATE`]. Cost: 3 to 16 microseconds among points that move little, some dozens if they move far
+    /// interval that begins or ends with the float next to a key which is no float may begin or end with the key.) Each point has a
+    /// nearest moment in each segment between keys. Ties of their distances, as rounded to f32, go to the earlier time, then to the
+    /// lower id. The distance is the exact one of these numbers, rounded to f32, as long as it is more than 2^-70 of the largest
+    /// coordinate. The time is rounded to f32 from one in f64. Finds nothing for positions that are not finite or farther from the
+    /// origin than [`MAX_POINT_COORDINATE`]. Cost: 3 to 16 microseconds among points that move little, some dozens if they move far
     /// across each other. All points that come equally near are compared, as those of a straight row beside the query's path do.
     ///
     /// ```

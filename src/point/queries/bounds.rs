@@ -9,9 +9,9 @@ use crate::simd::LANES;
 use glam::DVec3;
 
 impl PointTree {
-    /// A box around all points over the shutter, slightly enlarged for rounding; `None` if there are none. Points with active intervals
-    /// count while they exist, and may enlarge it by what their motion would add in the rest of a time slice. Reads the root of each
-    /// tree only.
+    /// A box around all points over the shutter, slightly enlarged for rounding; `None` if there are none. Points with active
+    /// intervals count while they exist, and may enlarge it by what their motion would add in the rest of a time slice. Reads the
+    /// root of each tree only.
     ///
     /// ```
     /// use mbkd::{MovingPoint, PointParams, PointTree, glam::{DVec3, Vec3}};

@@ -160,8 +160,8 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         &buffer.found
     }
 
-    /// The work that [`NeighborQuery::nearest_n`] does for this query. (For one neighbour without a list of candidates it does somewhat
-    /// less.)
+    /// The work that [`NeighborQuery::nearest_n`] does for this query. (For one neighbour without a list of candidates it does
+    /// somewhat less.)
     pub fn work(self, k: usize) -> NeighborWork {
         if self.finds_something() && k > 0 {
             self.run(|query| compiled::work(query, k))

@@ -1,7 +1,8 @@
 //! The k-nearest search with a filter and counted work.
 //!
 //! The cost of counting is negligible compared with a filter that is called for each block. So this one form serves queries with a
-//! filter and those for the work alone; queries without a filter have a form that does not count ([`crate::point::queries::compiled`]).
+//! filter and those for the work alone; queries without a filter have a form that does not count
+//! ([`crate::point::queries::compiled`]).
 
 use super::layers::{Layer, QueriedLayers};
 use crate::point::search::candidates::Candidates;

@@ -58,8 +58,8 @@ pub(in crate::point) struct KNearest<'a, K, O> {
     cull: f32,
     /// The caller's bound.
     bound: f32,
-    /// The squared distance of the nearest leaf in the first bottom node: about the least that there is, and far from zero if the query
-    /// is far from all points.
+    /// The squared distance of the nearest leaf in the first bottom node: about the least that there is, and far from zero if the
+    /// query is far from all points.
     nearest: f32,
     shrink: f32,
     /// How often a threshold may still be estimated, and a factor on the next estimate.
@@ -247,8 +247,8 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         self.scaled_from(mean, self.aim(), 0.6 * whole as f32)
     }
 
-    /// A threshold with `wanted` points below it where one has `found`, by the distance beyond the nearest leaf: from far away, all points
-    /// are about equally far.
+    /// A threshold with `wanted` points below it where one has `found`, by the distance beyond the nearest leaf: from far away, all
+    /// points are about equally far.
     #[inline(always)]
     fn scaled_from(&self, threshold: f32, wanted: f32, found: f32) -> f32 {
         let beyond = threshold - self.nearest;
@@ -387,8 +387,8 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
         lanes
     }
 
-    /// Whether leaves of the bottom node that was tested last wait for a threshold: it is to be tested again once the queued ones are
-    /// visited.
+    /// Whether leaves of the bottom node that was tested last wait for a threshold: it is to be tested again once the queued ones
+    /// are visited.
     #[inline(always)]
     pub(super) fn has_waiting_leaves(&self) -> bool {
         self.seen != 0
@@ -437,8 +437,8 @@ impl<'a, K: Keep, O: Observe> KNearest<'a, K, O> {
             }
         }
         let left = s.le(boxes, s.splat(self.cull)) & !found;
-        // From far away, and where points are few: points of the nearest leaves give a threshold for the others. Also where many are left:
-        // then the threshold is from leaves that are large or far away, as outliers have, and is loose.
+        // From far away, and where points are few: points of the nearest leaves give a threshold for the others. Also where many
+        // are left: then the threshold is from leaves that are large or far away, as outliers have, and is loose.
         let several = if self.origin == Origin::Caller { 0 } else { SEVERAL };
         let enough = (2 * self.k).div_ceil(LANES * view.leaf_blocks()) + 1;
         if left.count_ones() as usize > enough + several {

@@ -49,11 +49,11 @@ pub struct ClosestPoint {
     pub distance: f32,
     /// The point, in world coordinates.
     pub point: DVec3,
-    /// Barycentric weight of the triangle's second vertex; on a [sphere](crate::MovingSphere) the x of the unit normal, on a custom primitive
-    /// the value that it returned.
-    pub u: f32,
-    /// Barycentric weight of the triangle's third vertex, where the first has `1 - u - v`; on a sphere the y of the unit normal, on a custom
+    /// Barycentric weight of the triangle's second vertex; on a [sphere](crate::MovingSphere) the x of the unit normal, on a custom
     /// primitive the value that it returned.
+    pub u: f32,
+    /// Barycentric weight of the triangle's third vertex, where the first has `1 - u - v`; on a sphere the y of the unit normal, on
+    /// a custom primitive the value that it returned.
     pub v: f32,
     /// The mesh, as an index into the meshes that the tree was built of; the number of meshes for one of the other shapes
     /// of a scene, so 0 for a tree of shapes only.
@@ -124,8 +124,8 @@ impl<G: PrimitiveSet, F: Filter<ClosestPoint>> Best<'_, G, F> {
         }
     }
 
-    /// Whether a primitive exists at the query's time and the query sees it. It is asked before the closest point is computed, which
-    /// takes longer.
+    /// Whether a primitive exists at the query's time and the query sees it. It is asked before the closest point is computed,
+    /// which takes longer.
     #[inline(always)]
     fn sees(&self, id: u32) -> bool {
         (self.set.always_active() || self.set.active(id).contains(self.query.time))
@@ -201,8 +201,9 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
         let query = self.best.query;
         let CornerLanes { corners, count, ids, sizes } = CornerLanes::of(s, &self.tree.arena, leaf, query.time);
         let [a, b, c] = corners;
-        // How far corners may be from those in the block, in tree space: along each axis less than four ULP of the largest coordinate, if vertices
-        // are kept in f64 and rounded in blocks: one at the keys, and one each for difference, product and sum between them.
+        // How far corners may be from those in the block, in tree space: along each axis less than four ULP of the largest
+        // coordinate, if vertices are kept in f64 and rounded in blocks: one at the keys, and one each for difference, product and
+        // sum between them.
         let kept = self.best.set.triangles().filter(|triangles| triangles.any_precise());
         let error = if kept.is_some() { 4.5 * ULP * block_sizes(sizes).0 + f32::MIN_POSITIVE } else { 0.0 };
         let reach = |limit: f32| query.reach(limit) + f64::from(error);
@@ -258,8 +259,8 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
         self.closest_first(s, leaf, distances, |limit| query.cull(limit));
     }
 
-    /// Tests the shapes of a block by their own functions, closest first, as long as their distances, none of which is negative, are within
-    /// `reach` of the limit.
+    /// Tests the shapes of a block by their own functions, closest first, as long as their distances, none of which is negative,
+    /// are within `reach` of the limit.
     #[inline(always)]
     fn closest_first<S: Simd>(&mut self, s: S, leaf: ChildRef, distances: S::F, reach: impl Fn(f32) -> f32) {
         let ids = &self.tree.arena.ints()[leaf.at()..][..leaf.len()];
@@ -284,10 +285,10 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
 
     /// Tests a block of spheres: those whose surfaces are near enough, closest first.
     ///
-    /// Distances in f32 are too large by less than the margin. Let `m` be the size of the block plus the largest coordinate of the query point,
-    /// and `u` an ULP: each coordinate of a center relative to the point is off by 6um, which moves the distance by 11um; the roundings of
-    /// squares, sum and root by 7um at most; the radius is off by 4um. To this comes the error that the block states, and that of squares which
-    /// are not normal numbers ([`LEAST_SQUARED`]).
+    /// Distances in f32 are too large by less than the margin. Let `m` be the size of the block plus the largest coordinate of the
+    /// query point, and `u` an ULP: each coordinate of a center relative to the point is off by 6um, which moves the distance by
+    /// 11um; the roundings of squares, sum and root by 7um at most; the radius is off by 4um. To this comes the error that the
+    /// block states, and that of squares which are not normal numbers ([`LEAST_SQUARED`]).
     #[inline(always)]
     fn spheres<S: Simd>(&mut self, s: S, leaf: ChildRef, spheres: SphereLeaf) {
         let (query, arena) = (self.best.query, &self.tree.arena);

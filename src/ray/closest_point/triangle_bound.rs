@@ -1,23 +1,26 @@
 //! Lower bounds of the distances from a point to sixteen triangles, in f32.
 //!
-//! The picture: a plane between the point and a triangle proves a distance. If no corner of a triangle is nearer than `r` along a direction
-//! `g`, no point of the triangle is. So `g` may be any vector at all, and its errors cannot make the bound wrong, only weak. It is
-//! chosen towards the closest point of the triangle (for which the bound is the distance itself), found in f32 without any care for slivers: it
-//! is the foot of the perpendicular if that seems to be inside, and otherwise the nearest of the closest points of the three edges (the regions
-//! of Ericson, *Real-Time Collision Detection*, section 5.1.5).
+//! The picture: a plane between the point and a triangle proves a distance. If no corner of a triangle is nearer than `r` along a
+//! direction `g`, no point of the triangle is. So `g` may be any vector at all, and its errors cannot make the bound wrong, only
+//! weak. It is chosen towards the closest point of the triangle (for which the bound is the distance itself), found in f32 without
+//! any care for slivers: it is the foot of the perpendicular if that seems to be inside, and otherwise the nearest of the closest
+//! points of the three edges (the regions of Ericson, *Real-Time Collision Detection*, section 5.1.5).
 //!
-//! **The margin.** Let `u` be an [`ULP`], `q` the query point, `p` the same rounded to f32, `a` a corner, `d` the distance between `q` and
-//! the triangle, and `e` the longest edge at `a`. The computed bound is `r = (g . (a - p) + min(0, g . (b - a), g . (c - a))) / |g|`.
+//! **The margin.** Let `u` be an [`ULP`], `q` the query point, `p` the same rounded to f32, `a` a corner, `d` the distance between
+//! `q` and the triangle, and `e` the longest edge at `a`. The computed bound is
+//! `r = (g . (a - p) + min(0, g . (b - a), g . (c - a))) / |g|`.
 //!
 //! - `a - p` is off by u |a - p|, each edge by ue. The products with `g` and their sums add 3u and the last sum u, so the numerator
 //!   divided by `|g|` is off by u (5 |a - p| + 5e), and by |q - p|.
 //! - `|g|` is off by 2.5u of itself, and the quotient by u. As r is at most |a - p|, this is less than 3.6u |a - p|.
 //! - `|a - p|` is at most d + e + |q - p|. So d (1 + 9u) is at least r - 14ue - |q - p|, up to roundings of roundings.
-//! - `e` is at most the root of three times the largest extent of a triangle, and `|q - p|` at most that many times u times the largest
-//!   coordinate of `p`. Extents of triangles that move are off by 6u of the largest coordinate in the block, as the corners are rounded.
+//! - `e` is at most the root of three times the largest extent of a triangle, and `|q - p|` at most that many times u times the
+//!   largest coordinate of `p`. Extents of triangles that move are off by 6u of the largest coordinate in the block, as the corners
+//!   are rounded.
 //!
-//! What f64 rounds in the distance that decides is far less than what the code adds beyond this. Products may underflow; `|g|` is at least
-//! 2^-63 as computed, so this puts `r` off by less than 2^-85. Nothing overflows if no coordinate of `p` is greater than [`FARTHEST`].
+//! What f64 rounds in the distance that decides is far less than what the code adds beyond this. Products may underflow; `|g|` is
+//! at least 2^-63 as computed, so this puts `r` off by less than 2^-85. Nothing overflows if no coordinate of `p` is greater than
+//! [`FARTHEST`].
 
 use crate::geometry::ULP;
 use crate::simd::Simd;
@@ -42,7 +45,8 @@ pub(super) struct TriangleBound {
 }
 
 impl TriangleBound {
-    /// For the triangles of a block of these sizes ([`block_sizes`](crate::layout::block_sizes)), whose corners in f32 are off by at most `error`.
+    /// For the triangles of a block of these sizes ([`block_sizes`](crate::layout::block_sizes)), whose corners in f32 are off by
+    /// at most `error`.
     #[inline(always)]
     pub fn new(from: Vec3, (size, extent): (f32, f32), error: f32) -> TriangleBound {
         let extent = extent + 8.0 * ULP * size;
@@ -56,7 +60,8 @@ impl TriangleBound {
         ((reach * (1.0 + RELATIVE)) as f32).next_up()
     }
 
-    /// The bounds for sixteen triangles, given by their corners. Not below zero; zero if nothing is known, as for triangles with NaN.
+    /// The bounds for sixteen triangles, given by their corners. Not below zero; zero if nothing is known, as for triangles with
+    /// NaN.
     #[inline(always)]
     pub fn of<S: Simd>(&self, s: S, [a, b, c]: [[S::F; 3]; 3]) -> S::F {
         let (zero, one) = (s.splat(0.0), s.splat(1.0));
@@ -155,7 +160,8 @@ mod tests {
         }
     }
 
-    /// Triangles of many sizes, in motion and at rest, slivers among them, and points at corners, in edges and triangles, near them and far away.
+    /// Triangles of many sizes, in motion and at rest, slivers among them, and points at corners, in edges and triangles, near them
+    /// and far away.
     #[test]
     fn no_triangle_within_reach_is_ruled_out_and_some_would_be_without_the_margin() {
         let mut random = Random(8);

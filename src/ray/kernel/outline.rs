@@ -1,14 +1,15 @@
 //! The box of a whole tree at the ray's time, tested before anything else is computed for the ray.
 //!
-//! Most rays at a small mesh in the distance miss it, and so do most rays that are mapped into the space of an instance. Whether a line
-//! misses a box follows from origin and direction alone, without a division: they are disjoint exactly if they are separated along the
-//! cross product of the direction and one of the axes (Gottschalk, Lin and Manocha, "OBBTree: A Hierarchical Structure for Rapid
-//! Interference Detection", 1996).
+//! Most rays at a small mesh in the distance miss it, and so do most rays that are mapped into the space of an instance. Whether a
+//! line misses a box follows from origin and direction alone, without a division: they are disjoint exactly if they are separated
+//! along the cross product of the direction and one of the axes (Gottschalk, Lin and Manocha, "OBBTree: A Hierarchical Structure
+//! for Rapid Interference Detection", 1996).
 //!
-//! **Proof that no ray is ruled out that hits.** Hits lie in the box, up to [`INNER_ULPS`], by which it is padded. If `o + t d` lies in a
-//! box around zero with half extents `h`, then `|o.y d.z - o.z d.y| = |(o + t d).y d.z - (o + t d).z d.y| <= h.y |d.z| + h.z |d.y|`, and
-//! so on for the other axes. In f64 both sides are off by less than 2^-50 of the length of `o` times that of `d`. Trees report no hits
-//! of origins farther away than 2^32 sizes, so this is less than 2^-18 of the size, for which the padding has room.
+//! **Proof that no ray is ruled out that hits.** Hits lie in the box, up to [`INNER_ULPS`], by which it is padded. If `o + t d`
+//! lies in a box around zero with half extents `h`, then
+//! `|o.y d.z - o.z d.y| = |(o + t d).y d.z - (o + t d).z d.y| <= h.y |d.z| + h.z |d.y|`, and so on for the other axes. In f64 both
+//! sides are off by less than 2^-50 of the length of `o` times that of `d`. Trees report no hits of origins farther away than 2^32
+//! sizes, so this is less than 2^-18 of the size, for which the padding has room.
 
 use crate::geometry::{Aabb, Frame, LinearBounds, Ray, ULP};
 use crate::simd::{Simd, THREE, cross, magnitude, vector_lanes};
@@ -171,8 +172,8 @@ mod tests {
         TriangleMesh::new(indices, if moving { vec![corners, later] } else { vec![corners] })
     }
 
-    /// Of rays that hit triangles along an edge of the box, those that hit and those of them that are ruled out, with this share of the
-    /// padding of boxes and rays.
+    /// Of rays that hit triangles along an edge of the box, those that hit and those of them that are ruled out, with this share of
+    /// the padding of boxes and rays.
     fn hit_and_lost(moving: bool, padding: f64) -> (usize, usize) {
         let mesh = on_an_edge(moving);
         let tree = RayTree::build(core::slice::from_ref(&mesh), &BuildParams::default()).expect("a tree");

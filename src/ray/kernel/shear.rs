@@ -1,42 +1,44 @@
 //! The shear of the watertight test ([`super::triangle`]), which maps the ray to an axis; and the error bounds of this test in f32.
 //!
-//! **Corners.** A corner relative to the ray is off by at most [`deviation`], sheared or not. Let `m` be the largest coordinate of a vertex
-//! plus that of the origin, and `u` an [`ULP`].
+//! **Corners.** A corner relative to the ray is off by at most [`deviation`], sheared or not. Let `m` be the largest coordinate of
+//! a vertex plus that of the origin, and `u` an [`ULP`].
 //!
-//! - Interpolation puts a vertex off by 3u of itself, and the rounding of the origin by u of the origin: together at most 3um. Their
-//!   difference is at most m and is rounded by um: 4um. Leaf blocks add the motion to that difference instead, with the same roundings of
-//!   the same sizes.
+//! - Interpolation puts a vertex off by 3u of itself, and the rounding of the origin by u of the origin: together at most 3um.
+//!   Their difference is at most m and is rounded by um: 4um. Leaf blocks add the motion to that difference instead, with the same
+//!   roundings of the same sizes.
 //! - Slopes are at most 1 and off by 2u. So the product of a slope with a depth is off by (4 + 2)um and rounded by um: 7um.
 //! - The sheared coordinate is at most 2m and is rounded by 2um: 13um in all.
-//! - Vertices that are kept in f64 are in leaf blocks as the nearest f32 numbers. That puts a corner off by um, between keys too, and a
-//!   sheared coordinate by 2um: 15um. [`DEVIATION_ULPS`] is one more, which covers roundings of roundings.
+//! - Vertices that are kept in f64 are in leaf blocks as the nearest f32 numbers. That puts a corner off by um, between keys too,
+//!   and a sheared coordinate by 2um: 15um. [`DEVIATION_ULPS`] is one more, which covers roundings of roundings.
 //!
-//! **Corners near the origin.** These roundings are of numbers that become small near the origin, so rays that begin on a surface have
-//! tighter bounds ([`Deviation`]). Let `o` be the largest coordinate of the origin, `r` that of a corner relative to it, and `s` that of the
-//! vertex at the keys around the ray's time.
+//! **Corners near the origin.** These roundings are of numbers that become small near the origin, so rays that begin on a surface
+//! have tighter bounds ([`Deviation`]). Let `o` be the largest coordinate of the origin, `r` that of a corner relative to it, and
+//! `s` that of the vertex at the keys around the ray's time.
 //!
-//! - The rounding of the origin puts a corner off by uo. The nearer key minus the origin is at most r + s and is rounded by u of that; the
-//!   motion from there is half of the difference of two keys at most, so us for the rounding of this difference and us for that of the
-//!   product; their sum is rounded by ur. Together this is u(o + 2r + 3s), and u(o + r) without motion.
-//! - The slope and its product add 3ur to the error of the depth, and the sheared coordinate is rounded by 2ur: u(2o + 9r + 6s) in all.
-//! - Without motion a corner is off by u(o + r) only, and the sheared coordinate by u(2o + 7r). Vertices that are kept in f64 add 2u of the vertex,
-//!   which is 2us in motion and at most 2u(o + r) without: u(2o + 9r + 8s) and u(4o + 9r).
-//! - Moving the origin to the scene puts it off by at most a tenth of the slack that it adds, and the sheared coordinate by twice that. A
-//!   fifth of a ray's slack is more than that and 2uo together.
-//! - A ray that hits the triangle meets its plane between the corners: sheared coordinates are at most twice the triangle's extent, and
-//!   depths differ by at most the extent. So r is at most three times the extent plus the depth of the first corner, which is at most
-//!   twice its distance. (This also holds for a triangle that f32 shows to be hit, up to the error itself.)
+//! - The rounding of the origin puts a corner off by uo. The nearer key minus the origin is at most r + s and is rounded by u of
+//!   that; the motion from there is half of the difference of two keys at most, so us for the rounding of this difference and us
+//!   for that of the product; their sum is rounded by ur. Together this is u(o + 2r + 3s), and u(o + r) without motion.
+//! - The slope and its product add 3ur to the error of the depth, and the sheared coordinate is rounded by 2ur: u(2o + 9r + 6s) in
+//!   all.
+//! - Without motion a corner is off by u(o + r) only, and the sheared coordinate by u(2o + 7r). Vertices that are kept in f64 add
+//!   2u of the vertex, which is 2us in motion and at most 2u(o + r) without: u(2o + 9r + 8s) and u(4o + 9r).
+//! - Moving the origin to the scene puts it off by at most a tenth of the slack that it adds, and the sheared coordinate by twice
+//!   that. A fifth of a ray's slack is more than that and 2uo together.
+//! - A ray that hits the triangle meets its plane between the corners: sheared coordinates are at most twice the triangle's extent,
+//!   and depths differ by at most the extent. So r is at most three times the extent plus the depth of the first corner, which is
+//!   at most twice its distance. (This also holds for a triangle that f32 shows to be hit, up to the error itself.)
 //!
-//! A corner's distance is off by half of this bound: u(o + 2r + 3s) for its depth, u of the vertex if it is kept in f64, and 2ur for the
-//! reciprocal and the product. Roundings of roundings are covered since the code counts 4uo, 10ur and 8us.
+//! A corner's distance is off by half of this bound: u(o + 2r + 3s) for its depth, u of the vertex if it is kept in f64, and 2ur
+//! for the reciprocal and the product. Roundings of roundings are covered since the code counts 4uo, 10ur and 8us.
 //!
-//! Fused products, here and below, have fewer roundings. No product overflows: in tree space vertices are within about 1 of zero, and
-//! origins that are not moved to the scene are within 2^32.
+//! Fused products, here and below, have fewer roundings. No product overflows: in tree space vertices are within about 1 of zero,
+//! and origins that are not moved to the scene are within 2^32.
 //!
-//! **Edge functions.** An edge function is `c x b`. Let `B` and `C` be the sums of both coordinates of the two corners. The errors of the
-//! corners put it off by `deviation (B + C + 2 deviation)`. The roundings of its two products and of their difference put it off by 2u of
-//! the products. A coordinate is at most 2m, so that is at most `1/4 deviation B`; and near the origin, where it is at most 2r, less than
-//! `2/9 deviation (B + C)`, since the products are less than `2r B` as well as `2r C`. Together this is less than [`edge_margin`].
+//! **Edge functions.** An edge function is `c x b`. Let `B` and `C` be the sums of both coordinates of the two corners. The errors
+//! of the corners put it off by `deviation (B + C + 2 deviation)`. The roundings of its two products and of their difference put it
+//! off by 2u of the products. A coordinate is at most 2m, so that is at most `1/4 deviation B`; and near the origin, where it is at
+//! most 2r, less than `2/9 deviation (B + C)`, since the products are less than `2r B` as well as `2r C`. Together this is less
+//! than [`edge_margin`].
 
 use super::tree_ray::{Direction, TreeRay, is_in_range};
 use crate::geometry::{KERNEL_ULPS, ULP};
@@ -51,7 +53,8 @@ pub(crate) struct Sheared {
     /// The slopes of the ray along `kx` and `ky`.
     pub sx: f32,
     pub sy: f32,
-    /// The component along `kz` of the scaled direction, in whose multiples distances in tree space are measured, and its reciprocal.
+    /// The component along `kz` of the scaled direction, in whose multiples distances in tree space are measured, and its
+    /// reciprocal.
     pub dz: f32,
     pub inverse: f32,
 }
@@ -67,8 +70,8 @@ impl Sheared {
         of
     }
 
-    /// The shear of a ray, and whether its direction is regular. If not, the caller calls [`Sheared::recompute`] before use. That function
-    /// works in place, for the reason given at [`TreeRay::of`].
+    /// The shear of a ray, and whether its direction is regular. If not, the caller calls [`Sheared::recompute`] before use. That
+    /// function works in place, for the reason given at [`TreeRay::of`].
     #[inline(always)]
     pub fn of(ray: &TreeRay) -> (Sheared, bool) {
         let dir: &[f32; 3] = ray.original.dir.as_ref();
@@ -153,15 +156,15 @@ fn unpacked(axes: u32) -> [usize; 3] {
 /// The error of corners in f32, in ULP of a vertex plus the origin.
 const DEVIATION_ULPS: f32 = 16.0;
 
-/// The error bound, per axis, of corners in f32 relative to a ray, if no coordinate of a vertex is larger than `size`. A ray's slack is
-/// [`KERNEL_ULPS`] of its origin plus ten times the error of moving the origin to the scene.
+/// The error bound, per axis, of corners in f32 relative to a ray, if no coordinate of a vertex is larger than `size`. A ray's
+/// slack is [`KERNEL_ULPS`] of its origin plus ten times the error of moving the origin to the scene.
 #[inline(always)]
 pub(crate) fn deviation(size: f32, slack: f32) -> f32 {
     DEVIATION_ULPS * ULP * size + DEVIATION_ULPS / KERNEL_ULPS * slack
 }
 
-/// The error bound, per axis, of the corners of a triangle in f32 relative to a ray: `near`, plus `far` times the magnitude of the first
-/// corner's distance in tree space. For triangles near the origin it is far less than [`deviation`].
+/// The error bound, per axis, of the corners of a triangle in f32 relative to a ray: `near`, plus `far` times the magnitude of the
+/// first corner's distance in tree space. For triangles near the origin it is far less than [`deviation`].
 #[derive(Clone, Copy)]
 pub(crate) struct Deviation {
     pub near: f32,
@@ -169,8 +172,8 @@ pub(crate) struct Deviation {
 }
 
 impl Deviation {
-    /// For triangles of at most this extent along an axis, whose vertices have no coordinate larger than `moving` at the keys; 0 if they do
-    /// not move.
+    /// For triangles of at most this extent along an axis, whose vertices have no coordinate larger than `moving` at the keys; 0 if
+    /// they do not move.
     #[inline(always)]
     pub fn of<S: Simd>(s: S, extent: f32, moving: f32, slack: f32) -> Deviation {
         let near = s.mul_add_one(8.0 * ULP, moving, s.mul_add_one(30.0 * ULP, extent, 0.2 * slack));
@@ -178,8 +181,8 @@ impl Deviation {
     }
 }
 
-/// How far an edge function in f32 may have the wrong sign for a triangle that is hit. `aside` is the sum of the sheared coordinates of
-/// both corners. (The added constant is more than the error of denormal products.)
+/// How far an edge function in f32 may have the wrong sign for a triangle that is hit. `aside` is the sum of the sheared
+/// coordinates of both corners. (The added constant is more than the error of denormal products.)
 #[inline(always)]
 pub(crate) fn edge_margin(aside: f32, deviation: f32) -> f32 {
     1.25 * deviation * (aside + 2.0 * deviation) + f32::MIN_POSITIVE

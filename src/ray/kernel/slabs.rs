@@ -1,20 +1,21 @@
 //! The slab test: one ray against the sixteen boxes of a node (Kay and Kajiya, "Ray Tracing Complex Scenes", 1986).
 //!
 //! The faces of the boxes at the ray's time follow from the node's rows by one multiply-add per face. The ray meets a face `f` at
-//! `(f - o) / d`. With `r = 1 / d`, computed once per ray, this is `f * r + (-o r -+ slack |r|)`: the constant term also grows the box by
-//! the slack, at no cost per box.
+//! `(f - o) / d`. With `r = 1 / d`, computed once per ray, this is `f * r + (-o r -+ slack |r|)`: the constant term also grows the
+//! box by the slack, at no cost per box.
 //!
 //! **Proof that no box is culled whose leaf would accept a hit.**
 //!
-//! - Along each axis the computed distance is `(f - o) r -+ slack |r|` up to four roundings relative to `(|f| + |o| + slack) |r|`: two
-//!   products and the sum of the constant term, and the sum with the face's term, which is fused or has one product more. This is below
-//!   5 ULP of `(|f| + |o|) |r|`. The rounding of `r` itself (1 ULP) is the same in both terms.
-//! - This error and the deviation of the triangle test ([`KERNEL_ULPS`](crate::geometry::KERNEL_ULPS)) grow with the coordinates of the
-//!   primitive and with those of the origin. Boxes are padded for the first part when they are written; rays have slack for the second
-//!   part. So a single distant vertex does not enlarge other boxes.
+//! - Along each axis the computed distance is `(f - o) r -+ slack |r|` up to four roundings relative to `(|f| + |o| + slack) |r|`:
+//!   two products and the sum of the constant term, and the sum with the face's term, which is fused or has one product more. This
+//!   is below 5 ULP of `(|f| + |o|) |r|`. The rounding of `r` itself (1 ULP) is the same in both terms.
+//! - This error and the deviation of the triangle test ([`KERNEL_ULPS`](crate::geometry::KERNEL_ULPS)) grow with the coordinates of
+//!   the primitive and with those of the origin. Boxes are padded for the first part when they are written; rays have slack for the
+//!   second part. So a single distant vertex does not enlarge other boxes.
 //! - The comparison is `<=`, so distances that tie with the limit are kept.
-//! - A ray that begins behind its origin measures distances from its begin. Then no distance that matters is negative, and the bits of
-//!   floats order like integers. This costs three more roundings, of sums with that begin; the slack of such a ray is larger for them.
+//! - A ray that begins behind its origin measures distances from its begin. Then no distance that matters is negative, and the bits
+//!   of floats order like integers. This costs three more roundings, of sums with that begin; the slack of such a ray is larger for
+//!   them.
 //! - Everything stays finite: coordinates are below 2^102 and reciprocals at most 2^24.
 
 use crate::simd::{LANES, Mask, Simd};
@@ -39,8 +40,8 @@ pub(crate) struct Slabs {
 }
 
 impl Slabs {
-    /// For a ray that begins at the distance `begin`, at most `behind` behind its origin. Boxes count as larger by `slack`. `inverse` is
-    /// the reciprocal of the direction, except for components that are too small.
+    /// For a ray that begins at the distance `begin`, at most `behind` behind its origin. Boxes count as larger by `slack`.
+    /// `inverse` is the reciprocal of the direction, except for components that are too small.
     #[inline(always)]
     pub fn new(
         (origin, dir, inverse): (Vec3A, Vec3, Vec3A),
@@ -113,8 +114,8 @@ fn backward(component: f32) -> usize {
     (component.to_bits() >> 31) as usize * LANES
 }
 
-/// The distances along the ray to one face of every box. In a node, the row of the face is `side` words after the first of the two rows of the
-/// axis.
+/// The distances along the ray to one face of every box. In a node, the row of the face is `side` words after the first of the two
+/// rows of the axis.
 #[inline(always)]
 fn face_distance<S: Simd, const ROWS: usize, const AXIS: usize>(
     s: S,
@@ -236,8 +237,8 @@ mod tests {
         lost(ray, |ray| (ray.slack - origin_slack(ray)) * part, 0.0)
     }
 
-    /// The same for lines through small triangles whose slack is `part` times that for beginning behind their origin, plus the slack
-    /// for the origin.
+    /// The same for lines through small triangles whose slack is `part` times that for beginning behind their origin, plus the
+    /// slack for the origin.
     fn hits_of_lines_lost(part: f32) -> usize {
         let ray = |next: &mut dyn FnMut() -> f32| {
             let (corners, target) = aim(&mut *next, true);

@@ -5,11 +5,11 @@ use crate::geometry::{Frame, KERNEL_ULPS, Ray, ULP};
 use crate::ray::hit::SetHit;
 use glam::{DVec3, Vec3, Vec3A};
 
-/// A ray in tree space: the origin is mapped there and moved along the ray to the scene, the direction is scaled by a power of two so
-/// that its largest component lies in [1, 2), and `t` is scaled to match.
+/// A ray in tree space: the origin is mapped there and moved along the ray to the scene, the direction is scaled by a power of two
+/// so that its largest component lies in [1, 2), and `t` is scaled to match.
 ///
-/// This struct holds the data for tests of nodes. The data for tests of triangles ([`Sheared`](super::shear::Sheared)) is derived from it
-/// when a ray reaches its first triangle; many rays never do.
+/// This struct holds the data for tests of nodes. The data for tests of triangles ([`Sheared`](super::shear::Sheared)) is derived
+/// from it when a ray reaches its first triangle; many rays never do.
 #[derive(Clone, Copy)]
 pub(crate) struct TreeRay<'a> {
     /// The data of the slab test. Components of the direction smaller than [`LEAST_COMPONENT`] are replaced by it.
@@ -36,20 +36,20 @@ pub(crate) struct TreeRay<'a> {
 /// Rays with origins farther away than this (in scene sizes) hit nothing: their errors would exceed about 2^-20 of the scene.
 const FARTHEST: f64 = 4294967296.0;
 
-/// Origins up to this far away (in scene sizes) are not moved to the scene. Boxes grow by [`KERNEL_ULPS`] of this distance, some 8e-5 of
-/// the scene, which costs less than moving the origin. Of rays in the spaces of small instances, most begin that far away.
+/// Origins up to this far away (in scene sizes) are not moved to the scene. Boxes grow by [`KERNEL_ULPS`] of this distance, some
+/// 8e-5 of the scene, which costs less than moving the origin. Of rays in the spaces of small instances, most begin that far away.
 const NEAR: f32 = 64.0;
 
-/// Smaller components of a direction are replaced by this as divisors. On the way to a hit, this moves the ray by less than an ULP of
-/// the distance.
+/// Smaller components of a direction are replaced by this as divisors. On the way to a hit, this moves the ray by less than an ULP
+/// of the distance.
 pub(crate) const LEAST_COMPONENT: f32 = ULP;
 
-/// The least slack of any ray, 2^-100. It is more than the error of products of denormal numbers, and more than twice the distance of
-/// half a denormal `t` at [`MOST_T_PER_WORLD`].
+/// The least slack of any ray, 2^-100. It is more than the error of products of denormal numbers, and more than twice the distance
+/// of half a denormal `t` at [`MOST_T_PER_WORLD`].
 const LEAST_SLACK: f32 = 1.0 / (1u128 << 100) as f32;
 
-/// If a unit of `t` is longer than this in tree space, 2^48, the `t` of hits far behind the origin is rounded to zero. So they are hits of
-/// a ray that begins at its origin.
+/// If a unit of `t` is longer than this in tree space, 2^48, the `t` of hits far behind the origin is rounded to zero. So they are
+/// hits of a ray that begins at its origin.
 const MOST_T_PER_WORLD: f64 = (1u64 << 48) as f64;
 
 /// Somewhat less than the greatest `t`.
@@ -61,8 +61,8 @@ const T_ROUNDING: f64 = 1.0 / 4194304.0;
 /// The same for a denormal `t`, in units of the direction.
 const T_DENORMAL: f64 = 1.0 / ((1u128 << 126) as f64 * 4194304.0);
 
-/// Exponent fields of the longest component of a direction for which reciprocals and slopes neither overflow nor lose bits, whatever
-/// the other components are.
+/// Exponent fields of the longest component of a direction for which reciprocals and slopes neither overflow nor lose bits,
+/// whatever the other components are.
 const EXPONENT_RANGE: core::ops::RangeInclusive<u32> = 64..=190;
 
 impl<'a> TreeRay<'a> {
@@ -87,12 +87,12 @@ impl<'a> TreeRay<'a> {
     /// Every query begins with this function, and the rest of the query waits for it. So it is written for low latency:
     ///
     /// - One branch recognizes regular rays. After it, no branch depends on the ray.
-    /// - Components of the direction are compared as integers, which takes one cycle, and the longest is selected without going through
-    ///   memory.
+    /// - Components of the direction are compared as integers, which takes one cycle, and the longest is selected without going
+    ///   through memory.
     /// - The reciprocals do not wait for the scaling of the direction.
     /// - Irregular rays have a function of their own. A call within this code would spill registers, even if it is not made.
-    /// - That function changes the caller's variable in place. Returning a ray would copy it by wide loads, which stall on the preceding
-    ///   narrow stores.
+    /// - That function changes the caller's variable in place. Returning a ray would copy it by wide loads, which stall on the
+    ///   preceding narrow stores.
     #[inline(always)]
     pub fn of(ray: &'a Ray, frame: &Frame) -> (TreeRay<'a>, bool) {
         let from = frame.fine_point(ray.origin);
@@ -213,9 +213,10 @@ impl<'a> TreeRay<'a> {
         }
     }
 
-    /// A distance in tree space up to which everything beyond the begin is within the range, except for two ULP at either end. Minus
-    /// infinity if there is none that is simple to compute: for lines that begin behind their origin, for ranges that begin or end at a
-    /// denormal `t`, of which the next one may be far away, and for rays whose origin was moved beyond the begin of their range.
+    /// A distance in tree space up to which everything beyond the begin is within the range, except for two ULP at either end.
+    /// Minus infinity if there is none that is simple to compute: for lines that begin behind their origin, for ranges that begin
+    /// or end at a denormal `t`, of which the next one may be far away, and for rays whose origin was moved beyond the begin of
+    /// their range.
     #[inline(always)]
     pub fn certain_end(&self) -> f32 {
         // Zero is not denormal: one less, its bits are the greatest number.
@@ -230,13 +231,14 @@ impl<'a> TreeRay<'a> {
         }
     }
 
-    /// The same for a ray whose origin was moved to the scene. One step of `t` may be longer than the scene, so the range is not that of
-    /// distances from the moved origin: a hit counts if its distance `d` from there, as the decision in f64 has it, fulfils
+    /// The same for a ray whose origin was moved to the scene. One step of `t` may be longer than the scene, so the range is not
+    /// that of distances from the moved origin: a hit counts if its distance `d` from there, as the decision in f64 has it, fulfils
     /// `t_min <= (d + advance) / t_per_world <= t_max` with the quotient rounded to f32.
     ///
-    /// **Proof that what is certain is hit.** Both ends are f32, and rounding is monotone, so it suffices that the exact quotient fulfils
-    /// this: the division by a power of two is exact, and so are the products here. The decision computes `d + advance` with some ten
-    /// roundings of 2^-53 of the origin's largest coordinate, of which the slack has sixty-four; the sums here round three times.
+    /// **Proof that what is certain is hit.** Both ends are f32, and rounding is monotone, so it suffices that the exact quotient
+    /// fulfils this: the division by a power of two is exact, and so are the products here. The decision computes `d + advance`
+    /// with some ten roundings of 2^-53 of the origin's largest coordinate, of which the slack has sixty-four; the sums here round
+    /// three times.
     /// - The range begins before the moved origin, by more than that, and what is certain does not lie behind that origin.
     /// - The end is moved inward by the slack, and by 2^-22 of itself, four times what the conversion to f32 rounds.
     #[inline(always)]
@@ -265,8 +267,8 @@ impl<'a> TreeRay<'a> {
         self.original.t_max.min(f32::MAX)
     }
 
-    /// The `t` of an answer at a distance in tree space from the original origin, rounded once. (Zero is added last, so that there is no
-    /// -0.)
+    /// The `t` of an answer at a distance in tree space from the original origin, rounded once. (Zero is added last, so that there
+    /// is no -0.)
     #[inline(always)]
     pub fn answer_at(&self, distance: f64) -> f32 {
         (distance * inverse_of_power(self.t_per_world)) as f32 + 0.0
@@ -274,9 +276,9 @@ impl<'a> TreeRay<'a> {
 
     /// A distance in tree space beyond which no answer is as near as the one at `distance` from the original origin.
     ///
-    /// Both distances are rounded to f32 (by 2^-24 of themselves, or half the least denormal) and may then be equal; the sum here allows
-    /// for twice as much. The next box of the traversal waits for this result, so it does not depend on the `t` of the answer. Only rays
-    /// whose origin was moved to the scene use `t`, since the distance of their origin is rounded as well.
+    /// Both distances are rounded to f32 (by 2^-24 of themselves, or half the least denormal) and may then be equal; the sum here
+    /// allows for twice as much. The next box of the traversal waits for this result, so it does not depend on the `t` of the
+    /// answer. Only rays whose origin was moved to the scene use `t`, since the distance of their origin is rounded as well.
     #[inline(always)]
     pub fn reach_at(&self, distance: f64, t: f32) -> f32 {
         if self.advance != 0.0 {
@@ -305,11 +307,11 @@ fn slack(away: f32) -> f32 {
     KERNEL_ULPS * ULP * away + LEAST_SLACK
 }
 
-/// The distance along a ray at which it enters the cube around zero with this half size, or a little less; `None` if the ray misses the
-/// cube or, unless it is a `line`, the cube lies behind it.
+/// The distance along a ray at which it enters the cube around zero with this half size, or a little less; `None` if the ray misses
+/// the cube or, unless it is a `line`, the cube lies behind it.
 ///
-/// The result has 29 bits, so its product with a direction in f32 is exact in f64. The half size exceeds the scene by far more than the
-/// error of the reciprocals.
+/// The result has 29 bits, so its product with a direction in f32 is exact in f64. The half size exceeds the scene by far more than
+/// the error of the reciprocals.
 fn distance_to_scene(origin: DVec3, dir: DVec3, half: f64, line: bool) -> Option<f64> {
     // If a component of the direction is zero, both are infinite: of equal signs outside the slab, and of different signs inside.
     let inverse = DVec3::ONE / dir;

@@ -8,14 +8,15 @@
 //! never has the wrong sign, only sometimes a zero that should not be one; zeros are recomputed with 106 bits. So signs
 //! are exact, the test is watertight, and nothing is hit outside of the sheared triangle.
 //!
-//! The weights of the corners are edge functions as well. If the products of one cancel to less than [`CANCELLED`] of them, all three are
-//! recomputed with 106 bits: otherwise the rounding of products, 2^-52 of them, might be more than the weights, and a triangle whose
-//! corners are nearly in a line could be hit far away from the ray. So weights are off by less than 2^-30 of their sum.
+//! The weights of the corners are edge functions as well. If the products of one cancel to less than [`CANCELLED`] of them, all
+//! three are recomputed with 106 bits: otherwise the rounding of products, 2^-52 of them, might be more than the weights, and a
+//! triangle whose corners are nearly in a line could be hit far away from the ray. So weights are off by less than 2^-30 of their
+//! sum.
 //!
-//! The sheared triangle differs from the true one by some 2^-53 of `|corner| + |origin|`. `t` is a weighted mean of the
-//! corners' depths, so it belongs to a point of the triangle that the ray passes within that distance and 2^-30 of the triangle's size. Boxes that hold
-//! the triangle and are padded by more never cull an accepted hit, not even of a triangle split into sub-references:
-//! the point is in one of them.
+//! The sheared triangle differs from the true one by some 2^-53 of `|corner| + |origin|`. `t` is a weighted mean of the corners'
+//! depths, so it belongs to a point of the triangle that the ray passes within that distance and 2^-30 of the triangle's size.
+//! Boxes that hold the triangle and are padded by more never cull an accepted hit, not even of a triangle split into
+//! sub-references: the point is in one of them.
 //!
 //! Most tested triangles are missed, and f32 is enough to prove it: the lanes of the wide layout
 //! (`ray/traversal/candidates.rs`), and [`Sheared::may_hit`] for one triangle, reject triangles beyond margins for the rounding

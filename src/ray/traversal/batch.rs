@@ -65,8 +65,8 @@ impl<W: Way, G: RaySource, F: Filter, Q: BatchQuery> Kernel for By<'_, W, G, F, 
     }
 }
 
-/// A ray of a batch during its traversal. Its fields stay in this order: with the collector before the shear, occlusion rays in streams
-/// take 4 % longer.
+/// A ray of a batch during its traversal. Its fields stay in this order: with the collector before the shear, occlusion rays in
+/// streams take 4 % longer.
 #[derive(Clone, Copy)]
 #[repr(C)]
 pub(in crate::ray) struct Member<'a, C> {

@@ -1,32 +1,32 @@
 //! Candidates: the triangles of a leaf block that a ray may hit, as far as f32 can tell.
 //!
-//! Deciding one triangle in f64 (`ray/kernel/triangle.rs`) takes as long as testing a whole block in f32. So f32 makes two tests. The first
-//! test uses one margin for all triangles of the block and rules out most blocks. If any triangles are left, the second test uses a
-//! margin for each triangle, and also compares its distance with the ray's range. The distance matters: rays that begin on a surface
-//! meet more triangles just behind their origin than ahead of it.
+//! Deciding one triangle in f64 (`ray/kernel/triangle.rs`) takes as long as testing a whole block in f32. So f32 makes two tests.
+//! The first test uses one margin for all triangles of the block and rules out most blocks. If any triangles are left, the second
+//! test uses a margin for each triangle, and also compares its distance with the ray's range. The distance matters: rays that begin
+//! on a surface meet more triangles just behind their origin than ahead of it.
 //!
-//! **Margins of edge functions** ([`crate::ray::kernel::shear`] derives them). First test: slopes are at most 1, so the sheared corners of a triangle
-//! that is hit are at most twice its extent away per axis. The sheared coordinates of two corners add up to at most eight times the
-//! extent plus four times the [`deviation`]. Second test: the coordinates of all three corners are summed, and the sum serves for all
-//! three edges.
+//! **Margins of edge functions** ([`crate::ray::kernel::shear`] derives them). First test: slopes are at most 1, so the sheared
+//! corners of a triangle that is hit are at most twice its extent away per axis. The sheared coordinates of two corners add up to
+//! at most eight times the extent plus four times the [`deviation`]. Second test: the coordinates of all three corners are summed,
+//! and the sum serves for all three edges.
 //!
-//! **Margin of the distance.** The distance of a hit is the mean of its corners' distances, weighted by the edge functions. So it lies
-//! between them. Let `dev` be the [`Deviation`] of the corners, `u` an [`ULP`](crate::geometry::ULP) and `r` as there.
+//! **Margin of the distance.** The distance of a hit is the mean of its corners' distances, weighted by the edge functions. So it
+//! lies between them. Let `dev` be the [`Deviation`] of the corners, `u` an [`ULP`](crate::geometry::ULP) and `r` as there.
 //!
-//! - If the weights are off by the margin, the mean moves by the margin times the sum of the differences between the corners' distances
-//!   and the mean, divided by the sum of the weights. That sum is at most twice the difference between the greatest distance and the
-//!   least. The code takes twice the margin instead.
-//! - A corner's distance is off by dev / 2. So the difference of two is off by dev, and its rounding by 2ur: less than 1.3 dev. The code
-//!   adds 2.5 dev.
-//! - The mean is off by dev / 2 as well, and by 5ur for the roundings of its sums and of the sum with its own margin. The sum of the
-//!   weights, its product with an end of the ray's range and that end are off by 5u of it, which matters only where the end is below
-//!   2r. Together this is less than 2.2 dev. The code adds 2.5 dev.
+//! - If the weights are off by the margin, the mean moves by the margin times the sum of the differences between the corners'
+//!   distances and the mean, divided by the sum of the weights. That sum is at most twice the difference between the greatest
+//!   distance and the least. The code takes twice the margin instead.
+//! - A corner's distance is off by dev / 2. So the difference of two is off by dev, and its rounding by 2ur: less than 1.3 dev. The
+//!   code adds 2.5 dev.
+//! - The mean is off by dev / 2 as well, and by 5ur for the roundings of its sums and of the sum with its own margin. The sum of
+//!   the weights, its product with an end of the ray's range and that end are off by 5u of it, which matters only where the end is
+//!   below 2r. Together this is less than 2.2 dev. The code adds 2.5 dev.
 //!
-//! **Vague edge functions.** A triangle that is small relative to these margins, or degenerate as seen along the ray, has edge functions
-//! within them wherever it is. But what is hit holds the ray in the range of its sheared coordinates along both axes, since the signs of
-//! the decision in f64 are exact. The coordinates are off by dev (for a triangle that is hit), and 2.5 dev is at hand. So such
-//! triangles are also compared with these ranges. They are few elsewhere; where rays lie in the planes of walls or begin on them, or a mesh
-//! has triangles without area, most candidates are.
+//! **Vague edge functions.** A triangle that is small relative to these margins, or degenerate as seen along the ray, has edge
+//! functions within them wherever it is. But what is hit holds the ray in the range of its sheared coordinates along both axes,
+//! since the signs of the decision in f64 are exact. The coordinates are off by dev (for a triangle that is hit), and 2.5 dev is at
+//! hand. So such triangles are also compared with these ranges. They are few elsewhere; where rays lie in the planes of walls or
+//! begin on them, or a mesh has triangles without area, most candidates are.
 //!
 //! The range itself may be rounded by more; up to where hits are certain then, [`TreeRay::certain_end`] tells.
 
@@ -81,8 +81,8 @@ fn beyond<S: Simd>(s: S, [a, b, c]: [S::F; 3], margin: S::F) -> Mask {
     s.lt(margin, least) | s.lt(greatest + margin, s.splat(0.0))
 }
 
-/// If the magnitudes of the edge functions of a triangle add up to at most this many margins, their signs tell little. (Not fitted: a
-/// triangle without any size has three edge functions of less than a margin each.)
+/// If the magnitudes of the edge functions of a triangle add up to at most this many margins, their signs tell little. (Not fitted:
+/// a triangle without any size has three edge functions of less than a margin each.)
 const VAGUE: f32 = 4.0;
 
 /// Computes [`deviation`] with fewer instructions.
@@ -116,12 +116,13 @@ impl Candidates {
         let [da, db, dc] = distances;
         // Two and a half times the deviation.
         let deviation = s.mul_add(magnitude(s, da), s.splat(2.5 * of.far), s.splat(2.5 * of.near));
-        // For any e > 0, the sum of six magnitudes is at most half of (6e + the sum of their squares divided by e). Three short sums
-        // have a shorter dependency chain than one long sum.
+        // For any e > 0, the sum of six magnitudes is at most half of (6e + the sum of their squares divided by e). Three short
+        // sums have a shorter dependency chain than one long sum.
         let ([xa, xb, xc], [ya, yb, yc]) = (edges.x, edges.y);
         let squares = s.mul_add(xb, xb, xa * xa) + s.mul_add(ya, ya, xc * xc) + s.mul_add(yc, yc, yb * yb);
-        // Twice `edge_margin` is two and a half deviations times the sum of magnitudes and twice the deviation, which here is bounded for
-        // the whole block: no corner is farther away than the largest coordinate plus the origin, and the slack is 20u of the origin.
+        // Twice `edge_margin` is two and a half deviations times the sum of magnitudes and twice the deviation, which here is
+        // bounded for the whole block: no corner is farther away than the largest coordinate plus the origin, and the slack is 20u
+        // of the origin.
         let most = s.mul_add_one(of.far, size, of.near + ray.slack);
         let aside = s.mul_add_one(2.0, most, 1.5 * extent);
         let aside = s.mul_add(squares, s.splat(inverse_extent(sizes)), s.splat(aside));
@@ -181,14 +182,15 @@ impl Candidates {
         some.then_some(lane)
     }
 
-    /// The other candidates whose lower bound of the distance is that of a candidate just taken: among them are all with the same corners.
+    /// The other candidates whose lower bound of the distance is that of a candidate just taken: among them are all with the same
+    /// corners.
     #[inline(always)]
     pub fn alike<S: Simd, C: Collect>(&self, s: S, _: &C, i: usize) -> Mask {
         if C::ORDERED && self.lanes != 0 { self.lanes & s.eq(s.load(&self.near), s.splat(self.near[i])) } else { 0 }
     }
 
-    /// Takes the next candidate to decide. If order matters, this is the nearest one; `None` if it lies beyond the distance that still
-    /// matters.
+    /// Takes the next candidate to decide. If order matters, this is the nearest one; `None` if it lies beyond the distance that
+    /// still matters.
     #[inline(always)]
     pub fn next<C: Collect>(&mut self, collect: &C) -> Option<usize> {
         if self.lanes == 0 {
@@ -334,8 +336,8 @@ mod tests {
         }
     }
 
-    /// Triangles of many sizes, at rest and in motion, rays from near and from far to their corners and edges, and ranges that end at
-    /// hits or one float beside them.
+    /// Triangles of many sizes, at rest and in motion, rays from near and from far to their corners and edges, and ranges that end
+    /// at hits or one float beside them.
     #[test]
     fn no_hit_is_ruled_out_and_no_miss_is_certain_and_both_would_be_without_margins() {
         let mut random = Random(15);
@@ -453,8 +455,8 @@ mod tests {
         assert!(hits > 200_000 && certain > hits / 5 && wrong > 1000, "{certain} of {hits} are certain, {wrong} wrong");
     }
 
-    /// Points beside the ray, triangles in planes through it, and triangles on it that are as small as the rounding of their corners: all
-    /// have edge functions within their margins.
+    /// Points beside the ray, triangles in planes through it, and triangles on it that are as small as the rounding of their
+    /// corners: all have edge functions within their margins.
     #[test]
     fn triangles_whose_signs_tell_nothing_are_ruled_out_beside_the_ray_only() {
         let mut random = Random(21);

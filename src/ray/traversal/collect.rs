@@ -185,8 +185,8 @@ impl<'a> All<'a> {
     }
 }
 
-/// The ids of primitives that were passed on: first in a short array, and in a hash set once the array is full. The memory grows with the
-/// size of the answer.
+/// The ids of primitives that were passed on: first in a short array, and in a hash set once the array is full. The memory grows
+/// with the size of the answer.
 struct Passed {
     few: [u32; FEW],
     count: usize,

@@ -1,8 +1,9 @@
 //! Interleaved traversal: several rays traverse the wide layout in turn, one block at a time.
 //!
-//! A ray that needs a block which is not in the cache would wait for it as long as dozens of tests take. So the block is prefetched, and
-//! the other rays of the group advance until it has arrived. The answers do not depend on this. On a tree that fits the cache, interleaving
-//! only costs time, so rays of small trees are traversed one by one. So are rays of mostly static trees, whose steps are short.
+//! A ray that needs a block which is not in the cache would wait for it as long as dozens of tests take. So the block is
+//! prefetched, and the other rays of the group advance until it has arrived. The answers do not depend on this. On a tree that fits
+//! the cache, interleaving only costs time, so rays of small trees are traversed one by one. So are rays of mostly static trees,
+//! whose steps are short.
 
 use super::batch::{Batch, BatchQuery, Member, Way};
 use super::intersect::RaySource;

@@ -40,8 +40,8 @@ impl<P: Primitive> RaySource for Shapes<P> {
     }
 }
 
-/// Tests one triangle at the ray's time: its corners in f32, a bound of their size at the keys ([`Sheared::may_hit`]), and the corners
-/// in f64 where they are needed.
+/// Tests one triangle at the ray's time: its corners in f32, a bound of their size at the keys ([`Sheared::may_hit`]), and the
+/// corners in f64 where they are needed.
 #[inline(always)]
 pub(crate) fn intersect_triangle(
     ray: &TreeRay,

@@ -1,7 +1,7 @@
 //! Ray queries in a lazy tree: the coarse tree leads to subtrees, which are built when a ray first reaches them.
 //!
-//! All trees share one tree space. So a ray is prepared alike for each of them, and its hits are collected across subtrees as they are
-//! across the leaves of a whole tree: each has the same bits as there, and of several at the same `t` the same one wins.
+//! All trees share one tree space. So a ray is prepared alike for each of them, and its hits are collected across subtrees as they
+//! are across the leaves of a whole tree: each has the same bits as there, and of several at the same `t` the same one wins.
 
 use super::collect::Collect;
 use super::intersect::RaySource;

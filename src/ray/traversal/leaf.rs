@@ -1,8 +1,8 @@
 //! Leaf blocks: one ray against up to sixteen triangles at a time.
 //!
-//! In f32, the corners of all triangles of a block are interpolated at the ray's time, moved relative to its origin and sheared along its
-//! direction. This rules out most of the triangles ([`super::candidates`]). The few that are left are decided one by one in f64
-//! (`ray/kernel/triangle.rs`), with the same arithmetic as brute force and without fused operations.
+//! In f32, the corners of all triangles of a block are interpolated at the ray's time, moved relative to its origin and sheared
+//! along its direction. This rules out most of the triangles ([`super::candidates`]). The few that are left are decided one by one
+//! in f64 (`ray/kernel/triangle.rs`), with the same arithmetic as brute force and without fused operations.
 
 use super::candidates::{Candidates, Edges};
 use super::collect::{Collect, Found};
@@ -184,8 +184,8 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         false
     }
 
-    /// Ends the query if it accepts a hit anywhere, and some triangle that it sees is certainly hit. The ids of the block begin at word
-    /// `ids`.
+    /// Ends the query if it accepts a hit anywhere, and some triangle that it sees is certainly hit. The ids of the block begin at
+    /// word `ids`.
     #[inline(always)]
     pub(super) fn is_certainly_hit(
         &self,
@@ -252,8 +252,8 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         self.set.triangles().is_some_and(|triangles| triangles.any_precise())
     }
 
-    /// Decides for the candidates whose vertices are kept in f64 whether they are hit, and returns the lanes of the others; `None` ends the
-    /// query. The ids of the block begin at word `ids`.
+    /// Decides for the candidates whose vertices are kept in f64 whether they are hit, and returns the lanes of the others; `None`
+    /// ends the query. The ids of the block begin at word `ids`.
     #[cold]
     #[inline(never)]
     fn decide_kept(
@@ -275,8 +275,8 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         Some(candidates.lanes & !kept)
     }
 
-    /// Whether a primitive exists at the ray's time and the query sees it. This is tested for few primitives only, so boxes and leaf
-    /// blocks need not store it.
+    /// Whether a primitive exists at the ray's time and the query sees it. This is tested for few primitives only, so boxes and
+    /// leaf blocks need not store it.
     #[inline(always)]
     pub(super) fn sees(&self, id: u32, ray: &TreeRay) -> bool {
         (self.set.always_active() || self.set.active(id).contains(ray.time())) && self.filter.sees(|| self.set.mask(id))
@@ -290,8 +290,8 @@ fn deviation<S: Simd, const MOVING: bool>(s: S, sizes: u32, ray: &TreeRay) -> De
     Deviation::of(s, extent, if MOVING { size } else { 0.0 }, ray.slack)
 }
 
-/// The first `n` lanes. If `FEW`, they are in the lower half; the mask tells the compiler so, and it drops the computations of the upper
-/// half.
+/// The first `n` lanes. If `FEW`, they are in the lower half; the mask tells the compiler so, and it drops the computations of the
+/// upper half.
 #[inline(always)]
 fn first_lanes<const FEW: bool>(n: usize) -> Mask {
     let first = ((1u32 << n) - 1) as Mask;
@@ -305,7 +305,8 @@ pub(in crate::ray) struct LeafRows {
     at: usize,
     /// The number of floats in a row.
     n: usize,
-    /// The first word of the ids, which follow the word of the sizes; or, with shared vertices, the first word of the vertex numbers.
+    /// The first word of the ids, which follow the word of the sizes; or, with shared vertices, the first word of the vertex
+    /// numbers.
     behind: usize,
 }
 

@@ -151,8 +151,8 @@ impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> Asked<'_, G, F, O, Q> {
     }
 }
 
-/// A query of the wide layout, or the part of a query of a lazy tree that a subtree answers, to be dispatched to an instruction set. One form
-/// of it is compiled for both.
+/// A query of the wide layout, or the part of a query of a lazy tree that a subtree answers, to be dispatched to an instruction
+/// set. One form of it is compiled for both.
 pub(in crate::ray) struct PartOfWide<'a, G, F, O, Q: RayQuery> {
     pub tree: &'a WideTree,
     /// `None` if the ray is known not to miss it.
@@ -160,7 +160,8 @@ pub(in crate::ray) struct PartOfWide<'a, G, F, O, Q: RayQuery> {
     /// The query, if it begins here.
     pub query: Option<Q>,
     pub args: QueryArgs<'a, G, F, O>,
-    /// The collector, made here if the query begins here. There is none afterwards if the ray misses the outline or can hit nothing.
+    /// The collector, made here if the query begins here. There is none afterwards if the ray misses the outline or can hit
+    /// nothing.
     pub collect: &'a mut Option<Q::Collect>,
 }
 

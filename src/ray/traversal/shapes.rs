@@ -1,26 +1,28 @@
 //! Leaves that list shapes: spheres, custom primitives, and triangles in f64.
 //!
-//! Spheres are tested sixteen at a time in f32, which rules out most of them and knows of many that they are hit. The others are decided one
-//! by one in f64, with the arithmetic of [`MovingSphere`]. Other primitives are tested one by one by their own function, if the ray meets their
-//! boxes.
+//! Spheres are tested sixteen at a time in f32, which rules out most of them and knows of many that they are hit. The others are
+//! decided one by one in f64, with the arithmetic of [`MovingSphere`]. Other primitives are tested one by one by their own
+//! function, if the ray meets their boxes.
 //!
-//! **The test.** With the shear of [`crate::ray::kernel::shear`] a center relative to the ray is `(z sx + X, z sy + Y, z)`, and `e = (sx, sy, 1)`
-//! is the direction, of which no component is greater than 1. The ray's distance from the center is that of `(X, Y, 0)`: with `W = X sy - Y sx`
-//! and `Q = X^2 + Y^2 + W^2` its square is `Q / |e|^2`. The foot of the perpendicular has the depth `z + (sx X + sy Y) / |e|^2`, and the depths of
-//! the hits are that much and `sqrt(r^2 |e|^2 - Q) / |e|^2` more or less.
+//! **The test.** With the shear of [`crate::ray::kernel::shear`] a center relative to the ray is `(z sx + X, z sy + Y, z)`, and
+//! `e = (sx, sy, 1)` is the direction, of which no component is greater than 1. The ray's distance from the center is that of
+//! `(X, Y, 0)`: with `W = X sy - Y sx` and `Q = X^2 + Y^2 + W^2` its square is `Q / |e|^2`. The foot of the perpendicular has the
+//! depth `z + (sx X + sy Y) / |e|^2`, and the depths of the hits are that much and `sqrt(r^2 |e|^2 - Q) / |e|^2` more or less.
 //!
-//! **Its margins.** Let `m` be the size of the block plus the largest coordinate of the origin, and `u` an ULP; [`deviation`] is 14um.
+//! **Its margins.** Let `m` be the size of the block plus the largest coordinate of the origin, and `u` an ULP; [`deviation`] is
+//! 14um.
 //!
-//! - `X` and `Y` are off by 13um each, and the ray's distance is no longer than `(X, Y)`: off by 19um. The radius is off by 4um, as it is rounded
-//!   and interpolated like a coordinate. Both are less than twice the deviation, which the radius is enlarged by, with the error that the block
-//!   states (of the interpolation, and of the sphere's own function).
-//! - The squares, their sums and `|e|^2` are rounded by less than 16u of themselves, by which the square of the enlarged radius is greater. So
-//!   the root, too, is an upper bound: it would be even if it were rounded by 8u of the radius.
-//! - The depth of the foot is off by 4um for `z`, by 10um for `X` and `Y` (`|sx| + |sy|` is at most .71 of `|e|^2`), and by 4um for the sums;
-//!   the reciprocal of the direction puts a distance off by 2u of it, and the rounding of `t` by 2u as well, where no distance that matters is
-//!   greater than 2m. Together this is less than the four deviations by which distances are moved.
+//! - `X` and `Y` are off by 13um each, and the ray's distance is no longer than `(X, Y)`: off by 19um. The radius is off by 4um, as
+//!   it is rounded and interpolated like a coordinate. Both are less than twice the deviation, which the radius is enlarged by,
+//!   with the error that the block states (of the interpolation, and of the sphere's own function).
+//! - The squares, their sums and `|e|^2` are rounded by less than 16u of themselves, by which the square of the enlarged radius is
+//!   greater. So the root, too, is an upper bound: it would be even if it were rounded by 8u of the radius.
+//! - The depth of the foot is off by 4um for `z`, by 10um for `X` and `Y` (`|sx| + |sy|` is at most .71 of `|e|^2`), and by 4um for
+//!   the sums; the reciprocal of the direction puts a distance off by 2u of it, and the rounding of `t` by 2u as well, where no
+//!   distance that matters is greater than 2m. Together this is less than the four deviations by which distances are moved.
 //! - Squares of numbers below 2^-63 are not rounded by u of themselves, but by up to 2^-150. The radius is enlarged by 2^-60 more
-//!   ([`LEAST_SQUARED`]), in units of tree space, whose scenes have about the size of 1. Then its square is at least 2^-120, of which 16u are far more.
+//!   ([`LEAST_SQUARED`]), in units of tree space, whose scenes have about the size of 1. Then its square is at least 2^-120, of
+//!   which 16u are far more.
 //! - A hit is certain if all of this, the other way round, does not prevent it.
 
 use super::candidates::{Candidates, several};
@@ -278,8 +280,8 @@ mod tests {
         }
     }
 
-    /// Spheres of many sizes, at rest and in motion, rays from near, from far and from inside along tangents and through the middle, and
-    /// ranges that end at hits or one float beside them.
+    /// Spheres of many sizes, at rest and in motion, rays from near, from far and from inside along tangents and through the
+    /// middle, and ranges that end at hits or one float beside them.
     #[test]
     fn no_hit_is_ruled_out_and_no_miss_is_certain_and_both_would_be_without_margins() {
         let mut random = Random(19);

@@ -1,9 +1,9 @@
 //! Streams of up to thirty-two rays in the wide layout.
 //!
-//! Rays that begin near each other visit many nodes in common, whatever their directions. So the rays of a stream that reach a node are
-//! tested against it one after the other, and each child is visited with the rays that meet it. A ray that is traversed alone waits for
-//! each of its steps; in a stream the tests of one ray overlap with those of the next, and no branch depends on their results. (Compare
-//! Barringer and Akenine-Möller, "Dynamic Ray Stream Traversal", 2014.)
+//! Rays that begin near each other visit many nodes in common, whatever their directions. So the rays of a stream that reach a node
+//! are tested against it one after the other, and each child is visited with the rays that meet it. A ray that is traversed alone
+//! waits for each of its steps; in a stream the tests of one ray overlap with those of the next, and no branch depends on their
+//! results. (Compare Barringer and Akenine-Möller, "Dynamic Ray Stream Traversal", 2014.)
 //!
 //! Tests and leaf blocks are those of single rays, so the answers do not depend on this.
 
@@ -77,7 +77,8 @@ impl Way for Streams {
                 if outline.is_missed(s, ray, set.frame()) {
                     continue;
                 }
-                // The ray is constructed in place. Moving it would copy it by wide loads, which stall on the preceding narrow stores.
+                // The ray is constructed in place. Moving it would copy it by wide loads, which stall on the preceding narrow
+                // stores.
                 let (of, regular) = TreeRay::of(ray, set.frame());
                 let member = &mut traversal.members[count];
                 *member = Member::new(next - 1, of, query.collect(&of, all));

@@ -1,5 +1,5 @@
-//! Traversal of the wide layout by a ray: nodes are tested by the slab test (`ray/kernel/slabs.rs`), leaf blocks by kernels of their own
-//! ([`super::leaf`]).
+//! Traversal of the wide layout by a ray: nodes are tested by the slab test (`ray/kernel/slabs.rs`), leaf blocks by kernels of
+//! their own ([`super::leaf`]).
 
 use super::collect::Collect;
 use super::intersect::RaySource;
@@ -20,8 +20,8 @@ use core::ops::ControlFlow;
 pub(crate) struct Wide<'a, S> {
     pub tree: &'a WideTree,
     pub simd: S,
-    /// The stack of the traversal. It is allocated before the ray is prepared: a deep tree needs a call for it, which would spill the
-    /// registers of the ray.
+    /// The stack of the traversal. It is allocated before the ray is prepared: a deep tree needs a call for it, which would spill
+    /// the registers of the ray.
     pub stack: Stack<'a, u64>,
 }
 

@@ -24,8 +24,8 @@ pub(super) type FilterFunction = unsafe extern "C" fn(Handle, Callback);
 
 /// The callback, with an `F` behind the geometry's pointer.
 unsafe extern "C" fn filter<F: Fn(&Hit) -> bool>(arguments: *const Arguments) {
-    // SAFETY: Embree passes the arguments of the header, and the pointer that `attach_filtered` gave it: an `F` that outlives the scene.
-    // The fields of the hit that are read precede those in which the versions differ.
+    // SAFETY: Embree passes the arguments of the header, and the pointer that `attach_filtered` gave it: an `F` that outlives the
+    // scene. The fields of the hit that are read precede those in which the versions differ.
     unsafe {
         let Arguments { valid, user, ray, hit, .. } = *arguments;
         let hit = Hit { t: (*ray).tfar, u: (*hit).u, v: (*hit).v, mesh: (*hit).geometry, primitive: (*hit).primitive };

@@ -1,5 +1,5 @@
-//! Embree's point queries: it visits the triangles whose boxes are within a radius, nearer ones first, and calls back for each of them. The
-//! callback computes the distance and shrinks the radius.
+//! Embree's point queries: it visits the triangles whose boxes are within a radius, nearer ones first, and calls back for each of
+//! them. The callback computes the distance and shrinks the radius.
 
 use super::{EmbreeScene, Handle, INVALID_ID};
 use std::ffi::{c_uint, c_void};
@@ -15,8 +15,8 @@ pub struct PointQuery {
     pub radius: f32,
 }
 
-/// `RTCPointQueryContext` with one instance level and no instances. Version 4.3 and later have the instanced primitive in front of the
-/// number of instances, so that number is either of the last two words.
+/// `RTCPointQueryContext` with one instance level and no instances. Version 4.3 and later have the instanced primitive in front of
+/// the number of instances, so that number is either of the last two words.
 #[repr(C, align(16))]
 pub(super) struct PointContext {
     matrices: [[f32; 16]; 2],
@@ -47,8 +47,8 @@ pub(super) type PointQueryFunction =
 
 /// The callback, with an `F` behind the user's pointer.
 unsafe extern "C" fn visit<F: FnMut(&PointQuery, u32, u32) -> Option<f32>>(arguments: *mut Arguments) -> bool {
-    // SAFETY: Embree passes the arguments of the header, with the pointers that `EmbreeScene::visit_near` gave it: its query and an `F`,
-    // both alive through the query and used by nothing else meanwhile.
+    // SAFETY: Embree passes the arguments of the header, with the pointers that `EmbreeScene::visit_near` gave it: its query and an
+    // `F`, both alive through the query and used by nothing else meanwhile.
     let (query, near, primitive, geometry) = unsafe {
         let arguments = &*arguments;
         (&mut *arguments.query, &mut *arguments.user.cast::<F>(), arguments.primitive, arguments.geometry)
@@ -67,8 +67,8 @@ impl EmbreeScene<'_> {
         let mut query = *query;
         let mut context = PointContext { matrices: [[0.0; 16]; 2], instance: INVALID_ID, zeros: [0; 2] };
         let user = from_mut(&mut near).cast();
-        // SAFETY: a committed scene, and structures laid out as the header says, alive through the call; `visit` is called with `user`,
-        // which is an `F`.
+        // SAFETY: a committed scene, and structures laid out as the header says, alive through the call; `visit` is called with
+        // `user`, which is an `F`.
         unsafe {
             (self.device.embree.functions.point_query)(self.handle, &mut query, &mut context, Some(visit::<F>), user);
         }

@@ -54,8 +54,8 @@ pub(super) type BoundsFunction = unsafe extern "C" fn(*const BoundsArguments);
 pub(super) type HitFunction = unsafe extern "C" fn(*const HitArguments);
 
 unsafe extern "C" fn bounds<T, B: Fn(&T, u32) -> [Vec3; 2], H>(arguments: *const BoundsArguments) {
-    // SAFETY: Embree passes the arguments of the header, with the `UserShapes` of `attach_user`, which outlive the scene, one of its
-    // primitives, and a place for the result.
+    // SAFETY: Embree passes the arguments of the header, with the `UserShapes` of `attach_user`, which outlive the scene, one of
+    // its primitives, and a place for the result.
     unsafe {
         let arguments = &*arguments;
         let user = &*arguments.user.cast::<UserShapes<T, B, H>>();
@@ -101,8 +101,8 @@ impl<'d> EmbreeScene<'d> {
         H: Fn(&T, &EmbreeRay) -> Option<f32>,
     {
         let f = &self.device.embree.functions;
-        // SAFETY: live handles; the shapes outlive the scene, and the callbacks are called with them; the scene keeps its own reference to
-        // the geometry.
+        // SAFETY: live handles; the shapes outlive the scene, and the callbacks are called with them; the scene keeps its own
+        // reference to the geometry.
         unsafe {
             let geometry = (f.new_geometry)(self.device.handle, GEOMETRY_TYPE_USER);
             (f.set_time_steps)(geometry, user.time_steps);

@@ -13,8 +13,8 @@ const ROUNDING: f64 = 1.0 / 16_777_216.0;
 /// How much wider than what is compared boxes are made, in units of the magnitude of coordinates: see [`super`].
 const SLACK: f64 = 64.0 * ROUNDING;
 
-/// What the radius of a pair is wider for squares that underflow: the nearest approach is not found where the square of a displacement
-/// is below the least normal f32, and is missed by up to the displacement then.
+/// What the radius of a pair is wider for squares that underflow: the nearest approach is not found where the square of a
+/// displacement is below the least normal f32, and is missed by up to the displacement then.
 const UNDERFLOW: f64 = 1e-18;
 
 /// The phases of two times in a tree's segment. They are widened by what a time near a key, rounded to f32, may lie on
@@ -130,8 +130,8 @@ pub(super) struct Group<C> {
 }
 
 impl<C: SweptCoordinate> Group<C> {
-    /// Takes the points below bottom node `node` that are active during a range of times within the tree's own. The slack is wider by
-    /// [`SweptCoordinate::excess`].
+    /// Takes the points below bottom node `node` that are active during a range of times within the tree's own. The slack is wider
+    /// by [`SweptCoordinate::excess`].
     #[inline(always)]
     pub(super) fn take<T: BlockTree<Coordinate = C>>(&mut self, tree: &T, node: usize, times: [f32; 2], excess: f64) {
         let phases = phases(tree, times);
@@ -227,8 +227,8 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
         self.windows.clear();
     }
 
-    /// Adds the blocks of a tree that the group can come within the radius of during `window`. Pairs nearer than `excluded_within` at
-    /// the group's first time are excluded, if both points exist then.
+    /// Adds the blocks of a tree that the group can come within the radius of during `window`. Pairs nearer than `excluded_within`
+    /// at the group's first time are excluded, if both points exist then.
     #[inline(always)]
     pub(super) fn add<S: Simd, T: BlockTree<Coordinate = C>>(
         &mut self,

@@ -46,19 +46,18 @@ impl PointTree {
         self.certified_until(time, radius, skin, until)
     }
 
-    /// Until when neighbour lists at `time` with a radius of `radius + skin` ([`PointTree::neighbor_lists`], in no periodic box) hold every
-    /// pair within `radius`.
+    /// Until when neighbour lists at `time` with a radius of `radius + skin` ([`PointTree::neighbor_lists`], in no periodic box)
+    /// hold every pair within `radius`.
     ///
-    /// What is certain: at each time from `time` to before the returned one, every pair that
-    /// [`PointTree::neighbor_lists`] finds within `radius` is in these lists, whatever the rounding. The verdict is exact
-    /// for the linear motion between keys, not a bound on speeds, and on the safe side by a few units in the last
-    /// place of the coordinates in the radius: by 2e-6 of the set's largest coordinate with two keys, and by 5e-7 more for each further one.
-    /// Of points kept in f64 it is 2e-14 and 1e-14 of the largest coordinate, with 5e-7 of the radius and 3e-7 of the most by which displacements
-    /// between two keys differ.
+    /// What is certain: at each time from `time` to before the returned one, every pair that [`PointTree::neighbor_lists`] finds
+    /// within `radius` is in these lists, whatever the rounding. The verdict is exact for the linear motion between keys, not a
+    /// bound on speeds, and on the safe side by a few units in the last place of the coordinates in the radius: by 2e-6 of the
+    /// set's largest coordinate with two keys, and by 5e-7 more for each further one. Of points kept in f64 it is 2e-14 and 1e-14
+    /// of the largest coordinate, with 5e-7 of the radius and 3e-7 of the most by which displacements between two keys differ.
     ///
-    /// If that is more than a third of the skin, two points that are just not in the lists may be near enough already. Then nothing is
-    /// certain, and the answer is `time` itself: a loop that goes on to the answer has to stop there, or use a wider skin. (If nothing
-    /// moves or begins to exist, the lists hold until `until` in any case.)
+    /// If that is more than a third of the skin, two points that are just not in the lists may be near enough already. Then nothing
+    /// is certain, and the answer is `time` itself: a loop that goes on to the answer has to stop there, or use a wider skin. (If
+    /// nothing moves or begins to exist, the lists hold until `until` in any case.)
     ///
     /// Looks ahead to `until`, but not beyond the next key. If nothing is missing by then, that is what is returned;
     /// otherwise just before the first time at which a pair is. Points that begin to exist later count too. Cost: that of
@@ -85,7 +84,8 @@ impl PointTree {
         Ok(parallel::entered(self.len(), || first_missing(self, time, radius, radius + skin, until)))
     }
 
-    /// The first time until which no pair comes within the radius that is not within `listed_within` at `time`, but at most the next key.
+    /// The first time until which no pair comes within the radius that is not within `listed_within` at `time`, but at most the
+    /// next key.
     fn first_missing<C: SweptCoordinate>(&self, time: f32, radius: f32, listed_within: f32, until: f32) -> f32 {
         // Positions are the same numbers at all times.
         if C::layers(self).iter().all(|layer| matches!(layer, SweptLayer::Static(_))) {
@@ -104,15 +104,15 @@ impl PointTree {
             .for_certificate(listed_within);
         let firsts = sweep.run(|| First { time: f32::INFINITY, listed: &listed });
         let first = firsts.iter().fold(f32::INFINITY, |least, first| least.min(first.time));
-        // No margin is needed. The radius r is widened by Δ, at least 28·2^-24 of the largest coordinate M, and a pair that a
-        // query finds at time t is within r + 0.9 Δ in truth: see `Sweep::for_certificate`. What f64 rounds in the discriminant is a
-        // change of the widened radius, of less than 2^-44 M² in its square, where (r + Δ)² exceeds (r + 0.9 Δ)² by more than
-        // 2^-41 M². What it rounds in the quotient is less than 2^-50 of it, in which the two move by less than 2^-47 M. So the
-        // computed time is before t. No f32 lies between a time and the f32 nearest to it, so t is not before that either.
+        // No margin is needed. The radius r is widened by Δ, at least 28·2^-24 of the largest coordinate M, and a pair that a query
+        // finds at time t is within r + 0.9 Δ in truth: see `Sweep::for_certificate`. What f64 rounds in the discriminant is a
+        // change of the widened radius, of less than 2^-44 M² in its square, where (r + Δ)² exceeds (r + 0.9 Δ)² by more than 2^-41
+        // M². What it rounds in the quotient is less than 2^-50 of it, in which the two move by less than 2^-47 M. So the computed
+        // time is before t. No f32 lies between a time and the f32 nearest to it, so t is not before that either.
         //
-        // Of points in f64, with ε, A, R and n as in `super`, what a query finds is nearer here than r + Δ by 29εA + 36nεA + 2^-22 R and
-        // 6ur. What f64 rounds in the discriminant changes the square of the widened radius by less than (2^-23 R)² and 36εr². What it
-        // rounds in the quotient and in the time is less than 3ε, in which the two move by less than 21nεA.
+        // Of points in f64, with ε, A, R and n as in `super`, what a query finds is nearer here than r + Δ by 29εA + 36nεA + 2^-22
+        // R and 6ur. What f64 rounds in the discriminant changes the square of the widened radius by less than (2^-23 R)² and
+        // 36εr². What it rounds in the quotient and in the time is less than 3ε, in which the two move by less than 21nεA.
         first.min(until)
     }
 }

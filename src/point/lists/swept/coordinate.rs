@@ -1,4 +1,5 @@
-//! What is different where positions are kept in f32 and in f64: the trees, what is rounded, and the arithmetic of queries at a time.
+//! What is different where positions are kept in f32 and in f64: the trees, what is rounded, and the arithmetic of queries at a
+//! time.
 
 use crate::geometry::KeyTime;
 use crate::point::layout::moving_tree::MovingTree;
@@ -34,14 +35,14 @@ pub(super) trait SweptCoordinate: Copy + Default + Into<f64> + Send + Sync {
     /// Four of them side by side.
     fn load_four<S: Simd>(s: S, four: &[Self; 4]) -> S::D;
 
-    /// How far beyond the radius, apart from what f32 rounds, two points may be whose encounter is reported: see [`super`]. `motion` is
-    /// the most by which displacements between two keys differ along an axis.
+    /// How far beyond the radius, apart from what f32 rounds, two points may be whose encounter is reported: see [`super`].
+    /// `motion` is the most by which displacements between two keys differ along an axis.
     fn excess(segments: usize, magnitude: impl FnOnce() -> f64, motion: f64) -> f64;
     /// How much the distances of points that queries at a time take for within a radius may exceed it, or those of
     /// encounters fall short of the exact ones: see [`Sweep::for_certificate`](super::sweep::Sweep::for_certificate).
     fn rounding(segments: usize, magnitude: f64, motion: f64, radius: f64) -> f64;
-    /// The distance up to which pairs are excluded by their positions in f32, given that up to which they may be in truth, the slack
-    /// of the test, and by how much they move in it before the first time.
+    /// The distance up to which pairs are excluded by their positions in f32, given that up to which they may be in truth, the
+    /// slack of the test, and by how much they move in it before the first time.
     fn excluded_within(distance: f64, slack: f64, moved: f64) -> f64;
 
     /// The segment between keys in which queries find a time.
@@ -92,9 +93,9 @@ impl SweptCoordinate for f32 {
         KeyTime::new(time, keys).segment
     }
     fn segment_end(segment: usize, keys: usize) -> f32 {
-        // Not the f32 nearest to the key: queries may locate that in the segment before the key, or an earlier one at the key, where a point
-        // that begins to exist is not in this segment. The product with the number of segments is rounded, but not to less than an integer
-        // that it exceeds. So times that are located before the key are before it.
+        // Not the f32 nearest to the key: queries may locate that in the segment before the key, or an earlier one at the key,
+        // where a point that begins to exist is not in this segment. The product with the number of segments is rounded, but not to
+        // less than an integer that it exceeds. So times that are located before the key are before it.
         KeyTime::first_time(segment + 1, keys)
     }
     fn squared_distance([a, b]: [&PointPath; 2], time: f32, keys: usize) -> f32 {

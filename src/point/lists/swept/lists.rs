@@ -19,7 +19,8 @@ use crate::simd::huge_vec;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///
-/// Memory of the caller: handed to [`SweptQuery::run`](super::SweptQuery::run) again and again, it grows until it fits the largest lists.
+/// Memory of the caller: handed to [`SweptQuery::run`](super::SweptQuery::run) again and again, it grows until it fits the largest
+/// lists.
 #[derive(Clone, Debug, Default)]
 pub struct EncounterLists {
     /// Begin of each list, and the end of the last; empty if there never was one.
@@ -52,8 +53,8 @@ impl EncounterLists {
         self.offsets.push(0);
     }
 
-    /// Number of lists: one for each point that exists at any time of the interval, and possibly some that do not; or one for each id with
-    /// [`in_order`](super::SweptQuery::in_order).
+    /// Number of lists: one for each point that exists at any time of the interval, and possibly some that do not; or one for each
+    /// id with [`in_order`](super::SweptQuery::in_order).
     pub fn len(&self) -> usize {
         self.points.len()
     }

@@ -24,27 +24,29 @@
 //! The squares, their sum, and the rounding of the bound are 6u of the square. Hulls have more to spare. What underflows is
 //! covered by `UNDERFLOW` for pairs, and for hulls by `squared_up`.
 //!
-//! **Why large keys need no margin.** A point may be at a fraction of its coordinates at the keys a and b, of which f64 loses
-//! less than 2^-50 (|a| + |b − a|) (65536 segments lose more in the phase, but then the range of phases is as much wider). Faces
-//! of moving boxes stay outside of a point by (max(|a|, |b|) + |b − a|)u and by as much of their own lines
-//! (`point/layout/linear_bounds.rs`). So f64 is covered by what the tree pads, and M is at least this: 64Mu is at least 2^-42 (max(|a|,
+//! **Why large keys need no margin.** A point may be at a fraction of its coordinates at the keys a and b, of which f64 loses less
+//! than 2^-50 (|a| + |b − a|) (65536 segments lose more in the phase, but then the range of phases is as much wider). Faces of
+//! moving boxes stay outside of a point by (max(|a|, |b|) + |b − a|)u and by as much of their own lines
+//! (`point/layout/linear_bounds.rs`). So f64 is covered by what the tree pads, and M is at least this: 64Mu is at least 2^-42
+//! (max(|a|,
 //! |b|) + |b − a|). The range of times of the group is at least u wide, so its points pass (b − a)u in it, and M' is at least
 //! half of that: 64M'u is at least 2^-43 |b − a|. Faces of static boxes are not rounded.
 //!
-//! **Points in f64** are culled by the same tests in f32, relative to a place in the middle of the group ([`coordinate`]). Then M and M'
-//! count from there, and do not cover what f64 rounds. So radii and hulls are wider by [`SweptCoordinate::excess`](coordinate::SweptCoordinate::excess) as well. Let
-//! ε = 2^-53, A the largest coordinate of a point at a key, n the number of segments, and R the most by which displacements between two
-//! keys differ along an axis.
+//! **Points in f64** are culled by the same tests in f32, relative to a place in the middle of the group ([`coordinate`]). Then M
+//! and M' count from there, and do not cover what f64 rounds. So radii and hulls are wider by
+//! [`SweptCoordinate::excess`](coordinate::SweptCoordinate::excess) as well. Let ε = 2^-53, A the largest coordinate of a point at
+//! a key, n the number of segments, and R the most by which displacements between two keys differ along an axis.
 //! - A position is `a + (b − a) s`. That makes 5εA. Taking off the place and the drift, each at most 2A away, makes 6εA more in the
-//!   tests, but none where a pair is decided. Faces are computed in f64 as well, from a centre and a face relative to it, and have 4εA
-//!   in place of 5: they hold the exact positions for all phases of a slice (`point/precise/linear_box.rs`).
+//!   tests, but none where a pair is decided. Faces are computed in f64 as well, from a centre and a face relative to it, and have
+//!   4εA in place of 5: they hold the exact positions for all phases of a slice (`point/precise/linear_box.rs`).
 //! - The phase of a time is wrong by 4nε where the time is that of a key. A point moves by 8nεA then.
 //! - So what the tests compare and what decides differ by (32 + 16n)εA along an axis, below (56 + 28n)εA altogether.
-//! - An encounter is reported in the slice that holds the computed time at which it begins. There the two are farther apart than the
-//!   radius r: with `first` and v as in [`encounter`], the discriminant divided by v² is wrong by at most (16 |first|² + 4r²)ε, and
+//! - An encounter is reported in the slice that holds the computed time at which it begins. There the two are farther apart than
+//!   the radius r: with `first` and v as in [`encounter`], the discriminant divided by v² is wrong by at most (16 |first|² + 4r²)ε,
+//!   and
 //!   |first| is at most r + |v|. So the squared distance exceeds r² by at most 36εr² and 32ε|v|², the distance by 2^-24 |v|, which is
-//!   at most 2^-23 R: the two move differently by at most R along each axis. (That is not relative to what they move in the slice, which may be
-//!   much shorter than the segment.)
+//!   at most 2^-23 R: the two move differently by at most R along each axis. (That is not relative to what they move in the slice,
+//! which may be much shorter than the segment.)
 //!
 //! The excess is 64(n + 1)εA + 2^-22 R. Beyond the ends of a slice its faces go on along their lines, so that the hull argument
 //! holds for the wider range of times. The points of a slice that have left the hull there are farther from the middle than M by

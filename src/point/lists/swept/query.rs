@@ -33,13 +33,13 @@ impl PointTree {
     /// (5/6, say). An interval that ends just below such a key does not contain points that begin at it.
     /// (A [`closest_approach`](PointTree::closest_approach) may also be at the end alone.)
     ///
-    /// The encounters do not depend on the structure, the number of threads or the instruction set. Unless refined, the order of lists, and of
-    /// the encounters within them, is that of the tree, or that of ids where it consists of several; a point that does not exist in
-    /// the interval may have an empty list or none. Points with the same
-    /// id are no neighbours of each other; where the tree consists of several, they have one list together.
+    /// The encounters do not depend on the structure, the number of threads or the instruction set. Unless refined, the order of
+    /// lists, and of the encounters within them, is that of the tree, or that of ids where it consists of several; a point that
+    /// does not exist in the interval may have an empty list or none. Points with the same id are no neighbours of each other;
+    /// where the tree consists of several, they have one list together.
     ///
-    /// Cost: several times that of lists at a time, even of points that do not move, as each encounter is computed in f64, while points
-    /// move less than their spacing relative to their neighbours. Motion that all have in common adds little.
+    /// Cost: several times that of lists at a time, even of points that do not move, as each encounter is computed in f64, while
+    /// points move less than their spacing relative to their neighbours. Motion that all have in common adds little.
     ///
     /// ```
     /// use mbkd::{EncounterLists, MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
@@ -67,9 +67,9 @@ impl SweptQuery<'_> {
         self
     }
 
-    /// An error if a list has more neighbours than this ([`ListError::TooManyNeighbors`]): bounds the memory of lists where points clump,
-    /// as [`ListQuery::max_neighbors`](crate::ListQuery::max_neighbors) does. (Where ids repeat, that of lists in preparation is not
-    /// bounded.)
+    /// An error if a list has more neighbours than this ([`ListError::TooManyNeighbors`]): bounds the memory of lists where points
+    /// clump, as [`ListQuery::max_neighbors`](crate::ListQuery::max_neighbors) does. (Where ids repeat, that of lists in
+    /// preparation is not bounded.)
     ///
     /// ```
     /// use mbkd::{ListError, MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
@@ -84,8 +84,8 @@ impl SweptQuery<'_> {
         self
     }
 
-    /// Puts the lists in the order of ids, as [`ListQuery::in_order`](crate::ListQuery::in_order) does: list i is that of point i, empty if it
-    /// meets nothing or does not exist. Costs a copy of all lists.
+    /// Puts the lists in the order of ids, as [`ListQuery::in_order`](crate::ListQuery::in_order) does: list i is that of point i,
+    /// empty if it meets nothing or does not exist. Costs a copy of all lists.
     pub fn in_order(mut self) -> Self {
         self.by_id = true;
         self

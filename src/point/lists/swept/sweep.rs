@@ -19,8 +19,8 @@ pub(super) struct Sweep<'a, C: SweptCoordinate> {
     groups: Vec<(usize, usize)>,
     times: [f64; 2],
     radius: f64,
-    /// The largest number of segments between keys, and the most by which displacements between two keys differ along an axis; that is of no
-    /// account for f32.
+    /// The largest number of segments between keys, and the most by which displacements between two keys differ along an axis; that
+    /// is of no account for f32.
     segments: usize,
     motion: f64,
     /// See [`SweptCoordinate::excess`].
@@ -77,24 +77,24 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         }
     }
 
-    /// Widens the radius by what the positions, distances and bounds of queries at a time, which are computed in f32,
-    /// may differ from exact ones, and excludes the pairs that lists at the first time with the radius `listed_within` contain for certain,
+    /// Widens the radius by what the positions, distances and bounds of queries at a time, which are computed in f32, may differ
+    /// from exact ones, and excludes the pairs that lists at the first time with the radius `listed_within` contain for certain,
     /// where visitors want that.
     ///
-    /// **The radius.** With u = 2^-24, M the largest coordinate and n segments between keys, the phase between the keys is rounded by
-    /// nu, which moves a point by 2Mnu; interpolation adds 4Mu, the difference of two points 2Mu; the square and its
-    /// comparison with the rounded square of the radius are wrong by 4u of themselves. Along three axes, and for both
-    /// points, that is below (4n + 10)·1.8Mu + 4ur.
+    /// **The radius.** With u = 2^-24, M the largest coordinate and n segments between keys, the phase between the keys is rounded
+    /// by nu, which moves a point by 2Mnu; interpolation adds 4Mu, the difference of two points 2Mu; the square and its comparison
+    /// with the rounded square of the radius are wrong by 4u of themselves. Along three axes, and for both points, that is below
+    /// (4n + 10)·1.8Mu + 4ur.
     ///
     /// Queries among points in f64 find their phases exactly. With ε, A and R as in [`super`], their positions and those here are
     /// wrong by 5εA each, and phases here by what moves two points by 16nεA: together (35 + 28n)εA in space. The square of a query
     /// is rounded once, and so is that of the radius: ur. The allowance is [`SweptCoordinate::excess`] and 8ur.
     ///
-    /// **Listed pairs.** Positions are rounded both there and here, so the allowance for rounding counts twice. The second half covers that
-    /// here both positions and their difference are rounded (3·1.8Mu), and the squares are (8ur). For points in f64 positions are
-    /// rounded relative to a group, which its slack covers, and those at the begin of its range of times are compared, which is a
-    /// little before the first time. Until then a pair moves by a share of what it moves in the range: along an axis, at most 2M' in the
-    /// group, and 2M and the drift in the other block, less than 6 (M + M') altogether.
+    /// **Listed pairs.** Positions are rounded both there and here, so the allowance for rounding counts twice. The second half
+    /// covers that here both positions and their difference are rounded (3·1.8Mu), and the squares are (8ur). For points in f64
+    /// positions are rounded relative to a group, which its slack covers, and those at the begin of its range of times are
+    /// compared, which is a little before the first time. Until then a pair moves by a share of what it moves in the range: along
+    /// an axis, at most 2M' in the group, and 2M and the drift in the other block, less than 6 (M + M') altogether.
     pub(super) fn for_certificate(mut self, listed_within: f32) -> Sweep<'a, C> {
         let magnitude = magnitude(&self.slices);
         let rounding = |radius: f64| C::rounding(self.segments, magnitude, self.motion, radius);
