@@ -51,7 +51,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 found.path[0],
                 found.hit.primitive,
                 ray.point(found.hit.t),
-                forest.normal(&found, time)
+                forest.triangle_normal(&found, time)
             ),
             None => println!("time {time:.1}: nothing"),
         }

@@ -5,7 +5,7 @@
 //! - **Points**: a [`PointTree`] answers nearest, k nearest and radius queries over points that move or exist for part of
 //!   the shutter, each query at its own time.
 //! - **Instances**: an [`InstanceTree`] answers rays and closest-point queries on trees with many moving instances.
-//! - **Photons**: a [`PhotonMap`](point::PhotonMap) gathers photons at the time of a camera ray.
+//! - **Photons**: a [`PhotonMap`] gathers photons at the time of a camera ray.
 //!
 //! The shutter is the normalized time range `[0, 1]`. Positions are given at any number of keys spaced evenly over it
 //! and are linear in between. Every answer equals that of brute force over the same arithmetic, bit for bit,
@@ -16,7 +16,7 @@
 //! - Rays and closest points fill a vector of the caller, which a renderer uses again and again:
 //!   [`closest_hits(&rays, &mut hits)`](RayTree::closest_hits).
 //! - Queries of points and photons return their answers: [`nearest_batch(&queries)`](PointTree::nearest_batch); in a `Result` if a
-//!   query can be invalid ([`gather_batch`](point::PhotonMap::gather_batch)).
+//!   query can be invalid ([`gather_batch`](PhotonMap::gather_batch)).
 //! - Lists of neighbours are requested with options, and `run` fills memory of the caller:
 //!   [`neighbor_lists(time, radius)`](PointTree::neighbor_lists)`.run(&mut lists)`. They come in the order of the tree unless
 //!   [`in_order`](ListQuery::in_order) is one of the options.
@@ -77,10 +77,11 @@ pub use layout::{Statistics, TreeBox, ValidationError};
 pub use limits::{MAX_COORDINATE, MAX_POINT_COORDINATE};
 pub use params::{BuildParams, Division, KdParams, LazyParams, Policy, WideParams};
 pub use point::{
-    Approach, BulkQuery, Encounter, EncounterLists, Keep, KeepAll, KeepIf, ListError, ListQuery, Neighbor,
-    NeighborBatch, NeighborBuffer, NeighborLists, NeighborQuery, NeighborWork, PointError, PointLayerKind,
-    PointLayerStatistics, PointParams, PointStatistics, PointStructure, PointTree, Precision, Radii, RadiusOf,
-    SweptQuery, TreePoint, WithinIter, certified_duration,
+    Approach, BulkQuery, Encounter, EncounterLists, GatherError, GatherParams, GatherQuery, Gathered, Keep, KeepAll,
+    KeepIf, ListError, ListQuery, Neighbor, NeighborBatch, NeighborBuffer, NeighborLists, NeighborQuery, NeighborWork,
+    Photon, PhotonMap, PhotonTime, PointError, PointLayerKind, PointLayerStatistics, PointParams, PointStatistics,
+    PointStructure, PointTree, Precision, Radii, RadiusOf, SweptQuery, TreePoint, VisiblePoint, VisiblePoints,
+    WithinIter, certified_duration,
 };
 pub use primitive::{
     Intersection, Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive,

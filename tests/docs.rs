@@ -1,4 +1,4 @@
-//! What the documentation names exists: files, tests, and the targets of links. Lines of pages are short.
+//! What the documentation names exists: files, tests, and the targets of links. Lines of pages and comments are short.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -84,9 +84,31 @@ fn anchors(page: &str) -> BTreeSet<String> {
     headings.map(|(_, line)| anchor(line).replace(' ', "-")).collect()
 }
 
+/// The longest line of a page or a comment.
+const MOST: usize = 132;
+
+#[test]
+fn comments_are_no_wider_than_pages() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut paths = Vec::new();
+    files(root, &[".rs"], &mut paths);
+    let (mut wide, mut seen) = (Vec::new(), 0);
+    for path in &paths {
+        for (number, line) in std::fs::read_to_string(path).unwrap().lines().enumerate() {
+            let Some(comment) = line.trim_start().strip_prefix("//") else { continue };
+            seen += 1;
+            let is_table = comment.trim_start_matches(['/', '!', ' ']).starts_with('|');
+            if line.chars().count() > MOST && !is_table {
+                wide.push(format!("{}:{}", path.strip_prefix(root).unwrap().display(), number + 1));
+            }
+        }
+    }
+    assert!(wide.is_empty(), "more than {MOST} characters: {}", wide.join(", "));
+    assert!(seen > 10_000, "few comments were seen: {seen}");
+}
+
 #[test]
 fn lines_of_pages_are_short_and_links_lead_somewhere() {
-    const MOST: usize = 132;
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut pages = Vec::new();
     files(root, &[".md"], &mut pages);

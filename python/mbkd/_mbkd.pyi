@@ -134,6 +134,7 @@ class Photons:
         window: float,
         cosine: float | None,
         thickness: float | None,
+        volume: bool,
         kernels: Sequence[str],
         workers: int,
         progress: _Progress,

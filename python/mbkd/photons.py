@@ -95,6 +95,7 @@ class PhotonMap:
         window: float = np.inf,
         cosine: float | None = None,
         thickness: float | None = None,
+        volume: bool = False,
         kernels: tuple[str, str] = ("box", "box"),
         workers: int = 1,
         progress: Progress | None = None,
@@ -110,6 +111,8 @@ class PhotonMap:
         cosine, thickness : float, optional
             Use only photons whose normal has at least this cosine with that of the query, and only photons in a disc of this
             half thickness.
+        volume : bool
+            Estimate flux per volume, as in smoke, instead of per area.
         kernels : (str, str)
             Weights by distance in space and in time: 'box', 'cone', 'epanechnikov' or 'gaussian'.
 
@@ -129,6 +132,7 @@ class PhotonMap:
             window,
             cosine,
             thickness,
+            bool(volume),
             list(kernels),
             workers,
             progress,

@@ -67,6 +67,7 @@ impl Photons {
         window: f32,
         cosine: Option<f32>,
         thickness: Option<f32>,
+        volume: bool,
         kernels: [String; 2],
         workers: isize,
         progress: Option<Py<PyAny>>,
@@ -81,6 +82,7 @@ impl Photons {
             let at = GatherQuery::new(Vec3::from(positions[i]), Vec3::from(normals[i]), times.of(i));
             let mut query = at.radius(radius).window(window).kernels(space, clock);
             query = k.map_or(query, |k| query.nearest(k));
+            query = if volume { query.in_volume() } else { query };
             query = cosine.map_or(query, |cosine| query.cosine(cosine));
             thickness.map_or(query, |thickness| query.thickness(thickness))
         };

@@ -20,6 +20,8 @@ def test_a_gather_is_the_sum_of_photons():
         counted = (np.linalg.norm(POSITIONS - place, axis=1) <= 0.1) & (np.abs(TIMES - time) <= np.float32(0.1))
         assert abs(int(counted.sum()) - count) <= 1, "but for rounding at the edges"
         np.testing.assert_allclose(density, FLUX[counted].sum(0) / (np.pi * 0.1**2 * 0.2), rtol=0.05)
+    dense = photons.gather(PLACES, [0, 0, 1], when, radius=0.1, window=0.1, volume=True)
+    np.testing.assert_allclose(dense.density * (4 / 3 * 0.1), found.density, rtol=1e-5)
     gray = PhotonMap(POSITIONS, UP, FLUX[:, 0], TIMES).gather(PLACES, [0, 0, 1], when, radius=0.1, window=0.1)
     np.testing.assert_array_equal(gray.density, found.density[:, 0])
     most = photons.gather(PLACES, [0, 0, 1], 0.5, k=20, window=0.3, kernels=("cone", "gaussian"), cosine=0.5, workers=2)

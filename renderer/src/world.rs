@@ -91,21 +91,17 @@ impl World {
 
     /// The surface point at a hit.
     pub fn point(&self, ray: &Ray, hit: &Hit) -> Point {
-        let at = ray.point(hit.t);
-        let facing = |normal: Vec3| if normal.dot(ray.dir) > 0.0 { -normal } else { normal };
+        let outward = self.tree.surface_normal(ray, hit);
+        let flat = if outward.dot(ray.dir) > 0.0 { -outward } else { outward };
         let (mut gloss, mut emission) = (None, Vec3::ZERO);
-        let (flat, normal, color) = match self.surfaces.get(hit.mesh as usize) {
+        let (normal, color) = match self.surfaces.get(hit.mesh as usize) {
             Some((surface, indices)) => {
-                let flat = facing(self.tree.normal(hit, ray.time));
                 let triangle = indices[hit.primitive as usize];
                 let color = surface.color_at(hit, triangle);
                 (gloss, emission) = (surface.gloss_at(hit, triangle, color), surface.emission_at(hit, triangle));
-                (flat, surface.normal_at(hit, ray.time, flat), color)
+                (surface.normal_at(hit, ray.time, flat), color)
             }
-            None => {
-                let normal = facing(self.sphere_normal(hit, at, ray.time));
-                (normal, normal, self.colors[hit.primitive as usize])
-            }
+            None => (flat, self.colors[hit.primitive as usize]),
         };
         Point { position: self.tree.secondary_ray(ray, hit, flat).origin, normal, color, gloss, emission }
     }
@@ -127,14 +123,6 @@ impl World {
     pub fn lamp_density(&self, ray: &Ray, hit: &Hit) -> f32 {
         let chance = self.lamps.chance(hit.mesh, hit.primitive);
         Sight::new(ray.origin, ray.point(hit.t), self.tree.vertices(hit, ray.time), chance).density
-    }
-
-    /// The outward normal of the sphere that was hit.
-    fn sphere_normal(&self, hit: &Hit, at: DVec3, time: f32) -> Vec3 {
-        match &self.tree.shapes()[hit.primitive as usize] {
-            Shape::Sphere(sphere) => (at - sphere.at(time).0).normalize_or_zero().as_vec3(),
-            Shape::Custom(_) => Vec3::ZERO,
-        }
     }
 
     /// The statistics of the tree.

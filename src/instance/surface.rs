@@ -35,7 +35,7 @@ impl InstanceTree {
     /// The unit normal of the triangle that was hit, at any time of the shutter, on the side of the triangle on which
     /// it is in the placed tree (a mirroring transform changes the order of corners, but not the side). Zero for
     /// another shape or a degenerate triangle, and for a hit that is not of this tree.
-    pub fn normal(&self, hit: &InstanceHit, time: f32) -> Vec3 {
+    pub fn triangle_normal(&self, hit: &InstanceHit, time: f32) -> Vec3 {
         match (self.tree(&hit.path), self.matrix(&hit.path, time)) {
             (Some(tree), Some(matrix)) => placed_normal(tree.normal_of_triangle(&hit.hit, time), &matrix),
             _ => Vec3::ZERO,
@@ -117,7 +117,7 @@ impl InstanceTree {
     /// let tree = InstanceTree::build(vec![Instance::new(Arc::new(tile), pose)], &WideParams::default())?;
     /// let ray = Ray::new(Vec3::new(0.1, 0.2, 5.0), Vec3::new(0.0, 0.01, -1.0));
     /// let hit = tree.closest_hit(&ray).unwrap();
-    /// let mirrored = ray.dir.reflect(tree.normal(&hit, ray.time));
+    /// let mirrored = ray.dir.reflect(tree.triangle_normal(&hit, ray.time));
     /// assert!(!tree.any_hit(&tree.secondary_ray(&ray, &hit, mirrored)));
     /// # Ok::<(), mbkd::InstanceError>(())
     /// ```

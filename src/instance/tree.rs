@@ -152,7 +152,7 @@ impl Instance {
 /// assert_eq!((&hit.path[..], hit.hit.primitive, hit.hit.t), (&[1][..], 0, 5.0));
 /// let turned = mill.closest_hit(&along.at_time(0.5)).unwrap(); // by 45 degrees
 /// assert!((turned.hit.t - 5.7).abs() < 1e-6);
-/// assert!(mill.normal(&turned, 0.5).abs_diff_eq(Vec3::new(0.5, -0.5, 0.0).normalize(), 1e-6));
+/// assert!(mill.triangle_normal(&turned, 0.5).abs_diff_eq(Vec3::new(0.5, -0.5, 0.0).normalize(), 1e-6));
 /// # Ok::<(), mbkd::InstanceError>(())
 /// ```
 pub struct InstanceTree {

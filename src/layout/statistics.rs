@@ -14,7 +14,7 @@ use core::fmt;
 /// let fixed = TriangleMesh::fixed(vec![[0, 1, 2]], key(0.3));
 /// let tree = RayTree::build(&[straight, fixed], &BuildParams::default())?;
 /// let printed = tree.statistics().to_string();
-/// assert!(printed.starts_with("2 primitives, 1.00 references each; 0 nodes and 1 leaf, depth 0; 75 % of the vertex positions kept; "));
+/// assert!(printed.starts_with("2 primitives, 1.00 references each; 0 nodes and 1 leaf, depth 0; 75 % of the vertex positions"));
 /// # Ok::<(), mbkd::BuildError>(())
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

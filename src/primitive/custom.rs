@@ -151,6 +151,45 @@ pub trait Primitive: Send + Sync {
         None
     }
 
+    /// The outward normal, of any length, where a ray at `ray.time` met the primitive, for
+    /// [`RayTree::surface_normal`](crate::RayTree::surface_normal) and [`RayTree::secondary_ray`](crate::RayTree::secondary_ray).
+    /// `hit` is what [`intersect`](Primitive::intersect) returned.
+    ///
+    /// The default is `None`, no known normal; so is one that is zero or not finite. A primitive with a sphere of its own
+    /// ([`Primitive::as_sphere`]) has that of the sphere.
+    ///
+    /// ```
+    /// use mbkd::glam::{DVec3, Vec3};
+    /// use mbkd::{Aabb, BuildParams, Intersection, LinearBounds, Primitive, Ray, RayTree, Shape, TimeInterval};
+    ///
+    /// /// The plane z = 0, as far as 1 from the origin along x and y.
+    /// struct Tile;
+    /// impl Primitive for Tile {
+    ///     fn bounds(&self, _: TimeInterval) -> LinearBounds {
+    ///         LinearBounds::fixed(Aabb { min: DVec3::new(-1.0, -1.0, 0.0), max: DVec3::new(1.0, 1.0, 0.0) }.pad(1e-6))
+    ///     }
+    ///     fn intersect(&self, ray: &Ray) -> Option<Intersection> {
+    ///         let t = (-ray.origin.z / f64::from(ray.dir.z)) as f32;
+    ///         let p = ray.point(t);
+    ///         let hit = p.x.abs() <= 1.0 && p.y.abs() <= 1.0 && (ray.t_min..=ray.t_max).contains(&t);
+    ///         hit.then_some(Intersection { t, u: p.x as f32, v: p.y as f32 })
+    ///     }
+    ///     fn surface_normal(&self, _: &Ray, _: Intersection) -> Option<DVec3> {
+    ///         Some(DVec3::Z)
+    ///     }
+    /// }
+    /// let tree = RayTree::of_scene(&[], vec![Shape::custom(Tile)], &BuildParams::default())?;
+    /// let ray = Ray::new(Vec3::new(-0.3, 0.2, 0.9), Vec3::new(0.3, 0.1, -0.7));
+    /// let hit = tree.closest_hit(&ray).unwrap();
+    /// assert_eq!(tree.surface_normal(&ray, &hit), Vec3::Z);
+    /// assert!(!tree.any_hit(&tree.secondary_ray(&ray, &hit, Vec3::new(0.9, 0.0, 0.1))), "it leaves to the side of its direction");
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    fn surface_normal(&self, ray: &Ray, hit: Intersection) -> Option<DVec3> {
+        let _ = (ray, hit);
+        None
+    }
+
     /// Drops what the motion does not need. A tree, and brute force, call this once when they take the primitive, before anything
     /// else.
     ///

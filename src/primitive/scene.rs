@@ -84,6 +84,13 @@ impl Primitive for Shape {
         }
     }
 
+    fn surface_normal(&self, ray: &Ray, hit: Intersection) -> Option<DVec3> {
+        match self {
+            Shape::Sphere(sphere) => sphere.surface_normal(ray, hit),
+            Shape::Custom(custom) => custom.surface_normal(ray, hit),
+        }
+    }
+
     fn merge_keys(&mut self) {
         match self {
             Shape::Sphere(sphere) => sphere.merge_keys(),

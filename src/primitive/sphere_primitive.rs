@@ -44,6 +44,10 @@ impl Primitive for MovingSphere {
         Some(self)
     }
 
+    fn surface_normal(&self, ray: &Ray, hit: Intersection) -> Option<DVec3> {
+        MovingSphere::normal_of_hit(self.at(ray.time), ray, hit.t)
+    }
+
     fn merge_keys(&mut self) {
         self.drop_redundant_keys();
     }

@@ -15,9 +15,10 @@
 //! | `compiled`, `erased_shapes` | all queries, compiled once in this crate |
 //! | `ray_tree`, `refit`, `in_file` | [`RayTree`]: builds and single queries, refits, files |
 //! | `batch_order`, `filtered_queries`, `filtered_batches`, `closest_point_queries`, `visit` | its other queries |
-//! | `surface` | corners and normals at a hit, rays that leave it |
+//! | `bounds`, `surface` | boxes around all; corners and normals at a hit, rays that leave it |
 
 mod batch_order;
+mod bounds;
 mod closest_point;
 mod closest_point_queries;
 mod compiled;

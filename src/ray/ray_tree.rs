@@ -6,7 +6,7 @@ use super::kernel::outline::Outline;
 use super::traversal::batch::Task;
 use super::{Hit, Indices, Ray, Space, answer_in_order};
 use crate::error::BuildError;
-use crate::geometry::{Aabb, Frame, LinearBounds};
+use crate::geometry::Frame;
 use crate::layout::{RefitPlan, Statistics, TreeBox, ValidationError};
 use crate::parallel;
 use crate::params::BuildParams;
@@ -305,60 +305,6 @@ impl<G: Geometry> RayTree<G> {
             Layout::Lazy(tree) => tree.boxes(time, *self.geometry.frame(), &mut visitor),
             Layout::Kd(_) => {}
         }
-    }
-
-    /// A box around all primitives over the shutter, slightly enlarged for rounding; `None` if there are none. It holds motion
-    /// outside of active intervals as well. Takes constant time.
-    ///
-    /// ```
-    /// use mbkd::{BuildParams, RayTree, TriangleMesh, glam::{DVec3, Vec3}};
-    /// let open = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
-    /// let close = open.iter().map(|p| *p + Vec3::Z).collect();
-    /// let tree = RayTree::build(&[TriangleMesh::new(vec![[0, 1, 2]], vec![open, close])], &BuildParams::default())?;
-    /// let bounds = tree.bounds().unwrap();
-    /// assert!(bounds.contains(DVec3::ZERO) && bounds.contains(DVec3::ONE));
-    /// assert!(bounds.max.abs_diff_eq(DVec3::ONE, 1e-5));
-    /// # Ok::<(), mbkd::BuildError>(())
-    /// ```
-    pub fn bounds(&self) -> Option<Aabb> {
-        self.linear_bounds().map(LinearBounds::swept)
-    }
-
-    /// A box at the beginning of the shutter and one at its end, between which the box of each time is interpolated: around all
-    /// primitives that exist then, slightly enlarged for rounding; `None` if there are none. Of k-d trees both are
-    /// [`RayTree::bounds`]. Takes constant time.
-    ///
-    /// ```
-    /// use mbkd::{BuildParams, RayTree, TriangleMesh, glam::{DVec3, Vec3}};
-    /// let open = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
-    /// let close = open.iter().map(|p| *p + 4.0 * Vec3::Z).collect();
-    /// let tree = RayTree::build(&[TriangleMesh::new(vec![[0, 1, 2]], vec![open, close])], &BuildParams::default())?;
-    /// let middle = tree.linear_bounds().unwrap().at(0.5);
-    /// assert!(middle.contains(DVec3::Z * 2.0) && !middle.contains(DVec3::Z * 1.9));
-    /// # Ok::<(), mbkd::BuildError>(())
-    /// ```
-    pub fn linear_bounds(&self) -> Option<LinearBounds> {
-        (self.geometry.len() > 0).then(|| self.own_bounds())
-    }
-
-    /// Linear bounds of all primitives over the shutter, in world space, as wide as the boxes of queries.
-    fn own_bounds(&self) -> LinearBounds {
-        let swept = LinearBounds::fixed(self.geometry.frame().bounds);
-        match &self.layout {
-            Layout::Wide(tree) => tree.linear_bounds(self.geometry.frame()).unwrap_or(swept),
-            Layout::Lazy(tree) => tree.top.linear_bounds(self.geometry.frame()).unwrap_or(swept),
-            Layout::Kd(_) => swept,
-        }
-    }
-
-    /// Linear bounds of several subtrees, which together hold all primitives.
-    pub(crate) fn linear_bounds_of_subtrees(&self) -> Vec<LinearBounds> {
-        let subtrees = match &self.layout {
-            Layout::Wide(tree) => tree.bounds_of_children(self.geometry.frame()),
-            Layout::Lazy(tree) => tree.top.bounds_of_children(self.geometry.frame()),
-            Layout::Kd(_) => None,
-        };
-        subtrees.unwrap_or_else(|| vec![self.own_bounds()])
     }
 
     /// Which rays miss everything.

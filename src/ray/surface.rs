@@ -9,7 +9,7 @@ use super::compiled::Layout;
 use super::hit::Hit;
 use super::ray_tree::RayTree;
 use crate::geometry::Ray;
-use crate::primitive::{MovingSphere, Primitive, Shape, Shapes};
+use crate::primitive::{Intersection, MovingSphere, Primitive, Shape, Shapes};
 use glam::{DVec3, Vec3};
 
 /// A point of a surface, and how a ray gets off it.
@@ -70,7 +70,7 @@ impl RayTree {
     /// The unit normal of the triangle that was hit, at any time. Seen from the side that it points to, the corners are in
     /// counter-clockwise order. Zero for a degenerate triangle, for a hit of another tree and for one on a shape, whose normal
     /// depends on the point: see [`RayTree::surface_normal`].
-    pub fn normal(&self, hit: &Hit, time: f32) -> Vec3 {
+    pub fn triangle_normal(&self, hit: &Hit, time: f32) -> Vec3 {
         self.normal_of_triangle(hit, time).as_vec3()
     }
 
@@ -79,8 +79,9 @@ impl RayTree {
         (b - a).cross(c - a).normalize_or_zero()
     }
 
-    /// The unit normal of the surface at the point that `ray` hit, at its time: of a triangle as [`RayTree::normal`] has it, of a
-    /// sphere outwards, wherever the ray came from. Zero on a custom shape that is no sphere, and where there is no normal.
+    /// The unit normal of the surface at the point that `ray` hit, at its time: of a triangle as [`RayTree::triangle_normal`] has
+    /// it, of a sphere outwards, wherever the ray came from, of a custom shape as it says itself ([`Primitive::surface_normal`]).
+    /// Zero where there is none.
     ///
     /// ```
     /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree, glam::{DVec3, Vec3}};
@@ -97,7 +98,7 @@ impl RayTree {
 
     pub(crate) fn unit_normal(&self, ray: &Ray, hit: &Hit) -> DVec3 {
         match self.shape_of(hit) {
-            Some(shape) => normal_of_shape(shape, ray, hit),
+            Some(shape) => normal_of_shape(shape, ray, hit).unwrap_or(DVec3::ZERO),
             None => self.normal_of_triangle(hit, ray.time),
         }
     }
@@ -145,8 +146,9 @@ impl RayTree {
     ///
     /// The origin moves by 2^-36 of the coordinates and the size of the triangle (of a sphere's radius), which is far less than
     /// their coordinates in f32 are rounded by, and by what those of the point are; further on triangles that are more than a
-    /// thousand times as long as wide. What else is in the scene does not matter. A custom primitive that is no sphere
-    /// ([`Primitive::as_sphere`]) has no known surface: there the origin moves by 2^-22 of the distance from the origin of `ray`.
+    /// thousand times as long as wide. What else is in the scene does not matter. Of a custom primitive that is no sphere
+    /// ([`Primitive::as_sphere`]) the surface is not known: there the origin moves by 2^-22 of the distance from the origin of
+    /// `ray`, along the normal ([`Primitive::surface_normal`]) or, if there is none, along `ray`.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -183,11 +185,11 @@ impl RayTree {
 }
 
 impl<P: Primitive> RayTree<Shapes<P>> {
-    /// The unit normal of the surface at the point that `ray` hit, as [`RayTree::surface_normal`] gives it: outwards on primitives
-    /// that are spheres ([`Primitive::as_sphere`]), zero on others.
+    /// The unit normal of the surface at the point that `ray` hit, as [`RayTree::surface_normal`] gives it: of spheres
+    /// ([`Primitive::as_sphere`]) and of primitives that know theirs ([`Primitive::surface_normal`]), zero on others.
     pub fn surface_normal(&self, ray: &Ray, hit: &Hit) -> Vec3 {
         let shape = self.primitives().get(hit.primitive as usize);
-        shape.map_or(DVec3::ZERO, |shape| normal_of_shape(shape, ray, hit)).as_vec3()
+        shape.and_then(|shape| normal_of_shape(shape, ray, hit)).unwrap_or(DVec3::ZERO).as_vec3()
     }
 
     /// Where the point of the surface that `ray` hit is at another time in [0, 1], as [`RayTree::point_at`] gives it. `None` on a
@@ -214,10 +216,13 @@ impl<P: Primitive> RayTree<Shapes<P>> {
     }
 }
 
-/// The unit normal of a shape that was hit, outwards; zero unless it is a sphere.
-fn normal_of_shape(shape: &impl Primitive, ray: &Ray, hit: &Hit) -> DVec3 {
-    let normal = shape.as_sphere().and_then(|sphere| MovingSphere::normal_of_hit(sphere.at(ray.time), ray, hit.t));
-    normal.unwrap_or(DVec3::ZERO)
+/// The unit normal of a shape that was hit, outwards; `None` if it is not known.
+fn normal_of_shape(shape: &impl Primitive, ray: &Ray, hit: &Hit) -> Option<DVec3> {
+    let met = Intersection { t: hit.t, u: hit.u, v: hit.v };
+    match shape.as_sphere() {
+        Some(sphere) => sphere.surface_normal(ray, met),
+        None => shape.surface_normal(ray, met)?.try_normalize(),
+    }
 }
 
 /// Where the point of a sphere that was hit is at another time: it keeps its direction from the centre. `None` on another shape.
@@ -239,10 +244,11 @@ impl Departure {
             }
         }
         let seen = ray.point(hit.t);
-        // Back to where the ray came from, or on if it goes on.
-        let on = ray.dir.as_dvec3().normalize_or_zero();
+        // Without a normal back to where the ray came from, or on if it goes on.
+        let normal = shape.and_then(|shape| normal_of_shape(shape, ray, hit));
+        let normal = normal.unwrap_or_else(|| ray.dir.as_dvec3().normalize_or_zero());
         let lift = OF_DISTANCE * (seen - ray.origin).length() + rounding(seen);
-        Departure { point: seen, away: side(on, dir), lift }
+        Departure { point: seen, away: side(normal, dir), lift }
     }
 
     /// The ray that leaves, at a time of the shutter.

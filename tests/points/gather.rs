@@ -48,6 +48,7 @@ fn random_case(photons: &[Photon<f32>], window: f32, rng: &mut Rng) -> GatherCas
         thickness: rng.bits().is_multiple_of(3).then(|| scale * rng.unit()),
         kernels: [0, 2].map(|shift| Kernel::ALL[rng.bits() as usize >> shift & 3]),
         odd_only: rng.bits().is_multiple_of(4),
+        in_volume: rng.bits().is_multiple_of(4),
     }
 }
 
@@ -69,7 +70,7 @@ fn compare(photons: &[Photon<f32>], params: &GatherParams, seed: u64, queries: u
         let case = random_case(photons, params.window, &mut rng);
         let (expected, weights) = case.brute(photons);
         let answer = map.gather(&case.query(), &mut scratch);
-        if expected.count > 0 && (1.0 / case.kernels[0].over_disc(expected.radius.into())) as f32 == f32::INFINITY {
+        if expected.count > 0 && case.per_extent(expected.radius) == f32::INFINITY {
             assert_eq!(answer, Err(GatherError::NoArea), "{what}: {case:?}");
             continue;
         }

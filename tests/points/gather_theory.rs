@@ -96,6 +96,37 @@ fn bias_and_variance_are_those_of_theory() {
     }
 }
 
+/// Photons all over a box: of a radius and of the k nearest.
+#[test]
+fn densities_in_a_volume_are_unbiased_where_they_are_constant() {
+    let mut rng = Rng(12);
+    let photons: Vec<_> = (0..100_000)
+        .map(|_| {
+            let at = Vec3::new(2.0 * rng.unit(), 2.0 * rng.unit(), 25.0 * rng.unit());
+            Photon::at_time(at, Vec3::Y, 1.0f32 / 1000.0, rng.unit())
+        })
+        .collect();
+    let map = PhotonMap::build(&photons, &GatherParams::default()).unwrap();
+    let mut scratch = NeighborBuffer::new();
+    for kernel in Kernel::ALL {
+        for k in [None, Some(15)] {
+            let answers: Vec<f64> = (0..250)
+                .map(|i| {
+                    let at = Vec3::new(1.0, 1.0, 0.7 + 0.094 * i as f32);
+                    let query = GatherQuery::new(at, Vec3::Y, 0.5).radius(0.5).window(0.1).in_volume();
+                    let query = k.map_or(query, |k| query.nearest(k));
+                    f64::from(map.gather(&query.kernels(kernel, Kernel::Box), &mut scratch).unwrap().density)
+                })
+                .collect();
+            let n = answers.len() as f64;
+            let mean = answers.iter().sum::<f64>() / n;
+            let error = (answers.iter().map(|a| (a - mean) * (a - mean)).sum::<f64>() / n / (n - 1.0)).sqrt();
+            // Gathers overlap: those of a radius share most of their photons with their neighbours.
+            assert!((mean - 1.0).abs() < 8.0 * error && error < 0.03, "{kernel:?}, {k:?}: {mean} ± {error}");
+        }
+    }
+}
+
 #[test]
 fn k_nearest_are_unbiased_where_the_density_is_constant() {
     let mut rng = Rng(11);

@@ -363,7 +363,7 @@ fn what_is_hit_lies_where_the_instance_places_it() {
         let Some(found) = tree.closest_hit(&ray) else { continue };
         let [a, b, c] = tree.vertices(&found, ray.time);
         if a.is_nan() {
-            assert_eq!((found.hit.mesh, tree.normal(&found, ray.time)), (2, Vec3::ZERO));
+            assert_eq!((found.hit.mesh, tree.triangle_normal(&found, ray.time)), (2, Vec3::ZERO));
             continue;
         }
         triangles += 1;
@@ -371,11 +371,11 @@ fn what_is_hit_lies_where_the_instance_places_it() {
         let (size, far) = ((b - a).length().max((c - a).length()), (ray.origin - a).length());
         let by = (ray.point(found.hit.t) - there).length();
         assert!(by < 1e-4 * size + 3e-5 * far, "{by} of {size} from {far}");
-        let normal = tree.normal(&found, ray.time).as_dvec3();
+        let normal = tree.triangle_normal(&found, ray.time).as_dvec3();
         assert!(normal.dot((b - a).normalize()).abs() < 1e-5 && (normal.length() - 1.0).abs() < 1e-5);
         // On the same side as in its own space.
         let matrix = tree.matrix(&found.path, ray.time).unwrap();
-        let inner = tree.tree(&found.path).unwrap().normal(&found.hit, ray.time).as_dvec3();
+        let inner = tree.tree(&found.path).unwrap().triangle_normal(&found.hit, ray.time).as_dvec3();
         assert!(normal.dot(matrix.transform_vector3(inner)) > 0.0);
     }
     assert!(triangles > 100, "{triangles}");

@@ -61,7 +61,7 @@ fn secondary_rays_do_not_hit_the_triangle_that_they_leave() {
         for _ in 0..200 {
             let ray = from_around(&mut random, at, size, 4.0);
             let Some(hit) = tree.closest_hit(&ray) else { continue };
-            let normal = tree.normal(&hit, ray.time);
+            let normal = tree.triangle_normal(&hit, ray.time);
             let dir = direction(&mut random, normal) * 10f32.powf(8.0 * random.unit() - 4.0);
             let leaving = tree.secondary_ray(&ray, &hit, dir);
             assert_eq!((leaving.dir, leaving.time, leaving.t_min, leaving.t_max), (dir, ray.time, 0.0, f32::INFINITY));
@@ -100,7 +100,7 @@ fn far_objects_do_not_move_secondary_rays_further() {
         for _ in 0..200 {
             let ray = from_around(&mut random, at, size, 1.0);
             let Some(hit) = tree.closest_hit(&ray).filter(|hit| hit.mesh == 0) else { continue };
-            let normal = tree.normal(&hit, ray.time);
+            let normal = tree.triangle_normal(&hit, ray.time);
             let leaving = tree.secondary_ray(&ray, &hit, direction(&mut random, normal));
             assert!(!hits(&tree, &leaving, &hit), "round {round}: {ray:?}, {hit:?}, {leaving:?}");
             let [a, b, c] = tree.vertices(&hit, ray.time);
@@ -176,6 +176,19 @@ fn trees_of_primitives_have_the_secondary_rays_of_scenes() {
             Some(&self.0)
         }
     }
+    /// Knows its normals, but not that it is a sphere.
+    struct Sided(MovingSphere);
+    impl Primitive for Sided {
+        fn bounds(&self, over: TimeInterval) -> LinearBounds {
+            self.0.bounds(over)
+        }
+        fn intersect(&self, ray: &Ray) -> Option<Intersection> {
+            self.0.intersect(ray)
+        }
+        fn surface_normal(&self, ray: &Ray, hit: Intersection) -> Option<DVec3> {
+            Some(3.0 * (ray.point(hit.t) - self.0.at(ray.time).0))
+        }
+    }
     let mut random = Random(44);
     let mut key = || (random.vec().as_dvec3(), 0.1 + 0.1 * f64::from(random.unit()));
     let balls: Vec<MovingSphere> = (0..40).map(|_| MovingSphere::new(vec![key(), key()])).collect();
@@ -185,6 +198,10 @@ fn trees_of_primitives_have_the_secondary_rays_of_scenes() {
     };
     let (shapes, named) = (scene(Shape::from), scene(|ball| Shape::custom(Named(ball))));
     let unknown = scene(|ball| Shape::custom(Blob(ball)));
+    let sided = scene(|ball| Shape::custom(Sided(ball)));
+    let placed =
+        Instance::new(Arc::new(scene(|ball| Shape::custom(Sided(ball)))), DAffine3::from_scale(DVec3::splat(2.0)));
+    let placed = InstanceTree::build(vec![placed], &WideParams::default()).unwrap();
     let bare = RayTree::of_primitives(balls.clone(), &params).unwrap();
     let hidden = RayTree::of_primitives(balls.iter().cloned().map(Blob).collect(), &params).unwrap();
     let (mut all, mut apart) = (0, 0);
@@ -197,7 +214,15 @@ fn trees_of_primitives_have_the_secondary_rays_of_scenes() {
         assert_eq!(named.secondary_ray(&ray, &hit, dir), exact);
         let rough = hidden.secondary_ray(&ray, &hit, dir);
         assert_eq!(unknown.secondary_ray(&ray, &hit, dir), rough);
-        let seen = ray.point(hit.t);
+        assert_eq!((unknown.surface_normal(&ray, &hit), hidden.surface_normal(&ray, &hit)), (Vec3::ZERO, Vec3::ZERO));
+        let (normal, seen) = (bare.surface_normal(&ray, &hit), ray.point(hit.t));
+        assert!((sided.surface_normal(&ray, &hit) - normal).length() < 1e-5);
+        let lifted = sided.secondary_ray(&ray, &hit, dir).origin - seen;
+        let side = normal.as_dvec3() * f64::from(normal.dot(dir)).signum();
+        assert!(lifted.normalize().dot(side) > 0.999 && lifted.length() < 3e-7 * (seen - ray.origin).length());
+        let farther = Ray { origin: ray.origin * 2.0, dir: ray.dir * 2.0, ..ray };
+        let found = placed.closest_hit(&farther).unwrap();
+        assert!((placed.surface_normal(&farther, &found) - normal).length() < 1e-5);
         assert!((rough.origin - seen).length() < 3e-7 * (seen - ray.origin).length());
         all += 1;
         apart += usize::from(rough.origin != exact.origin);
@@ -234,7 +259,7 @@ fn secondary_rays_leave_instances_of_instances() {
             let (from, to) = (at(&mut random), at(&mut random));
             let ray = Ray::new(from, (to - from).as_vec3()).at_time(random.unit());
             let Some(hit) = tree.closest_hit(&ray) else { continue };
-            let normal = tree.normal(&hit, ray.time);
+            let normal = tree.triangle_normal(&hit, ray.time);
             let dir = direction(&mut random, normal);
             let again = |ray: &Ray| {
                 let mut found = false;
@@ -296,7 +321,7 @@ fn points_of_surfaces_are_found_again_at_other_times() {
                         let (u, v) = (f64::from(hit.u), f64::from(hit.v));
                         let at = a * (1.0 - u - v) + b * u + c * v;
                         assert!(other.distance(at) < 1e-12);
-                        assert_eq!(inner.surface_normal(&ray, &hit), inner.normal(&hit, ray.time));
+                        assert_eq!(inner.surface_normal(&ray, &hit), inner.triangle_normal(&hit, ray.time));
                         of_triangles += 1;
                     }
                 }
@@ -337,7 +362,7 @@ fn normals_of_instances_far_away_are_those_of_what_is_placed() {
     let wide = [Vec3::new(0.0, 5.0, 0.0), Vec3::new(4.0, 5.0, 0.0), Vec3::new(0.0, 9.0, 0.0)];
     let mesh = TriangleMesh::fixed(vec![[0, 1, 2], [3, 4, 5]], [sliver, wide].concat());
     let tree = Arc::new(RayTree::build(&[mesh], &BuildParams::default()).unwrap());
-    let near = tree.normal(&Hit { t: 1.0, u: 0.1, v: 0.1, mesh: 0, primitive: 0 }, 0.0).as_dvec3();
+    let near = tree.triangle_normal(&Hit { t: 1.0, u: 0.1, v: 0.1, mesh: 0, primitive: 0 }, 0.0).as_dvec3();
     for far in [0.0, 1e6, 1e9] {
         for mirrored in [1.0, -1.0] {
             let scale = DVec3::new(1.0, 2.0 * mirrored, 0.5);
@@ -349,7 +374,8 @@ fn normals_of_instances_far_away_are_those_of_what_is_placed() {
             let mut hit = placed.closest_hit(&Ray::new(origin, (matrix.matrix3 * DVec3::NEG_Z).as_vec3())).unwrap();
             assert_eq!(hit.hit.primitive, 1);
             hit.hit.primitive = 0;
-            let (normal, expected) = (placed.normal(&hit, 0.0), (rotation * (near / scale)).normalize().as_vec3());
+            let (normal, expected) =
+                (placed.triangle_normal(&hit, 0.0), (rotation * (near / scale)).normalize().as_vec3());
             assert!(normal.distance(expected) < 1e-6, "{normal} {expected} at {far}");
         }
     }

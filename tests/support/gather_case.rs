@@ -16,6 +16,7 @@ pub struct GatherCase {
     pub thickness: Option<f32>,
     pub kernels: [Kernel; 2],
     pub odd_only: bool,
+    pub in_volume: bool,
 }
 
 fn odd(id: u32) -> bool {
@@ -35,7 +36,17 @@ impl GatherCase {
         if let Some(thickness) = self.thickness {
             query = query.thickness(thickness);
         }
+        if self.in_volume {
+            query = query.in_volume();
+        }
         if self.odd_only { query.filter(&odd) } else { query }
+    }
+
+    /// The weight of the photons in a disc of this radius, or a ball.
+    pub fn per_extent(&self, radius: f32) -> f32 {
+        let [space, _] = self.kernels;
+        let extent = if self.in_volume { space.over_ball(radius.into()) } else { space.over_disc(radius.into()) };
+        (1.0 / extent) as f32
     }
 
     /// The answer by comparing all photons, and the photons with their weights.
@@ -78,7 +89,7 @@ impl GatherCase {
         };
         let [space, clock] = self.kernels;
         let duration = clock.over_time(self.time.into(), self.window.into(), 0.0, 1.0) as f32;
-        let per_area = (1.0 / space.over_disc(radius.into())) as f32;
+        let per_extent = self.per_extent(radius);
         let weigh = |&(distance, id): &(f32, u32)| {
             let in_time = match photons[id as usize].time {
                 PhotonTime::At(time) | PhotonTime::Carried { time, .. } => {
@@ -87,7 +98,7 @@ impl GatherCase {
                 }
                 PhotonTime::During(active) => 1.0 / active.duration(),
             };
-            (id, space.weight(distance / squared) * in_time * per_area)
+            (id, space.weight(distance / squared) * in_time * per_extent)
         };
         let weights: Vec<_> = near.iter().map(weigh).collect();
         let density = weights.iter().fold(0.0, |sum, &(id, weight)| sum + photons[id as usize].flux * weight);

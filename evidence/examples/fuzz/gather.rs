@@ -36,6 +36,7 @@ fn any_case(random: &mut Random, photons: &[Photon<f32>], window: f32) -> Gather
         thickness: random.one_in(3).then(|| scale * random.unit()),
         kernels: [0; 2].map(|_| random.pick(&Kernel::ALL)),
         odd_only: random.one_in(4),
+        in_volume: random.one_in(4),
     }
 }
 
@@ -81,7 +82,7 @@ pub fn case(random: &mut Random) -> Outcome {
         let case = any_case(random, &photons, window);
         let (all, weights) = case.brute(&photons);
         let answer = map.gather(&case.query(), &mut scratch);
-        if all.count > 0 && (1.0 / case.kernels[0].over_disc(all.radius.into())) as f32 == f32::INFINITY {
+        if all.count > 0 && case.per_extent(all.radius) == f32::INFINITY {
             same!(answer.as_ref().err(), Some(&GatherError::NoArea), "{what}: {case:?}");
             continue;
         }

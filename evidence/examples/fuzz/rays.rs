@@ -251,7 +251,7 @@ fn same_triangles(random: &mut Random, scene: &Scene, tree: &RayTree, other: Opt
 fn secondary_rays(random: &mut Random, tree: &RayTree, queries: &Queries, what: &str) -> Outcome {
     for ray in queries.rays.iter().take(10) {
         let Some(hit) = tree.closest_hit(ray) else { continue };
-        let normal = tree.normal(&hit, ray.time);
+        let normal = tree.triangle_normal(&hit, ray.time);
         if normal == Vec3::ZERO {
             continue;
         }

@@ -107,7 +107,7 @@ pub fn bounce_rays(meshes: &[TriangleMesh], rays: &[Ray], random: &mut Random) -
     let tree = RayTree::build(meshes, &BuildParams::default())?;
     let bounce = |ray: &Ray| {
         let hit = tree.closest_hit(ray)?;
-        let normal = tree.normal(&hit, ray.time).normalize_or_zero();
+        let normal = tree.triangle_normal(&hit, ray.time).normalize_or_zero();
         let normal = if normal.dot(ray.dir) > 0.0 { -normal } else { normal };
         let on_sphere = loop {
             let p = random.vec().as_vec3();

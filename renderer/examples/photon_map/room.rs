@@ -120,7 +120,7 @@ impl Room {
             return Some(Spot { position: at.as_vec3(), normal, surface, body: u32::MAX - hit.primitive });
         }
         let hit = wall?;
-        let normal = self.walls.normal(&hit, ray.time);
+        let normal = self.walls.triangle_normal(&hit, ray.time);
         let normal = if normal.dot(ray.dir) > 0.0 { -normal } else { normal };
         let position = ray.point(hit.t).as_vec3();
         let body = hit.mesh;

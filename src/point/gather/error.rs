@@ -56,8 +56,8 @@ pub enum GatherError {
     Unbounded,
     /// The cosine or the thickness of a query is NaN, or the thickness is negative.
     Cutoff,
-    /// The photons of a query lie in a disc without area: the k nearest ones all at the query point, or those within a radius of
-    /// less than some 1e-19.
+    /// The photons of a query lie in a disc without area or a ball without volume: the k nearest ones all at the query point, or
+    /// those within a radius of less than some 1e-19 (in a volume 1e-13).
     NoArea,
     /// The speed of a space-time metric is negative, not finite or too large.
     Speed,
@@ -117,7 +117,9 @@ impl fmt::Display for GatherError {
             GatherError::NoNeighbors => f.write_str("a query for 0 photons has no density; ask for at least 1"),
             GatherError::Unbounded => f.write_str("give a query a number of photons, a radius or both"),
             GatherError::Cutoff => f.write_str("a cosine must not be NaN, and a thickness must be at least 0"),
-            GatherError::NoArea => f.write_str("the photons lie in a disc without area; give a larger radius"),
+            GatherError::NoArea => {
+                f.write_str("the photons lie in a disc without area, or a ball without volume; give a larger radius")
+            }
             GatherError::Speed => write!(f, "a speed must be from 0 to {MAX_POINT_COORDINATE:e}"),
             GatherError::NotStamped => f.write_str("space-time neighbours need photons with a time stamp only"),
             GatherError::Length { expected, found } => write!(f, "{found} elements where {expected} are needed"),

@@ -64,6 +64,25 @@ impl Kernel {
         core::f64::consts::PI * radius * radius * share
     }
 
+    /// The integral of the weight over a ball of this radius: for densities of photons in a volume ([`GatherQuery::in_volume`]).
+    ///
+    /// [`GatherQuery::in_volume`]: crate::point::GatherQuery::in_volume
+    ///
+    /// ```
+    /// use mbkd::point::Kernel;
+    /// assert_eq!(Kernel::Cone.over_ball(3.0), 9.0 * std::f64::consts::PI);
+    /// ```
+    pub fn over_ball(self, radius: f64) -> f64 {
+        let share = match self {
+            Kernel::Box => 1.0,
+            Kernel::Cone => 0.25,
+            Kernel::Epanechnikov => 0.4,
+            // 3 (√(π / a) erf(√a) / 2 − exp(−a)) / (2 a)
+            Kernel::Gaussian => 0.135_178_161_680_757_86,
+        };
+        core::f64::consts::PI * 4.0 / 3.0 * radius * radius * radius * share
+    }
+
     /// The integral of the weight over the times from `begin` to `end`, of a window of this half width around `time`.
     ///
     /// Dividing by it renormalizes an estimate near the ends of the shutter, where a part of the window is outside of it
@@ -140,6 +159,9 @@ mod tests {
             assert!((kernel.half(1.0) - line).abs() < 1e-6, "{kernel:?}: {} {line}", kernel.half(1.0));
             let over_disc = kernel.over_disc(1.0) / core::f64::consts::PI;
             assert!((over_disc - disc).abs() < 1e-6, "{kernel:?}: {over_disc} {disc}");
+            let ball: f64 = (0..steps).map(|i| at(middle(i)) * 3.0 * middle(i).powi(2)).sum::<f64>() / f64::from(steps);
+            let over_ball = kernel.over_ball(1.0) / core::f64::consts::PI * 0.75;
+            assert!((over_ball - ball).abs() < 1e-6, "{kernel:?}: {over_ball} {ball}");
             let part: f64 = (0..steps).map(|i| 0.3 * at(0.3 * middle(i))).sum::<f64>() / f64::from(steps);
             let whole = 2.0 * (line + part);
             assert!((kernel.over_time(0.6, 2.0, 0.0, 2.7) - whole).abs() < 1e-5, "{kernel:?}");

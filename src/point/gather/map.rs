@@ -18,9 +18,9 @@ use glam::Vec3;
 /// The answer of a gather.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gathered<F> {
-    /// Flux per area and time (the whole shutter being 1). Infinite or NaN where weights, fluxes times weights or their sums exceed
-    /// f32. (A weight is about 1 / (area · time): for a photon that exists for 1e-38 of the shutter, more than f32 holds unless the
-    /// disc is larger than 1.)
+    /// Flux per area, or per volume ([`GatherQuery::in_volume`]), and time (the whole shutter being 1). Infinite or NaN where
+    /// weights, fluxes times weights or their sums exceed f32. (A weight is about 1 / (area · time): for a photon that exists for
+    /// 1e-38 of the shutter, more than f32 holds unless the disc is larger than 1.)
     pub density: F,
     /// Radius of the disc over which it was estimated: the query's, or the distance of the photon after the k nearest.
     pub radius: f32,
@@ -36,10 +36,10 @@ pub struct Gathered<F> {
 
 /// Photons on surfaces, to be gathered at a time.
 ///
-/// The density at (x, t) is estimated as in Cammarano and Jensen, "Time Dependent Photon Mapping" (2002), section 4:
-/// Σ flux · k_s(|p − x| / r) · k_t(|s − t| / w) / (A · D), where A is the integral of the space kernel over the disc of
-/// radius r, and D that of the time kernel over the part of the window that is inside the shutter. A photon that exists
-/// for a while has the weight 1 / duration instead of k_t / D.
+/// The density at (x, t) is estimated as in Cammarano and Jensen, "Time Dependent Photon Mapping" (2002), section 4: Σ flux ·
+/// k_s(|p − x| / r) · k_t(|s − t| / w) / (A · D), where A is the integral of the space kernel over the disc of radius r (in a
+/// volume over its ball: [`GatherQuery::in_volume`]), and D that of the time kernel over the part of the window that is inside the
+/// shutter. A photon that exists for a while has the weight 1 / duration instead of k_t / D.
 ///
 /// With a number k of photons, r is the distance of the (k+1)-th nearest, which is not counted itself: for a locally
 /// constant density the estimate is then unbiased (Loftsgaarden and Quesenberry, 1965). If a radius is given and
@@ -284,8 +284,8 @@ impl<F: Flux> PhotonMap<F> {
         if !per_duration.is_finite() {
             return Err(GatherError::Window);
         }
-        let per_area = (1.0 / query.space.over_disc(disc.radius.into())) as f32;
-        if !per_area.is_finite() {
+        let per_extent = (1.0 / query.extent(disc.radius)) as f32;
+        if !per_extent.is_finite() {
             return Err(GatherError::NoArea);
         }
         for near in &buffer.found[..disc.count] {
@@ -297,7 +297,7 @@ impl<F: Flux> PhotonMap<F> {
                 TimeWeight::Even(even) => even,
             };
             let in_space = query.space.weight(near.distance_squared / disc.squared);
-            visit(near.id, in_space * in_time * per_area);
+            visit(near.id, in_space * in_time * per_extent);
         }
         Ok(gathered(disc.count))
     }

@@ -34,6 +34,7 @@ pub struct GatherQuery<'f> {
     pub(super) thickness: Option<f32>,
     pub(super) space: Kernel,
     pub(super) time_weight: Kernel,
+    pub(super) in_volume: bool,
     pub(super) filter: Option<&'f (dyn Fn(u32) -> bool + Sync)>,
 }
 
@@ -53,6 +54,7 @@ impl<'f> GatherQuery<'f> {
             thickness: None,
             space: Kernel::Box,
             time_weight: Kernel::Box,
+            in_volume: false,
             filter: None,
         }
     }
@@ -88,6 +90,33 @@ impl<'f> GatherQuery<'f> {
     /// The kernels that weight photons by distance in space and in time.
     pub fn kernels(self, space: Kernel, time: Kernel) -> Self {
         GatherQuery { space, time_weight: time, ..self }
+    }
+
+    /// Estimates the density in a volume, as in smoke: flux per volume and time, over the ball of the radius instead of its disc.
+    /// (The normal then matters to [`GatherQuery::cosine`] and [`GatherQuery::thickness`] only.)
+    ///
+    /// After H. W. Jensen and P. H. Christensen, "Efficient Simulation of Light Transport in Scenes with Participating Media Using
+    /// Photon Maps" (1998), section 3.
+    ///
+    /// ```
+    /// use mbkd::glam::Vec3;
+    /// use mbkd::point::{GatherParams, GatherQuery, NeighborBuffer, Photon, PhotonMap};
+    /// // A cube of 20³ photons, 0.1 apart: 1000 of them in each unit of volume.
+    /// let at = |i: u32| Vec3::new((i % 20) as f32, (i / 20 % 20) as f32, (i / 400) as f32) * 0.1;
+    /// let photons: Vec<_> = (0..8000).map(|i| Photon::at_time(at(i), Vec3::Z, 1.0f32, 0.5)).collect();
+    /// let map = PhotonMap::build(&photons, &GatherParams::default())?;
+    /// let query = GatherQuery::new(Vec3::splat(1.03), Vec3::Z, 0.5).nearest(400).in_volume();
+    /// let density = map.gather(&query, &mut NeighborBuffer::new())?.density;
+    /// assert!((density / 1000.0 - 1.0).abs() < 0.03);
+    /// # Ok::<(), mbkd::point::GatherError>(())
+    /// ```
+    pub fn in_volume(self) -> Self {
+        GatherQuery { in_volume: true, ..self }
+    }
+
+    /// The integral of the weights in space over the disc of a radius, or over its ball.
+    pub(super) fn extent(&self, radius: f32) -> f64 {
+        if self.in_volume { self.space.over_ball(radius.into()) } else { self.space.over_disc(radius.into()) }
     }
 
     /// Only photons whose index among those that the map was built from the predicate returns true for. It must be

@@ -43,10 +43,9 @@
 //! - So what the tests compare and what decides differ by (32 + 16n)εA along an axis, below (56 + 28n)εA altogether.
 //! - An encounter is reported in the slice that holds the computed time at which it begins. There the two are farther apart than
 //!   the radius r: with `first` and v as in [`encounter`], the discriminant divided by v² is wrong by at most (16 |first|² + 4r²)ε,
-//!   and
-//!   |first| is at most r + |v|. So the squared distance exceeds r² by at most 36εr² and 32ε|v|², the distance by 2^-24 |v|, which is
-//!   at most 2^-23 R: the two move differently by at most R along each axis. (That is not relative to what they move in the slice,
-//! which may be much shorter than the segment.)
+//!   and |first| is at most r + |v|. So the squared distance exceeds r² by at most 36εr² and 32ε|v|², the distance by 2^-24 |v|,
+//!   which is at most 2^-23 R: the two move differently by at most R along each axis. (That is not relative to what they move in
+//!   the slice, which may be much shorter than the segment.)
 //!
 //! The excess is 64(n + 1)εA + 2^-22 R. Beyond the ends of a slice its faces go on along their lines, so that the hull argument
 //! holds for the wider range of times. The points of a slice that have left the hull there are farther from the middle than M by
