@@ -159,7 +159,14 @@ def neighbor_lists_with_skin(
     points: Points, time: float, radius: float, skin: float, until: float, workers: int
 ) -> tuple[_Columns, float]: ...
 def neighbor_lists_swept(
-    points: Points, between: Sequence[float], radius: float, max_neighbors: int | None, workers: int
+    points: Points,
+    between: Sequence[float],
+    radii: _F32,
+    larger: bool,
+    summed: bool,
+    pairs_once: bool,
+    max_neighbors: int | None,
+    workers: int,
 ) -> tuple[_I64, _I32, Sequence[_F32]]: ...
 def certified_duration(radius: float, skin: float, speed: float) -> float:
     """How long lists with a skin hold every pair within `radius`, if no point is ever faster than `speed`.

@@ -429,18 +429,12 @@ class PointTree:
         """
         if rows not in ("points", "tree"):
             raise ValueError(f"rows must be 'points' or 'tree', not {rows!r}")
-        radii = np.asarray(r)
-        if radii.ndim and radii.shape != (self.n,):
-            raise ValueError(f"r must be one radius or have the shape ({self.n},), not {radii.shape}")
-        if larger and summed:
-            raise ValueError("two points are neighbours within the larger of their radii or within the sum, not both")
-        if summed and not radii.ndim:
-            radii = np.full(self.n, radii)
+        radii = self._radii(r, larger, summed)
         by_id = rows == "points"
         offsets, ids, points, far, ways = _mbkd.neighbor_lists(
             self._tree,
             time,
-            per_query(radii, (self.n,), "r"),
+            radii,
             larger,
             summed,
             None if among is None else among._tree,
@@ -453,6 +447,17 @@ class PointTree:
             workers,
         )
         return NeighborLists(offsets, ids, points, far if distances else None, ways if displacements else None)
+
+    def _radii(self, r: ArrayLike, larger: bool, summed: bool) -> np.ndarray:
+        """One radius, or one for each point."""
+        radii = np.asarray(r)
+        if radii.ndim and radii.shape != (self.n,):
+            raise ValueError(f"r must be one radius or have the shape ({self.n},), not {radii.shape}")
+        if larger and summed:
+            raise ValueError("two points are neighbours within the larger of their radii or within the sum, not both")
+        if summed and not radii.ndim:
+            radii = np.full(self.n, radii)
+        return per_query(radii, (self.n,), "r")
 
     def neighbor_lists_with_skin(
         self, r: float, skin: float, *, time: float = 0.0, until: float = 1.0, workers: int = 1
@@ -468,19 +473,25 @@ class PointTree:
 
     def neighbor_lists_swept(
         self,
-        r: float,
+        r: ArrayLike,
         between: Sequence[float] = (0.0, 1.0),
         *,
+        larger: bool = False,
+        summed: bool = False,
+        pairs_once: bool = False,
         max_neighbors: int | None = None,
         workers: int = 1,
     ) -> Encounters:
         """Find all points that come within a radius of each point at any time of an interval, and the times.
 
         This is decided in float64, for exact linear motion between the positions at the keys, in float32 or float64.
-        `max_neighbors` bounds memory as for `neighbor_lists`: a `ValueError` if a point meets more.
+        `r`, `larger`, `summed`, `pairs_once` and `max_neighbors` are as for `neighbor_lists`: with `summed`, these are the
+        contacts of spheres that move.
         """
         most = None if max_neighbors is None else whole(max_neighbors, "max_neighbors", 0, 2**32)
-        offsets, ids, columns = _mbkd.neighbor_lists_swept(self._tree, interval(between), r, most, workers)
+        offsets, ids, columns = _mbkd.neighbor_lists_swept(
+            self._tree, interval(between), self._radii(r, larger, summed), larger, summed, pairs_once, most, workers
+        )
         return Encounters(offsets, ids, *columns)
 
 

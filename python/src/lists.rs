@@ -24,6 +24,16 @@ static MEMORY: Mutex<Option<NeighborLists>> = Mutex::new(None);
 /// Memory beyond this is released.
 const MOST_KEPT: usize = 1 << 29;
 
+/// How far neighbours may be: one radius for all, or one for each point, of two of which the larger or the sum may count.
+pub fn radii_of(radii: &[f32], larger: bool, summed: bool) -> Radii<'_> {
+    match radii {
+        &[radius] => Radii::Equal(radius),
+        own if larger => Radii::Larger { own, others: own },
+        own if summed => Radii::Sum { own, others: own },
+        own => Radii::Own(own),
+    }
+}
+
 /// The lists of all points at a time. `radii` has one element, or one for each point. In the second case, if `larger`, two points
 /// are neighbours if they are within the larger of their radii, if `summed` within the sum; otherwise each point lists the points
 /// within its own radius. With `max_neighbors` a longer list is an error.
@@ -49,13 +59,7 @@ pub fn neighbor_lists<'py>(
         let text = "the larger of two radii and their sum need those of both sets; give one radius for all pairs";
         return Err(PyValueError::new_err(text));
     }
-    let radii = match radii {
-        &[radius] => Radii::Equal(radius),
-        own if larger => Radii::Larger { own, others: own },
-        own if summed => Radii::Sum { own, others: own },
-        own => Radii::Own(own),
-    };
-    let mut query = points.tree.neighbor_lists(time, radii);
+    let mut query = points.tree.neighbor_lists(time, radii_of(radii, larger, summed));
     query = if pairs_once { query.pairs_once() } else { query };
     query = if distances { query.with_distances() } else { query };
     query = if displacements { query.with_displacements() } else { query };

@@ -1,23 +1,28 @@
 //! Encounters of points during an interval, as compressed sparse rows.
 
-use crate::arrays::value_error;
+use crate::arrays::{slice, value_error};
+use crate::lists::radii_of;
 use crate::points::Points;
 use crate::threads::on;
 use mbkd::{Encounter, TimeInterval};
-use numpy::{IntoPyArray, PyArray1};
+use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 /// Offsets and ids by point, and for each encounter its begin, its end, the time of closest approach, and the distance then.
 type Encounters<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i32>>, [Bound<'py, PyArray1<f32>>; 4]);
 
-/// The points that come within the radius of each point between two times. Row i belongs to point i and is sorted by id.
+/// The points that come within a radius of each point between two times. Row i belongs to point i and is sorted by id. `radii`,
+/// `larger` and `summed` are as for lists at a time.
 #[pyfunction]
 pub fn neighbor_lists_swept<'py>(
     py: Python<'py>,
     points: &Points,
     between: [f32; 2],
-    radius: f32,
+    radii: PyReadonlyArray1<'py, f32>,
+    larger: bool,
+    summed: bool,
+    pairs_once: bool,
     max_neighbors: Option<usize>,
     workers: isize,
 ) -> PyResult<Encounters<'py>> {
@@ -25,8 +30,10 @@ pub fn neighbor_lists_swept<'py>(
         return Err(PyValueError::new_err("swept lists are not for periodic boxes"));
     }
     let interval = TimeInterval::new(between[0], between[1]).map_err(value_error)?;
+    let radii = radii_of(slice(&radii)?, larger, summed);
     let found = on(py, workers, || {
-        let query = points.tree.neighbor_lists_swept(interval, radius).in_order().sorted();
+        let query = points.tree.neighbor_lists_swept(interval, radii).in_order().sorted();
+        let query = if pairs_once { query.pairs_once() } else { query };
         let lists = max_neighbors.map_or(query, |most| query.max_neighbors(most)).collect()?;
         let offsets = lists.offsets().iter().map(|&offset| offset as i64).collect::<Vec<_>>();
         let column = |of: fn(&Encounter) -> f32| lists.encounters().iter().map(of).collect::<Vec<_>>();

@@ -102,6 +102,13 @@ def test_swept_lists_are_all_that_meet(keys):
     assert len(tree.neighbor_lists_swept(0.1, max_neighbors=most)) == len(met)
     with pytest.raises(ValueError, match="max_neighbors"):
         tree.neighbor_lists_swept(0.1, max_neighbors=most - 1)
+    radii = RNG.random(400).astype(np.float32) * np.float32(0.1)
+    touching = tree.neighbor_lists_swept(radii, summed=True, pairs_once=True)
+    reach = (radii[:, None] + radii[None]).astype(np.float64)
+    sure = np.abs(least - reach) > 1e-7
+    for i, row in enumerate(touching):
+        expected = np.flatnonzero((least[i] <= reach[i]) & (np.arange(400) > i) & sure[i])
+        assert row[sure[i][row]].tolist() == expected.tolist()
     part = tree.neighbor_lists_swept(0.1, (0.25, 0.5))
     assert 0 < len(part.ids) < len(met.ids)
 

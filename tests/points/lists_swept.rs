@@ -5,7 +5,7 @@ use crate::lists::{STRUCTURES, build};
 use crate::support::{Cloud, KINDS, Rng, cloud};
 use mbkd::{
     Encounter, EncounterLists, ListError, MovingPoint, NeighborLists, PointArrays, PointParams, PointStructure,
-    PointTree, Precision, SimdLevel, TimeInterval, certified_duration, glam::Vec3,
+    PointTree, Precision, Radii, RadiusOf, SimdLevel, TimeInterval, certified_duration, glam::Vec3,
 };
 
 /// The encounter of two points, by comparing them.
@@ -81,6 +81,72 @@ fn swept_lists_equal_comparing_all_pairs() {
             }
         }
     }
+}
+
+/// How far two points may be from each other, from the radii of both.
+type OfPair = fn(f32, f32) -> f32;
+
+/// Radii of their own, and each pair once.
+#[test]
+fn swept_lists_with_radii_of_their_own_equal_comparing_all_pairs() {
+    let mut met = 0;
+    for (kind, cloud, mut rng) in clouds(100) {
+        let small = size(&cloud) * 0.05;
+        // A few are large, and some are nothing but points.
+        let radii: Vec<f32> =
+            (0..cloud.len()).map(|i| small * [0.0, rng.unit(), 1.0, 4.0][[1, 1, 2, 1, 0, 1, 1, 3][i % 8]]).collect();
+        let own = &radii[..];
+        let of: [(Radii, OfPair); 3] = [
+            (Radii::Own(own), |own, _| own),
+            (Radii::Larger { own, others: own }, f32::max),
+            (Radii::Sum { own, others: own }, |own, other| own + other),
+        ];
+        for structure in STRUCTURES {
+            for (simd, precision) in SimdLevel::available().into_iter().flat_map(|simd| {
+                let double = (structure != PointStructure::Kd).then_some((simd, Precision::Double));
+                [(simd, Precision::Single)].into_iter().chain(double)
+            }) {
+                let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();
+                let set = PointArrays { keys: &keys, active: &cloud.active, ids: &[] };
+                let params = PointParams { structure, simd, precision, ..PointParams::default() };
+                let tree = PointTree::build(&set, &params).unwrap();
+                for (begin, end) in [(0.0, 1.0), (0.3, 0.55)] {
+                    let interval = TimeInterval::new(begin, end).unwrap();
+                    for ((radii, of_pair), once) in of.into_iter().flat_map(|of| [(of, false), (of, true)]) {
+                        let meets = |i: usize, j: usize| {
+                            let square = f64::from(of_pair(own[i], own[j])).powi(2);
+                            meet(&cloud, (i, j), [begin, end].map(f64::from), square)
+                        };
+                        let row = |i: usize| -> Vec<Encounter> {
+                            let others = (0..cloud.len()).filter(|&j| if once { j > i } else { j != i });
+                            others.filter_map(|j| meets(i, j)).collect()
+                        };
+                        let expected: Vec<_> = (0..cloud.len()).map(row).collect();
+                        met += expected.iter().map(Vec::len).sum::<usize>();
+                        let query = tree.neighbor_lists_swept(interval, radii);
+                        let found = if once { query.pairs_once() } else { query }.collect().unwrap();
+                        let what = format!("{kind}, {structure:?}, {simd}, {precision:?}, {begin}..{end}, once {once}");
+                        check(&found, &expected, &what);
+                    }
+                }
+            }
+        }
+        let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
+        let swept = |radii: Radii| tree.neighbor_lists_swept(TimeInterval::FULL, radii).collect().map(|_| ());
+        // (The last point may not exist in all kinds of sets.)
+        if cloud.active[99] == TimeInterval::FULL {
+            let few = &own[..99];
+            assert_eq!(swept(Radii::Own(few)), Err(ListError::MissingRadius { of: RadiusOf::Point(99) }));
+            let listed = Radii::Sum { own, others: few };
+            assert_eq!(swept(listed), Err(ListError::MissingRadius { of: RadiusOf::Listed(99) }));
+        }
+        let mut bad = radii.clone();
+        bad[17] = -1.0;
+        let others = Radii::Larger { own, others: &bad };
+        assert_eq!(swept(others), Err(ListError::Radius { of: Some(RadiusOf::Listed(17)) }));
+        assert_eq!(swept(Radii::Own(&bad)), Err(ListError::Radius { of: Some(RadiusOf::Point(17)) }));
+    }
+    assert!(met > 100_000, "{met}");
 }
 
 /// More points near a leaf than are gathered at once; some rows are compared with all pairs, and the lists are computed

@@ -25,15 +25,20 @@ struct Request<'a> {
     displacements: bool,
 }
 
+/// How far a point may be from one that its list holds.
+fn radius_of_pair(radii: &Radii<'_>, own: u32, other: u32) -> f32 {
+    match *radii {
+        Radii::Equal(radius) => radius,
+        Radii::Own(of) => of[own as usize],
+        Radii::Larger { own: of, others } => of[own as usize].max(others[other as usize]),
+        Radii::Sum { own: of, others } => of[own as usize] + others[other as usize],
+    }
+}
+
 impl Request<'_> {
     fn bound(&self, own: u32, other: u32) -> f32 {
-        let square = |r: f32| (r * r).min(f32::MAX);
-        match self.radii {
-            Radii::Equal(radius) => square(radius),
-            Radii::Own(of) => square(of[own as usize]),
-            Radii::Larger { own: of, others } => square(of[own as usize]).max(square(others[other as usize])),
-            Radii::Sum { own: of, others } => square(of[own as usize] + others[other as usize]),
-        }
+        let radius = radius_of_pair(&self.radii, own, other);
+        (radius * radius).min(f32::MAX)
     }
 
     /// All lists by id.
@@ -129,11 +134,17 @@ fn without_noise(row: &[Encounter], scale: f32) -> Vec<Encounter> {
 fn check_swept(random: &mut Random, trees: &[(PointTree, String)], cloud: &Cloud, radius: f32) -> Outcome {
     let interval = random.interval();
     let times = [interval.begin(), interval.end()].map(f64::from);
-    let square = f64::from(radius) * f64::from(radius);
+    let own: Vec<f32> = (0..cloud.len()).map(|_| radius * random.pick(&[0.0, 0.3, 1.0, 2.0])).collect();
+    let own = &own[..];
+    let kinds =
+        [Radii::Equal(radius), Radii::Own(own), Radii::Larger { own, others: own }, Radii::Sum { own, others: own }];
+    let radii = random.pick(&kinds);
+    let once = random.one_in(3);
     let mut expected = vec![Vec::new(); cloud.len()];
     for i in 0..cloud.len() {
-        let others = (0..cloud.len()).filter(|&j| j != i);
-        let row: Vec<Encounter> = others.filter_map(|j| meet(cloud, [i, j], times, square)).collect();
+        let others = (0..cloud.len()).filter(|&j| if once { cloud.ids[j] > cloud.ids[i] } else { j != i });
+        let square = |j: usize| f64::from(radius_of_pair(&radii, cloud.ids[i], cloud.ids[j])).powi(2);
+        let row: Vec<Encounter> = others.filter_map(|j| meet(cloud, [i, j], times, square(j))).collect();
         expected[cloud.ids[i] as usize] = row;
     }
     expected.iter_mut().for_each(|row| row.sort_unstable_by_key(|e| e.id));
@@ -141,12 +152,15 @@ fn check_swept(random: &mut Random, trees: &[(PointTree, String)], cloud: &Cloud
     let [in_order, limited] = [random.one_in(2), random.one_in(2)];
     for (tree, what) in trees {
         let mut lists = EncounterLists::new();
-        let mut query = tree.neighbor_lists_swept(interval, radius).max_neighbors(cloud.len());
+        let mut query = tree.neighbor_lists_swept(interval, radii).max_neighbors(cloud.len());
+        if once {
+            query = query.pairs_once();
+        }
         if in_order {
             query = query.sorted().in_order();
         }
         let result = query.run(&mut lists);
-        same!(result, Ok(()), "{what}: swept over {interval:?}, {radius}");
+        same!(result, Ok(()), "{what}: swept over {interval:?}, {radii:?}");
         let most = lists.iter().map(|(_, row)| row.len()).max().unwrap_or(0);
         if limited && most > 0 {
             let longest = lists.iter().filter(|(_, row)| row.len() == most).map(|(id, _)| id).min();
@@ -167,14 +181,14 @@ fn check_swept(random: &mut Random, trees: &[(PointTree, String)], cloud: &Cloud
         let first = first.get_or_insert_with(|| rows.clone());
         for (i, (row, other)) in rows.iter().zip(first).enumerate() {
             let [row, other] = [row, other].map(|row| row.as_deref().unwrap_or_default());
-            same_lists!(row, other, "{what}: {i} swept over {interval:?} within {radius}, other than {}", trees[0].1);
+            same_lists!(row, other, "{what}: {i} swept over {interval:?} within {radii:?}, other than {}", trees[0].1);
         }
         // An active interval that ends with the float next to a key that is no float may end with the key.
         let exact = cloud.segments().is_power_of_two();
         for (i, (row, expected)) in rows.iter().zip(&expected).enumerate().filter(|_| exact) {
             let scale = cloud.places.scale as f32;
             let [row, expected] = [row.as_deref().unwrap_or_default(), expected].map(|row| without_noise(row, scale));
-            same_lists!(row, expected, "{what}: {i} swept over {interval:?} within {radius}");
+            same_lists!(row, expected, "{what}: {i} swept over {interval:?} within {radii:?}");
         }
     }
     Ok(())

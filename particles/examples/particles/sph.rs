@@ -45,6 +45,8 @@ pub struct Fluid {
     sound: f32,
     /// Pressure over squared density.
     push: Vec<f32>,
+    /// The particles as they were when the step began.
+    tree: PointTree,
     walls: PointTree,
     wall_at: Vec<Vec3>,
     /// For each wall particle its mass: that of a fluid particle, scaled by its volume.
@@ -112,6 +114,7 @@ impl Fluid {
             listed: 0,
             sound,
             push: vec![0.0; count],
+            tree,
             walls,
             wall_at,
             wall_mass,
@@ -133,9 +136,9 @@ impl Fluid {
     /// One step, at most `most` seconds long.
     pub fn step(&mut self, most: f64) -> Result<(), Box<dyn Error>> {
         let begin = Instant::now();
-        let tree = PointTree::build(&self.at, &PointParams::default())?;
-        tree.neighbor_lists(0.0, self.kernel.radius).run(&mut self.lists)?;
-        tree.neighbor_lists(0.0, self.kernel.radius).among(&self.walls).run(&mut self.wall_lists)?;
+        self.tree.rebuild(&self.at, &PointParams::default())?;
+        self.tree.neighbor_lists(0.0, self.kernel.radius).run(&mut self.lists)?;
+        self.tree.neighbor_lists(0.0, self.kernel.radius).among(&self.walls).run(&mut self.wall_lists)?;
         self.neighbors += begin.elapsed();
         self.listed = self.lists.neighbors();
         self.densities();
@@ -235,9 +238,9 @@ impl Fluid {
         self.put_back += put_back;
     }
 
-    /// Reorders particles into the order of the last lists, which is that of the tree.
+    /// Reorders particles into the order of the tree.
     fn reorder(&mut self) {
-        let order = self.lists.points();
+        let order = self.tree.take_order();
         self.at = order.iter().map(|&id| self.at[id as usize]).collect();
         self.velocity = order.iter().map(|&id| self.velocity[id as usize]).collect();
         self.density = order.iter().map(|&id| self.density[id as usize]).collect();

@@ -1,8 +1,8 @@
 //! A request for neighbour lists, and its validation.
 
-use super::error::{ListError, RadiusOf};
+use super::error::ListError;
 use super::periodic_box::PeriodicBox;
-use super::radii::{Radii, is_bad};
+use super::radii::Radii;
 use crate::point::tree::PointTree;
 
 /// Which neighbours are listed, and which columns are requested.
@@ -62,18 +62,6 @@ impl ListRequest<'_> {
         if let Some(axis) = (0..3).find(bad) {
             return Err(ListError::Period { axis });
         }
-        let check = |radii: &[f32], of: fn(u32) -> RadiusOf| match radii.iter().position(|&radius| is_bad(radius)) {
-            Some(id) => Err(ListError::Radius { of: Some(of(id as u32)) }),
-            None => Ok(()),
-        };
-        match self.listing.radii {
-            Radii::Equal(radius) if is_bad(radius) => Err(ListError::Radius { of: None }),
-            Radii::Equal(_) => Ok(()),
-            Radii::Own(own) => check(own, RadiusOf::Point),
-            Radii::Larger { own, others } | Radii::Sum { own, others } => {
-                check(own, RadiusOf::Point)?;
-                check(others, RadiusOf::Listed)
-            }
-        }
+        self.listing.radii.check()
     }
 }

@@ -1,5 +1,6 @@
 //! How far neighbours may be.
 
+use super::error::{ListError, RadiusOf};
 use crate::simd::Simd;
 
 /// How far neighbours may be.
@@ -46,6 +47,23 @@ impl From<f32> for Radii<'_> {
 }
 
 impl<'a> Radii<'a> {
+    /// An error for the first one that is no radius.
+    pub(super) fn check(&self) -> Result<(), ListError> {
+        let check = |radii: &[f32], of: fn(u32) -> RadiusOf| match radii.iter().position(|&radius| is_bad(radius)) {
+            Some(id) => Err(ListError::Radius { of: Some(of(id as u32)) }),
+            None => Ok(()),
+        };
+        match self {
+            Radii::Equal(radius) if is_bad(*radius) => Err(ListError::Radius { of: None }),
+            Radii::Equal(_) => Ok(()),
+            Radii::Own(own) => check(own, RadiusOf::Point),
+            Radii::Larger { own, others } | Radii::Sum { own, others } => {
+                check(own, RadiusOf::Point)?;
+                check(others, RadiusOf::Listed)
+            }
+        }
+    }
+
     /// The radius of a point whose list is made.
     #[inline(always)]
     pub(super) fn of(&self, id: u32) -> f32 {
@@ -64,7 +82,13 @@ impl<'a> Radii<'a> {
         }
     }
 
-    /// How far two points may be from each other, of one whose list is made and of others.
+    /// How far two points may be from each other, of one whose list is made and of another.
+    #[inline(always)]
+    pub(super) fn of_pair(&self, own: f32, other: f32) -> f32 {
+        if matches!(self, Radii::Sum { .. }) { own + other } else { own.max(other) }
+    }
+
+    /// [`Radii::of_pair`] of one point and sixteen others.
     #[inline(always)]
     pub(super) fn joint<S: Simd>(&self, s: S, own: S::F, others: S::F) -> S::F {
         if matches!(self, Radii::Sum { .. }) { own + others } else { s.max(own, others) }

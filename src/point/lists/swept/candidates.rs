@@ -236,7 +236,7 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
         tree: &T,
         group: &Group<C>,
         window: Window,
-        (criteria, excluded_within): (&Criteria, Option<f64>),
+        (criteria, excluded_within): (&Criteria<'_>, Option<f64>),
     ) {
         let radius = criteria.radius;
         let phases = phases(tree, group.times);

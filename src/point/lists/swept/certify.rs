@@ -100,7 +100,7 @@ impl PointTree {
             both && C::squared_distance([a, b], time, keys) <= bound
         };
         let boxed = self.box_tree([time, until]);
-        let sweep = Sweep::<C>::new(boxed.as_ref().unwrap_or(self), [time, until], radius, Some(segment))
+        let sweep = Sweep::<C>::new(boxed.as_ref().unwrap_or(self), [time, until], radius.into(), Some(segment))
             .for_certificate(listed_within);
         let firsts = sweep.run(|| First { time: f32::INFINITY, listed: &listed });
         let first = firsts.iter().fold(f32::INFINITY, |least, first| least.min(first.time));

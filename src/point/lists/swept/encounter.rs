@@ -3,6 +3,7 @@
 use super::coordinate::SweptCoordinate;
 use crate::geometry::TimeInterval;
 use crate::point::layout::over_interval::{PathRows, PointPath, greater, lesser};
+use crate::point::lists::radii::{Radii, radius_of};
 use crate::simd::{LANES, Mask, Simd};
 
 /// A time at which two points are as close as they come, and when they are within the radius.
@@ -47,12 +48,33 @@ pub(super) trait EncounterVisitor {
 
 /// The criteria of an encounter, the same for all points of a group.
 #[derive(Clone, Copy)]
-pub(super) struct Criteria {
+pub(super) struct Criteria<'a> {
+    pub(super) radii: Radii<'a>,
+    /// The greatest radius of a pair of one of the points with any other; that of all pairs if they have the same.
     pub(super) radius: f64,
+    /// Whether each pair is reported to the point with the lower id only.
+    pub(super) once: bool,
     /// The group's first time.
     pub(super) first_time: f32,
     /// Whether some points do not exist throughout the shutter.
     pub(super) has_active_intervals: bool,
+}
+
+impl Criteria<'_> {
+    /// The squared distances within which a point meets four others.
+    #[inline(always)]
+    fn squares<S: Simd>(&self, s: S, own: u32, [a, b, c, d]: [u32; WIDTH]) -> S::D {
+        let own = match self.radii {
+            Radii::Equal(_) => return s.splat_d(self.radius * self.radius),
+            _ => self.radii.of(own),
+        };
+        let Some(others) = self.radii.others() else { return s.splat_d(f64::from(own) * f64::from(own)) };
+        let [a, b, c, d] = [radius_of(others, a), radius_of(others, b), radius_of(others, c), radius_of(others, d)];
+        let radii = self.radii;
+        let radii = [radii.of_pair(own, a), radii.of_pair(own, b), radii.of_pair(own, c), radii.of_pair(own, d)];
+        let radii = s.widen_four(&radii);
+        radii * radii
+    }
 }
 
 /// The times during which points are compared: within a segment between keys.
@@ -112,23 +134,24 @@ impl Window {
         own: &PointPath,
         others: &CandidatePoints<C>,
         (hits, count): (&[u32], usize),
-        criteria: &Criteria,
+        criteria: &Criteria<'_>,
         visitor: &mut V,
     ) {
         let active = TimeInterval::FULL;
         let mut overlap = Overlap::of(s, self, own, [[active.begin(); WIDTH], [active.end_bound(); WIDTH]]);
-        let square = s.splat_d(criteria.radius * criteria.radius);
         for at in (0..count).step_by(WIDTH) {
             let four = others.four([hits[at], hits[at + 1], hits[at + 2], hits[at + 3]]);
             if criteria.has_active_intervals {
                 overlap = Overlap::of(s, self, own, four.active());
             }
-            let mut encounters = overlap.encounters_with(s, &four, square);
+            let ids = [four.points[0].id, four.points[1].id, four.points[2].id, four.points[3].id];
+            let mut encounters = overlap.encounters_with(s, &four, criteria.squares(s, own.id, ids));
             if count - at < WIDTH {
                 encounters.valid &= (1 << (count - at)) - 1;
             }
-            for lane in 0..WIDTH {
-                encounters.valid &= !(Mask::from(four.points[lane].id == own.id) << lane);
+            for (lane, id) in ids.into_iter().enumerate() {
+                let left_out = id == own.id || criteria.once && id < own.id;
+                encounters.valid &= !(Mask::from(left_out) << lane);
             }
             visitor.visit(own, &four, &encounters);
         }

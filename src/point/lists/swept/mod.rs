@@ -27,10 +27,12 @@
 //! **Why large keys need no margin.** A point may be at a fraction of its coordinates at the keys a and b, of which f64 loses less
 //! than 2^-50 (|a| + |b − a|) (65536 segments lose more in the phase, but then the range of phases is as much wider). Faces of
 //! moving boxes stay outside of a point by (max(|a|, |b|) + |b − a|)u and by as much of their own lines
-//! (`point/layout/linear_bounds.rs`). So f64 is covered by what the tree pads, and M is at least this: 64Mu is at least 2^-42
-//! (max(|a|,
-//! |b|) + |b − a|). The range of times of the group is at least u wide, so its points pass (b − a)u in it, and M' is at least
-//! half of that: 64M'u is at least 2^-43 |b − a|. Faces of static boxes are not rounded.
+//! (`point/layout/linear_bounds.rs`). So f64 is covered by what the tree pads, and M is at least this: 64Mu is at least 2^-42 (m +
+//! |b − a|), m being the larger of |a| and |b|. The range of times of the group is at least u wide, so its points pass (b − a)u in
+//! it, and M' is at least half of that: 64M'u is at least 2^-43 |b − a|. Faces of static boxes are not rounded.
+//!
+//! **Radii of their own.** Culling uses the greatest radius that a point of the group can have with any other, a pair its own: all
+//! of the above holds for any radius that is at least that of the pair.
 //!
 //! **Points in f64** are culled by the same tests in f32, relative to a place in the middle of the group ([`coordinate`]). Then M
 //! and M' count from there, and do not cover what f64 rounds. So radii and hulls are wider by

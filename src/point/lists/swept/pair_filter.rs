@@ -60,7 +60,7 @@ impl PairFilter {
         &mut self,
         s: S,
         (block, candidates): (&Block<C>, &SweptCandidates<C>),
-        criteria: &Criteria,
+        criteria: &Criteria<'_>,
         visitor: &mut V,
     ) {
         let PairFilter { selected, rows, hits } = self;

@@ -1,12 +1,13 @@
 //! The public interface of lists over an interval.
 
+use super::coordinate::SweptCoordinate;
 use super::lists::EncounterLists;
 use super::make;
 use super::sweep::Sweep;
 use crate::geometry::TimeInterval;
 use crate::parallel;
 use crate::point::lists::error::ListError;
-use crate::point::lists::radii::is_bad;
+use crate::point::lists::radii::Radii;
 use crate::point::tree::PointTree;
 
 /// A request for the encounters of all points in preparation; made by [`PointTree::neighbor_lists_swept`].
@@ -15,15 +16,17 @@ use crate::point::tree::PointTree;
 pub struct SweptQuery<'a> {
     tree: &'a PointTree,
     interval: TimeInterval,
-    radius: f32,
+    radii: Radii<'a>,
+    once: bool,
     most: usize,
     sorted: bool,
     by_id: bool,
 }
 
 impl PointTree {
-    /// For every point all others that come within `radius` at some time of the interval, both ends included, with
-    /// the times: what a step of a simulation needs in which nothing may pass unseen.
+    /// For every point all others that come within a radius, or within [`Radii`] of their own, at some time of the interval, both
+    /// ends included, with the times: what a step of a simulation needs in which nothing may pass unseen. With [`Radii::Sum`] these
+    /// are the contacts of spheres.
     ///
     /// Decided in f64 for exact linear motion between the positions at the keys, in f32 or f64. Points meet while both exist: not
     /// if one begins to exist where the other ends, as [`TimeInterval::contains`] has it. So an encounter begins before both
@@ -39,7 +42,8 @@ impl PointTree {
     /// where the tree consists of several, they have one list together.
     ///
     /// Cost: several times that of lists at a time, even of points that do not move, as each encounter is computed in f64, while
-    /// points move less than their spacing relative to their neighbours. Motion that all have in common adds little.
+    /// points move less than their spacing relative to their neighbours. Motion that all have in common adds little. Of radii of
+    /// their own the greatest decides what is looked at, so a few large ones among many small ones cost much.
     ///
     /// ```
     /// use mbkd::{EncounterLists, MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
@@ -55,12 +59,32 @@ impl PointTree {
     ///
     /// [`Encounter::closest`]: super::Encounter::closest
     /// [`Encounter::leave`]: super::Encounter::leave
-    pub fn neighbor_lists_swept(&self, interval: TimeInterval, radius: f32) -> SweptQuery<'_> {
-        SweptQuery { tree: self, interval, radius, most: usize::MAX, sorted: false, by_id: false }
+    pub fn neighbor_lists_swept<'a>(&'a self, interval: TimeInterval, radii: impl Into<Radii<'a>>) -> SweptQuery<'a> {
+        let radii = radii.into();
+        SweptQuery { tree: self, interval, radii, once: false, most: usize::MAX, sorted: false, by_id: false }
     }
 }
 
 impl SweptQuery<'_> {
+    /// Each pair in one list only: that of the lower id. With radii of their own ([`Radii::Own`]) the radius of the lower id alone
+    /// decides.
+    ///
+    /// ```
+    /// use mbkd::{MovingPoint, PointParams, PointTree, Radii, TimeInterval, glam::Vec3};
+    /// // Two balls that roll towards each other, and their radii.
+    /// let balls = [MovingPoint::new(Vec3::NEG_X * 2.0, Vec3::ZERO), MovingPoint::new(Vec3::X * 2.0, Vec3::ZERO)];
+    /// let radii = [0.75, 0.25];
+    /// let tree = PointTree::build(&balls, &PointParams::default())?;
+    /// let touching = Radii::Sum { own: &radii, others: &radii };
+    /// let contacts = tree.neighbor_lists_swept(TimeInterval::FULL, touching).pairs_once().in_order().collect()?;
+    /// assert_eq!((contacts.encounters().len(), contacts.row(0)[0].enter), (1, 0.75));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn pairs_once(mut self) -> Self {
+        self.once = true;
+        self
+    }
+
     /// Sorts each list by id.
     pub fn sorted(mut self) -> Self {
         self.sorted = true;
@@ -104,7 +128,7 @@ impl SweptQuery<'_> {
     /// Makes the lists, in place of what `lists` held. After an error it holds none.
     ///
     /// # Errors
-    /// - [`ListError::Radius`] for a radius that is negative or NaN.
+    /// - [`ListError::Radius`] for a radius that is negative or NaN, [`ListError::MissingRadius`] for a point without one.
     /// - [`ListError::TooManyNeighbors`] for a list that is too long ([`SweptQuery::max_neighbors`]).
     /// - [`ListError::Ids`] if lists in the order of ids are requested, and ids are not 0, 1, 2, … ([`SweptQuery::in_order`]).
     pub fn run(self, lists: &mut EncounterLists) -> Result<(), ListError> {
@@ -112,18 +136,16 @@ impl SweptQuery<'_> {
     }
 
     fn checked_run(self, lists: &mut EncounterLists) -> Result<(), ListError> {
-        let SweptQuery { tree, interval, radius, most, sorted, by_id } = self;
+        let SweptQuery { tree, interval, sorted, by_id, .. } = self;
         lists.clear();
-        if is_bad(radius) {
-            return Err(ListError::Radius { of: None });
-        }
+        self.radii.check()?;
         let times = [interval.begin(), interval.end()];
         let boxed = tree.box_tree(times);
         let searched = boxed.as_ref().unwrap_or(tree);
         let crowded = if tree.precise.is_empty() {
-            make::lists(lists, &Sweep::<f32>::new(searched, times, radius, None), most)
+            self.unordered::<f32>(searched, times, lists)?
         } else {
-            make::lists(lists, &Sweep::<f64>::new(searched, times, radius, None), most)
+            self.unordered::<f64>(searched, times, lists)?
         };
         if let Some(id) = crowded {
             lists.clear();
@@ -136,5 +158,19 @@ impl SweptQuery<'_> {
             lists.sort();
         }
         Ok(())
+    }
+
+    /// Makes the lists in the order of the tree; the lowest id of a point that has too many neighbours.
+    fn unordered<C: SweptCoordinate>(
+        &self,
+        tree: &PointTree,
+        times: [f32; 2],
+        lists: &mut EncounterLists,
+    ) -> Result<Option<u32>, ListError> {
+        let sweep = Sweep::<C>::new(tree, times, self.radii, None).pairs_once(self.once);
+        match sweep.lowest_without_radius() {
+            Some(of) => Err(ListError::MissingRadius { of }),
+            None => Ok(make::lists(lists, &sweep, self.most)),
+        }
     }
 }

@@ -7,6 +7,8 @@ use super::pair_filter::PairFilter;
 use super::time_slices::{Pairing, Slice, Tree, begins_with_a_slice, pairings, time_slices_of};
 use crate::parallel;
 use crate::point::layout::over_interval::{BlockTree, greater, lesser};
+use crate::point::lists::error::RadiusOf;
+use crate::point::lists::radii::{Radii, radius_of};
 use crate::point::tree::PointTree;
 use crate::simd::{Kernel, Simd, dispatch};
 
@@ -18,7 +20,13 @@ pub(super) struct Sweep<'a, C: SweptCoordinate> {
     /// Pairing and bottom node of each group.
     groups: Vec<(usize, usize)>,
     times: [f64; 2],
+    radii: Radii<'a>,
+    /// That of all pairs, if they have the same.
     radius: f64,
+    /// The greatest radius of a point that may be listed, where these count.
+    greatest_of_others: f32,
+    /// Whether each pair is in the list of the lower id only.
+    pairs_once: bool,
     /// The largest number of segments between keys, and the most by which displacements between two keys differ along an axis; that
     /// is of no account for f32.
     segments: usize,
@@ -38,7 +46,7 @@ const SHARE: usize = 8;
 
 impl<'a, C: SweptCoordinate> Sweep<'a, C> {
     /// Between two times of the shutter; where a segment between keys is given, in that one only.
-    pub(super) fn new(tree: &'a PointTree, times: [f32; 2], radius: f32, segment: Option<usize>) -> Sweep<'a, C> {
+    pub(super) fn new(tree: &'a PointTree, times: [f32; 2], radii: Radii<'a>, segment: Option<usize>) -> Sweep<'a, C> {
         let (mut slices, mut layers) = (Vec::new(), Vec::new());
         let of_tree = C::layers(tree);
         let begins = begins_with_a_slice(&of_tree, times[1]);
@@ -61,6 +69,10 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         let times = times.map(f64::from);
         let segments = slices.iter().filter_map(Slice::segment).map(|(keys, _)| keys.max(2) - 1).max().unwrap_or(1);
         let motion = relative_motion(&slices);
+        let radius = match radii {
+            Radii::Equal(radius) => radius,
+            _ => 0.0,
+        };
         Sweep {
             tree,
             segments,
@@ -70,7 +82,10 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
             pairings,
             groups,
             times,
+            radii,
             radius: radius.into(),
+            greatest_of_others: greatest(radii.others().unwrap_or_default()),
+            pairs_once: false,
             excluded_within: None,
             once,
             has_active_intervals,
@@ -102,6 +117,43 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         self.excluded_within = Some(listed_within - 2.0 * rounding(listed_within));
         self.radius += rounding(self.radius);
         self
+    }
+
+    /// The lowest id, of a point that exists at some time of the interval, that has no radius.
+    pub(super) fn lowest_without_radius(&self) -> Option<RadiusOf> {
+        let without = |radii: &[f32], of: fn(u32) -> RadiusOf| {
+            let lowest = |slice: &Slice<'a, C>| slice.lowest_id_from(radii.len());
+            self.slices.iter().filter_map(lowest).min().map(of)
+        };
+        match self.radii {
+            Radii::Equal(_) => None,
+            Radii::Own(own) => without(own, RadiusOf::Point),
+            Radii::Larger { own, others } | Radii::Sum { own, others } => {
+                without(own, RadiusOf::Point).or_else(|| without(others, RadiusOf::Listed))
+            }
+        }
+    }
+
+    /// With each pair in the list of the lower id only.
+    pub(super) fn pairs_once(self, pairs_once: bool) -> Sweep<'a, C> {
+        Sweep { pairs_once, ..self }
+    }
+
+    /// The greatest radius of a pair of a point of the group and any other.
+    #[inline(always)]
+    fn radius(&self, group: &Group<C>) -> f64 {
+        let mut own = 0.0;
+        match self.radii {
+            Radii::Equal(_) => return self.radius,
+            Radii::Own(radii) | Radii::Larger { own: radii, .. } | Radii::Sum { own: radii, .. } => {
+                for block in &group.blocks {
+                    for id in block.points.id {
+                        own = f32::max(own, radius_of(radii, id));
+                    }
+                }
+            }
+        }
+        self.radii.of_pair(own, self.greatest_of_others).into()
     }
 
     /// Shows all points and their encounters to visitors, one for each share of the points, whose order is always the
@@ -145,6 +197,10 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
 /// The largest magnitude of a coordinate. (Looked for only where it counts: it takes a look at every point.)
 fn magnitude<C: SweptCoordinate>(slices: &[Slice<'_, C>]) -> f64 {
     slices.iter().map(Slice::magnitude).fold(0.0, f64::max)
+}
+
+fn greatest(radii: &[f32]) -> f32 {
+    radii.iter().copied().fold(0.0, f32::max)
 }
 
 /// The most by which displacements differ along an axis.
@@ -209,7 +265,7 @@ struct AddCandidates<'a, T: BlockTree> {
     tree: &'a T,
     group: &'a Group<T::Coordinate>,
     window: Window,
-    criteria: (&'a Criteria, Option<f64>),
+    criteria: (&'a Criteria<'a>, Option<f64>),
 }
 
 impl<C: SweptCoordinate, T: BlockTree<Coordinate = C>> Kernel for AddCandidates<'_, T> {
@@ -236,8 +292,13 @@ impl<V: EncounterVisitor, C: SweptCoordinate> Kernel for Share<'_, V, C> {
             let first_time = pairing.times[0];
             // `excluded_within` holds for positions at the first time only.
             let excluded_within = sweep.excluded_within.filter(|_| f64::from(first_time) == sweep.times[0]);
-            let criteria =
-                Criteria { radius: sweep.radius, first_time, has_active_intervals: sweep.has_active_intervals };
+            let criteria = Criteria {
+                radii: sweep.radii,
+                radius: sweep.radius(group),
+                once: sweep.pairs_once,
+                first_time,
+                has_active_intervals: sweep.has_active_intervals,
+            };
             candidates.clear();
             for &other in &pairing.others {
                 let other = &sweep.slices[other];
@@ -285,7 +346,7 @@ mod tests {
     /// How many encounters are reported, and the number of pairings.
     fn reported<C: SweptCoordinate>(tree: &PointTree, times: [f32; 2], radius: f32) -> [usize; 2] {
         let boxed = tree.box_tree(times);
-        let sweep = Sweep::<C>::new(boxed.as_ref().unwrap_or(tree), times, radius, None);
+        let sweep = Sweep::<C>::new(boxed.as_ref().unwrap_or(tree), times, radius.into(), None);
         [sweep.run(|| Reported(0)).iter().map(|reported| reported.0).sum(), sweep.pairings.len()]
     }
 

@@ -69,6 +69,14 @@ impl<C: SweptCoordinate> Slice<'_, C> {
         }
     }
 
+    /// The lowest id, not below a number, of the points that exist at some time of the slice.
+    pub(super) fn lowest_id_from(&self, least: usize) -> Option<u32> {
+        match self.tree {
+            Tree::Static(tree) => tree.lowest_id_from(least, self.times),
+            Tree::Moving(tree) => tree.lowest_id_from(least, self.times),
+        }
+    }
+
     /// The least and the greatest displacement of a point between the keys; of no account for f32.
     pub(super) fn displacements(&self) -> [[f64; 3]; 2] {
         match self.tree {
