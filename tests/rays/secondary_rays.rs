@@ -216,13 +216,13 @@ fn trees_of_primitives_have_the_secondary_rays_of_scenes() {
         assert_eq!(unknown.secondary_ray(&ray, &hit, dir), rough);
         assert_eq!((unknown.surface_normal(&ray, &hit), hidden.surface_normal(&ray, &hit)), (Vec3::ZERO, Vec3::ZERO));
         let (normal, seen) = (bare.surface_normal(&ray, &hit), ray.point(hit.t));
-        assert!((sided.surface_normal(&ray, &hit) - normal).length() < 1e-5);
+        assert!((sided.surface_normal(&ray, &hit) - normal).length() < 1e-4);
         let lifted = sided.secondary_ray(&ray, &hit, dir).origin - seen;
         let side = normal.as_dvec3() * f64::from(normal.dot(dir)).signum();
         assert!(lifted.normalize().dot(side) > 0.999 && lifted.length() < 3e-7 * (seen - ray.origin).length());
         let farther = Ray { origin: ray.origin * 2.0, dir: ray.dir * 2.0, ..ray };
         let found = placed.closest_hit(&farther).unwrap();
-        assert!((placed.surface_normal(&farther, &found) - normal).length() < 1e-5);
+        assert!((placed.surface_normal(&farther, &found) - normal).length() < 1e-4);
         assert!((rough.origin - seen).length() < 3e-7 * (seen - ray.origin).length());
         all += 1;
         apart += usize::from(rough.origin != exact.origin);

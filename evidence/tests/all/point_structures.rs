@@ -15,7 +15,7 @@ const STRUCTURES: [(&str, PointStructure); 4] = [
     ("automatic", PointStructure::Automatic),
     ("linear", PointStructure::Linear),
     ("4 time slices", PointStructure::TimeSlices(4)),
-    ("mbkd", PointStructure::Kd),
+    ("kd", PointStructure::Kd),
 ];
 
 /// A line for each layer of each tree, then one for the searches.
