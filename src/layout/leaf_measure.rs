@@ -10,7 +10,7 @@ use super::keyed_leaf::KeyedLeaf;
 use super::leaf_block::{MovedLeaf, bounds_of};
 use super::wide_node::{CORNER_ROWS, Kind, Sizes, VERTEX_ROWS};
 use crate::geometry::{KeyTime, LinearBox3, TimeInterval};
-use crate::primitive::{Faces, RowsOfKeys, Shared, Triangles, Window, at_corners, bounds_of_faces};
+use crate::primitive::{FaceLanes, RowsOfKeys, Shared, Triangles, Window, at_corners, bounds_of_faces};
 use crate::simd::{
     Kernel, LANES, Lanes, Rows, Simd, SimdLevel, as_floats, dispatch, first_lanes, greatest_of_each, lanes_of,
 };
@@ -167,14 +167,14 @@ fn faces_of<S: Simd>(s: S, [a, b, c]: [S::F; 3]) -> [S::F; 2] {
 
 /// The greatest of all faces, which is the largest magnitude of a coordinate.
 #[inline(always)]
-fn magnitude<S: Simd>(s: S, faces: &Faces<S>) -> S::F {
+fn magnitude<S: Simd>(s: S, faces: &FaceLanes<S>) -> S::F {
     let [[a, b], [c, d], [e, f]] = *faces;
     s.max(s.max(s.max(a, b), s.max(c, d)), s.max(e, f))
 }
 
 /// The largest extent along an axis.
 #[inline(always)]
-fn extent<S: Simd>(s: S, faces: &Faces<S>) -> S::F {
+fn extent<S: Simd>(s: S, faces: &FaceLanes<S>) -> S::F {
     let [x, y, z] = *faces;
     s.max(s.max(x[0] + x[1], y[0] + y[1]), z[0] + z[1])
 }

@@ -117,7 +117,7 @@ struct Write<'a> {
 }
 
 /// The lines through the faces of one side and axis.
-struct Faces<S: Simd> {
+struct MovingFaces<S: Simd> {
     at: S::F,
     velocity: S::F,
 }
@@ -176,7 +176,7 @@ impl Write<'_> {
     }
 
     #[inline(always)]
-    fn faces<S: Simd, const UPPER: bool>(&self, s: S, axis: usize, pad: &[S::D; 4]) -> Faces<S> {
+    fn faces<S: Simd, const UPPER: bool>(&self, s: S, axis: usize, pad: &[S::D; 4]) -> MovingFaces<S> {
         let row = axis + if UPPER { 3 } else { 0 };
         let (begin, end) = (&self.boxes.rows[row], &self.boxes.rows[row + 6]);
         let outward = |x: S::D, by: S::D| if UPPER { x + by } else { x - by };
@@ -203,7 +203,7 @@ impl Write<'_> {
         let of_still = s.select(held, of_still, next(of_still));
         let of_moving = next(s.narrow_all(moving));
         let are_still = s.eq(s.load(begin), s.load(end));
-        Faces {
+        MovingFaces {
             at: s.select(are_still, of_still, of_moving),
             velocity: s.select(are_still, s.splat(0.0), s.narrow_all(velocity)),
         }
@@ -360,7 +360,7 @@ mod tests {
             #[inline(always)]
             fn run<S: Simd>(self, s: S) -> [f32; 2] {
                 let pad = [s.splat_d(0.0); 4];
-                let Faces { at, velocity } = match self.1 {
+                let MovingFaces { at, velocity } = match self.1 {
                     true => self.0.faces::<S, true>(s, 0, &pad),
                     false => self.0.faces::<S, false>(s, 0, &pad),
                 };

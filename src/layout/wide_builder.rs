@@ -21,7 +21,7 @@ use crate::primitive::SPHERE_KEY_BYTES;
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES, fill, huge_vec};
 use crate::time::{
-    COST_MODEL, Draft, DraftParams, Region, Reinsertion, SharedLeaves, TimeSlice, any_changes, any_is_left_out,
+    COST_MODEL, Draft, DraftParams, Region, SharedLeaves, TimeSlice, WhenToReinsert, any_changes, any_is_left_out,
     draft_sample, draft_tree, held_in, prefetch_blocks, primitives, regions, share_of_slices,
 };
 use crate::tuning::lazy::NEIGHBOURS;
@@ -175,7 +175,7 @@ impl WideTree {
         if let Division::SeparateTrees(count) = params.wide.division {
             return self.separate_trees(set, ids, count, params, progress);
         }
-        let when = if params.wide.division == Division::Whole { Reinsertion::Now } else { Reinsertion::OfStatic };
+        let when = if params.wide.division == Division::Whole { WhenToReinsert::Now } else { WhenToReinsert::OfStatic };
         let may_divide = params.wide.division != Division::Whole && some_change(set, ids);
         let share = if may_divide { DRAFT_BEFORE_SLICES } else { DRAFT };
         let draft = draft_tree(set, ids, TimeSlice::WHOLE, params, None, when, &progress.subtask(share));
@@ -238,7 +238,7 @@ impl WideTree {
             let held = held_in(set, ids, slice);
             self.leaves_out |= held.len() < ids.len();
             let progress = progress.subtask(1.0 / count as f64);
-            let draft = draft_tree(set, &held, slice, params, None, Reinsertion::Now, &progress.subtask(DRAFT));
+            let draft = draft_tree(set, &held, slice, params, None, WhenToReinsert::Now, &progress.subtask(DRAFT));
             let draft = draft.ok_or(BuildError::Cancelled)?;
             let before = self.arena.len();
             written.push(self.write_draft(set, &draft, &[], &progress)?);

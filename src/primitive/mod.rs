@@ -43,5 +43,5 @@ pub(crate) use shared_vertices::Shared;
 pub use sphere::MovingSphere;
 pub(crate) use sphere::SPHERE_ROUNDING;
 pub(crate) use triangles::Triangles;
-pub(crate) use tubes::{Faces, RowsOfKeys, at_corners, bounds_of_faces};
+pub(crate) use tubes::{FaceLanes, RowsOfKeys, at_corners, bounds_of_faces};
 pub(crate) use vertex_tubes::VertexTubes;

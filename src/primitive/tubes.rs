@@ -19,7 +19,7 @@ fn greatest_corner<S: Simd>(s: S, vertices: S::F, corners: S::U) -> S::F {
 }
 
 /// Bounds in lanes: for each axis the negated lower one, and the upper one.
-pub(crate) type Faces<S> = [[<S as Simd>::F; 2]; 3];
+pub(crate) type FaceLanes<S> = [[<S as Simd>::F; 2]; 3];
 
 /// The values of vertices at the three corners of each triangle, whose lanes have four bits each.
 #[inline(always)]
@@ -103,7 +103,7 @@ impl<'a> RowsOfKeys<'a> {
 #[derive(Clone, Copy)]
 pub(crate) struct Tubes<S: Simd> {
     /// At the begin and the end of the interval.
-    ends: [Faces<S>; 2],
+    ends: [FaceLanes<S>; 2],
     /// The largest coordinate.
     pub size: S::F,
 }

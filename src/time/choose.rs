@@ -252,7 +252,7 @@ fn is_nearly_all(draft: &Draft, x: u32) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::draft::{Reinsertion, draft_tree};
+    use super::super::draft::{WhenToReinsert, draft_tree};
     use super::super::time_slice::TimeSlice;
     use super::super::trials::primitives;
     use super::*;
@@ -267,8 +267,9 @@ mod tests {
         let set = Triangles::new(&scene.meshes).unwrap();
         let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
         let params = DraftParams::new(WideParams::default());
-        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &params, None, Reinsertion::Later, &Progress::new(None))
-            .expect("a draft");
+        let draft =
+            draft_tree(&set, &ids, TimeSlice::WHOLE, &params, None, WhenToReinsert::Later, &Progress::new(None))
+                .expect("a draft");
         let regions = regions(&set, &draft, &params, LEAST_TREELET, &Progress::new(None));
         for pair in regions.windows(2) {
             let (a, b) = (&draft.binary[pair[0].node as usize], &draft.binary[pair[1].node as usize]);
@@ -329,7 +330,7 @@ mod tests {
             TimeSlice::WHOLE,
             &DraftParams::new(WideParams::default()),
             None,
-            Reinsertion::Later,
+            WhenToReinsert::Later,
             &Progress::new(None),
         );
         let draft = draft.expect("a draft");

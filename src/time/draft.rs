@@ -54,8 +54,8 @@ pub(crate) struct Draft {
 
 impl Draft {
     /// What was decided on pre-splitting, for drafts of other slices.
-    pub fn decided(&self) -> Presplit {
-        Presplit { ratio: self.ratio, pays: self.presplit }
+    pub fn decided(&self) -> PresplitDecision {
+        PresplitDecision { ratio: self.ratio, pays: self.presplit }
     }
 
     /// The expected cost of a subtree for rays during a slice of the shutter, with the boxes of the whole.
@@ -140,7 +140,7 @@ impl Draft {
 pub(crate) struct DraftParams {
     pub wide: WideParams,
     /// What a sample of the primitives has decided, if there was one.
-    pub decided: Option<Presplit>,
+    pub decided: Option<PresplitDecision>,
 }
 
 impl DraftParams {
@@ -164,7 +164,7 @@ impl DraftParams {
 
 /// Whether some primitives are pre-split.
 #[derive(Clone, Copy, Default)]
-pub(crate) struct Presplit {
+pub(crate) struct PresplitDecision {
     /// Half the area of a box per area of the triangle in it, see [`area_ratio`].
     ratio: Option<f64>,
     pays: bool,
@@ -172,7 +172,7 @@ pub(crate) struct Presplit {
 
 /// When the subtrees of a draft are moved to better places.
 #[derive(Clone, Copy, PartialEq)]
-pub(crate) enum Reinsertion {
+pub(crate) enum WhenToReinsert {
     /// Never: costs are to be compared with those of other drafts, or time slices decided on.
     Later,
     /// At once if nothing changes during the shutter, so that nothing is to be decided.
@@ -181,15 +181,15 @@ pub(crate) enum Reinsertion {
     Now,
 }
 
-impl Reinsertion {
+impl WhenToReinsert {
     /// Whether it is time.
     fn is_due<S: PrimitiveSet>(self, set: &S, binary: &BinaryTree, references: &[Reference]) -> bool {
         match self {
-            Reinsertion::Later => false,
-            Reinsertion::OfStatic => {
+            WhenToReinsert::Later => false,
+            WhenToReinsert::OfStatic => {
                 binary.first().is_some_and(|root| !root.moving) && !any_comes_or_goes(set, references)
             }
-            Reinsertion::Now => true,
+            WhenToReinsert::Now => true,
         }
     }
 }
@@ -202,7 +202,7 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
     slice: TimeSlice,
     params: &DraftParams,
     cost_model: Option<CostModel>,
-    reinsertion: Reinsertion,
+    reinsertion: WhenToReinsert,
     progress: &Progress,
 ) -> Option<Draft> {
     let Prepared { mut references, ratio, budget, cost_model } =
@@ -291,7 +291,7 @@ fn draft_better<S: PrimitiveSet>(
     progress: &Progress,
 ) -> Option<Draft> {
     let draft = |references, split: bool| {
-        draft_with(set, references, slice, split, cost_model, Reinsertion::Later, &progress.rest(0.5))
+        draft_with(set, references, slice, split, cost_model, WhenToReinsert::Later, &progress.rest(0.5))
     };
     let Some(budget) = budget else { return draft(references, false) };
     let whole = draft(references.clone(), false)?;
@@ -349,17 +349,21 @@ fn add_references<S: PrimitiveSet>(
 
 /// Drafts a tree over a sample, pre-split if that pays for the sample as a whole, and returns the decision. There is no draft if
 /// nothing is to be decided: the sample does not change, and pre-splits are out of the question.
-pub(crate) fn draft_sample<S: PrimitiveSet>(set: &S, ids: &[u32], params: &WideParams) -> (Option<Draft>, Presplit) {
+pub(crate) fn draft_sample<S: PrimitiveSet>(
+    set: &S,
+    ids: &[u32],
+    params: &WideParams,
+) -> (Option<Draft>, PresplitDecision) {
     let (params, progress) = (DraftParams::new(*params), &Progress::new(None));
     let ratio = area_ratio(set, ids, TimeInterval::FULL);
     if !is_elongated(params.most_references(), ratio) && !any_changes(set, ids) {
-        return (None, Presplit { ratio, pays: false });
+        return (None, PresplitDecision { ratio, pays: false });
     }
-    let params = DraftParams { decided: Some(Presplit { ratio, pays: true }), ..params };
+    let params = DraftParams { decided: Some(PresplitDecision { ratio, pays: true }), ..params };
     let Prepared { references, budget, cost_model, .. } = prepare(set, ids, TimeSlice::WHOLE, &params, None, progress);
     let draft = draft_better(set, references, TimeSlice::WHOLE, budget, cost_model, progress);
     let draft = draft.map(|draft| Draft { primitives: ids.len(), ratio, ..draft });
-    let decided = draft.as_ref().map_or(Presplit { ratio, pays: false }, Draft::decided);
+    let decided = draft.as_ref().map_or(PresplitDecision { ratio, pays: false }, Draft::decided);
     (draft, decided)
 }
 
@@ -391,7 +395,7 @@ fn presplit_pays<S: PrimitiveSet>(
         let progress = progress.rest(PRESPLIT_TRIAL);
         let cost = |references: Vec<Reference>| {
             let draft =
-                draft_with(set, references, slice, true, cost_model, Reinsertion::Later, &progress.subtask(0.5));
+                draft_with(set, references, slice, true, cost_model, WhenToReinsert::Later, &progress.subtask(0.5));
             draft.map_or(0.0, |draft| draft.collapse.total())
         };
         let mut split = sample.clone();
@@ -414,7 +418,7 @@ fn draft_with<S: PrimitiveSet>(
     slice: TimeSlice,
     presplit: bool,
     cost_model: CostModel,
-    reinsertion: Reinsertion,
+    reinsertion: WhenToReinsert,
     progress: &Progress,
 ) -> Option<Draft> {
     let kind = |id: u32| set.leaf_kind(id);

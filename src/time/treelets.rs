@@ -151,7 +151,7 @@ fn changing_sample<S: PrimitiveSet>(set: &S, draft: &Draft, mut x: u32) -> (u32,
 
 #[cfg(test)]
 mod tests {
-    use super::super::draft::{DraftParams, Reinsertion, draft_tree};
+    use super::super::draft::{DraftParams, WhenToReinsert, draft_tree};
     use super::super::time_slice::TimeSlice;
     use super::*;
     use crate::params::WideParams;
@@ -167,8 +167,9 @@ mod tests {
         let set = Triangles::new(&scene.meshes).unwrap();
         let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
         let params = DraftParams::new(WideParams::default());
-        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &params, None, Reinsertion::Later, &Progress::new(None))
-            .expect("a draft");
+        let draft =
+            draft_tree(&set, &ids, TimeSlice::WHOLE, &params, None, WhenToReinsert::Later, &Progress::new(None))
+                .expect("a draft");
         let mut static_middle = 0;
         for treelet in treelets(&set, &draft, 256) {
             let node = &draft.binary[treelet.node as usize];

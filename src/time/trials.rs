@@ -4,7 +4,7 @@
 //! each sample, and compares its cost with that of the undivided tree during the same slice. Trees for the shortest slices come
 //! first: no division costs a ray fewer steps, so they tell which ones are worth a trial at all.
 
-use super::draft::{Draft, DraftParams, Presplit, Reinsertion, draft_tree};
+use super::draft::{Draft, DraftParams, PresplitDecision, WhenToReinsert, draft_tree};
 use super::existence::{held_in, share_of_slices, slices_with};
 use super::slices::SharedLeaves;
 use super::time_slice::TimeSlice;
@@ -262,7 +262,7 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
         let shared = if self.set.always_active() { &[] } else { self.shared_leaves(count) };
         let progress = self.progress.rest(TRIAL);
         let progress = progress.in_units(self.changing.len());
-        let costs = |i: usize, mut decided: Option<Presplit>| {
+        let costs = |i: usize, mut decided: Option<PresplitDecision>| {
             let progress = progress.subtask(1.0);
             let (ids, (slices, existing)) = (primitives(self.draft, self.changing[i]), self.tree_slices(i, count));
             let mut sum = 0.0;
@@ -271,7 +271,7 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
                 let params = DraftParams { decided, ..*params };
                 let held = held_in(self.set, &ids, slice);
                 let (cost_model, progress) = (Some(self.draft.cost_model), progress.subtask(1.0 / slices.len() as f64));
-                let draft = draft_tree(self.set, &held, slice, &params, cost_model, Reinsertion::Later, &progress);
+                let draft = draft_tree(self.set, &held, slice, &params, cost_model, WhenToReinsert::Later, &progress);
                 let Some(draft) = draft else { return ([1.0; 2], decided) };
                 sum += draft.collapse.total();
                 decided = Some(draft.decided());
@@ -408,8 +408,9 @@ mod tests {
     fn drafted(scene: &scene::Scene) -> (Triangles, Draft) {
         let set = Triangles::new(&scene.meshes).unwrap();
         let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
-        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &params(), None, Reinsertion::Later, &Progress::new(None))
-            .expect("a draft");
+        let draft =
+            draft_tree(&set, &ids, TimeSlice::WHOLE, &params(), None, WhenToReinsert::Later, &Progress::new(None))
+                .expect("a draft");
         (set, draft)
     }
 
@@ -515,7 +516,7 @@ mod tests {
                     TimeSlice { index, of: count },
                     &params,
                     Some(draft.cost_model),
-                    Reinsertion::Later,
+                    WhenToReinsert::Later,
                     &Progress::new(None),
                 )
                 .expect("a draft")
