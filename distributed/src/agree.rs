@@ -4,8 +4,8 @@ use crate::error::{Error, Problem};
 use crate::exchange::{Exchange, gather};
 use bytemuck::{Pod, Zeroable};
 
-/// The arguments of a call, which must be the same on all ranks. Floats are compared by their bits; what a call does not take is
-/// zero.
+/// The arguments of a call, which must be the same on all ranks. Floats are compared by their bits, with one zero;
+/// what a call does not take is zero.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub(crate) struct Arguments {
@@ -38,11 +38,11 @@ impl Arguments {
     }
 
     pub(crate) fn radius(self, radius: f32) -> Arguments {
-        Arguments { radius: radius.to_bits(), ..self }
+        Arguments { radius: (radius + 0.0).to_bits(), ..self }
     }
 
     pub(crate) fn times(self, times: [f32; 2]) -> Arguments {
-        Arguments { times: times.map(f32::to_bits), ..self }
+        Arguments { times: times.map(|time| (time + 0.0).to_bits()), ..self }
     }
 
     pub(crate) fn k(self, k: usize) -> Arguments {

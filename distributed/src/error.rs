@@ -37,7 +37,7 @@ pub enum Problem {
         /// The particle.
         id: u64,
     },
-    /// A period is not a number above zero, or above [`LONGEST_PERIOD`](crate::LONGEST_PERIOD).
+    /// A period is below [`SHORTEST_PERIOD`](crate::SHORTEST_PERIOD), above [`LONGEST_PERIOD`](crate::LONGEST_PERIOD), or NaN.
     Period {
         /// The axis.
         axis: usize,
@@ -90,7 +90,12 @@ impl fmt::Display for Problem {
                 write!(f, "particle {id} is more than {} periods from zero; move it into the box", crate::MOST_PERIODS)
             }
             Problem::Period { axis } => {
-                write!(f, "the period of axis {axis} must be above zero and at most {:e}", crate::LONGEST_PERIOD)
+                write!(
+                    f,
+                    "the period of axis {axis} must be from {:e} to {:e}",
+                    crate::SHORTEST_PERIOD,
+                    crate::LONGEST_PERIOD
+                )
             }
             Problem::Radius => f.write_str("a radius is negative or NaN"),
             Problem::HalfPeriod { axis } => write!(f, "a radius is more than half the period of axis {axis}"),

@@ -59,7 +59,7 @@ pub use k_nearest::{Nearest, Query};
 pub use lists::Near;
 pub use particle::Particle;
 pub use partition::distribute;
-pub use reach::{LONGEST_PERIOD, MOST_PERIODS, Reach};
+pub use reach::{LONGEST_PERIOD, MOST_PERIODS, Reach, SHORTEST_PERIOD};
 pub use route::Route;
 pub use rows::Rows;
 pub use step::Step;

@@ -10,6 +10,9 @@ pub const MOST_PERIODS: f32 = 4.0;
 /// The longest period: images then are within what trees take.
 pub const LONGEST_PERIOD: f32 = 1e16;
 
+/// The shortest period: what boxes are grown by where squares underflow is far less.
+pub const SHORTEST_PERIOD: f32 = 1e-12;
+
 /// How far particles look, and along which axes space is periodic.
 ///
 /// ```
@@ -50,7 +53,8 @@ pub(crate) fn check_time(time: f32) -> Result<(), Problem> {
 }
 
 pub(crate) fn check_periods(periods: [Option<f32>; 3]) -> Result<(), Problem> {
-    let fine = |length: f32| length.is_normal() && length > 0.0 && length <= LONGEST_PERIOD;
+    // False for NaN.
+    let fine = |length: f32| (SHORTEST_PERIOD..=LONGEST_PERIOD).contains(&length);
     let bad = |axis: &usize| periods[*axis].is_some_and(|length| !fine(length));
     (0..3).find(bad).map_or(Ok(()), |axis| Err(Problem::Period { axis }))
 }

@@ -31,7 +31,7 @@ pub struct Route {
     /// By rank, the index of each value that goes there.
     sent: Vec<Vec<u32>>,
     /// Which of the values that arrive stands where.
-    order: Vec<u32>,
+    order: Vec<usize>,
 }
 
 impl Route {
@@ -44,9 +44,9 @@ impl Route {
     ) -> (Route, Vec<T>) {
         let mut route = Route { len: items.len(), sent: to, order: Vec::new() };
         let arrived = route.send(exchange, items);
-        route.order = (0..arrived.len() as u32).collect();
-        route.order.sort_by_key(|&i| key(&arrived[i as usize]));
-        let sorted = route.order.iter().map(|&i| arrived[i as usize]).collect();
+        route.order = (0..arrived.len()).collect();
+        route.order.sort_by_key(|&i| key(&arrived[i]));
+        let sorted = route.order.iter().map(|&i| arrived[i]).collect();
         (route, sorted)
     }
 
@@ -59,7 +59,7 @@ impl Route {
         let checked = if fits { Ok(()) } else { Err(Problem::Length { found: values.len() }) };
         agree(exchange, Arguments::new(Call::Carry).k(size_of::<T>()), checked)?;
         let arrived = self.send(exchange, values);
-        Ok(self.order.iter().map(|&i| arrived[i as usize]).collect())
+        Ok(self.order.iter().map(|&i| arrived[i]).collect())
     }
 
     fn send<T: Pod>(&self, exchange: &impl Exchange, values: &[T]) -> Vec<T> {

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mbkd
-from ._arrays import per_query, places
+from ._arrays import per_query, places, whole
 
 Progress = Callable[[float], object]
 
@@ -75,7 +75,7 @@ class PhotonMap:
         if when.ndim != 1:
             raise ValueError(f"times must have the shape (n,), not {when.shape}")
         self._map = _mbkd.Photons(
-            where, facing, np.ascontiguousarray(light), when, window, neighbors, workers
+            where, facing, np.ascontiguousarray(light), when, window, whole(neighbors, "neighbors", 1, 2**32 - 1), workers
         )
 
     def __len__(self) -> int:
@@ -127,7 +127,7 @@ class PhotonMap:
             where,
             np.ascontiguousarray(facing),
             per_query(time, (len(where),), "time"),
-            k,
+            None if k is None else whole(k, "k", 1, 2**32),
             radius,
             window,
             cosine,

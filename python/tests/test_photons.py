@@ -36,7 +36,10 @@ WRONG = [
     (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES + 1), "time"),
     (lambda: PhotonMap(POSITIONS, UP[1:], FLUX, TIMES), "equally many"),
     (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES, window=0), "window"),
+    (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES, neighbors=-1), "neighbors"),
+    (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES, neighbors=2**40), "neighbors"),
     (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES).gather(PLACES, [0, 0, 1]), "radius"),
+    (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES).gather(PLACES, [0, 0, 1], k=-1), "k must be"),
     (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES).gather(MANY, NORMALS, k=1, cosine=0), "element 39007: .*normal"),
     (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES).gather(PLACES, [0, 0, 1], radius=1, kernels=("tent", "box")), "kernel"),
 ]

@@ -1,7 +1,7 @@
 //! Tree space: world coordinates scaled by a power of two so that the farthest vertex has coordinates of about 1,
 //! and translated if that is exact.
 //!
-//! Coordinates given in f32 keep every bit, if they are at least 2^-126 of the largest. They are translated along an axis
+//! Coordinates given in f32 keep every bit, if they are at least 2^-125 of the largest. They are translated along an axis
 //! only if all of them lie within a factor of two of each other: then the difference of any two is exact (Sterbenz,
 //! "Floating-point computation", 1974). The same holds for f64 coordinates that are kept exactly; other f64 coordinates
 //! are translated relative to the centre of their bounds and rounded there.
@@ -43,7 +43,7 @@ impl Frame {
     }
 
     /// The frame of coordinates in f32 with these bounds. Maps all coordinates exactly that are zero or at least
-    /// 2^-126 of the largest.
+    /// 2^-125 of the largest.
     pub fn exact(swept: Aabb) -> Frame {
         Frame::moved_exactly(swept, |middle| f64::from(middle as f32))
     }

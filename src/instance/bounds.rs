@@ -16,8 +16,15 @@ use glam::{DAffine3, DVec3};
 
 impl Motions {
     /// Linear bounds over an interval of a placed tree whose subtrees have the bounds `of` over the shutter in its own
-    /// space. `bulge` scales the distances from chords: 1, or less in tests.
-    pub fn bounds(&self, motion: &Motion, of: &[LinearBounds], over: TimeInterval, bulge: f64) -> LinearBounds {
+    /// space. `bulge` scales the distances from chords: 1, or less in tests. `rounding` is what the image of a point is off, relative to
+    /// the numbers that make it.
+    pub fn bounds(
+        &self,
+        motion: &Motion,
+        of: &[LinearBounds],
+        over: TimeInterval,
+        (bulge, rounding): (f64, f64),
+    ) -> LinearBounds {
         let (begin, end) = (f64::from(over.begin()), f64::from(over.end()));
         let moves = of.iter().any(|of| of.begin != of.end);
         let boxes = |time: f64| of.iter().map(move |of| if moves { of.at(time) } else { of.begin });
@@ -38,14 +45,13 @@ impl Motions {
             }
             beyond = self.beyond_chords(motion, of, &times) * bulge;
         }
-        // Thousands of times the rounding error of f64 here, and of the origins of rays that are mapped into the own space. Where
-        // the translation cancels what the matrix makes of a distant tree, both are larger than the bounds; and a rotation mixes
-        // the axes.
+        // Many times the rounding error of f64 here, and of the origins of rays that are mapped into the own space. Where the
+        // translation cancels what the matrix makes of a distant tree, both are larger than the bounds; and a rotation mixes the axes.
         let size = |&time: &f64| {
             let DAffine3 { matrix3, translation } = self.matrix(motion, time);
             (translation.abs() + abs(matrix3) * farthest(of, time)).max_element()
         };
-        let beyond = beyond + DVec3::splat(times.iter().map(size).fold(0.0, f64::max) * ROUNDING);
+        let beyond = beyond + DVec3::splat(times.iter().map(size).fold(0.0, f64::max) * rounding);
         LinearBounds { begin: grow(bounds.begin, beyond), end: grow(bounds.end, beyond) }
     }
 
@@ -77,7 +83,9 @@ fn farthest_move(of: &LinearBounds, during: f64) -> DVec3 {
     (of.end.min - of.begin.min).abs().max((of.end.max - of.begin.max).abs()) * during
 }
 
-/// Bound on the relative rounding error in f64, with a wide margin.
+/// Bound on the relative rounding error in f64, with a wide margin, unless the determinant is small ([`MAPPED`]).
+///
+/// [`MAPPED`]: super::distortion::MAPPED
 pub(super) const ROUNDING: f64 = 1e-12;
 
 /// The box grown by as much per axis on either side.
@@ -140,7 +148,7 @@ mod tests {
                 let (a, b) = (random.signed_f64().abs() as f32, random.signed_f64().abs() as f32);
                 let over =
                     if round % 3 == 0 { TimeInterval::FULL } else { TimeInterval::new(a.min(b), a.max(b)).unwrap() };
-                let bounds = motions.bounds(&motion, of, over, bulge);
+                let bounds = motions.bounds(&motion, of, over, (bulge, ROUNDING));
                 for i in 0..=40 {
                     let w = f64::from(i) / 40.0;
                     let (begin, end) = (f64::from(over.begin()), f64::from(over.end()));

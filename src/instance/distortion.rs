@@ -16,17 +16,33 @@ pub(super) struct Distortion {
     pub skeel: f64,
     /// An upper bound on the largest row sum of `|M|` times that of `|M^-1|`, which scaling does change.
     pub norm: f64,
+    /// An upper bound on the reciprocal of the determinant with columns scaled to length 1, which decides what [`MAPPED`] costs.
+    pub per_determinant: f64,
     /// Upper bounds on the row sums of `|M|`.
     pub rows: DVec3,
 }
 
+/// How far a point that is mapped into an instance's space is off in the world, relative to its coordinates there and to what a
+/// determinant of 1 is more than the real one.
+///
+/// Queries solve `M x = v` by Cramer's rule, or by an inverse that is computed so, in f64 (u = 2^-53). With columns of length 1,
+/// which changes no rounding, the absolute values of products of two columns are at most 1, so that entries of the adjugate are off
+/// by 2u, the determinant by 9u, and an entry of the adjugate's product with `v` by 7u times the sum of `|v|`, also if the inverse is
+/// rounded first. The origin and the direction of a ray are divided by the same determinant, so its error stretches `x` where the
+/// ray hits something. So an entry of that `x` is off by 2 (7u |v|₁ + 9u |x|), divided by the determinant, and `M x` by at most
+/// three times as much in each coordinate. `|v|₁` is at most three times the greatest coordinate of `|T| + |M| |x|` and the distance
+/// from the ray's origin, `|x|` three times the former: together 288u of these, and 512u is assumed. (What rounds the quotients is
+/// covered by [`Distortion::skeel`].)
+pub(super) const MAPPED: f64 = 1.0 / (1u64 << 44) as f64;
+
 impl Distortion {
-    pub const NONE: Distortion = Distortion { skeel: 0.0, norm: 0.0, rows: DVec3::ZERO };
+    pub const NONE: Distortion = Distortion { skeel: 0.0, norm: 0.0, per_determinant: 0.0, rows: DVec3::ZERO };
 
     pub fn max(self, other: Distortion) -> Distortion {
         Distortion {
             skeel: self.skeel.max(other.skeel),
             norm: self.norm.max(other.norm),
+            per_determinant: self.per_determinant.max(other.per_determinant),
             rows: self.rows.max(other.rows),
         }
     }
@@ -39,7 +55,8 @@ impl Distortion {
     pub fn of_scale(scale: DVec3) -> Distortion {
         let scale = scale.abs();
         let norm = 3.0 * scale.max_element() / scale.min_element();
-        Distortion { skeel: 3.0, norm, rows: DVec3::splat(scale.length()) }
+        // Columns are orthogonal, but for the rounding of a rotation.
+        Distortion { skeel: 3.0, norm, per_determinant: 2.0, rows: DVec3::splat(scale.length()) }
     }
 
     /// The bounds for matrices between two, with interpolated entries; `None` if one of them is singular, or too nearly
@@ -77,7 +94,8 @@ impl Distortion {
     ///
     /// With columns scaled to length 1 (`A = M S^-1`) and `E = A^-1 D S^-1`, whose row sums are at most `e < 1`:
     /// `|A (1 + w E)|` has row sums of at most `|A| (1 + e)`, and its inverse `(1 + w E)^-1 A^-1` of at most
-    /// `|A^-1| / (1 - e)`.
+    /// `|A^-1| / (1 - e)`. Eigenvalues of `1 + w E` are at least `1 - e`, and the columns of `A (1 + w E)`, by which it would have to be
+    /// divided, at most `1 + 3 e` long, so the determinant is at least `((1 - e) / (1 + 3 e))^3` of that of `A`.
     fn around(middle: DMat3, by: DMat3) -> Around {
         let lengths = column_lengths(middle);
         let unscale = DMat3::from_diagonal(lengths.recip());
@@ -94,8 +112,11 @@ impl Distortion {
         let grown = (1.0 + e) / (1.0 - e);
         let skeel = if e == 0.0 { row_sums(abs(scaled) * abs(inverse)).max_element() } else { a * b * grown };
         let norm = a * b * grown * lengths.max_element() / lengths.min_element();
+        // The computed determinant is off by 9 u.
+        let determinant = (scaled.determinant().abs() - 16.0 * f64::EPSILON) * ((1.0 - e) / (1.0 + 3.0 * e)).powi(3);
+        let per_determinant = if determinant > 0.0 { determinant.recip() } else { f64::INFINITY };
         if skeel.is_finite() && norm.is_finite() {
-            Around::Known(Distortion { skeel, norm, rows: DVec3::ZERO })
+            Around::Known(Distortion { skeel, norm, per_determinant, rows: DVec3::ZERO })
         } else {
             Around::Singular
         }
@@ -146,7 +167,8 @@ impl Distortion {
         let norm = norm * lengths.max_element() / lengths.min_element();
         let skeel = row_sums(entries * inverse).max_element();
         if skeel.is_finite() && norm.is_finite() {
-            Around::Known(Distortion { skeel, norm, rows: DVec3::ZERO })
+            let per_determinant = l * l * l / least;
+            Around::Known(Distortion { skeel, norm, per_determinant, rows: DVec3::ZERO })
         } else {
             Around::TooFar
         }

@@ -1,7 +1,7 @@
 //! Instances as the build of the wide tree sees them: a set of boxes, one per leaf.
 
 use super::bounds::{ROUNDING, grow};
-use super::distortion::{Distortion, MAX_DEVIATION};
+use super::distortion::{Distortion, MAPPED, MAX_DEVIATION};
 use super::error::{InstanceError, MAX_PLACED};
 use super::extent::Extent;
 use super::motion::{Motion, Motions};
@@ -28,6 +28,8 @@ pub(super) struct Placed {
 struct Slack {
     per_distance: f64,
     fixed: DVec3,
+    /// How far the image of a point is off, relative to the size of the numbers that make it.
+    rounding: f64,
 }
 
 /// All instances of a tree.
@@ -69,7 +71,7 @@ impl Placements {
         for (instance, (one, distortion)) in placed.into_iter().enumerate() {
             let Some(distortion) = distortion.filter(|_| !extents[one.tree as usize].subtrees.is_empty()) else {
                 hidden.push(instance as u32);
-                slacks.push(Slack { per_distance: 0.0, fixed: DVec3::ZERO });
+                slacks.push(Slack { per_distance: 0.0, fixed: DVec3::ZERO, rounding: ROUNDING });
                 all.push(one);
                 continue;
             };
@@ -79,7 +81,11 @@ impl Placements {
                 return Err(InstanceError::Distorted { instance });
             }
             deviation = deviation.max(slack.per_distance * padding);
-            slacks.push(Slack { per_distance: slack.per_distance * padding, fixed: slack.fixed * padding });
+            slacks.push(Slack {
+                per_distance: slack.per_distance * padding,
+                fixed: slack.fixed * padding,
+                rounding: slack.rounding * padding,
+            });
             all.push(one);
         }
         let (frame, width) = (Frame::WORLD, 0.0);
@@ -124,7 +130,8 @@ impl Placements {
     /// Linear bounds in world space, without padding for rounding.
     fn exact_bounds(&self, id: u32, over: TimeInterval) -> LinearBounds {
         let one = &self.placed[id as usize];
-        self.motions.bounds(&one.motion, &self.extents[one.tree as usize].subtrees, over, 1.0)
+        let rounding = self.slacks[id as usize].rounding;
+        self.motions.bounds(&one.motion, &self.extents[one.tree as usize].subtrees, over, (1.0, rounding))
     }
 
     /// Whether an instance is a point at all times, or of nothing: no query sees it.
@@ -182,14 +189,16 @@ impl Placements {
 impl Slack {
     /// Let a ray hit a primitive of the instance at `X` in the world, exactly: at the computed `t` on the caller's ray.
     /// `X` lies outside of the instance's exact bounds by at most, per axis and in ULP of the largest coordinate of
-    /// `X - O`: the effect of rounding the direction ([`Distortion::skeel`]; a thousandth of [`Distortion::norm`] for
-    /// small components), 1 for the rounding of `t`, and the deviation of a placed tree of instances from far away,
+    /// `X - O`: the effect of rounding the direction ([`Distortion::skeel`]; a millionth of [`Distortion::norm`] for
+    /// small components), [`MAPPED`] where the determinant is small, 1 for the rounding of `t`, and the deviation of a placed tree of instances from far away,
     /// which passes through both matrices; and by `|M|` times the rounding of the tree's own kernel.
     fn new(distortion: &Distortion, of: &Extent) -> Slack {
-        let Distortion { skeel, norm, rows } = *distortion;
-        let per_distance = 2.0 * (skeel + 1.0 + norm / 1024.0 / 1024.0) + 4.0 * norm * of.deviation;
+        let Distortion { skeel, norm, per_determinant, rows } = *distortion;
+        let mapped = MAPPED * per_determinant;
+        let per_distance =
+            2.0 * (skeel + 1.0 + norm / 1024.0 / 1024.0 + mapped / f64::from(ULP)) + 4.0 * norm * of.deviation;
         let fixed = rows * ((INNER_ULPS + 4.0 * of.deviation) * f64::from(ULP) * of.reach);
-        Slack { per_distance, fixed }
+        Slack { per_distance, fixed, rounding: ROUNDING.max(mapped) }
     }
 }
 

@@ -63,6 +63,48 @@ fn corners_of_turning_instances_are_hit() {
     assert!(hits > 5000, "{hits}");
 }
 
+/// Instances of a tree that is modelled far from zero, which are flattened along two oblique axes: the inverse of the matrix is
+/// rounded by more than f64 is, the less its determinant is.
+#[test]
+fn thin_instances_of_far_trees_are_hit() {
+    let (mut random, mut hits) = (Random(13), 0);
+    for round in 0..240 {
+        let (far, thin) = ([1e8, 1e9, 1e11][round % 3], [1e-4, 3e-5][round / 3 % 2]);
+        let middle = DVec3::new(1.1, 1.2, 1.3) * far;
+        let middles: Vec<DVec3> = (0..40).map(|_| middle + dvec(&mut random)).collect();
+        let corners = middles.iter().flat_map(|&middle| [middle; 3]);
+        let vertices: Vec<DVec3> = corners.map(|p| p + dvec(&mut random) * 0.3).collect();
+        let mesh = TriangleMesh::new((0..40).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(), vec![vertices]);
+        let tree = Arc::new(RayTree::build(&[mesh.precise()], &BuildParams::default()).unwrap());
+        let mut turn = |most: f64| DMat3::from_axis_angle(dvec(&mut random).normalize(), most * signed(&mut random));
+        let flat = turn(3.0) * DMat3::from_diagonal(DVec3::new(1.0, thin, thin)) * turn(3.0);
+        let placed = |matrix3: DMat3| DAffine3 { matrix3, translation: -(matrix3 * middle) };
+        let keys = if round % 2 == 0 { vec![placed(flat)] } else { vec![placed(flat), placed(turn(0.3) * flat)] };
+        let beside = DAffine3::from_translation(DVec3::X * 3.0 - middle);
+        let all = vec![Instance::new(tree.clone(), keys), Instance::new(tree.clone(), beside)];
+        let all = InstanceTree::build(all, &WideParams::default()).unwrap();
+        for _ in 0..100 {
+            // At the middle of a triangle, as rays are mapped.
+            let time = random.unit();
+            let inside = tree.triangle(0, random.below(40) as u32, 0.0).iter().sum::<DVec3>() / 3.0;
+            let matrix = all.matrix(&[0], time).unwrap();
+            let mut target = matrix.transform_point3(inside);
+            for _ in 0..3 {
+                let local = all.local_ray(0, &Ray::new(target, Vec3::X).at_time(time)).unwrap();
+                target += matrix.transform_vector3(inside - local.origin);
+            }
+            let origin = target + dvec(&mut random) * 3.0;
+            let ray = Ray::new(origin, (target - origin).as_vec3()).at_time(time);
+            let of = |instance: u32| Some((tree.closest_hit(&all.local_ray(instance, &ray)?)?, instance));
+            let expected = [0, 1].into_iter().filter_map(of).min_by(|(a, _), (b, _)| a.t.total_cmp(&b.t));
+            let found = all.closest_hit(&ray).map(|found| (found.hit, found.path[0]));
+            assert_eq!(found, expected, "round {round}: {ray:?}");
+            hits += usize::from(expected.is_some_and(|(_, instance)| instance == 0));
+        }
+    }
+    assert!(hits > 5000, "{hits}");
+}
+
 /// Sheared instances in a tree that is placed itself, seen from far away: the ray is rounded in the spaces of both.
 #[test]
 fn sheared_instances_of_placed_trees_are_hit_from_far_away() {

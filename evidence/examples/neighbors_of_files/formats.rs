@@ -38,6 +38,9 @@ impl Table {
         }
         let mut u32 = || Ok::<_, String>(u32::from_le_bytes(from.array()?) as usize);
         let (points, frames, columns) = (u32()?, u32()?, u32()?);
+        if points == 0 || frames == 0 || columns == 0 {
+            return Err("no points, frames or columns".into());
+        }
         let names = (0..columns)
             .map(|_| Ok(String::from_utf8_lossy(from.take(16)?).trim_end_matches('\0').to_string()))
             .collect::<Result<_, String>>()?;

@@ -77,6 +77,8 @@ fn above_zero(text: &str) -> Result<f64, String> {
 
 /// Pictures of the strip.
 const PICTURES: u32 = 6;
+/// The greatest number of particles that would fill a tank.
+const MOST_PLACES: f64 = 1e8;
 /// The number of comparisons with other methods for the same lists.
 const LOOKS: u32 = 12;
 
@@ -116,14 +118,16 @@ fn run(options: &Options) -> Result<(), Box<dyn Error>> {
         if done * f64::from(LOOKS) >= looks.len() as f64 && looks.len() < LOOKS as usize {
             looks.push(one_thread.install(|| rivals::look(&fluid.at, fluid.kernel.radius, &mut lists))?);
         }
-        if done * f64::from(options.frames - 1) >= f64::from(frame) {
+        // Several at once where there are fewer steps than frames.
+        while frame < options.frames && done * f64::from(options.frames - 1) >= f64::from(frame) {
             // The last frame of each sixth is also a picture of the strip.
             let ends_sixth = (frame + 1) * PICTURES / options.frames > frame * PICTURES / options.frames;
             if ends_sixth {
                 report(&fluid, &bar);
             }
             let before = Instant::now();
-            take(options, &fluid, &tank, ends_sixth, (&mut pictures, &mut frames))?;
+            let picture = ends_sixth.then_some(frame * PICTURES / options.frames + 1);
+            take(options, &fluid, &tank, picture, (&mut pictures, &mut frames))?;
             rendering += before.elapsed();
             frame += 1;
         }
@@ -162,6 +166,13 @@ fn begin(options: &Options) -> Result<(Fluid, Tank), Box<dyn Error>> {
             let (at, velocity) = read(path)?;
             let spacing = spacing(&at)?;
             let tank = tank::around(&at, spacing);
+            let sides = (tank.inside[1].as_dvec3() - tank.inside[0].as_dvec3()) / f64::from(spacing);
+            let places = sides.element_product();
+            if places.is_nan() || places > MOST_PLACES {
+                let path = path.display();
+                let message = format!("a tank around all particles would hold {places:.0e}, more than {MOST_PLACES:e}");
+                return Err(format!("{path}: {message}: is one far from the others?").into());
+            }
             (at, velocity, spacing, tank)
         }
     };
@@ -196,16 +207,17 @@ fn spacing(at: &[Vec3]) -> Result<f32, Box<dyn Error>> {
     if median > 0.0 { Ok(median) } else { Err("all particles are at the same position".into()) }
 }
 
-/// Renders a frame, and a picture of the strip if one is due.
+/// Renders a frame, and the picture of the strip with this number if one is due.
 fn take(
     options: &Options,
     fluid: &Fluid,
     tank: &Tank,
-    for_strip: bool,
+    picture: Option<u32>,
     (pictures, frames): (&mut Vec<Photo>, &mut Vec<Photo>),
 ) -> Result<(), Box<dyn Error>> {
-    let number = frames.len() * PICTURES as usize / options.frames as usize + 1;
-    if options.vtk && for_strip {
+    if options.vtk
+        && let Some(number) = picture
+    {
         let path = numbered(options, number, "vtk");
         vtk::write(&path, &fluid.at, &fluid.velocity, &fluid.density)
             .map_err(|e| format!("{}: {e}", path.display()))?;
@@ -227,7 +239,7 @@ fn take(
     let shot = |width: u32, samples| Shot { width: width as usize, height: (width * 9 / 16) as usize, samples };
     let radius = 0.56 * fluid.spacing;
     frames.push(expose(&drops, radius, tank, shot(options.width * 3 / 5, options.samples.div_ceil(3)))?);
-    if for_strip {
+    if let Some(number) = picture {
         let mut photo = expose(&drops, radius, tank, shot(options.width, options.samples))?;
         photo.caption(&format!("{:.2} S", fluid.time));
         if options.each {
@@ -247,7 +259,7 @@ fn water(speed: f32) -> Vec3 {
     colors[below].lerp(colors[below + 1], along - below as f32)
 }
 
-fn numbered(options: &Options, number: usize, extension: &str) -> PathBuf {
+fn numbered(options: &Options, number: u32, extension: &str) -> PathBuf {
     let stem = options.output.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
     options.output.with_file_name(format!("{stem}_{number}.{extension}"))
 }

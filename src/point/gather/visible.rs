@@ -101,8 +101,12 @@ pub struct VisiblePoints {
     simd: SimdLevel,
 }
 
-/// Number of photons that one thread processes at a time.
+/// The greatest number of photons that one thread processes at a time, and that with which it begins.
 const CHUNK: usize = 4096;
+const FIRST_CHUNK: usize = 16;
+
+/// About how many hits are kept at once.
+const MOST_HITS: usize = 1 << 22;
 
 /// A photon that found a point.
 #[derive(Clone, Copy)]
@@ -216,7 +220,8 @@ impl VisiblePoints {
     /// several threads. `at` gives the position and the time of a photon; `states` has one state for each point.
     ///
     /// Each point gets its photons in an order that depends on the photons alone, so sums have the same bits for any
-    /// number of threads and instruction set.
+    /// number of threads and instruction set. On several threads about four million pairs of a point and a photon are in memory at once,
+    /// 12 bytes each, where photons have about as many points as those that came before them.
     ///
     /// # Errors
     /// [`GatherError::At`] with the index of a photon whose position or time is wrong; [`GatherError::Length`] for another number
@@ -258,9 +263,15 @@ impl VisiblePoints {
             return Ok(());
         }
         let share = states.len().div_ceil(threads).max(1);
-        for wave in order.chunks(4 * threads * CHUNK) {
-            let chunks: Vec<&[usize]> = wave.chunks(CHUNK).collect();
+        let (mut rest, mut chunk) = (&order[..], FIRST_CHUNK);
+        while !rest.is_empty() {
+            let wave;
+            (wave, rest) = rest.split_at(rest.len().min(4 * threads * chunk));
+            let chunks: Vec<&[usize]> = wave.chunks(chunk).collect();
             let lists = parallel::map(chunks.len(), |i| self.hits(photons, &at, window, chunks[i]));
+            // As many as would have the limited number of hits, if the next have as many each.
+            let hits = lists.iter().map(Vec::len).sum::<usize>().max(1);
+            chunk = (chunk.saturating_mul(MOST_HITS) / hits).clamp(1, 8 * chunk).min(CHUNK);
             let mut shares: Vec<(usize, &mut [A])> = states.chunks_mut(share).enumerate().collect();
             parallel::each(&mut shares, |(number, states)| {
                 let begin = (*number * share) as u32;

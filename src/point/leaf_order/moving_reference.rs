@@ -37,7 +37,8 @@ impl SegmentSlice {
     #[inline]
     pub(in crate::point) fn exact_phase(&self, t: f32) -> f64 {
         let [begin, end] = self.phases;
-        let inside = exact_phase(t, self.keys, self.segment).clamp(begin, end);
+        // (No `clamp`: it panics where a damaged file has the end before the begin.)
+        let inside = exact_phase(t, self.keys, self.segment).max(begin).min(end);
         let not_after = if t <= self.interval.begin() { begin } else { inside };
         if t >= self.interval.end_bound() { end } else { not_after }
     }

@@ -100,7 +100,7 @@ impl fmt::Display for ListError {
             ListError::Time => {
                 f.write_str("the time, or the one until which lists shall hold, is not in [0, 1], or they are in the wrong order")
             }
-            ListError::Period { axis } => write!(f, "the period of axis {axis} must be finite and above zero"),
+            ListError::Period { axis } => write!(f, "the period of axis {axis} must be above zero, and neither denormal nor infinite in f32"),
             ListError::FarFromPeriod { axis } => {
                 write!(f, "points are more than a million periods from zero along axis {axis}; move them into the box")
             }

@@ -113,7 +113,7 @@ impl PreciseTree {
     #[inline(always)]
     pub(super) fn phase_at(&self, time: f32) -> f64 {
         let SegmentSlice { keys, segment, phases: [begin, end], .. } = self.slice;
-        exact_phase(time, keys, segment).clamp(begin, end)
+        exact_phase(time, keys, segment).max(begin).min(end)
     }
 
     /// The fraction of the slice at a phase between the keys, in [0, 1].

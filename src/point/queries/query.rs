@@ -91,7 +91,7 @@ impl<'a> NeighborQuery<'a> {
 
 impl<'a, K: Keep> NeighborQuery<'a, K> {
     /// Considers only points whose squared distance is at most `radius * radius` (computed in f32). Infinity is no
-    /// restriction; a negative or NaN radius finds nothing.
+    /// restriction; a negative or NaN radius finds nothing. Of several radii the least counts.
     #[inline(always)]
     pub fn radius(self, radius: f32) -> Self {
         let bound = if radius >= 0.0 { (radius * radius).min(self.query.bound) } else { -1.0 };

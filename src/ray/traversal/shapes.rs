@@ -10,7 +10,7 @@
 //! depth `z + (sx X + sy Y) / |e|^2`, and the depths of the hits are that much and `sqrt(r^2 |e|^2 - Q) / |e|^2` more or less.
 //!
 //! **Its margins.** Let `m` be the size of the block plus the largest coordinate of the origin, and `u` an ULP; [`deviation`] is
-//! 14um.
+//! 16um.
 //!
 //! - `X` and `Y` are off by 13um each, and the ray's distance is no longer than `(X, Y)`: off by 19um. The radius is off by 4um, as
 //!   it is rounded and interpolated like a coordinate. Both are less than twice the deviation, which the radius is enlarged by,

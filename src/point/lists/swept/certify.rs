@@ -156,8 +156,9 @@ impl<F: Fn(&PointPath, &PointPath) -> bool> EncounterVisitor for First<'_, F> {
 ///
 /// A pair that is not in the lists is farther apart than `radius + skin`, and two points approach each other by at most
 /// twice the speed: it takes `skin / (2·speed)`. No point may have moved by more than its speed times that, rounding of
-/// its positions included. The lists compare squares computed in f32, which are wrong by less than
-/// 2^-21 of themselves, and the sum of radius and skin is rounded; the skin that counts is that much less.
+/// its positions included. The lists compare squares computed in f32, which are wrong by less than 2^-21 of themselves or, where they
+/// are denormal, by what changes distances by less than 1e-22, and the sum of radius and skin is rounded; the skin that counts is
+/// that much less.
 ///
 /// ```
 /// let step = mbkd::certified_duration(0.1, 0.02, 0.5);
@@ -172,6 +173,6 @@ pub fn certified_duration(radius: f32, skin: f32, speed: f32) -> f32 {
     if speed == 0.0 || reach == f32::INFINITY {
         return f32::INFINITY;
     }
-    let reach = f64::from(reach) * (1.0 - 1.0 / f64::from(1 << 21));
+    let reach = f64::from(reach) * (1.0 - 1.0 / f64::from(1 << 21)) - 1e-22;
     rounded_down((reach - f64::from(radius)).max(0.0) / (2.0 * f64::from(speed)))
 }
