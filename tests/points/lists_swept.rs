@@ -537,6 +537,8 @@ fn a_bound_on_speeds_certifies_no_longer_than_it_takes() {
     assert_eq!(certified_duration(1.0, 1.0, f32::INFINITY), 0.0);
     assert_eq!(certified_duration(1.0, f32::NAN, 1.0), 0.0);
     assert_eq!(certified_duration(-1.0, 1.0, 1.0), 0.0);
+    // Where squares are denormal, lists of radius and skin lack pairs that are nearer.
+    assert_eq!(certified_duration(4.61e-23, 7e-25, 1e-25), 0.0);
 }
 
 /// Two crowds, each at one place, that come as near as the radius and no nearer, far from zero: whether boxes and points are met is

@@ -23,7 +23,7 @@ pub fn refused(ranks: &impl Exchange) {
     );
     let far = Step::new(ranks, &at(pick(0.0, 9.0)), &Reach { radius: 0.1, periods: [Some(2.0), None, None] });
     assert_eq!(far.err(), error(Problem::FarFromPeriod { id: 4 }));
-    for bad in [f32::NAN, 0.0, -1.0, f32::INFINITY, 1e-39] {
+    for bad in [f32::NAN, 0.0, -1.0, f32::INFINITY, 1e-39, 1e-20] {
         let periods = [None, Some(pick(1.0, bad)), None];
         assert_eq!(distribute(ranks, &[], &[], periods).err(), error(Problem::Period { axis: 1 }));
     }
