@@ -61,14 +61,17 @@ pub(super) struct Criteria<'a> {
 }
 
 impl Criteria<'_> {
-    /// The squared distances within which a point meets four others.
+    /// The squared distance within which a point meets any other whose radius does not count.
     #[inline(always)]
-    fn squares<S: Simd>(&self, s: S, own: u32, [a, b, c, d]: [u32; WIDTH]) -> S::D {
-        let own = match self.radii {
-            Radii::Equal(_) => return s.splat_d(self.radius * self.radius),
-            _ => self.radii.of(own),
-        };
-        let Some(others) = self.radii.others() else { return s.splat_d(f64::from(own) * f64::from(own)) };
+    fn square(&self, own: u32) -> f64 {
+        let radius = if let Radii::Equal(_) = self.radii { self.radius } else { self.radii.of(own).into() };
+        radius * radius
+    }
+
+    /// The squared distances within which a point meets four others, whose radii are among `others`.
+    #[inline(always)]
+    fn squares<S: Simd>(&self, s: S, own: u32, others: &[f32], [a, b, c, d]: [u32; WIDTH]) -> S::D {
+        let own = self.radii.of(own);
         let [a, b, c, d] = [radius_of(others, a), radius_of(others, b), radius_of(others, c), radius_of(others, d)];
         let radii = self.radii;
         let radii = [radii.of_pair(own, a), radii.of_pair(own, b), radii.of_pair(own, c), radii.of_pair(own, d)];
@@ -139,19 +142,22 @@ impl Window {
     ) {
         let active = TimeInterval::FULL;
         let mut overlap = Overlap::of(s, self, own, [[active.begin(); WIDTH], [active.end_bound(); WIDTH]]);
+        let (others_radii, square) = (criteria.radii.others(), s.splat_d(criteria.square(own.id)));
+        // The point itself, or all with ids up to its own.
+        let (first, span) = if criteria.once { (0, own.id) } else { (own.id, 0) };
         for at in (0..count).step_by(WIDTH) {
             let four = others.four([hits[at], hits[at + 1], hits[at + 2], hits[at + 3]]);
             if criteria.has_active_intervals {
                 overlap = Overlap::of(s, self, own, four.active());
             }
             let ids = [four.points[0].id, four.points[1].id, four.points[2].id, four.points[3].id];
-            let mut encounters = overlap.encounters_with(s, &four, criteria.squares(s, own.id, ids));
+            let squares = others_radii.map_or(square, |radii| criteria.squares(s, own.id, radii, ids));
+            let mut encounters = overlap.encounters_with(s, &four, squares);
             if count - at < WIDTH {
                 encounters.valid &= (1 << (count - at)) - 1;
             }
             for (lane, id) in ids.into_iter().enumerate() {
-                let left_out = id == own.id || criteria.once && id < own.id;
-                encounters.valid &= !(Mask::from(left_out) << lane);
+                encounters.valid &= !(Mask::from(id.wrapping_sub(first) <= span) << lane);
             }
             visitor.visit(own, &four, &encounters);
         }
