@@ -15,8 +15,8 @@ use crate::geometry::{Aabb, LinearBounds, TimeInterval};
 use glam::{DAffine3, DVec3};
 
 impl Motions {
-    /// Linear bounds over an interval of a placed tree whose subtrees have the bounds `of` over the shutter in its own
-    /// space. `bulge` scales the distances from chords: 1, or less in tests. `rounding` is what the image of a point is off, relative to
+    /// Linear bounds over an interval of a placed tree whose subtrees have the bounds `of` over the shutter in its own space.
+    /// `bulge` scales the distances from chords: 1, or less in tests. `rounding` is what the image of a point is off, relative to
     /// the numbers that make it.
     pub fn bounds(
         &self,
@@ -46,7 +46,8 @@ impl Motions {
             beyond = self.beyond_chords(motion, of, &times) * bulge;
         }
         // Many times the rounding error of f64 here, and of the origins of rays that are mapped into the own space. Where the
-        // translation cancels what the matrix makes of a distant tree, both are larger than the bounds; and a rotation mixes the axes.
+        // translation cancels what the matrix makes of a distant tree, both are larger than the bounds; and a rotation mixes the
+        // axes.
         let size = |&time: &f64| {
             let DAffine3 { matrix3, translation } = self.matrix(motion, time);
             (translation.abs() + abs(matrix3) * farthest(of, time)).max_element()

@@ -27,12 +27,12 @@ pub(super) struct Distortion {
 ///
 /// Queries solve `M x = v` by Cramer's rule, or by an inverse that is computed so, in f64 (u = 2^-53). With columns of length 1,
 /// which changes no rounding, the absolute values of products of two columns are at most 1, so that entries of the adjugate are off
-/// by 2u, the determinant by 9u, and an entry of the adjugate's product with `v` by 7u times the sum of `|v|`, also if the inverse is
-/// rounded first. The origin and the direction of a ray are divided by the same determinant, so its error stretches `x` where the
-/// ray hits something. So an entry of that `x` is off by 2 (7u |v|₁ + 9u |x|), divided by the determinant, and `M x` by at most
-/// three times as much in each coordinate. `|v|₁` is at most three times the greatest coordinate of `|T| + |M| |x|` and the distance
-/// from the ray's origin, `|x|` three times the former: together 288u of these, and 512u is assumed. (What rounds the quotients is
-/// covered by [`Distortion::skeel`].)
+/// by 2u, the determinant by 9u, and an entry of the adjugate's product with `v` by 7u times the sum of `|v|`, also if the inverse
+/// is rounded first. The origin and the direction of a ray are divided by the same determinant, so its error stretches `x` where
+/// the ray hits something. So an entry of that `x` is off by 2 (7u |v|₁ + 9u |x|), divided by the determinant, and `M x` by at most
+/// three times as much in each coordinate. `|v|₁` is at most three times the greatest coordinate of `|T| + |M| |x|` and the
+/// distance from the ray's origin, `|x|` three times the former: together 288u of these, and 512u is assumed. (What rounds the
+/// quotients is covered by [`Distortion::skeel`].)
 pub(super) const MAPPED: f64 = 1.0 / (1u64 << 44) as f64;
 
 impl Distortion {
@@ -92,10 +92,10 @@ impl Distortion {
 
     /// The bounds for all `M + w D` with `w` in [-1, 1], if `D` is small.
     ///
-    /// With columns scaled to length 1 (`A = M S^-1`) and `E = A^-1 D S^-1`, whose row sums are at most `e < 1`:
-    /// `|A (1 + w E)|` has row sums of at most `|A| (1 + e)`, and its inverse `(1 + w E)^-1 A^-1` of at most
-    /// `|A^-1| / (1 - e)`. Eigenvalues of `1 + w E` are at least `1 - e`, and the columns of `A (1 + w E)`, by which it would have to be
-    /// divided, at most `1 + 3 e` long, so the determinant is at least `((1 - e) / (1 + 3 e))^3` of that of `A`.
+    /// With columns scaled to length 1 (`A = M S^-1`) and `E = A^-1 D S^-1`, whose row sums are at most `e < 1`: `|A (1 + w E)|`
+    /// has row sums of at most `|A| (1 + e)`, and its inverse `(1 + w E)^-1 A^-1` of at most `|A^-1| / (1 - e)`. Eigenvalues of
+    /// `1 + w E` are at least `1 - e`, and the columns of `A (1 + w E)`, by which it would have to be divided, at most `1 + 3 e`
+    /// long, so the determinant is at least `((1 - e) / (1 + 3 e))^3` of that of `A`.
     fn around(middle: DMat3, by: DMat3) -> Around {
         let lengths = column_lengths(middle);
         let unscale = DMat3::from_diagonal(lengths.recip());

@@ -187,11 +187,11 @@ impl Placements {
 }
 
 impl Slack {
-    /// Let a ray hit a primitive of the instance at `X` in the world, exactly: at the computed `t` on the caller's ray.
-    /// `X` lies outside of the instance's exact bounds by at most, per axis and in ULP of the largest coordinate of
-    /// `X - O`: the effect of rounding the direction ([`Distortion::skeel`]; a millionth of [`Distortion::norm`] for
-    /// small components), [`MAPPED`] where the determinant is small, 1 for the rounding of `t`, and the deviation of a placed tree of instances from far away,
-    /// which passes through both matrices; and by `|M|` times the rounding of the tree's own kernel.
+    /// Let a ray hit a primitive of the instance at `X` in the world, exactly: at the computed `t` on the caller's ray. `X` lies
+    /// outside of the instance's exact bounds by at most, per axis and in ULP of the largest coordinate of `X - O`: the effect of
+    /// rounding the direction ([`Distortion::skeel`]; a millionth of [`Distortion::norm`] for small components), [`MAPPED`] where
+    /// the determinant is small, 1 for the rounding of `t`, and the deviation of a placed tree of instances from far away, which
+    /// passes through both matrices; and by `|M|` times the rounding of the tree's own kernel.
     fn new(distortion: &Distortion, of: &Extent) -> Slack {
         let Distortion { skeel, norm, per_determinant, rows } = *distortion;
         let mapped = MAPPED * per_determinant;

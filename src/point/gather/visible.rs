@@ -219,9 +219,9 @@ impl VisiblePoints {
     /// Distributes photons to the points they contribute to: `deposit(state of the point, photon, squared distance)`, on
     /// several threads. `at` gives the position and the time of a photon; `states` has one state for each point.
     ///
-    /// Each point gets its photons in an order that depends on the photons alone, so sums have the same bits for any
-    /// number of threads and instruction set. On several threads about four million pairs of a point and a photon are in memory at once,
-    /// 12 bytes each, where photons have about as many points as those that came before them.
+    /// Each point gets its photons in an order that depends on the photons alone, so sums have the same bits for any number of
+    /// threads and instruction set. On several threads about four million pairs of a point and a photon are in memory at once, 12
+    /// bytes each, where photons have about as many points as those that came before them.
     ///
     /// # Errors
     /// [`GatherError::At`] with the index of a photon whose position or time is wrong; [`GatherError::Length`] for another number

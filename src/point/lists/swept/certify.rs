@@ -154,11 +154,11 @@ impl<F: Fn(&PointPath, &PointPath) -> bool> EncounterVisitor for First<'_, F> {
 /// How long lists with a skin hold every pair within `radius`, if no point is ever faster than `speed`: rounded down,
 /// infinite if nothing moves or the lists hold all pairs, 0 for arguments that are negative or NaN.
 ///
-/// A pair that is not in the lists is farther apart than `radius + skin`, and two points approach each other by at most
-/// twice the speed: it takes `skin / (2·speed)`. No point may have moved by more than its speed times that, rounding of
-/// its positions included. The lists compare squares computed in f32, which are wrong by less than 2^-21 of themselves or, where they
-/// are denormal, by what changes distances by less than 1e-22, and the sum of radius and skin is rounded; the skin that counts is
-/// that much less.
+/// A pair that is not in the lists is farther apart than `radius + skin`, and two points approach each other by at most twice the
+/// speed: it takes `skin / (2·speed)`. No point may have moved by more than its speed times that, rounding of its positions
+/// included. The lists compare squares computed in f32, which are wrong by less than 2^-21 of themselves or, where they are
+/// denormal, by what changes distances by less than 1e-22, and the sum of radius and skin is rounded; the skin that counts is that
+/// much less.
 ///
 /// ```
 /// let step = mbkd::certified_duration(0.1, 0.02, 0.5);
