@@ -117,7 +117,10 @@ impl fmt::Display for InstanceError {
                 write!(f, "instance {instance} is placed beyond {:e}; move or scale the scene", MAX_PLACED as f32)
             }
             InstanceError::TooDeep { instance } => {
-                write!(f, "instance {instance}: instances are nested more than {MAX_NESTING} levels deep; place those of the innermost ones directly")
+                write!(
+                    f,
+                    "instance {instance}: instances are nested more than {MAX_NESTING} levels deep; place those of the innermost ones directly"
+                )
             }
             InstanceError::TooManyKeys { instance } => write!(
                 f,
