@@ -22,8 +22,8 @@ pub(super) struct Distortion {
     pub rows: DVec3,
 }
 
-/// How far a point that is mapped into an instance's space is off in the world, relative to its coordinates there and to what a
-/// determinant of 1 is more than the real one.
+/// How far a point that is mapped into an instance's space is off in the world, relative to its coordinates there, if the
+/// determinant with columns scaled to length 1 is 1; with a lesser one it is as many times more.
 ///
 /// Queries solve `M x = v` by Cramer's rule, or by an inverse that is computed so, in f64 (u = 2^-53). With columns of length 1,
 /// which changes no rounding, the absolute values of products of two columns are at most 1, so that entries of the adjugate are off
