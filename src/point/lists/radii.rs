@@ -155,3 +155,9 @@ pub(super) fn squared_radii<S: Simd>(s: S, radii: S::F) -> S::F {
 pub(super) fn squared_radius(radius: f32) -> f32 {
     (radius * radius).min(f32::MAX)
 }
+
+/// The square of a radius, rounded up to a finite f32. (That counts where squares underflow: three terms of a squared gap may
+/// be rounded up by half the least f32 each.)
+pub(super) fn squared_up(radius: f64) -> f32 {
+    ((radius * radius).min(f32::MAX.into()) as f32).next_up().min(f32::MAX)
+}

@@ -4,7 +4,8 @@ use super::coordinate::SweptCoordinate;
 use super::encounter::{CandidatePoints, Criteria, Window};
 use crate::point::layout::over_interval::{BlockTree, BoxTree, PathRows, greater, lesser};
 use crate::point::layout::snapshot::rows;
-use crate::point::lists::candidates::{BoxRows, BoxVector, Within};
+use crate::point::lists::candidates::{BoxRows, BoxVector};
+use crate::point::lists::radii::squared_up;
 use crate::simd::{LANES, Lanes, Mask, Simd};
 
 /// 2^-24.
@@ -227,27 +228,28 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
         self.windows.clear();
     }
 
-    /// Adds the blocks of a tree that the group can come within the radius of during `window`. Pairs nearer than `excluded_within`
-    /// at the group's first time are excluded, if both points exist then.
+    /// Adds the blocks of a tree that the group can come within a radius of during `window`. Behind lane l of node i, no radius is
+    /// greater than `reach[i][l]`, where the radii of others count. Pairs nearer than `excluded_within` at the group's first time
+    /// are excluded, if both points exist then.
     #[inline(always)]
     pub(super) fn add<S: Simd, T: BlockTree<Coordinate = C>>(
         &mut self,
         s: S,
         tree: &T,
         group: &Group<C>,
-        window: Window,
+        (window, reach): (Window, &[Lanes<f32>]),
         (criteria, excluded_within): (&Criteria<'_>, Option<f64>),
     ) {
-        let radius = criteria.radius;
         let phases = phases(tree, group.times);
-        let bound = squared_up(radius);
+        let within = criteria.within(criteria.own);
         let early = greater(group.early, early(tree, phases, group.times[0]));
         self.open.clear();
         self.open.push(tree.root_node());
         while let Some((level, node)) = self.open.pop() {
-            let (boxes, magnitude) = group.swept(s, tree, phases, node);
-            let mut near =
-                boxes.near(s, group.lo, group.hi, Within::Squared(bound)) & active_lanes(tree, node, group.times);
+            let (mut boxes, magnitude) = group.swept(s, tree, phases, node);
+            let reach = reach.get(node).unwrap_or(&[0.0; LANES]);
+            boxes.reach = s.load(reach);
+            let mut near = boxes.near(s, group.lo, group.hi, within) & active_lanes(tree, node, group.times);
             let (first, stride) = tree.children(level, node);
             if level > 0 {
                 while near != 0 {
@@ -263,7 +265,7 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
                     let points = tree.rows(first + lane * stride + part);
                     let paths = RelativePaths::new(&points, phases, &group.frame);
                     let slack = SLACK * magnitude[lane] + group.slack;
-                    let bound = squared_up(radius + slack + UNDERFLOW);
+                    let bound = squared_up(criteria.greatest(reach[lane]) + slack + UNDERFLOW);
                     // The radius has been lowered by more than f32 adds here, rounding of its square included:
                     // see `Sweep::for_certificate`.
                     let moved = 6.0 * (magnitude[lane] + group.magnitude) * early;
@@ -280,12 +282,6 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
         }
         self.windows.push((window, self.blocks.len()));
     }
-}
-
-/// The square of a radius, rounded up to a finite f32. (That counts where squares underflow: three terms of a squared gap may
-/// be rounded up by half the least f32 each.)
-pub(super) fn squared_up(radius: f64) -> f32 {
-    ((radius * radius).min(f32::MAX.into()) as f32).next_up().min(f32::MAX)
 }
 
 /// The square of a distance as a finite f32; negative where it is.

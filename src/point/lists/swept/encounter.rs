@@ -3,7 +3,8 @@
 use super::coordinate::SweptCoordinate;
 use crate::geometry::TimeInterval;
 use crate::point::layout::over_interval::{PathRows, PointPath, greater, lesser};
-use crate::point::lists::radii::{Radii, radius_of};
+use crate::point::lists::candidates::Within;
+use crate::point::lists::radii::{Margin, Radii, radius_of, squared_up};
 use crate::simd::{LANES, Mask, Simd};
 
 /// A time at which two points are as close as they come, and when they are within the radius.
@@ -50,8 +51,10 @@ pub(super) trait EncounterVisitor {
 #[derive(Clone, Copy)]
 pub(super) struct Criteria<'a> {
     pub(super) radii: Radii<'a>,
-    /// The greatest radius of a pair of one of the points with any other; that of all pairs if they have the same.
+    /// The radius of all pairs, if they have the same.
     pub(super) radius: f64,
+    /// The greatest radius of one of the points, otherwise.
+    pub(super) own: f32,
     /// Whether each pair is reported to the point with the lower id only.
     pub(super) once: bool,
     /// The group's first time.
@@ -61,6 +64,24 @@ pub(super) struct Criteria<'a> {
 }
 
 impl Criteria<'_> {
+    /// How near boxes have to be to a point with this radius, or to several with such.
+    #[inline(always)]
+    pub(super) fn within(&self, own: f32) -> Within<'_> {
+        match self.radii {
+            Radii::Equal(_) => Within::Squared(squared_up(self.radius)),
+            _ => Within::Radius(&self.radii, own, Margin::of_rounding(0.0)),
+        }
+    }
+
+    /// The greatest radius of a pair of one of the points and another, if the greatest radius of others is this.
+    #[inline(always)]
+    pub(super) fn greatest(&self, other: f32) -> f64 {
+        match self.radii {
+            Radii::Equal(_) => self.radius,
+            _ => self.radii.of_pair(self.own, other).into(),
+        }
+    }
+
     /// The squared distance within which a point meets any other whose radius does not count.
     #[inline(always)]
     fn square(&self, own: u32) -> f64 {

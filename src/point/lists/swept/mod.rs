@@ -31,8 +31,8 @@
 //! |b − a|), m being the larger of |a| and |b|. The range of times of the group is at least u wide, so its points pass (b − a)u in
 //! it, and M' is at least half of that: 64M'u is at least 2^-43 |b − a|. Faces of static boxes are not rounded.
 //!
-//! **Radii of their own.** Culling uses the greatest radius that a point of the group can have with any other, a pair its own: all
-//! of the above holds for any radius that is at least that of the pair.
+//! **Radii of their own.** Boxes and blocks are culled by the greatest radius that a point of the group can have with one in them,
+//! a pair by its own: all of the above holds for any radius that is at least that of the pair.
 //!
 //! **Points in f64** are culled by the same tests in f32, relative to a place in the middle of the group ([`coordinate`]). Then M
 //! and M' count from there, and do not cover what f64 rounds. So radii and hulls are wider by

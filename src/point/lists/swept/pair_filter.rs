@@ -3,11 +3,11 @@
 //! As for lists at a time: the points that can come near any of a block's are gathered one behind the other, and each of
 //! the block's points is compared with these, sixteen at a time.
 
-use super::candidates::{Block, CandidateBlock, RelativePaths, SweptCandidates, squared_up};
+use super::candidates::{Block, CandidateBlock, RelativePaths, SweptCandidates};
 use super::coordinate::SweptCoordinate;
 use super::encounter::{Criteria, EncounterVisitor};
 use crate::point::layout::snapshot::{rows, squared};
-use crate::point::lists::candidates::{Selection, Within, write};
+use crate::point::lists::candidates::{Selection, write};
 use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at, lanes_at_mut};
 
 /// Points that are gathered at most at once.
@@ -64,8 +64,7 @@ impl PairFilter {
         visitor: &mut V,
     ) {
         let PairFilter { selected, rows, hits } = self;
-        let reach = Within::Squared(squared_up(criteria.radius));
-        let all = selected.near(s, &candidates.boxes, (block.lo, block.hi), reach);
+        let all = selected.near(s, &candidates.boxes, (block.lo, block.hi), criteria.within(criteria.own));
         let (shared, rest) = rows.gather::<S, V>(s, &candidates.blocks, all, (block.lo, block.hi));
         let shared = rest.is_empty().then_some(shared);
         for lane in 0..LANES {
@@ -84,7 +83,8 @@ impl PairFilter {
                 let to = [from[0] + displacement[0], from[1] + displacement[1], from[2] + displacement[2]];
                 let lo = [from[0].min(to[0]), from[1].min(to[1]), from[2].min(to[2])];
                 let hi = [from[0].max(to[0]), from[1].max(to[1]), from[2].max(to[2])];
-                let mut rest = selected.near(s, &candidates.boxes, (lo, hi), reach);
+                let within = criteria.within(criteria.radii.of(own.id));
+                let mut rest = selected.near(s, &candidates.boxes, (lo, hi), within);
                 while !rest.is_empty() {
                     let points;
                     (points, rest) = rows.gather::<S, V>(s, &candidates.blocks, rest, (lo, hi));

@@ -42,8 +42,8 @@ impl PointTree {
     /// where the tree consists of several, they have one list together.
     ///
     /// Cost: several times that of lists at a time, even of points that do not move, as each encounter is computed in f64, while
-    /// points move less than their spacing relative to their neighbours. Motion that all have in common adds little. Of radii of
-    /// their own the greatest decides what is looked at, so a few large ones among many small ones cost much.
+    /// points move less than their spacing relative to their neighbours. Motion that all have in common adds little. Of radii
+    /// of their own the greatest of those of a hundred or so neighbouring points decides what is looked at for them.
     ///
     /// ```
     /// use mbkd::{EncounterLists, MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};

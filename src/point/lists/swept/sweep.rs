@@ -10,7 +10,7 @@ use crate::point::layout::over_interval::{BlockTree, greater, lesser};
 use crate::point::lists::error::RadiusOf;
 use crate::point::lists::radii::{Radii, radius_of};
 use crate::point::tree::PointTree;
-use crate::simd::{Kernel, Simd, dispatch};
+use crate::simd::{Kernel, Lanes, Simd, dispatch};
 
 /// A search for all encounters of a set with itself.
 pub(super) struct Sweep<'a, C: SweptCoordinate> {
@@ -23,8 +23,8 @@ pub(super) struct Sweep<'a, C: SweptCoordinate> {
     radii: Radii<'a>,
     /// That of all pairs, if they have the same.
     radius: f64,
-    /// The greatest radius of a point that may be listed, where these count.
-    greatest_of_others: f32,
+    /// For each slice and node the greatest radius behind each lane, where those of listed points count.
+    reaches: Vec<Vec<Lanes<f32>>>,
     /// Whether each pair is in the list of the lower id only.
     pairs_once: bool,
     /// The largest number of segments between keys, and the most by which displacements between two keys differ along an axis; that
@@ -69,6 +69,8 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         let times = times.map(f64::from);
         let segments = slices.iter().filter_map(Slice::segment).map(|(keys, _)| keys.max(2) - 1).max().unwrap_or(1);
         let motion = relative_motion(&slices);
+        let reach = |radii: &[f32]| parallel::map(slices.len(), |i| slices[i].reach(radii));
+        let reaches = radii.others().map_or_else(Vec::new, reach);
         let radius = match radii {
             Radii::Equal(radius) => radius,
             _ => 0.0,
@@ -84,7 +86,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
             times,
             radii,
             radius: radius.into(),
-            greatest_of_others: greatest(radii.others().unwrap_or_default()),
+            reaches,
             pairs_once: false,
             excluded_within: None,
             once,
@@ -139,21 +141,19 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         Sweep { pairs_once, ..self }
     }
 
-    /// The greatest radius of a pair of a point of the group and any other.
+    /// The greatest radius of a point of the group, unless all have the same.
     #[inline(always)]
-    fn radius(&self, group: &Group<C>) -> f64 {
+    fn own_radius(&self, group: &Group<C>) -> f32 {
+        let (Radii::Own(radii) | Radii::Larger { own: radii, .. } | Radii::Sum { own: radii, .. }) = self.radii else {
+            return 0.0;
+        };
         let mut own = 0.0;
-        match self.radii {
-            Radii::Equal(_) => return self.radius,
-            Radii::Own(radii) | Radii::Larger { own: radii, .. } | Radii::Sum { own: radii, .. } => {
-                for block in &group.blocks {
-                    for id in block.points.id {
-                        own = f32::max(own, radius_of(radii, id));
-                    }
-                }
+        for block in &group.blocks {
+            for id in block.points.id {
+                own = f32::max(own, radius_of(radii, id));
             }
         }
-        self.radii.of_pair(own, self.greatest_of_others).into()
+        own
     }
 
     /// Shows all points and their encounters to visitors, one for each share of the points, whose order is always the
@@ -197,10 +197,6 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
 /// The largest magnitude of a coordinate. (Looked for only where it counts: it takes a look at every point.)
 fn magnitude<C: SweptCoordinate>(slices: &[Slice<'_, C>]) -> f64 {
     slices.iter().map(Slice::magnitude).fold(0.0, f64::max)
-}
-
-fn greatest(radii: &[f32]) -> f32 {
-    radii.iter().copied().fold(0.0, f32::max)
 }
 
 /// The most by which displacements differ along an axis.
@@ -264,7 +260,7 @@ struct AddCandidates<'a, T: BlockTree> {
     candidates: &'a mut SweptCandidates<T::Coordinate>,
     tree: &'a T,
     group: &'a Group<T::Coordinate>,
-    window: Window,
+    window: (Window, &'a [Lanes<f32>]),
     criteria: (&'a Criteria<'a>, Option<f64>),
 }
 
@@ -294,15 +290,17 @@ impl<V: EncounterVisitor, C: SweptCoordinate> Kernel for Share<'_, V, C> {
             let excluded_within = sweep.excluded_within.filter(|_| f64::from(first_time) == sweep.times[0]);
             let criteria = Criteria {
                 radii: sweep.radii,
-                radius: sweep.radius(group),
+                radius: sweep.radius,
+                own: sweep.own_radius(group),
                 once: sweep.pairs_once,
                 first_time,
                 has_active_intervals: sweep.has_active_intervals,
             };
             candidates.clear();
             for &other in &pairing.others {
+                let reach = sweep.reaches.get(other).map_or(&[][..], Vec::as_slice);
                 let other = &sweep.slices[other];
-                let (window, criteria) = (sweep.window(slice, other), (&criteria, excluded_within));
+                let (window, criteria) = ((sweep.window(slice, other), reach), (&criteria, excluded_within));
                 match other.tree {
                     Tree::Static(tree) => s.call(AddCandidates { candidates, tree, group, window, criteria }),
                     Tree::Moving(tree) => s.call(AddCandidates { candidates, tree, group, window, criteria }),

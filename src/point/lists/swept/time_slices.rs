@@ -20,7 +20,8 @@
 use super::coordinate::{SweptCoordinate, SweptLayer};
 use crate::point::layout::over_interval::{BlockTree, BoxTree};
 use crate::point::leaf_order::moving_reference;
-use crate::simd::LANES;
+use crate::point::lists::radii::radius_of;
+use crate::simd::{LANES, Lanes};
 use core::ops::Range;
 
 /// The tree of a time slice, or one for all times.
@@ -77,6 +78,14 @@ impl<C: SweptCoordinate> Slice<'_, C> {
         }
     }
 
+    /// The greatest radius behind each lane of each node.
+    pub(super) fn reach(&self, radii: &[f32]) -> Vec<Lanes<f32>> {
+        match self.tree {
+            Tree::Static(tree) => reach(tree, radii),
+            Tree::Moving(tree) => reach(tree, radii),
+        }
+    }
+
     /// The least and the greatest displacement of a point between the keys; of no account for f32.
     pub(super) fn displacements(&self) -> [[f64; 3]; 2] {
         match self.tree {
@@ -113,6 +122,39 @@ impl<C: SweptCoordinate> Slice<'_, C> {
             Tree::Moving(tree) => bottom_nodes(tree),
         }
     }
+}
+
+fn reach<T: BlockTree>(tree: &T, radii: &[f32]) -> Vec<Lanes<f32>> {
+    let mut nodes = Vec::new();
+    greatest_below(tree, tree.root_node(), radii, &mut nodes);
+    nodes
+}
+
+/// The greatest radius below a node, of which that of each lane is written. As deep as the tree, at most nine levels.
+fn greatest_below<T: BlockTree>(
+    tree: &T,
+    (level, node): (usize, usize),
+    radii: &[f32],
+    nodes: &mut Vec<Lanes<f32>>,
+) -> f32 {
+    let (first, stride) = tree.children(level, node);
+    let begins = tree.times(node)[0];
+    if nodes.len() <= node {
+        nodes.resize(node + 1, [0.0; LANES]);
+    }
+    let mut most = 0.0f32;
+    for lane in (0..LANES).filter(|&lane| begins[lane] < f32::INFINITY) {
+        let below = if level > 0 {
+            greatest_below(tree, (level - 1, first + lane), radii, nodes)
+        } else {
+            let blocks = first + lane * stride..first + (lane + 1) * stride;
+            let ids = blocks.flat_map(|block| tree.rows(block).id);
+            ids.map(|id| radius_of(radii, id)).fold(0.0, f32::max)
+        };
+        nodes[node][lane] = below;
+        most = most.max(below);
+    }
+    most
 }
 
 fn bottom_nodes<T: BoxTree>(tree: &T) -> Vec<usize> {
