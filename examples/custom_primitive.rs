@@ -42,6 +42,10 @@ impl Primitive for Disc {
         hit.then(|| Intersection { t, u: (from_centre.length() / self.radius) as f32, v: 0.0 })
     }
 
+    fn surface_normal(&self, _ray: &Ray, _hit: Intersection) -> Option<DVec3> {
+        Some(self.normal)
+    }
+
     fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
         let centre = self.centre(time);
         let flat = (point - centre) - self.normal * (point - centre).dot(self.normal);
@@ -69,7 +73,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for time in [0.0, 0.25, 0.5, 0.75, 1.0] {
         let what = |shape: u32| if shape == 5000 { "the ball".to_string() } else { format!("disc {shape}") };
         match tree.closest_hit(&ray.at_time(time)) {
-            Some(hit) => println!("time {time}: the ray hits {} after {:.4}", what(hit.primitive), hit.t),
+            Some(hit) => {
+                let normal = tree.surface_normal(&ray.at_time(time), &hit);
+                println!("time {time}: the ray hits {} after {:.4}, normal {normal:.3}", what(hit.primitive), hit.t);
+            }
             None => println!("time {time}: the ray hits nothing"),
         }
         let query = ClosestPointQuery::new(DVec3::new(0.0, 0.0, 40.0), time);

@@ -65,7 +65,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         };
         let shadow_rays: Vec<Ray> = seen.iter().map(to_lamp).collect();
         let mut shadows = Vec::new();
-        tree.any_hits(&shadow_rays, &mut shadows);
+        tree.any_hits_masked(&shadow_rays, SHADOW, &mut shadows);
         let of_mesh = |mesh: u32| seen.iter().filter(|(_, hit)| hit.mesh == mesh).count();
         println!(
             "frame {frame}: of {} rays {} see the floor, {} the wheel; {} of these points are in shadow",

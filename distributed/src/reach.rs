@@ -25,8 +25,8 @@ pub const SHORTEST_PERIOD: f32 = 1e-12;
 pub struct Reach {
     /// The largest radius that lists of the step will be asked for; at most half of any period.
     pub radius: f32,
-    /// Lengths of periodic axes. Positions should lie within a period of zero or little beyond; more than
-    /// [`MOST_PERIODS`] from zero is an error.
+    /// Lengths of periodic axes, each from [`SHORTEST_PERIOD`] to [`LONGEST_PERIOD`]. Positions should lie within a period of zero
+    /// or little beyond; more than [`MOST_PERIODS`] from zero is an error.
     pub periods: [Option<f32>; 3],
 }
 

@@ -12,7 +12,7 @@ const SCENES: [&str; 3] = ["hall", "tornado", "hairball"];
 fn policies() -> [(&'static str, BuildParams); 4] {
     [
         ("wide", BuildParams::default()),
-        ("mbkd", BuildParams::kd(KdParams::default())),
+        ("kd", BuildParams::kd(KdParams::default())),
         ("paper", BuildParams::paper()),
         ("classic", BuildParams::kd(KdParams::classic())),
     ]

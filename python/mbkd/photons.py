@@ -21,9 +21,9 @@ class Gathered:
     Attributes
     ----------
     density : float32 (n,) or (n, 3)
-        Flux per area and time (the shutter has length 1), in as many channels as the photons have.
+        Flux per area (per volume with `volume`) and time (the shutter has length 1), in as many channels as the photons have.
     radius : float32 (n,)
-        The radius of the disc of each estimate.
+        The radius of the disc or ball of each estimate.
     count : int64 (n,)
         The number of photons in each estimate.
     """

@@ -37,7 +37,7 @@ BUILDS = {
     "triangles": surface,
     "points": crowd,
     "time slices": flight("time_slices:32"),
-    "mbkd": flight("mbkd"),
+    "k-d tree": flight("kd"),
     "time slices in f64": flight("time_slices:32", np.float64),
 }
 

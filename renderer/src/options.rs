@@ -122,7 +122,7 @@ pub struct Options {
     #[arg(long, num_args = 0..=1, default_missing_value = "4", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65536), conflicts_with_all = ["heatmap", "compare", "frame", "samples", "tile"], help_heading = "Farms")]
     pub list_commands: Option<u32>,
 
-    /// Kind of tree: wide (default), mbkd (the paper's) or classic-kd
+    /// Kind of tree: wide (default), paper-kd (the paper's) or classic-kd
     #[arg(long, value_parser = policy, help_heading = "Engine")]
     pub policy: Option<Policy>,
     /// Number of threads [default: all]
@@ -164,7 +164,7 @@ Examples:
   motion_blur --scene tornado --spp 64 -o tornado.png
   motion_blur --mesh run_20.obj run_21.obj --up x
   motion_blur --mesh robot.glb --clip Robot_Running --time 0.4 --shutter 0.05
-  motion_blur --scene hall --heatmap steps --compare mbkd,classic-kd
+  motion_blur --scene hall --heatmap steps --compare paper-kd,classic-kd
   motion_blur --mesh renderer/models/biplane.glb --no-floor --sky air --frames 18 -o biplane.png
   motion_blur --scene hairball --spp 256 --list-commands 8 -o hair.png
   motion_blur --spp 256 --samples 0..64 --tile 0,0,480,540 -o part.exr
@@ -229,7 +229,7 @@ impl CameraKeys {
 pub fn policies() -> [(&'static str, Policy); 3] {
     [
         ("wide", Policy::default()),
-        ("mbkd", Policy::Kd(KdParams::paper())),
+        ("paper-kd", Policy::Kd(KdParams::paper())),
         ("classic-kd", Policy::Kd(KdParams::classic())),
     ]
 }
@@ -344,7 +344,7 @@ mod tests {
         assert_eq!(keys.0[1], (Vec3::new(1.0, 2.0, 3.0), Vec3::Y));
         for (line, word) in [
             ("x --scene teapot", "tornado"),
-            ("x --policy magic", "mbkd"),
+            ("x --policy magic", "paper-kd"),
             ("x --spp 0", "--spp"),
             ("x --camera-keys 1,2:3", "x,y,z"),
             ("x --sun 1,2,nan", "x,y,z"),
@@ -360,8 +360,8 @@ mod tests {
             ("x --frames 3 --heatmap steps", "--heatmap"),
             ("x --scene hall --mesh a.obj", "--mesh"),
             ("x --heatmap steps --exposure 2", "--exposure"),
-            ("x --compare mbkd,wide --bounces 2", "--bounces"),
-            ("x --compare mbkd,wide --policy wide", "--policy"),
+            ("x --compare paper-kd,wide --bounces 2", "--bounces"),
+            ("x --compare paper-kd,wide --policy wide", "--policy"),
             ("x --mesh a.obj --camera-keys 1,2,3:0,0,0 --azimuth 3", "--azimuth"),
             ("x --frame 3", "--frames"),
             ("x --samples 4..4", "A..B"),

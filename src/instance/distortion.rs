@@ -22,17 +22,17 @@ pub(super) struct Distortion {
     pub rows: DVec3,
 }
 
-/// How far a point that is mapped into an instance's space is off in the world, relative to its coordinates there, if the
-/// determinant with columns scaled to length 1 is 1; with a lesser one it is as many times more.
+/// How far a point that is mapped into an instance's space is off in the world, relative to the sum of its coordinates there and of
+/// its distance from the ray's origin, times the reciprocal of the determinant with columns scaled to length 1.
 ///
 /// Queries solve `M x = v` by Cramer's rule, or by an inverse that is computed so, in f64 (u = 2^-53). With columns of length 1,
 /// which changes no rounding, the absolute values of products of two columns are at most 1, so that entries of the adjugate are off
-/// by 2u, the determinant by 9u, and an entry of the adjugate's product with `v` by 7u times the sum of `|v|`, also if the inverse
-/// is rounded first. The origin and the direction of a ray are divided by the same determinant, so its error stretches `x` where
-/// the ray hits something. So an entry of that `x` is off by 2 (7u |v|₁ + 9u |x|), divided by the determinant, and `M x` by at most
-/// three times as much in each coordinate. `|v|₁` is at most three times the greatest coordinate of `|T| + |M| |x|` and the
-/// distance from the ray's origin, `|x|` three times the former: together 288u of these, and 512u is assumed. (What rounds the
-/// quotients is covered by [`Distortion::skeel`].)
+/// by 2u, the determinant by 9u, and an entry of the adjugate's product with `v` by 7u times the sum of `|v|`, with the rounding of
+/// `v` and also if the inverse is rounded first. The origin and the direction of a ray are divided by the same determinant, so its
+/// error stretches `x` where the ray hits something. So an entry of that `x` is off by 2 (7u |v|₁ + 9u |x|), divided by the
+/// determinant, and `M x` by at most three times as much in each coordinate. `|v|₁` is at most three times the greatest coordinate
+/// of `|T| + |M| |x|` and the distance from the ray's origin, `|x|` three times the former: together 288u of these, and 512u is
+/// assumed. (What rounds the quotients is covered by [`Distortion::skeel`].)
 pub(super) const MAPPED: f64 = 1.0 / (1u64 << 44) as f64;
 
 impl Distortion {

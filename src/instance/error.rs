@@ -119,7 +119,8 @@ impl fmt::Display for InstanceError {
             InstanceError::TooDeep { instance } => {
                 write!(
                     f,
-                    "instance {instance}: instances are nested more than {MAX_NESTING} levels deep; place those of the innermost ones directly"
+                    "instance {instance}: instances are nested more than {MAX_NESTING} levels deep; flatten a level: place the trees of \
+                     an inner `InstanceTree` in the outer one, with the products of both transforms"
                 )
             }
             InstanceError::TooManyKeys { instance } => write!(

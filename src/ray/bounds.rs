@@ -5,8 +5,8 @@ use super::ray_tree::{Geometry, RayTree};
 use crate::geometry::{Aabb, LinearBounds};
 
 impl<G: Geometry> RayTree<G> {
-    /// A box around all primitives over the shutter, slightly enlarged for rounding; `None` if there are none. Motion of
-    /// meshes outside of their active intervals counts as well, that of shapes does not. Takes constant time.
+    /// A box around all primitives over the shutter, slightly enlarged for rounding; `None` if there are none. Motion
+    /// of meshes outside of their active intervals may count as well; that of shapes does not. Takes constant time.
     ///
     /// ```
     /// use mbkd::{BuildParams, RayTree, TriangleMesh, glam::{DVec3, Vec3}};

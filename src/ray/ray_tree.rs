@@ -44,7 +44,7 @@ impl<S: Compiled> Geometry for S {}
 /// let ray = Ray::new(Vec3::new(0.0, 0.0, 5.0), Vec3::NEG_Z).at_time(0.5);
 /// let hit = tree.closest_hit(&ray).unwrap();
 /// assert_eq!((hit.mesh, hit.primitive, hit.t), (0, 0, 4.5));
-/// assert_eq!(tree.normal(&hit, ray.time), Vec3::Z);
+/// assert_eq!(tree.surface_normal(&ray, &hit), Vec3::Z);
 /// # Ok::<(), mbkd::BuildError>(())
 /// ```
 pub struct RayTree<G = Scene> {

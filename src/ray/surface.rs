@@ -104,8 +104,9 @@ impl RayTree {
     }
 
     /// Where the point of the surface that `ray` hit is at another time in [0, 1]: for motion vectors. A point of a triangle keeps
-    /// its weights, a point of a sphere its direction from the centre. `None` on a custom shape, and for a hit of another tree.
-    /// Outside the active interval of a mesh the motion is that of [`RayTree::triangle`].
+    /// its weights, a point of a sphere its direction from the centre. `None` on a custom shape that is no sphere
+    /// ([`Primitive::as_sphere`]), and for a hit of another tree. Outside the active interval of a mesh the motion is that of
+    /// [`RayTree::triangle`].
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::{DVec3, Vec3}};

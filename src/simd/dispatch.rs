@@ -58,7 +58,7 @@ impl SimdLevel {
         let mut levels = vec![SimdLevel::BASELINE];
         #[cfg(target_arch = "x86_64")]
         {
-            if avx2::detected() && !avx2::EVERYWHERE && !avx512::EVERYWHERE {
+            if avx2::detected() && !avx2::EVERYWHERE {
                 levels.push(SimdLevel(Isa::Avx2));
             }
             if avx512::detected() && !avx512::EVERYWHERE {
@@ -112,7 +112,8 @@ impl core::fmt::Display for SimdLevel {
 /// and code compiled for it is larger than for any other level.
 #[inline(always)]
 pub(crate) fn dispatch_or<K: Kernel>(level: SimdLevel, kernel: K, otherwise: impl FnOnce(K) -> K::Output) -> K::Output {
-    if cfg!(target_arch = "x86_64") && level.0 == Isa::Baseline { otherwise(kernel) } else { dispatch(level, kernel) }
+    let only_sse2 = cfg!(target_arch = "x86_64") && BASELINE == Isa::Baseline && level.0 == Isa::Baseline;
+    if only_sse2 { otherwise(kernel) } else { dispatch(level, kernel) }
 }
 
 /// Runs a kernel compiled for `level`. What is narrower than [`SimdLevel::BASELINE`] is never reached, and so not compiled.

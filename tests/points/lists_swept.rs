@@ -149,6 +149,21 @@ fn swept_lists_with_radii_of_their_own_equal_comparing_all_pairs() {
     assert!(met > 100_000, "{met}");
 }
 
+/// Whatever the structure, points need no radius if they cease to exist where the interval begins.
+#[test]
+fn points_that_do_not_exist_in_the_interval_need_no_radius() {
+    let [first, second] = [(0.0, 0.5), (0.5, 1.0)].map(|(begin, end)| TimeInterval::new(begin, end).unwrap());
+    let point = |i: u32| MovingPoint::new(Vec3::X * i as f32, Vec3::Y * i as f32);
+    let points: Vec<_> = (0..40).map(|i| point(i).with_active(if i < 30 { second } else { first })).collect();
+    let radii = [0.5; 30];
+    for structure in STRUCTURES {
+        let tree = PointTree::build(&points, &PointParams { structure, ..PointParams::default() }).unwrap();
+        let lists = |interval| tree.neighbor_lists_swept(interval, Radii::Own(&radii)).collect().map(|_| ());
+        assert_eq!(lists(second), Ok(()), "{structure:?}");
+        assert_eq!(lists(first), Err(ListError::MissingRadius { of: RadiusOf::Point(30) }), "{structure:?}");
+    }
+}
+
 /// More points near a leaf than are gathered at once; some rows are compared with all pairs, and the lists are computed
 /// again in memory that held others.
 #[test]

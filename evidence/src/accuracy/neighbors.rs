@@ -18,7 +18,7 @@ pub fn structures(wide: bool) -> Vec<(&'static str, PointStructure)> {
         ("automatic", PointStructure::Automatic),
         ("linear", PointStructure::Linear),
         ("time slices", PointStructure::TimeSlices(3)),
-        ("mbkd", PointStructure::Kd),
+        ("k-d", PointStructure::Kd),
     ];
     all.retain(|(_, s)| !(wide && matches!(s, PointStructure::Kd)));
     all

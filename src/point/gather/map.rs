@@ -22,7 +22,8 @@ pub struct Gathered<F> {
     /// weights, fluxes times weights or their sums exceed f32. (A weight is about 1 / (area · time): for a photon that exists for
     /// 1e-38 of the shutter, more than f32 holds unless the disc is larger than 1.)
     pub density: F,
-    /// Radius of the disc over which it was estimated: the query's, or the distance of the photon after the k nearest.
+    /// Radius of the disc, or of the ball, over which it was estimated: the query's, or the distance of the photon after the k
+    /// nearest.
     pub radius: f32,
     /// Half width of the window: the query's, or without one the widest that the map allows.
     pub window: f32,
@@ -137,8 +138,8 @@ impl<F: Flux> PhotonMap<F> {
     /// The density of light at a position and time.
     ///
     /// # Errors
-    /// A number of the query that is out of range, a window wider than the map was built for, a disc without area: see
-    /// [`GatherError`]. It is no error if a query finds no photons.
+    /// A number of the query that is out of range, a window wider than the map was built for, a disc without area or ball without
+    /// volume: see [`GatherError`]. It is no error if a query finds no photons.
     pub fn gather(&self, query: &GatherQuery, buffer: &mut NeighborBuffer) -> Result<Gathered<F>, GatherError> {
         let mut density = F::default();
         let gathered = self.weigh(query, buffer, |slot, weight| {

@@ -94,7 +94,7 @@ impl<'f> GatherQuery<'f> {
 
     /// Estimates the density in a volume, as in smoke: flux per volume and time, over the ball of the radius instead of its disc.
     /// The normal then matters to [`GatherQuery::cosine`] and [`GatherQuery::thickness`] only. Weights are f32: those in balls with
-    /// a radius of more than some 1e12 are denormal, of more than some 1e14 zero.
+    /// a radius of more than some 1e12 are denormal, of more than some 1e15 zero.
     ///
     /// After H. W. Jensen and P. H. Christensen, "Efficient Simulation of Light Transport in Scenes with Participating Media Using
     /// Photon Maps" (1998), section 3.

@@ -101,12 +101,17 @@ pub struct VisiblePoints {
     simd: SimdLevel,
 }
 
-/// The greatest number of photons that one thread processes at a time, and that with which it begins.
+/// The greatest number of photons that one thread processes at a time.
 const CHUNK: usize = 4096;
-const FIRST_CHUNK: usize = 16;
 
 /// About how many hits are kept at once.
 const MOST_HITS: usize = 1 << 22;
+
+/// How many photons a thread processes at a time after so many at a time had some hits together: as many as would have the limited
+/// number of hits, if the next have as many each.
+fn next_chunk(chunk: usize, hits: usize) -> usize {
+    (chunk.saturating_mul(MOST_HITS) / hits.max(1)).clamp(1, 8 * chunk).min(CHUNK)
+}
 
 /// A photon that found a point.
 #[derive(Clone, Copy)]
@@ -221,7 +226,8 @@ impl VisiblePoints {
     ///
     /// Each point gets its photons in an order that depends on the photons alone, so sums have the same bits for any number of
     /// threads and instruction set. On several threads about four million pairs of a point and a photon are in memory at once, 12
-    /// bytes each, where photons have about as many points as those that came before them.
+    /// bytes each, where photons have about as many points as those that came before them, and those of four photons for each
+    /// thread at least.
     ///
     /// # Errors
     /// [`GatherError::At`] with the index of a photon whose position or time is wrong; [`GatherError::Length`] for another number
@@ -263,15 +269,13 @@ impl VisiblePoints {
             return Ok(());
         }
         let share = states.len().div_ceil(threads).max(1);
-        let (mut rest, mut chunk) = (&order[..], FIRST_CHUNK);
+        let (mut rest, mut chunk) = (&order[..], 1);
         while !rest.is_empty() {
             let wave;
             (wave, rest) = rest.split_at(rest.len().min(4 * threads * chunk));
             let chunks: Vec<&[usize]> = wave.chunks(chunk).collect();
             let lists = parallel::map(chunks.len(), |i| self.hits(photons, &at, window, chunks[i]));
-            // As many as would have the limited number of hits, if the next have as many each.
-            let hits = lists.iter().map(Vec::len).sum::<usize>().max(1);
-            chunk = (chunk.saturating_mul(MOST_HITS) / hits).clamp(1, 8 * chunk).min(CHUNK);
+            chunk = next_chunk(chunk, lists.iter().map(Vec::len).sum());
             let mut shares: Vec<(usize, &mut [A])> = states.chunks_mut(share).enumerate().collect();
             parallel::each(&mut shares, |(number, states)| {
                 let begin = (*number * share) as u32;
@@ -378,5 +382,19 @@ impl Measure<VisibleBlock> for Contribution {
     #[inline(always)]
     fn sizes<S: Simd>(&self, _: S, _: &Target<S>, _: &SpanNode, in_space: S::F) -> S::F {
         in_space
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn chunks_follow_the_hits_of_those_before() {
+        assert_eq!(next_chunk(1, 0), 8, "they grow by eight at most");
+        assert_eq!(next_chunk(512, 10), CHUNK);
+        assert_eq!(next_chunk(CHUNK, MOST_HITS), CHUNK);
+        assert_eq!(next_chunk(100, 10 * MOST_HITS), 10);
+        assert_eq!(next_chunk(3, 1000 * MOST_HITS), 1);
     }
 }

@@ -89,11 +89,12 @@ pub(in crate::point) trait BlockTree: BoxTree + Sync {
         let parts = parallel::chunks(self.block_count(), |blocks| blocks.map(of_block).fold(0.0, greater));
         parts.into_iter().fold(0.0, greater)
     }
-    /// The lowest id, not below a number, of the points that exist at some time between two, both ends included.
+    /// The lowest id, not below a number, of the points that exist at some time between two, both ends included. (A point does not
+    /// exist at its end bound.)
     fn lowest_id_from(&self, least: usize, [first, last]: [f32; 2]) -> Option<u32> {
         let of_block = |block: usize| {
             let rows = self.rows(block);
-            let exists = |&lane: &usize| rows.begin[lane] <= last && first <= rows.end[lane];
+            let exists = |&lane: &usize| rows.begin[lane] <= last && first < rows.end[lane];
             let ids = (0..LANES).filter(exists).map(|lane| rows.id[lane]);
             ids.filter(|&id| id != u32::MAX && id as usize >= least).min()
         };

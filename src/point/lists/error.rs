@@ -43,7 +43,7 @@ pub enum ListError {
     },
     /// The skin is negative or NaN.
     Skin,
-    /// There are fewer radii than ids of the points that exist at the time, or than queries.
+    /// There are fewer radii than ids of the points that exist at the time or during the interval, or than queries.
     MissingRadius {
         /// The first that has none.
         of: RadiusOf,
@@ -79,8 +79,8 @@ pub enum ListError {
     Origins,
     /// One of the two trees keeps its positions in f64 and the other in f32.
     Double,
-    /// Lists were requested in the order of ids, but among the points that exist at the time, one has an id that is not
-    /// less than the number of all points, or two have the same id.
+    /// Lists were requested in the order of ids, but among the points that exist at the time or during the interval, one has an id
+    /// that is not less than the number of all points, or two have the same id.
     Ids {
         /// Such an id.
         id: u32,

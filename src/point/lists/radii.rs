@@ -6,7 +6,8 @@ use crate::simd::Simd;
 /// How far neighbours may be.
 ///
 /// The squared distance is compared with the squared radius, both computed in f32 (distances of points kept in f64 are rounded to
-/// it). Radii of listed points are by id, those of queries ([`PointTree::within_lists`](crate::PointTree::within_lists)) by index.
+/// it). Lists over an interval compare both in f64, with sums of radii that are rounded to f32 likewise. Radii of listed points are
+/// by id, those of queries ([`PointTree::within_lists`](crate::PointTree::within_lists)) by index.
 ///
 /// ```
 /// use mbkd::{NeighborLists, PointParams, PointTree, Radii};

@@ -56,7 +56,7 @@ pub(super) struct Criteria<'a> {
     /// The greatest radius of one of the points, otherwise.
     pub(super) own: f32,
     /// Whether each pair is reported to the point with the lower id only.
-    pub(super) once: bool,
+    pub(super) pairs_once: bool,
     /// The group's first time.
     pub(super) first_time: f32,
     /// Whether some points do not exist throughout the shutter.
@@ -148,9 +148,9 @@ impl Window {
     /// Shows a visitor the encounters of a point with the `count` others whose numbers are in `hits`, which holds at least
     /// three more numbers.
     ///
-    /// Relative to the point, another moves along `first + w·displacement`, w in [0, 1]: its squared distance is a
-    /// parabola. Every step is symmetric, so both points see the same. Times are where the parabola is at its lowest and
-    /// where it crosses the squared radius.
+    /// Relative to the point, another moves along `first + w·displacement`, w in [0, 1]: its squared distance is a parabola. Every
+    /// step is symmetric, so both points see the same if they have the same radius for each other. Times are where the parabola is
+    /// at its lowest and where it crosses the squared radius.
     #[inline(always)]
     pub(super) fn encounters<S: Simd, V: EncounterVisitor, C: SweptCoordinate>(
         &self,
@@ -165,7 +165,7 @@ impl Window {
         let mut overlap = Overlap::of(s, self, own, [[active.begin(); WIDTH], [active.end_bound(); WIDTH]]);
         let (others_radii, square) = (criteria.radii.others(), s.splat_d(criteria.square(own.id)));
         // The point itself, or all with ids up to its own.
-        let (first, span) = if criteria.once { (0, own.id) } else { (own.id, 0) };
+        let (first, span) = if criteria.pairs_once { (0, own.id) } else { (own.id, 0) };
         for at in (0..count).step_by(WIDTH) {
             let four = others.four([hits[at], hits[at + 1], hits[at + 2], hits[at + 3]]);
             if criteria.has_active_intervals {

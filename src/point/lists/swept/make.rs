@@ -61,7 +61,7 @@ impl EncounterVisitor for Maker {
 /// Makes the lists of a sweep; returns the lowest id of a point that has more than `most` neighbours, whose list is then
 /// incomplete.
 pub(super) fn lists<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Sweep<'_, C>, most: usize) -> Option<u32> {
-    if !sweep.once {
+    if !sweep.points_once {
         return merged(lists, sweep, most);
     }
     if parallel::threads() > 1 {

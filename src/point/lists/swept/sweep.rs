@@ -36,7 +36,7 @@ pub(super) struct Sweep<'a, C: SweptCoordinate> {
     /// Pairs that are nearer than this at the first time are excluded.
     excluded_within: Option<f64>,
     /// Whether each point comes up once.
-    pub(super) once: bool,
+    pub(super) points_once: bool,
     /// Whether some points do not exist throughout the shutter.
     has_active_intervals: bool,
 }
@@ -62,7 +62,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         };
         let groups = pairings.iter().enumerate().flat_map(nodes).collect();
         // Several references with the same id and disjoint active intervals are the same point.
-        let once = pairings.len() == slices.len()
+        let points_once = pairings.len() == slices.len()
             && layers.iter().all(|layer| layer.len() <= 1)
             && !slices.iter().any(Slice::timed);
         let has_active_intervals = slices.iter().any(Slice::has_active_intervals);
@@ -89,7 +89,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
             reaches,
             pairs_once: false,
             excluded_within: None,
-            once,
+            points_once,
             has_active_intervals,
         }
     }
@@ -292,7 +292,7 @@ impl<V: EncounterVisitor, C: SweptCoordinate> Kernel for Share<'_, V, C> {
                 radii: sweep.radii,
                 radius: sweep.radius,
                 own: sweep.own_radius(group),
-                once: sweep.pairs_once,
+                pairs_once: sweep.pairs_once,
                 first_time,
                 has_active_intervals: sweep.has_active_intervals,
             };

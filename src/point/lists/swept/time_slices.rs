@@ -3,7 +3,7 @@
 //! Where the shutter is divided, each time slice has a tree of its own. Points that are near each other for long are so
 //! in several slices. Two trees are compared during the times that both cover. An encounter is reported where it begins:
 //! in the slice of the one point and the slice of the other that contain this time. The begin is computed from the two
-//! points alone. So it is the same wherever the pair comes up, and exactly one comparison reports it.
+//! points and their radius alone. So it is the same wherever the pair comes up, and exactly one comparison reports it.
 //!
 //! **Why none is lost.** Let an encounter begin at the computed time x, which is in the active intervals of both points.
 //! Each point has a reference in the slice of its layer that contains x, so these slices are compared at x.
