@@ -5,7 +5,7 @@ use super::encounter::{CandidatePoints, Criteria, Window};
 use crate::point::layout::over_interval::{BlockTree, BoxTree, PathRows, greater, lesser};
 use crate::point::layout::snapshot::rows;
 use crate::point::lists::candidates::{BoxRows, BoxVector};
-use crate::point::lists::radii::squared_up;
+use crate::point::lists::radii::{Radii, squared_up};
 use crate::simd::{LANES, Lanes, Mask, Simd};
 
 /// 2^-24.
@@ -202,10 +202,25 @@ fn active_lanes<T: BoxTree>(tree: &T, node: usize, [first, last]: [f32; 2]) -> M
 /// A block whose points may come near those of a group.
 pub(super) struct CandidateBlock {
     pub(super) paths: RelativePaths,
-    /// Squared distance up to which the test in f32 leaves a pair to that in f64.
-    pub(super) bound: f32,
+    /// Squared distance up to which the test in f32 leaves a pair to that in f64, with the greatest radius of the group.
+    bound: f32,
+    /// The greatest radius of its points, where these count, and what is added to radii.
+    reach: f32,
+    slack: f64,
     /// Squared distance at the first time up to which a pair is excluded; negative for none.
     pub(super) excluded_within: Lanes<f32>,
+}
+
+impl CandidateBlock {
+    /// The squared distance up to which the test in f32 leaves a pair to that in f64, if the point of the group has at most this
+    /// radius.
+    #[inline(always)]
+    pub(super) fn bound(&self, criteria: &Criteria<'_>, own: f32) -> f32 {
+        match criteria.radii {
+            Radii::Equal(_) => self.bound,
+            radii => squared_up(f64::from(radii.of_pair(own, self.reach)) + self.slack),
+        }
+    }
 }
 
 /// All blocks whose points may come near those of a group.
@@ -265,7 +280,7 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
                     let points = tree.rows(first + lane * stride + part);
                     let paths = RelativePaths::new(&points, phases, &group.frame);
                     let slack = SLACK * magnitude[lane] + group.slack;
-                    let bound = squared_up(criteria.greatest(reach[lane]) + slack + UNDERFLOW);
+                    let bound = squared_up(criteria.radius + slack + UNDERFLOW);
                     // The radius has been lowered by more than f32 adds here, rounding of its square included:
                     // see `Sweep::for_certificate`.
                     let moved = 6.0 * (magnitude[lane] + group.magnitude) * early;
@@ -275,7 +290,8 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
                         |i: usize| points.begin[i] <= criteria.first_time && criteria.first_time < points.end[i];
                     let excluded_within = core::array::from_fn(|i| if exists(i) { excluded_within } else { -1.0 });
                     self.others.push(&points, criteria.has_active_intervals);
-                    self.blocks.push(CandidateBlock { paths, bound, excluded_within });
+                    let (reach, wider) = (reach[lane], slack + UNDERFLOW);
+                    self.blocks.push(CandidateBlock { paths, bound, reach, slack: wider, excluded_within });
                 }
                 self.boxes.push(s, &BoxVector { candidate: s.load_u(&number), ..boxes }, near);
             }

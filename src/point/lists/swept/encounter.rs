@@ -5,7 +5,7 @@ use crate::geometry::TimeInterval;
 use crate::point::layout::over_interval::{PathRows, PointPath, greater, lesser};
 use crate::point::lists::candidates::Within;
 use crate::point::lists::radii::{Margin, Radii, radius_of, squared_up};
-use crate::simd::{LANES, Mask, Simd};
+use crate::simd::{LANES, Lanes, Mask, Simd};
 
 /// A time at which two points are as close as they come, and when they are within the radius.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,13 +73,15 @@ impl Criteria<'_> {
         }
     }
 
-    /// The greatest radius of a pair of one of the points and another, if the greatest radius of others is this.
+    /// The greatest radius of points with these ids, unless all have the same.
     #[inline(always)]
-    pub(super) fn greatest(&self, other: f32) -> f64 {
-        match self.radii {
-            Radii::Equal(_) => self.radius,
-            _ => self.radii.of_pair(self.own, other).into(),
+    pub(super) fn greatest(&self, ids: &Lanes<u32>) -> f32 {
+        let (Radii::Own(own) | Radii::Larger { own, .. } | Radii::Sum { own, .. }) = self.radii else { return 0.0 };
+        let mut most = 0.0;
+        for &id in ids {
+            most = f32::max(most, radius_of(own, id));
         }
+        most
     }
 
     /// The squared distance within which a point meets any other whose radius does not count.

@@ -64,8 +64,10 @@ impl PairFilter {
         visitor: &mut V,
     ) {
         let PairFilter { selected, rows, hits } = self;
-        let all = selected.near(s, &candidates.boxes, (block.lo, block.hi), criteria.within(criteria.own));
-        let (shared, rest) = rows.gather::<S, V>(s, &candidates.blocks, all, (block.lo, block.hi));
+        let greatest = criteria.greatest(&block.points.id);
+        let all = selected.near(s, &candidates.boxes, (block.lo, block.hi), criteria.within(greatest));
+        let (shared, rest) =
+            rows.gather::<S, V>(s, &candidates.blocks, all, (block.lo, block.hi), (criteria, greatest));
         let shared = rest.is_empty().then_some(shared);
         for lane in 0..LANES {
             let Some(own) = block.points.point_path(lane) else { continue };
@@ -83,11 +85,11 @@ impl PairFilter {
                 let to = [from[0] + displacement[0], from[1] + displacement[1], from[2] + displacement[2]];
                 let lo = [from[0].min(to[0]), from[1].min(to[1]), from[2].min(to[2])];
                 let hi = [from[0].max(to[0]), from[1].max(to[1]), from[2].max(to[2])];
-                let within = criteria.within(criteria.radii.of(own.id));
-                let mut rest = selected.near(s, &candidates.boxes, (lo, hi), within);
+                let radius = criteria.radii.of(own.id);
+                let mut rest = selected.near(s, &candidates.boxes, (lo, hi), criteria.within(radius));
                 while !rest.is_empty() {
                     let points;
-                    (points, rest) = rows.gather::<S, V>(s, &candidates.blocks, rest, (lo, hi));
+                    (points, rest) = rows.gather::<S, V>(s, &candidates.blocks, rest, (lo, hi), (criteria, radius));
                     count = rows.pairs_within::<S, V>(s, (from, displacement), exclude, points, (hits, count));
                 }
             }
@@ -102,8 +104,8 @@ impl PairFilter {
 }
 
 impl CandidateRows {
-    /// Gathers the points of selected blocks that come near a box, as many as there is room for; returns their number, and
-    /// the blocks that are left.
+    /// Gathers the points of selected blocks that come near a box around points with at most this radius, as many as there is room
+    /// for; returns their number, and the blocks that are left.
     #[inline(always)]
     fn gather<'a, S: Simd, V: EncounterVisitor>(
         &mut self,
@@ -111,6 +113,7 @@ impl CandidateRows {
         candidates: &[CandidateBlock],
         selected: &'a [u32],
         (lo, hi): ([f32; 3], [f32; 3]),
+        (criteria, own): (&Criteria<'_>, f32),
     ) -> (usize, &'a [u32]) {
         let CandidateRows {
             start: [to_x, to_y, to_z],
@@ -126,17 +129,19 @@ impl CandidateRows {
             && end < MOST
         {
             done += 1;
-            let CandidateBlock { paths, bound, excluded_within } = &candidates[block as usize];
+            let candidate = &candidates[block as usize];
+            let CandidateBlock { paths, excluded_within, .. } = candidate;
+            let bound = candidate.bound(criteria, own);
             let ([x, y, z], [u, v, w]) = (rows(s, &paths.start), rows(s, &paths.displacement));
             let (a, b, c) = (gap(s, x, u, lo[0], hi[0]), gap(s, y, v, lo[1], hi[1]), gap(s, z, w, lo[2], hi[2]));
-            let near = s.le(squared::<S>(a, b, c), s.splat(*bound));
+            let near = s.le(squared::<S>(a, b, c), s.splat(bound));
             write(s, to_x, end, x, near);
             write(s, to_y, end, y, near);
             write(s, to_z, end, z, near);
             write(s, to_u, end, u, near);
             write(s, to_v, end, v, near);
             write(s, to_w, end, w, near);
-            write(s, to_bound, end, s.splat(*bound), Mask::MAX);
+            write(s, to_bound, end, s.splat(bound), Mask::MAX);
             if V::EXCLUDES_LISTED {
                 write(s, to_known, end, s.load(excluded_within), near);
             }

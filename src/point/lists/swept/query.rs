@@ -43,7 +43,7 @@ impl PointTree {
     ///
     /// Cost: several times that of lists at a time, even of points that do not move, as each encounter is computed in f64, while
     /// points move less than their spacing relative to their neighbours. Motion that all have in common adds little. Of radii
-    /// of their own the greatest of some hundred neighbouring points decides what is looked at for them, and of the listed
+    /// of their own the greatest of sixteen neighbouring points decides what is looked at for them, and of the listed
     /// points the greatest in each leaf.
     ///
     /// ```

@@ -8,7 +8,7 @@ use super::time_slices::{Pairing, Slice, Tree, begins_with_a_slice, pairings, ti
 use crate::parallel;
 use crate::point::layout::over_interval::{BlockTree, greater, lesser};
 use crate::point::lists::error::RadiusOf;
-use crate::point::lists::radii::{Radii, radius_of};
+use crate::point::lists::radii::Radii;
 use crate::point::tree::PointTree;
 use crate::simd::{Kernel, Lanes, Simd, dispatch};
 
@@ -139,21 +139,6 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
     /// With each pair in the list of the lower id only.
     pub(super) fn pairs_once(self, pairs_once: bool) -> Sweep<'a, C> {
         Sweep { pairs_once, ..self }
-    }
-
-    /// The greatest radius of a point of the group, unless all have the same.
-    #[inline(always)]
-    fn own_radius(&self, group: &Group<C>) -> f32 {
-        let (Radii::Own(radii) | Radii::Larger { own: radii, .. } | Radii::Sum { own: radii, .. }) = self.radii else {
-            return 0.0;
-        };
-        let mut own = 0.0;
-        for block in &group.blocks {
-            for id in block.points.id {
-                own = f32::max(own, radius_of(radii, id));
-            }
-        }
-        own
     }
 
     /// Shows all points and their encounters to visitors, one for each share of the points, whose order is always the
@@ -288,14 +273,17 @@ impl<V: EncounterVisitor, C: SweptCoordinate> Kernel for Share<'_, V, C> {
             let first_time = pairing.times[0];
             // `excluded_within` holds for positions at the first time only.
             let excluded_within = sweep.excluded_within.filter(|_| f64::from(first_time) == sweep.times[0]);
-            let criteria = Criteria {
+            let mut criteria = Criteria {
                 radii: sweep.radii,
                 radius: sweep.radius,
-                own: sweep.own_radius(group),
+                own: 0.0,
                 pairs_once: sweep.pairs_once,
                 first_time,
                 has_active_intervals: sweep.has_active_intervals,
             };
+            for block in &group.blocks {
+                criteria.own = criteria.own.max(criteria.greatest(&block.points.id));
+            }
             candidates.clear();
             for &other in &pairing.others {
                 let reach = sweep.reaches.get(other).map_or(&[][..], Vec::as_slice);
