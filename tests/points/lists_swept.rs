@@ -5,7 +5,8 @@ use crate::lists::{STRUCTURES, build};
 use crate::support::{Cloud, KINDS, Rng, cloud};
 use mbkd::{
     Encounter, EncounterLists, ListError, MovingPoint, NeighborLists, PointArrays, PointParams, PointStructure,
-    PointTree, Precision, Radii, RadiusOf, SimdLevel, TimeInterval, certified_duration, glam::Vec3,
+    PointTree, Precision, Radii, RadiusOf, SimdLevel, TimeInterval, certified_duration,
+    glam::{DVec3, Vec3},
 };
 
 /// The encounter of two points, by comparing them.
@@ -147,6 +148,38 @@ fn swept_lists_with_radii_of_their_own_equal_comparing_all_pairs() {
         assert_eq!(swept(Radii::Own(&bad)), Err(ListError::Radius { of: Some(RadiusOf::Point(17)) }));
     }
     assert!(met > 100_000, "{met}");
+}
+
+/// Pairs that touch at a key where the interval ends: in the segment before, rounding puts them beside where they are at the key.
+/// Whether another point begins to exist there makes no difference.
+#[test]
+fn encounters_at_a_key_that_ends_the_interval_are_found() {
+    let interval = |end| TimeInterval::new(0.25, end).unwrap();
+    let far = DVec3::new(70.3, 50.1, 0.7);
+    let keys = [[0.1, -0.2], [0.5, 0.5], [9.0, -9.0]].map(|x| vec![DVec3::X * x[0], DVec3::X * x[1], far]);
+    let keys: Vec<&[DVec3]> = keys.iter().map(Vec::as_slice).collect();
+    for third in [0.0, 0.4, 0.5] {
+        let active = [TimeInterval::FULL, TimeInterval::FULL, TimeInterval::new(third, 1.0).unwrap()];
+        for structure in [PointStructure::Linear, PointStructure::Automatic, PointStructure::TimeSlices(4)] {
+            let set = PointArrays { keys: &keys, active: &active, ids: &[] };
+            let tree = PointTree::build(&set, &PointParams { structure, ..PointParams::default() }).unwrap();
+            let lists = tree.neighbor_lists_swept(interval(0.5), 0.0).pairs_once().in_order().collect().unwrap();
+            let of_first: Vec<_> = lists.row(0).iter().map(|e| (e.id, e.enter, e.leave, e.distance_squared)).collect();
+            assert_eq!(of_first, [(1, 0.5, 0.5, 0.0)], "{structure:?}, third from {third}");
+        }
+    }
+    let at_key = Vec3::new(0.877_929_7, -0.001_890_677_8, 0.423_911_96);
+    let keys = [
+        [Vec3::new(-1206016.5, -1_101_859.8, 231423.7), Vec3::new(805910.94, -1020014.6, 722939.0)],
+        [at_key; 2],
+        [Vec3::new(-979232.0, 526036.8, -1084065.3), Vec3::new(151844.67, -680145.4, 707445.4)],
+    ];
+    let keys: Vec<&[Vec3]> = keys.iter().map(|key| &key[..]).collect();
+    let tree = PointTree::build(&PointArrays { keys: &keys, active: &[], ids: &[] }, &PointParams::default()).unwrap();
+    for end in [0.5, 0.6] {
+        let lists = tree.neighbor_lists_swept(interval(end), 0.0).collect().unwrap();
+        assert_eq!(lists.encounters().len(), 2, "until {end}");
+    }
 }
 
 /// Whatever the structure, points need no radius if they cease to exist where the interval begins.

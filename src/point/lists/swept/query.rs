@@ -29,12 +29,13 @@ impl PointTree {
     /// are the contacts of spheres.
     ///
     /// Decided in f64 for exact linear motion between the positions at the keys, in f32 or f64. Points meet while both exist: not
-    /// if one begins to exist where the other ends, as [`TimeInterval::contains`] has it. So an encounter begins before both
-    /// active intervals end; if the two are still approaching each other at the end, [`Encounter::closest`] and
-    /// [`Encounter::leave`] are the end itself, the limit of the times at which both exist. At a key, a point that
-    /// begins or ends there counts only on its own side. This also holds for the float next to a key that is no float
-    /// (5/6, say). An interval that ends just below such a key does not contain points that begin at it.
-    /// (A [`closest_approach`](PointTree::closest_approach) may also be at the end alone.)
+    /// if one begins to exist where the other ends, as [`TimeInterval::contains`] has it. So an encounter begins before both active
+    /// intervals end; if the two are still approaching each other at the end, [`Encounter::closest`] and [`Encounter::leave`] are
+    /// the end itself, the limit of the times at which both exist. At a key, a point that begins or ends there counts only on its
+    /// own side. This also holds for the float next to a key that is no float (5/6, say). An interval that ends just below such a
+    /// key does not contain points that begin at it. (A [`closest_approach`](PointTree::closest_approach) may also be at the end
+    /// alone.) Positions are computed from the earlier key, so at the end of the shutter they are off by rounding from those at the
+    /// last key, which [`neighbor_lists`](PointTree::neighbor_lists) has.
     ///
     /// The encounters do not depend on the structure, the number of threads or the instruction set. Unless refined, the order of
     /// lists, and of the encounters within them, is that of the tree, or that of ids where it consists of several; a point that

@@ -9,8 +9,9 @@
 //! Each point has a reference in the slice of its layer that contains x, so these slices are compared at x.
 //!
 //! The slice that begins where the interval of the query ends is searched in two cases only: an active interval begins
-//! there, in any layer, or the time is a key whose exact time lies before it. All other points are in the slice before,
-//! too. If that slice is the last that is searched, it reports all later encounters.
+//! there, in any layer, or the time is that of a key: in the segment before, rounding may put points beside where they are at the
+//! key. All other points are in the slice before, too, and at the same places. If that slice is the last that is searched, it
+//! reports all later encounters.
 //!
 //! The exact begin differs from x by at most 2^-25 of the time that both points exist: it comes from the root of a
 //! difference of f64 products. So at x the distance of the two exceeds the radius by at most 2^-25 of their relative
@@ -189,7 +190,7 @@ fn beside_key(slice: &moving_reference::SegmentSlice, time: f32) -> bool {
 /// The time slices of a layer that are searched between two times, in one segment between keys where that is given.
 ///
 /// A slice that begins at the last of the times is searched only where an active interval begins there too (see
-/// [`begins_with_a_slice`]), or the exact time of the key lies before it. A slice that ends at the first of the times is
+/// [`begins_with_a_slice`]), or a segment between keys. A slice that ends at the first of the times is
 /// searched only where the exact time of the key lies behind it.
 pub(super) fn time_slices_of<'a, C: SweptCoordinate>(
     layer: &SweptLayer<'a, C>,
@@ -206,7 +207,8 @@ pub(super) fn time_slices_of<'a, C: SweptCoordinate>(
         let reports = [interval.begin(), interval.end_bound()].map(f64::from);
         let both = [times[0].max(interval.begin()), times[1].min(interval.end())];
         let last = both[0] == times[1] && times[0] < times[1];
-        let more_than_an_end = times[0] < interval.end_bound() && (begins || !last);
+        let begins_with_a_key = tree.slice().phases[0] == 0.0;
+        let more_than_an_end = times[0] < interval.end_bound() && (begins || begins_with_a_key || !last);
         let searched = both[0] <= both[1] && (more_than_an_end || beside_key(&tree.slice(), both[0]));
         searched.then_some(Slice { tree: Tree::Moving(tree), times: both, reports })
     };
