@@ -83,7 +83,7 @@ pub fn draw(maps: &[Counts], job: &Job, heat: Heat) -> Picture {
     let mut picture = Picture::filled(width, line + job.height + legend, PAPER);
     for (i, map) in maps.iter().enumerate() {
         let x = i * (job.width + MARGIN);
-        let title = format!("{}: mean {:.1}, most {:.0}", map.title, map.mean(), map.most());
+        let title = title(map, job.width.saturating_sub(MARGIN) / (font::ADVANCE * text));
         font::write(&mut picture, &title, x + MARGIN, MARGIN, text, INK);
         let pixels = map.values.iter().map(|v| mbkd_scenes::heat(v / top)).collect();
         picture.paste(&Picture { width: job.width, height: job.height, pixels }, x, line);
@@ -104,6 +104,14 @@ pub fn draw(maps: &[Counts], job: &Job, heat: Heat) -> Picture {
         free = x + room + font::ADVANCE * text;
     }
     picture
+}
+
+/// As much of a map's title as has room for so many characters.
+fn title(map: &Counts, room: usize) -> String {
+    let mean = format!("{}: mean {:.1}", map.title, map.mean());
+    let full = format!("{mean}, most {:.0}", map.most());
+    let fits = |title: &String| title.chars().count() <= room;
+    [full, mean].into_iter().find(fits).unwrap_or_else(|| map.title.chars().take(room).collect())
 }
 
 /// The label below a quarter of the scale.
@@ -150,6 +158,15 @@ mod tests {
         assert_eq!(marks(18 * font::ADVANCE, 1, 20.0), [0, 2, 4]);
         assert_eq!(marks(10 * font::ADVANCE, 1, 20.0), [0, 4]);
         assert_eq!(marks(5, 1, 20.0), [4]);
+    }
+
+    #[test]
+    fn titles_are_no_longer_than_their_maps() {
+        let map = Counts { title: "paper-kd".into(), values: vec![1.0, 2.0] };
+        assert_eq!(title(&map, 26), "paper-kd: mean 1.5, most 2");
+        assert_eq!(title(&map, 25), "paper-kd: mean 1.5");
+        assert_eq!(title(&map, 17), "paper-kd");
+        assert_eq!(title(&map, 5), "paper");
     }
 
     #[test]

@@ -164,7 +164,7 @@ Examples:
   motion_blur --scene tornado --spp 64 -o tornado.png
   motion_blur --mesh run_20.obj run_21.obj --up x
   motion_blur --mesh robot.glb --clip Robot_Running --time 0.4 --shutter 0.05
-  motion_blur --scene hall --heatmap steps --compare paper-kd,classic-kd
+  motion_blur --scene hall --heatmap tests --compare paper-kd,classic-kd
   motion_blur --mesh renderer/models/biplane.glb --no-floor --sky air --frames 18 -o biplane.png
   motion_blur --scene hairball --spp 256 --list-commands 8 -o hair.png
   motion_blur --spp 256 --samples 0..64 --tile 0,0,480,540 -o part.exr
