@@ -81,11 +81,7 @@ impl Placements {
                 return Err(InstanceError::Distorted { instance });
             }
             deviation = deviation.max(slack.per_distance * padding);
-            slacks.push(Slack {
-                per_distance: slack.per_distance * padding,
-                fixed: slack.fixed * padding,
-                rounding: slack.rounding * padding,
-            });
+            slacks.push(Slack { per_distance: slack.per_distance * padding, fixed: slack.fixed * padding, ..slack });
             all.push(one);
         }
         let (frame, width) = (Frame::WORLD, 0.0);

@@ -22,6 +22,7 @@ mod gather_theory;
 #[cfg(feature = "rayon")]
 mod lists;
 #[cfg(feature = "rayon")]
+mod lists_skin;
 mod lists_swept;
 mod outliers;
 #[cfg(feature = "rayon")]
