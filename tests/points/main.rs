@@ -23,6 +23,7 @@ mod gather_theory;
 mod lists;
 #[cfg(feature = "rayon")]
 mod lists_skin;
+#[cfg(feature = "rayon")]
 mod lists_swept;
 mod outliers;
 #[cfg(feature = "rayon")]
