@@ -108,17 +108,29 @@ impl core::fmt::Display for SimdLevel {
     }
 }
 
+/// Runs a kernel compiled for `level`. What is narrower than [`SimdLevel::BASELINE`] is never reached, and so not compiled.
+#[inline(always)]
+pub(crate) fn dispatch<K: Kernel>(level: SimdLevel, kernel: K) -> K::Output {
+    above_baseline(level, kernel, baseline::run)
+}
+
 /// Runs a kernel that is not compiled for SSE2, where `otherwise` answers by other code: few CPUs have nothing better,
 /// and code compiled for it is larger than for any other level.
 #[inline(always)]
 pub(crate) fn dispatch_or<K: Kernel>(level: SimdLevel, kernel: K, otherwise: impl FnOnce(K) -> K::Output) -> K::Output {
-    let only_sse2 = cfg!(target_arch = "x86_64") && BASELINE == Isa::Baseline && level.0 == Isa::Baseline;
-    if only_sse2 { otherwise(kernel) } else { dispatch(level, kernel) }
+    // Not a test of the level before `dispatch`, which would name the kernel for SSE2, and what is named is compiled.
+    #[cfg(target_arch = "x86_64")]
+    return above_baseline(level, kernel, otherwise);
+    #[cfg(not(target_arch = "x86_64"))]
+    {
+        let _ = otherwise;
+        dispatch(level, kernel)
+    }
 }
 
-/// Runs a kernel compiled for `level`. What is narrower than [`SimdLevel::BASELINE`] is never reached, and so not compiled.
+/// Runs a kernel compiled for `level`, if that is AVX2 or AVX-512.
 #[inline(always)]
-pub(crate) fn dispatch<K: Kernel>(level: SimdLevel, kernel: K) -> K::Output {
+fn above_baseline<K: Kernel>(level: SimdLevel, kernel: K, otherwise: impl FnOnce(K) -> K::Output) -> K::Output {
     #[cfg(target_arch = "x86_64")]
     {
         if avx512::EVERYWHERE || level.0 == Isa::Avx512 {
@@ -132,5 +144,5 @@ pub(crate) fn dispatch<K: Kernel>(level: SimdLevel, kernel: K) -> K::Output {
     }
     #[cfg(not(target_arch = "x86_64"))]
     let _ = level;
-    baseline::run(kernel)
+    otherwise(kernel)
 }
