@@ -13,7 +13,8 @@ const SHADOW: u32 = 0b10;
 const LAMP: DVec3 = DVec3::new(1.0, 1.0, 6.0);
 const BLADES: usize = 20;
 
-/// The meshes of a frame. Topology, masks and the number of keys stay the same from frame to frame.
+/// The meshes of a frame. Topology and masks stay the same from frame to frame, and so do the keys, of which the wheel keeps all:
+/// if it stopped turning and only rose, one of its three keys would be redundant, and a tree that drops it could not be refitted.
 fn meshes(frame: usize) -> Result<[TriangleMesh; 2], mbkd::IntervalError> {
     // One key: at rest. It exists in the second half of each shutter only.
     let floor = vec![Vec3::new(-9.0, -9.0, 0.0), Vec3::new(9.0, -9.0, 0.0), Vec3::new(0.0, 9.0, 0.0)];
@@ -30,7 +31,7 @@ fn meshes(frame: usize) -> Result<[TriangleMesh; 2], mbkd::IntervalError> {
     };
     let triangles = (0..BLADES as u32).map(|blade| [3 * blade, 3 * blade + 1, 3 * blade + 2]).collect();
     let wheel = TriangleMesh::new(triangles, (0..3).map(|key| wheel(key).collect()).collect::<Vec<Vec<Vec3>>>());
-    Ok([floor, wheel])
+    Ok([floor, wheel.keep_keys()])
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

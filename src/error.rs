@@ -198,7 +198,8 @@ pub enum RefitError {
         mesh: usize,
     },
     /// A mesh needs another number of keys than leaf blocks are laid out for, after redundant keys are merged
-    /// (see [`TriangleMesh`](crate::TriangleMesh)). A static mesh always fits.
+    /// (see [`TriangleMesh`](crate::TriangleMesh)). A static mesh always fits, and so does a mesh with as many keys that are all
+    /// kept ([`TriangleMesh::keep_keys`](crate::TriangleMesh::keep_keys)).
     Keys {
         /// The mesh.
         mesh: usize,
@@ -262,7 +263,7 @@ impl fmt::Display for RefitError {
             RefitError::Keys { mesh, expected, found } => {
                 write!(
                     f,
-                    "mesh {mesh} needs {found} keys after merging, and the tree was built for {expected}: build it again"
+                    "mesh {mesh} needs {found} keys after merging, and the tree was built for {expected}: build it again (`TriangleMesh::keep_keys` keeps redundant keys)"
                 )
             }
             RefitError::Active { mesh } => {

@@ -70,7 +70,8 @@ impl InstanceTree {
     }
 
     /// Where the point of the surface that `ray` hit is at another time of the shutter, as the instance places it then: for motion
-    /// vectors. As [`RayTree::point_at`](crate::RayTree::point_at); `None` for a hit that is not of this tree as well.
+    /// vectors. As [`RayTree::point_at`](crate::RayTree::point_at); `None` for a hit that is not of this tree and for a time
+    /// outside of [0, 1], too.
     ///
     /// ```
     /// use std::sync::Arc;

@@ -1,9 +1,9 @@
 //! Bounds of many triangles, fast: the coarse build of a lazy tree spends most of its time on them, and builds over many time
 //! slices a tenth.
 
-use super::custom::PrimitiveSet;
 use super::key_window::Intervals;
 use super::mesh_index::MeshInfo;
+use super::primitive_set::PrimitiveSet;
 use super::triangles::Triangles;
 use super::vertex_tubes::VertexTubes;
 use crate::geometry::{KeyTime, LaneBounds, TimeInterval};

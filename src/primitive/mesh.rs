@@ -84,7 +84,8 @@ impl From<Vec<Vec<DVec3>>> for Keys {
 /// Redundant keys cost nothing: if all vertices stay within 4u (u = 2^-24, relative to the coordinate) of the lines
 /// between every second, third, … key, a tree keeps only those, and a single key if all keys are equal. So a straight motion
 /// may be given with any number of keys. A mesh keeps the same keys for all its vertices; two meshes that
-/// share vertices move identically to the last bit if they keep the same number of keys.
+/// share vertices move identically to the last bit if they keep the same number of keys. A refit needs as many keys as the build
+/// kept, so what will move otherwise in later frames is built with [`TriangleMesh::keep_keys`].
 ///
 /// ```
 /// use mbkd::{TimeInterval, TriangleMesh, glam::Vec3};
@@ -106,12 +107,14 @@ pub struct TriangleMesh {
     pub active: TimeInterval,
     /// Visibility: a masked query sees the mesh if its mask and this one share a bit.
     pub mask: u32,
+    /// Whether trees keep redundant keys ([`TriangleMesh::keep_keys`]).
+    pub keep_keys: bool,
 }
 
 impl TriangleMesh {
     /// A mesh from indices and its positions at each key (`Vec<Vec<Vec3>>` or `Vec<Vec<DVec3>>`).
     pub fn new(indices: Vec<[u32; 3]>, keys: impl Into<Keys>) -> TriangleMesh {
-        TriangleMesh { indices, keys: keys.into(), active: TimeInterval::FULL, mask: u32::MAX }
+        TriangleMesh { indices, keys: keys.into(), active: TimeInterval::FULL, mask: u32::MAX, keep_keys: false }
     }
 
     /// A mesh that does not move.
@@ -128,6 +131,28 @@ impl TriangleMesh {
     /// The mesh with a visibility mask. With a mask of 0, only queries without a mask see it.
     pub fn with_mask(self, mask: u32) -> TriangleMesh {
         TriangleMesh { mask, ..self }
+    }
+
+    /// The mesh with all keys kept, also those that are redundant in this frame.
+    ///
+    /// [`RayTree::refit`](crate::RayTree::refit) takes frames whose meshes keep as many keys as when the tree was built. A wheel
+    /// that turns in one frame and only rolls straight ahead in the next needs three keys in the first and two in the second; what
+    /// is at rest and moves later needs one, and then two. With all keys kept, the number that is given counts. Each key beyond the
+    /// second takes memory and time in refits, whether it is needed or not.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
+    /// let at = |z: f32| vec![Vec3::new(-1.0, -1.0, z), Vec3::new(1.0, -1.0, z), Vec3::new(0.0, 1.0, z)];
+    /// let moving = |z: [f32; 2]| TriangleMesh::new(vec![[0, 1, 2]], z.map(at).to_vec()).keep_keys();
+    /// // At rest when the tree is built.
+    /// let mut tree = RayTree::build(&[moving([0.0, 0.0])], &BuildParams::default())?;
+    /// tree.refit(&[moving([0.0, 2.0])]).unwrap();
+    /// let down = Ray::new(Vec3::new(0.0, 0.0, 9.0), Vec3::NEG_Z).at_time(0.5);
+    /// assert_eq!(tree.closest_hit(&down).unwrap().t, 8.0);
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn keep_keys(self) -> TriangleMesh {
+        TriangleMesh { keep_keys: true, ..self }
     }
 
     /// The mesh with f64 positions kept exactly, instead of rounded to f32 relative to the centre of the scene: for
@@ -251,6 +276,9 @@ impl TriangleMesh {
     /// The number of keys after merging ([`super::merge_keys`]): of coordinates as given, or as stored if f64 is not kept.
     pub(super) fn kept_keys(&self, frame: Frame) -> usize {
         let (keys, vertices) = (self.keys.len(), self.keys.vertices(0));
+        if self.keep_keys {
+            return keys;
+        }
         match &self.keys {
             Keys::F32(at) => kept_keys(keys, vertices, SINGLE, |key, of, out| {
                 out.iter_mut().zip(as_coordinates(&at[key][of])).for_each(|(out, &x)| *out = x.into());

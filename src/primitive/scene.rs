@@ -1,9 +1,11 @@
 //! Scenes of meshes, spheres and custom primitives.
 
-use super::custom::{Primitive, PrimitiveSet, Shapes, ShapesExtent, include_each, with_merged_keys};
+use super::custom::Primitive;
 use super::intersection::{Intersection, SurfacePoint};
 use super::key_window::Intervals;
 use super::mesh::TriangleMesh;
+use super::primitive_set::{PrimitiveSet, include_each};
+use super::shapes::{Shapes, ShapesExtent, with_merged_keys};
 use super::sphere::MovingSphere;
 use super::triangles::Triangles;
 use super::vertex_tubes::VertexTubes;
@@ -88,6 +90,13 @@ impl Primitive for Shape {
         match self {
             Shape::Sphere(sphere) => sphere.surface_normal(ray, hit),
             Shape::Custom(custom) => custom.surface_normal(ray, hit),
+        }
+    }
+
+    fn point_at(&self, ray: &Ray, hit: Intersection, time: f32) -> Option<DVec3> {
+        match self {
+            Shape::Sphere(sphere) => sphere.point_at(ray, hit, time),
+            Shape::Custom(custom) => custom.point_at(ray, hit, time),
         }
     }
 

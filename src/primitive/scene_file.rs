@@ -1,8 +1,10 @@
 //! Scenes in files: triangles and spheres. For custom primitives a file has only their number, bounds and
 //! intervals, to verify that the same ones are passed when the file is loaded.
 
-use super::custom::{Primitive, PrimitiveSet, Shapes, ShapesExtent};
+use super::custom::Primitive;
+use super::primitive_set::PrimitiveSet;
 use super::scene::{Scene, Shape};
+use super::shapes::{Shapes, ShapesExtent};
 use super::sphere::MovingSphere;
 use super::triangles_file::TrianglesRecord;
 use crate::error::BuildError;

@@ -48,6 +48,13 @@ impl Primitive for MovingSphere {
         MovingSphere::normal_of_hit(self.at(ray.time), ray, hit.t)
     }
 
+    /// The point keeps its direction from the centre.
+    fn point_at(&self, ray: &Ray, hit: Intersection, time: f32) -> Option<DVec3> {
+        let unit = MovingSphere::normal_of_hit(self.at(ray.time), ray, hit.t)?;
+        let (center, radius) = self.at(time);
+        Some(center + unit * radius)
+    }
+
     fn merge_keys(&mut self) {
         self.drop_redundant_keys();
     }

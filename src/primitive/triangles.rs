@@ -3,11 +3,11 @@
 //! The data that a build needs (vertex positions) and the data that answers need (the mesh of a triangle, its active
 //! interval and mask) are separate: leaf blocks of the wide layout hold all corners, and then the vertices are released.
 
-use super::custom::{PrimitiveSet, include_each};
 use super::key_window::Intervals;
 use super::mesh::MeshExtent;
 use super::mesh_index::{MeshIndex, MeshInfo};
 use super::precise_vertices::PreciseVertices;
+use super::primitive_set::{PrimitiveSet, include_each};
 use super::vertex_tubes::VertexTubes;
 use crate::geometry::{
     Box3, CornerBounds, Frame, INSTANTS, Instant, KeyTime, LaneBounds, LinearBox3, TimeInterval, are_disjoint,

@@ -48,14 +48,13 @@ impl RayTree {
     pub fn triangle(&self, mesh: u32, triangle: u32, time: f32) -> [DVec3; 3] {
         match self.geometry.triangles.id(mesh, triangle) {
             Some(id) => {
-                if let Some(corners) = self.geometry.triangles.precise_corners(id, time) {
-                    return corners.map(|p| self.frame().fine_to_world(p));
-                }
-                let corners = match &self.layout {
-                    Layout::Wide(tree) => tree.corners(&self.geometry.triangles, id, time),
-                    Layout::Kd(_) | Layout::Lazy(_) => self.geometry.triangles.corners_at_any_time(id, time),
-                };
-                corners.map(|p| self.frame().fine_to_world(p))
+                let [a, b, c] =
+                    self.geometry.triangles.precise_corners(id, time).unwrap_or_else(|| match &self.layout {
+                        Layout::Wide(tree) => tree.corners(&self.geometry.triangles, id, time),
+                        Layout::Kd(_) | Layout::Lazy(_) => self.geometry.triangles.corners_at_any_time(id, time),
+                    });
+                let frame = self.frame();
+                [frame.fine_to_world(a), frame.fine_to_world(b), frame.fine_to_world(c)]
             }
             None => [DVec3::NAN; 3],
         }
@@ -103,10 +102,10 @@ impl RayTree {
         }
     }
 
-    /// Where the point of the surface that `ray` hit is at another time in [0, 1]: for motion vectors. A point of a triangle keeps
-    /// its weights, a point of a sphere its direction from the centre. `None` on a custom shape that is no sphere
-    /// ([`Primitive::as_sphere`]), and for a hit of another tree. Outside the active interval of a mesh the motion is that of
-    /// [`RayTree::triangle`].
+    /// Where the point of the surface that `ray` hit is at another time: for motion vectors. A point of a triangle keeps its
+    /// weights, a point of a sphere its direction from the centre, and a custom shape says it itself ([`Primitive::point_at`]).
+    /// `None` where it does not, for a hit of another tree, and for a time that is NaN. Outside of [0, 1], and outside the active
+    /// interval of a mesh, the motion is extrapolated as by [`RayTree::triangle`].
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::{DVec3, Vec3}};
@@ -121,7 +120,7 @@ impl RayTree {
     /// ```
     pub fn point_at(&self, ray: &Ray, hit: &Hit, time: f32) -> Option<DVec3> {
         if let Some(shape) = self.shape_of(hit) {
-            return point_of_sphere(shape, ray, hit, time);
+            return point_of_shape(shape, ray, hit, time);
         }
         let [a, b, c] = self.vertices(hit, time);
         let point = a + (b - a) * f64::from(hit.u) + (c - a) * f64::from(hit.v);
@@ -145,11 +144,15 @@ impl RayTree {
     /// whose ends are included: where the lamp is a surface of the scene, end a little before it. (Where the direction is so long
     /// that the origin moves by less than 7e-46 of it, half of the least `t` above 0, the same triangle is hit at 0.)
     ///
+    /// A hit on a triangle need not come from a query: one with a `t` of 0 and `u` and `v` of any point of it, and any ray at the
+    /// time, give rays that leave from there, to bake ambient occlusion into a mesh.
+    ///
     /// The origin moves by 2^-36 of the coordinates and the size of the triangle (of a sphere's radius), which is far less than
     /// their coordinates in f32 are rounded by, and by what those of the point are; further on triangles that are more than a
     /// thousand times as long as wide. What else is in the scene does not matter. Of a custom primitive that is no sphere
     /// ([`Primitive::as_sphere`]) the surface is not known: there the origin moves by 2^-22 of the distance from the origin of
-    /// `ray`, along the normal ([`Primitive::surface_normal`]) or, if there is none, along `ray`.
+    /// `ray`, along the normal ([`Primitive::surface_normal`]) or, if there is none, along `ray`: then a ray that leaves at a
+    /// grazing angle may hit the same primitive again at once.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -193,10 +196,10 @@ impl<P: Primitive> RayTree<Shapes<P>> {
         shape.and_then(|shape| normal_of_shape(shape, ray, hit)).unwrap_or(DVec3::ZERO).as_vec3()
     }
 
-    /// Where the point of the surface that `ray` hit is at another time in [0, 1], as [`RayTree::point_at`] gives it. `None` on a
-    /// primitive that is no sphere, and for a hit of another tree.
+    /// Where the point of the surface that `ray` hit is at another time, as [`RayTree::point_at`] gives it. `None` on a primitive
+    /// that does not say so ([`Primitive::point_at`]), and for a hit of another tree.
     pub fn point_at(&self, ray: &Ray, hit: &Hit, time: f32) -> Option<DVec3> {
-        point_of_sphere(self.primitives().get(hit.primitive as usize)?, ray, hit, time)
+        point_of_shape(self.primitives().get(hit.primitive as usize)?, ray, hit, time)
     }
 
     /// The ray from the point where `ray` hit the surface into the direction `dir`, as [`RayTree::secondary_ray`] makes it: exact
@@ -226,12 +229,14 @@ fn normal_of_shape(shape: &impl Primitive, ray: &Ray, hit: &Hit) -> Option<DVec3
     }
 }
 
-/// Where the point of a sphere that was hit is at another time: it keeps its direction from the centre. `None` on another shape.
-fn point_of_sphere(shape: &impl Primitive, ray: &Ray, hit: &Hit, time: f32) -> Option<DVec3> {
-    let sphere = shape.as_sphere()?;
-    let unit = MovingSphere::normal_of_hit(sphere.at(ray.time), ray, hit.t)?;
-    let (center, radius) = sphere.at(time);
-    Some(center + unit * radius)
+/// Where the point of a shape that was hit is at another time; `None` if it is not known.
+fn point_of_shape(shape: &impl Primitive, ray: &Ray, hit: &Hit, time: f32) -> Option<DVec3> {
+    let met = Intersection { t: hit.t, u: hit.u, v: hit.v };
+    let point = match shape.as_sphere() {
+        Some(sphere) => sphere.point_at(ray, met, time),
+        None => shape.point_at(ray, met, time),
+    };
+    point.filter(|point| !point.is_nan())
 }
 
 impl Departure {

@@ -171,30 +171,6 @@ fn spheres_and_bricks_are_refitted() {
 }
 
 #[test]
-fn presplit_triangles_stay_split_until_they_move() {
-    let needles = scene::find("needles").unwrap();
-    let first = (needles.make)(5000);
-    let mut tree = RayTree::build(&first.meshes, &BuildParams::default()).unwrap();
-    assert!(tree.statistics().references > 6000, "cut into {} references", tree.statistics().references);
-    let refit = tree.refit(&first.meshes).unwrap();
-    assert_eq!((refit.nodes, refit.leaves, refit.skipped, refit.cost), (0, 0, 0, 1.0));
-    let mut random = Random(2);
-    let now: Vec<TriangleMesh> = first.meshes.iter().map(|m| moved(m, 1e-4, Vec3::ZERO, 1.0, &mut random)).collect();
-    let refit = tree.refit(&now).unwrap();
-    // Boxes of whole triangles are several times as large.
-    assert!(refit.cost > 1.1, "{refit:?}");
-    let oracle = BruteForce::new(&now).unwrap();
-    for _ in 0..200 {
-        let ray = now_ray(&first.camera, &mut random);
-        assert_eq!(difference(&tree, &oracle, &ray), None);
-    }
-}
-
-fn now_ray(camera: &scene::Camera, random: &mut Random) -> Ray {
-    camera.ray(random.unit(), random.unit(), 1.0, random.unit())
-}
-
-#[test]
 fn static_blocks_are_not_written_and_blocks_known_to_be_static_not_visited() {
     let asset = closed_sphere(60, 1, 0.001, 1);
     let cube = |x: f32| {
@@ -314,6 +290,37 @@ fn incompatible_meshes_are_rejected_and_change_nothing() {
     let mut single = RayTree::build(&[one(1.0)], &BuildParams::default()).unwrap();
     single.refit(&[one(2.0)]).unwrap();
     agrees(&single, &[one(2.0)], &rays(200, 1.5, 3), "one triangle");
+}
+
+/// The keys of a mesh that is bent, straight or at rest, in these frames in turns.
+#[test]
+fn meshes_that_keep_all_keys_are_refitted_whatever_their_motion() {
+    let bent = soup(200, 5, 0.2, 0.2, 3);
+    let Keys::F32(keys) = &bent.keys else { panic!("f32") };
+    let of =
+        |choice: [usize; 5]| TriangleMesh { keys: choice.map(|key| keys[key].clone()).to_vec().into(), ..bent.clone() };
+    let straight = |key: usize| keys[0].iter().zip(&keys[4]).map(|(a, b)| a.lerp(*b, key as f32 / 4.0)).collect();
+    let straight = TriangleMesh { keys: (0..5).map(straight).collect::<Vec<Vec<Vec3>>>().into(), ..bent.clone() };
+    let frames = [of([0, 0, 0, 0, 0]), straight, of([0, 1, 2, 3, 4]), of([4, 4, 4, 4, 4]), of([0, 0, 2, 2, 4])];
+    let double = |mesh: &TriangleMesh| {
+        let Keys::F32(keys) = &mesh.keys else { panic!("f32") };
+        let keys: Vec<Vec<DVec3>> = keys.iter().map(|key| key.iter().map(|p| p.as_dvec3()).collect()).collect();
+        TriangleMesh { keys: keys.into(), ..mesh.clone() }
+    };
+    for (precise, params) in [false, true].into_iter().flat_map(|form| params().into_iter().map(move |of| (form, of))) {
+        let as_asked = |mesh: &TriangleMesh| if precise { double(mesh).precise() } else { mesh.clone() };
+        let frames = frames.each_ref().map(as_asked);
+        let mut tree = RayTree::build(&[frames[0].clone().keep_keys()], &params).unwrap();
+        let mut dropped = RayTree::build(&[frames[0].clone()], &params).unwrap();
+        assert_eq!(dropped.refit(&[frames[1].clone()]), Err(RefitError::Keys { mesh: 0, expected: 1, found: 2 }));
+        for (i, frame) in frames.iter().enumerate() {
+            let kept = [frame.clone().keep_keys()];
+            tree.refit(&kept).unwrap();
+            agrees(&tree, &kept, &rays(100, 1.5, i as u64), "all keys kept");
+        }
+        let other = TriangleMesh { keys: keys[..3].to_vec().into(), ..bent.clone() }.keep_keys();
+        assert_eq!(tree.refit(&[as_asked(&other)]), Err(RefitError::Keys { mesh: 0, expected: 5, found: 3 }));
+    }
 }
 
 #[test]

@@ -311,6 +311,7 @@ fn points_of_surfaces_are_found_again_at_other_times() {
                 let seen = ray.point(hit.t);
                 assert!(now.distance(seen) < 1e-5 * (1.0 + ray.origin.length()), "{now} {seen}");
                 let other = inner.point_at(&ray, &hit, then).unwrap();
+                assert_eq!(inner.point_at(&ray, &hit, f32::NAN), None);
                 match inner.shapes().get(hit.primitive as usize).filter(|_| hit.mesh == 1) {
                     Some(Shape::Sphere(sphere)) => {
                         let ([(a, r), (b, s)], of_spheres) = ([ray.time, then].map(|t| sphere.at(t)), &mut of_spheres);
@@ -342,6 +343,7 @@ fn points_of_surfaces_are_found_again_at_other_times() {
                 };
                 let inside = inner.point_at(&local, &hit.hit, then).unwrap();
                 let other = outer.point_at(&ray, &hit, then).unwrap();
+                assert!([-0.1, 1.1, f32::NAN].iter().all(|&time| outer.point_at(&ray, &hit, time).is_none()));
                 assert!(other.distance(to.transform_point3(inside)) < 1e-12);
                 let (normal, of_placed) = (outer.surface_normal(&ray, &hit), inner.surface_normal(&local, &hit.hit));
                 let expected = (from.matrix3 * of_placed.as_dvec3()).normalize().as_vec3();

@@ -95,6 +95,6 @@ fn pieces(mesh: &TriangleMesh, size: usize) -> impl Iterator<Item = TriangleMesh
             Keys::F64(keys) => Keys::F64(pick(keys, &vertices)),
             Keys::Precise(keys) => Keys::Precise(pick(keys, &vertices)),
         };
-        TriangleMesh { indices, keys, active: mesh.active, mask: mesh.mask }
+        TriangleMesh { indices, keys, ..mesh.clone() }
     })
 }

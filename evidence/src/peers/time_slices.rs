@@ -61,5 +61,5 @@ pub fn at_time(mesh: &TriangleMesh, time: f32) -> TriangleMesh {
         empty => empty.clone(),
     };
     let indices = if mesh.active.contains(time) { mesh.indices.clone() } else { Vec::new() };
-    TriangleMesh { indices, keys, active: mbkd::TimeInterval::FULL, mask: mesh.mask }
+    TriangleMesh::new(indices, keys).with_mask(mesh.mask)
 }
