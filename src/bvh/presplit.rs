@@ -84,8 +84,15 @@ impl<C: Fn(u32) -> Option<CornerBounds>> Kernel for Presplit<'_, C> {
             let Some(planes) = Planes::across(middle, m) else { continue };
             let mut boxes = [Packed::EMPTY; BINS];
             let parts = &mut boxes[..m];
-            ClipBetweenPlanes { corners: &corners, middle, whole: r.packed(), planes, pad: pad(&corners), parts }
-                .run(s);
+            ClipBetweenPlanes {
+                corners: &corners,
+                middle,
+                whole: r.packed(),
+                planes,
+                pad: corners.pad_of_means(),
+                parts,
+            }
+            .run(s);
             let id = r.id();
             let mut made = boxes[..m].iter().filter(|part| !part.is_empty());
             if let Some(first) = made.next() {
@@ -190,16 +197,10 @@ struct ClipBetweenPlanes<'a> {
     /// Bounds of the triangle.
     whole: &'a Packed,
     planes: Planes,
-    /// The padding of the parts: [`pad`].
+    /// The padding of the parts: [`CornerBounds::pad_of_means`].
     pad: f32,
     /// The bounds of each part; empty for a part that the triangle does not reach.
     parts: &'a mut [Packed],
-}
-
-/// The padding of the parts of a triangle: the rounding error of the computed points, and the slack of the corners.
-#[inline(always)]
-fn pad(corners: &CornerBounds) -> f32 {
-    corners.slack + 8.0 * ULP * corners.union().swept().magnitude()
 }
 
 impl Kernel for ClipBetweenPlanes<'_> {
@@ -346,7 +347,7 @@ mod tests {
             let set = Triangles::new(&[TriangleMesh::new(vec![[0, 1, 2]], places)]).unwrap();
             let (bounds, corners) =
                 (set.bounds(0, TimeInterval::FULL), set.corner_bounds(0, TimeInterval::FULL).unwrap());
-            let Some(parts) = parts_of(&bounds, &corners, pad(&corners), round / 4) else { continue };
+            let Some(parts) = parts_of(&bounds, &corners, corners.pad_of_means(), round / 4) else { continue };
             let (middle, planes) = (corners.middle(), Planes::across(corners.middle(), BINS).unwrap());
             for step in 0..=16 {
                 let t = step as f32 / 16.0;
@@ -406,7 +407,7 @@ mod tests {
 
     #[test]
     fn the_padding_of_parts_is_enough_and_needed() {
-        assert_eq!(points_lost(pad), 0);
+        assert_eq!(points_lost(CornerBounds::pad_of_means), 0);
         assert!(points_lost(|_| 0.0) > 100);
     }
 
@@ -445,7 +446,7 @@ mod tests {
 
     #[test]
     fn parts_hold_corners_as_queries_compute_them_and_would_not_without_slack() {
-        assert_eq!(corners_lost(pad), 0);
-        assert!(corners_lost(|corners| pad(corners) - corners.slack) > 100);
+        assert_eq!(corners_lost(CornerBounds::pad_of_means), 0);
+        assert!(corners_lost(|corners| corners.pad_of_means() - corners.slack) > 100);
     }
 }

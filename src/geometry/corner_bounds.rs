@@ -1,6 +1,6 @@
 //! Where the corners of a moving triangle are.
 
-use super::{Box3, LinearBox3};
+use super::{Box3, LinearBox3, ULP};
 use glam::Vec3;
 
 /// Linear bounds of each corner of a triangle over an interval; a point where it moves on a line.
@@ -24,6 +24,23 @@ impl CornerBounds {
     pub fn union(&self) -> LinearBox3 {
         let [a, b, c] = self.corners;
         a.union(b).union(c)
+    }
+
+    /// Bounds of the point with these weights of the second and the third corner, but for rounding and slack.
+    pub fn mean(&self, [u, v]: [f32; 2]) -> LinearBox3 {
+        let [a, b, c] = &self.corners;
+        let mean = |a: Box3, b: Box3, c: Box3| Box3 {
+            min: a.min + (b.min - a.min) * u + (c.min - a.min) * v,
+            max: a.max + (b.max - a.max) * u + (c.max - a.max) * v,
+        };
+        LinearBox3 { begin: mean(a.begin, b.begin, c.begin), end: mean(a.end, b.end, c.end) }
+    }
+
+    /// The padding of bounds of points that are means of two corners, with fixed weights: the rounding error of computing them
+    /// (three roundings at sizes of at most twice the largest coordinate), and the slack of the corners.
+    #[inline(always)]
+    pub fn pad_of_means(&self) -> f32 {
+        self.slack + 8.0 * ULP * self.union().swept().magnitude()
     }
 
     /// The triangle's area at the begin, with its corners in the middle of their boxes.

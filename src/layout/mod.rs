@@ -36,6 +36,7 @@ mod list_boxes;
 mod needed_segments;
 mod node_boxes;
 mod refit;
+mod refit_parts;
 mod refit_plan;
 mod root_bounds;
 mod shared_blocks;

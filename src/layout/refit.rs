@@ -1,9 +1,9 @@
 //! Refitting: new positions for a tree with the same structure.
 //!
 //! The coordinates of primitives that moved are rewritten in their leaf blocks, and boxes are recomputed from the leaves up, all in
-//! place. If nothing changed below a box, the box is kept, clipped to a cell or not. So the static parts of a scene do not become
-//! worse. All other boxes hold whole primitives. Subtrees that are contiguous in the arena are refitted by any thread
-//! ([`super::refit_plan`]), and the nodes above them last.
+//! place. If nothing changed below a box, the box is kept. So the static parts of a scene do not become worse. Of triangles that
+//! were split before the build, a leaf block holds the same part as before ([`super::refit_parts`]). Subtrees that are contiguous
+//! in the arena are refitted by any thread ([`super::refit_plan`]), and the nodes above them last.
 //!
 //! The answers stay those of brute force, but the tree may become slower. Its cost is the sum over nodes and leaf blocks of the
 //! cost of a visit times area, per area of the root. This is nearly what the build minimizes (MacDonald and Booth, "Heuristics for
@@ -13,6 +13,7 @@
 use super::leaf_block::{MovedLeaf, WideSource};
 use super::leaf_ids::Ids;
 use super::node_boxes::{BoxRows, MeasuredBoxes};
+use super::refit_parts::Parts;
 use super::refit_plan::{Above, RefitPlan, Slice, Touched};
 use super::shared_blocks::{SharedBlocks, SharedBounds, SharedLeaf};
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS};
@@ -93,12 +94,19 @@ impl WideTree {
 
     /// Refits the units of a plan, and then the nodes above them. Returns the work done, and the cost per area of the root.
     fn refit_by<S: WideSource>(&mut self, set: &S, moved: &Moved, plan: &mut RefitPlan) -> (Done, f64) {
-        let (lists, level) = (self.lists, SimdLevel::best());
         let touched = plan.touched(moved.list().as_deref());
-        let places = &plan.places;
         let words = self.arena.ints_mut();
-        let mut pass =
-            Pass { set, moved, lists, level, shared: &plan.shared, in_slices: Vec::new(), places, known: Vec::new() };
+        let mut pass = Pass {
+            set,
+            moved,
+            lists: self.lists,
+            level: SimdLevel::best(),
+            parts: &plan.parts,
+            shared: &plan.shared,
+            in_slices: Vec::new(),
+            places: &plan.places,
+            known: Vec::new(),
+        };
         // Leaf blocks that several hierarchies share come first, since the hierarchies need their bounds.
         let mut done = pass.shared_leaves(words, &touched);
         let units = pass.units(words, plan, &touched);
@@ -149,6 +157,7 @@ struct Pass<'a, S> {
     /// The word at which lists of ids begin.
     lists: usize,
     level: SimdLevel,
+    parts: &'a Parts,
     /// The leaf blocks that slices share, and their results.
     shared: &'a [SharedBlocks],
     in_slices: Vec<SharedBounds>,
@@ -230,8 +239,7 @@ impl<S: WideSource> Pass<'_, S> {
             match slices_of.next().and_then(|first| self.rewrite(place, leaf, held, over(first))) {
                 None => bounds.push(run[i], held.count, []),
                 Some(first) => {
-                    let moved = |slice| self.moved_leaf(leaf, held, over(slice));
-                    let others = slices_of.map(|slice| self.set.leaf_bounds(place.block(leaf), moved(slice)));
+                    let others = slices_of.map(|slice| self.leaf_bounds(place, leaf, held, over(slice)));
                     bounds.push(run[i], held.count, iter::once(first).chain(others));
                 }
             }
@@ -333,7 +341,13 @@ impl<S: WideSource> Pass<'_, S> {
         }
         let bounds = self.set.rewrite_leaf(place.block_mut(leaf), self.moved_leaf(leaf, held, over));
         place.done.leaves += usize::from(bounds.is_some());
-        bounds
+        bounds.map(|bounds| self.parts.bounds(self.set, leaf, held.ids(), over).unwrap_or(bounds))
+    }
+
+    /// The bounds of a leaf block that has been rewritten.
+    fn leaf_bounds(&self, place: &Place<'_>, leaf: ChildRef, held: &InLeaf, over: TimeInterval) -> LinearBox3 {
+        let parts = self.parts.bounds(self.set, leaf, held.ids(), over);
+        parts.unwrap_or_else(|| self.set.leaf_bounds(place.block(leaf), self.moved_leaf(leaf, held, over)))
     }
 
     fn moved_leaf<'a>(&self, leaf: ChildRef, held: &'a InLeaf, over: TimeInterval) -> MovedLeaf<'a> {
@@ -415,7 +429,7 @@ impl<S: WideSource> Pass<'_, S> {
             Kind::Time => return self.bounds_of_slices(place, at, over),
             _ => {
                 let held = self.held(place, at);
-                return self.set.leaf_bounds(place.block(at), self.moved_leaf(at, &held, over));
+                return self.leaf_bounds(place, at, &held, over);
             }
         };
         let block = place.block(at);

@@ -1,12 +1,15 @@
 //! The plan of a refit: a partition of the tree into subtrees that are contiguous in the arena, so that threads can
 //! write them concurrently, and the nodes above them.
 //!
+//! It also says which parts of split triangles leaf blocks hold ([`super::refit_parts`]).
+//!
 //! The hierarchies of time slices may share leaf blocks (*segments*). Those are stored apart, and are rewritten first.
 
 use super::built_place::BuiltPlace;
 use super::keyed_leaf::KeyedLeaf;
 use super::leaf_block::WideSource;
 use super::leaf_ids::Ids;
+use super::refit_parts::Parts;
 use super::shared_blocks::{SharedBlocks, shared_leaves};
 use super::sphere_leaf::SphereLeaf;
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS};
@@ -86,6 +89,8 @@ pub(crate) struct RefitPlan {
     pub built: f64,
     /// Where it was then; `None` if it is empty.
     pub place: Option<BuiltPlace>,
+    /// What leaf blocks hold of triangles that were split.
+    pub(super) parts: Parts,
     /// The leaf blocks that hold primitives of several meshes.
     mixed: Vec<ChildRef>,
     units_of: Holders,
@@ -174,7 +179,10 @@ impl<S: WideSource> Exploration<'_, S> {
         let (begin, end, first) = (at.at(), at.at() + rows * LANES, self.meshes.len());
         let mut all = Extent { begin, end, lines: rows, meshes: first..first, open: true };
         let mut below = Vec::with_capacity(LANES);
-        for child in self.tree.children(at).iter().map(|&child| ChildRef(child)).filter(|&c| c != ChildRef::NOTHING) {
+        for (lane, child) in self.tree.lanes(at) {
+            if self.tree.presplit && child.kind().is_leaf() {
+                self.plan.parts.add(self.tree, self.set, (at, lane), child, over);
+            }
             let extent = self.explore(child, over, slice);
             (all.begin, all.end) = (all.begin.min(extent.begin), all.end.max(extent.end));
             all.lines += extent.lines;

@@ -109,14 +109,14 @@ impl RayTree {
     ///
     /// The meshes must have the triangles that the tree was built of; positions, [`active`](TriangleMesh::active) and
     /// [`mask`](TriangleMesh::mask) may differ, and so may the number of keys, as long as the number of keys after merging
-    /// redundant ones is the same. Shapes beside the meshes stay as they are. A tree with temporal splits may have left out what
-    /// did not exist in a time slice when it was built, and any tree leaves out the keys of a mesh or sphere with more than two at
-    /// times when it did not exist; then active intervals may become shorter, but no longer than they were.
+    /// redundant ones is the same; [`TriangleMesh::keep_keys`] keeps these where another frame needs them. Shapes beside the meshes
+    /// stay as they are. A tree with temporal splits may have left out what did not exist in a time slice when it was built, and
+    /// any tree leaves out the keys of a mesh or sphere with more than two at times when it did not exist; then active intervals
+    /// may become shorter, but no longer than they were.
     ///
     /// The tree keeps its structure, which groups primitives that were near each other when it was built. So rays
     /// become slower as the motion goes on, and [`Refit::cost`] estimates by how much. If nothing moved, the tree does
-    /// not change. (Of triangles that were split into several references before the build, every box holds the whole
-    /// triangle once it moved.)
+    /// not change. Triangles that were split into several references before the build stay split.
     ///
     /// Takes O(n) time, in parallel with the feature `rayon`, with the same result for any number of threads. The first
     /// refit takes up to 2.5 times as long, since it indexes the tree.

@@ -26,6 +26,7 @@ mod precise;
 mod progress;
 mod refit;
 mod refit_moved;
+mod refit_split;
 mod scenes;
 mod secondary_rays;
 mod spheres;
