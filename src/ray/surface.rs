@@ -122,6 +122,9 @@ impl RayTree {
         if let Some(shape) = self.shape_of(hit) {
             return point_of_shape(shape, ray, hit, time);
         }
+        if time.is_nan() {
+            return None;
+        }
         let [a, b, c] = self.vertices(hit, time);
         let point = a + (b - a) * f64::from(hit.u) + (c - a) * f64::from(hit.v);
         (!point.is_nan()).then_some(point)
@@ -231,6 +234,9 @@ fn normal_of_shape(shape: &impl Primitive, ray: &Ray, hit: &Hit) -> Option<DVec3
 
 /// Where the point of a shape that was hit is at another time; `None` if it is not known.
 fn point_of_shape(shape: &impl Primitive, ray: &Ray, hit: &Hit, time: f32) -> Option<DVec3> {
+    if time.is_nan() {
+        return None;
+    }
     let met = Intersection { t: hit.t, u: hit.u, v: hit.v };
     let point = match shape.as_sphere() {
         Some(sphere) => sphere.point_at(ray, met, time),

@@ -312,7 +312,9 @@ fn meshes_that_keep_all_keys_are_refitted_whatever_their_motion() {
         let frames = frames.each_ref().map(as_asked);
         let mut tree = RayTree::build(&[frames[0].clone().keep_keys()], &params).unwrap();
         let mut dropped = RayTree::build(&[frames[0].clone()], &params).unwrap();
-        assert_eq!(dropped.refit(&[frames[1].clone()]), Err(RefitError::Keys { mesh: 0, expected: 1, found: 2 }));
+        // In f64, what is straight in f32 is not.
+        let found = if precise { 5 } else { 2 };
+        assert_eq!(dropped.refit(&[frames[1].clone()]), Err(RefitError::Keys { mesh: 0, expected: 1, found }));
         for (i, frame) in frames.iter().enumerate() {
             let kept = [frame.clone().keep_keys()];
             tree.refit(&kept).unwrap();
