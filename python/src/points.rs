@@ -2,13 +2,13 @@
 
 use crate::arrays::{PerQuery, Places, Positions, intervals, rows, slice, table, value_error};
 use crate::files::{error_at, from_bytes, to_bytes};
-use crate::images::Periods;
+use crate::images::{Memory, Periods};
 use crate::queries::{in_waves, order};
 use crate::threads::{Control, long};
 use core::ops::ControlFlow;
 use mbkd::{
-    Aabb, Neighbor, NeighborBuffer, PointArrays, PointParams, PointStructure, PointTree, Precision, TimeInterval,
-    TreePoint, Visitor,
+    Aabb, Neighbor, NeighborBuffer, NeighborQuery, PointArrays, PointParams, PointStructure, PointTree, Precision,
+    TimeInterval, TreePoint, Visitor,
 };
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
@@ -145,19 +145,24 @@ impl Points {
         let square = bound * bound;
         let counts = |near: &&Neighbor| near.distance_squared < square || (square == 0.0 && bound > 0.0);
         let run = |queries: &[u32]| {
-            let mut buffer = NeighborBuffer::new();
+            let (mut buffer, mut memory) = (NeighborBuffer::new(), Memory::default());
             let mut found: Vec<Neighbor> = Vec::with_capacity(queries.len() * k);
             let mut ends = Vec::with_capacity(queries.len());
             for &query in queries {
-                self.nearest(
-                    places,
-                    query as usize,
-                    times.of(query as usize),
-                    (bound, eps),
-                    k,
-                    &mut buffer,
-                    &mut found,
-                );
+                let (query, time) = (query as usize, times.of(query as usize));
+                match &self.periods {
+                    None => {
+                        let query = self.query_at(places, query, time).radius(bound).approximate(eps);
+                        match k {
+                            1 => found.extend(query.nearest()),
+                            _ => found.extend_from_slice(query.nearest_n_into(k, &mut buffer)),
+                        }
+                    }
+                    Some(periods) => {
+                        let at = (places.wide(query), time);
+                        periods.nearest(&self.tree, at, (bound, eps), k, &mut memory, &mut found);
+                    }
+                }
                 ends.push(found.len());
             }
             (found, ends)
@@ -196,13 +201,20 @@ impl Points {
         let times = PerQuery::times(slice(&times)?, places.len())?;
         let radii = radii_of(slice(&radii)?, places.len())?;
         let run = |queries: &[u32]| {
-            let mut buffer = NeighborBuffer::new();
-            let (mut found, mut ids, mut ends) = (Vec::new(), Vec::new(), Vec::with_capacity(queries.len()));
+            let (mut buffer, mut memory) = (NeighborBuffer::new(), Memory::default());
+            let (mut ids, mut ends) = (Vec::new(), Vec::with_capacity(queries.len()));
             for &query in queries {
-                let place = query as usize;
-                let begin = ids.len();
-                let near = self.all_within(places, place, times.of(place), radii.of(place), &mut buffer, &mut found);
-                ids.extend(near.iter().map(|near| near.id as i32));
+                let query = query as usize;
+                let (time, radius, begin) = (times.of(query), radii.of(query), ids.len());
+                match &self.periods {
+                    None => {
+                        let near = self.query_at(places, query, time).radius(radius).collect_into(&mut buffer);
+                        ids.extend(near.iter().map(|near| near.id as i32));
+                    }
+                    Some(periods) => {
+                        periods.within(&self.tree, (places.wide(query), time), radius, &mut memory, &mut ids);
+                    }
+                }
                 if sorted {
                     ids[begin..].sort_unstable();
                 }
@@ -319,56 +331,13 @@ impl Points {
 }
 
 impl Points {
-    /// Appends the k nearest of a query.
+    /// A query, without regard to the periodic box.
     #[inline]
-    fn nearest(
-        &self,
-        places: Places<'_>,
-        query: usize,
-        time: f32,
-        (radius, eps): (f32, f32),
-        k: usize,
-        buffer: &mut NeighborBuffer,
-        found: &mut Vec<Neighbor>,
-    ) {
-        if let Some(periods) = &self.periods {
-            let at = (places.wide(query), time);
-            periods.neighbors(&self.tree, at, (radius, eps), Some(k), buffer, found);
-            return;
-        }
-        let query = match places {
-            Places::Single(rows) => self.tree.query(rows[query], time),
-            Places::Double(rows) => self.tree.query(rows[query], time),
-        };
-        let query = query.radius(radius).approximate(eps);
-        match k {
-            1 => found.extend(query.nearest()),
-            _ => found.extend_from_slice(query.nearest_n_into(k, buffer)),
-        }
-    }
-
-    /// The points within the radius of a query. Queries in periodic boxes use `memory`.
-    #[inline]
-    fn all_within<'a>(
-        &self,
-        places: Places<'_>,
-        query: usize,
-        time: f32,
-        radius: f32,
-        buffer: &'a mut NeighborBuffer,
-        memory: &'a mut Vec<Neighbor>,
-    ) -> &'a [Neighbor] {
-        if let Some(periods) = &self.periods {
-            memory.clear();
-            periods.neighbors(&self.tree, (places.wide(query), time), (radius, 0.0), None, buffer, memory);
-            return memory;
-        }
+    fn query_at(&self, places: Places<'_>, query: usize, time: f32) -> NeighborQuery<'_> {
         match places {
             Places::Single(rows) => self.tree.query(rows[query], time),
             Places::Double(rows) => self.tree.query(rows[query], time),
         }
-        .radius(radius)
-        .collect_into(buffer)
     }
 
     fn counts(
@@ -378,14 +347,13 @@ impl Points {
         time: impl Fn(usize) -> f32,
         radius: impl Fn(usize) -> f32,
     ) -> Vec<i64> {
-        let (mut buffer, mut memory) = (NeighborBuffer::new(), Vec::new());
+        let mut memory = Memory::default();
         let one = |&query: &u32| {
             let query = query as usize;
             let (time, radius) = (time(query), radius(query));
-            let count = match (&self.periods, places) {
-                (Some(_), _) => self.all_within(places, query, time, radius, &mut buffer, &mut memory).len(),
-                (None, Places::Single(rows)) => self.tree.query(rows[query], time).radius(radius).count(),
-                (None, Places::Double(rows)) => self.tree.query(rows[query], time).radius(radius).count(),
+            let count = match &self.periods {
+                None => self.query_at(places, query, time).radius(radius).count(),
+                Some(periods) => periods.count(&self.tree, (places.wide(query), time), radius, &mut memory),
             };
             count as i64
         };

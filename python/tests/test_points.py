@@ -140,6 +140,58 @@ def test_periodic_boxes(points, box):
     assert ours.query_pairs(0.2, output_type="set") == theirs.query_pairs(0.2)
 
 
+def images(points, queries, box):
+    """Squared distances (m, n) to the nearest images, each computed as the library does."""
+    box = np.broadcast_to(np.float64(box), 3)
+    home = np.where(box > 0, queries.astype(np.float64) % np.where(box > 0, box, 1), queries)
+    least = np.full((len(queries), len(points)), np.inf, np.float32)
+    for shift in itertools.product(*([-2, -1, 0, 1, 2] if length else [0] for length in box)):
+        place = (home + np.float64(shift) * box).astype(points.dtype)
+        d = points[None] - place[:, None]
+        square = (d[..., 0] * d[..., 0] + d[..., 1] * d[..., 1]) + d[..., 2] * d[..., 2]
+        least = np.minimum(least, square.astype(np.float32))
+    return least
+
+
+@pytest.mark.parametrize("box", [1.0, [1.0, 1.25, 0.0], [1.0, 1.0, 2.0]], ids=str)
+@pytest.mark.parametrize(
+    "points",
+    [SINGLE, DOUBLE, SINGLE[:40] * np.float32(0.3), SINGLE[:1], np.round(SINGLE * 8) / 8 % 1],
+    ids=["f32", "f64", "part", "one", "lattice"],
+)
+def test_periodic_boxes_are_brute_force_to_the_bit(points, box):
+    ours, rng = PointTree(points, boxsize=box), np.random.default_rng(3)
+    length = np.broadcast_to(box, 3) + 1.0 * (np.broadcast_to(box, 3) == 0)
+    middle, any_place = 0.4 + 0.2 * rng.random((20, 3)), rng.random((20, 3))
+    faces = any_place.copy()
+    faces[np.arange(20), np.arange(20) % 3] = rng.choice([0, 1e-9, 1e-3, 0.03, 0.97, 0.999, 1 - 1e-9], 20)
+    corners = np.float64(list(itertools.product([0, 1e-3, 0.98], repeat=3)))
+    outside = np.concatenate([rng.normal(0, 3, (20, 3)), np.float64(list(itertools.product([-1, 0, 1, 2], repeat=3)))])
+    queries = np.concatenate([middle, any_place, faces, corners, outside]) * length
+    square = images(points, queries, box)
+    for k in (1, 2, 9, len(points)):
+        distances, expected = nearest(square, k)
+        d, i = ours.query(queries, [*range(1, k + 1)])
+        columns = expected.shape[1]
+        np.testing.assert_array_equal(i[:, :columns], expected)
+        np.testing.assert_array_equal(d[:, :columns], distances)
+        assert (i[:, columns:] == len(points)).all()
+    # About half a period, where two images begin to reach the same points, and the whole box.
+    for r in (0.0, 0.03, 0.2, 0.49, 0.49995, 0.5, 0.51, 0.7, 1.2, np.inf):
+        within = square <= np.float32(r) * np.float32(r)
+        lists, some = ours.query_ball_point(queries, r), ours.query_ball_point(queries, r, return_sorted=False)
+        np.testing.assert_array_equal(lists.ids, np.nonzero(within)[1])
+        np.testing.assert_array_equal(lists.counts, within.sum(axis=1))
+        assert [sorted(row) for row in some.to_objects()] == lists.to_objects().tolist()
+        np.testing.assert_array_equal(ours.query_ball_point(queries, r, return_length=True), lists.counts)
+        d, i = ours.query(queries, 5, distance_upper_bound=r)
+        ranks = np.sort(np.where(square < np.float32(r) * np.float32(r), square, np.inf), axis=1)[:, :5]
+        np.testing.assert_array_equal(d[:, : ranks.shape[1]], np.sqrt(ranks.astype(np.float64)))
+        near = ours.query(queries, 5, eps=0.5, distance_upper_bound=r)[0]
+        np.testing.assert_array_equal(np.isinf(near), np.isinf(d))
+        assert (near <= d * (1.5 + 1e-6)).all()
+
+
 @pytest.mark.parametrize("box", [[1.0, 0.0, 1.5], [0.0, 0.0, 0.0]])
 def test_axes_with_an_infinite_period_are_open(box):
     # Open axes have no begin either.
