@@ -95,6 +95,8 @@ class InstanceTree(Traced[InstanceHits]):
         active: ArrayLike | None = None,
         workers: int = 1,
     ) -> None:
+        if isinstance(trees, (RayTree, InstanceTree)):
+            raise TypeError("trees must be a sequence of trees, not one of them")
         for tree in trees:
             if not isinstance(tree, (RayTree, InstanceTree)):
                 raise TypeError(f"trees must be RayTree or InstanceTree, not {type(tree).__name__}")

@@ -339,8 +339,7 @@ class PointTree:
         int, or int64 array of the shape of `r`
         """
         only_euclidean(p)
-        if not isinstance(other, PointTree):
-            raise TypeError(f"other must be a PointTree, not {type(other).__name__}")
+        _same_kind(other, "other")
         radii = np.asarray(r, dtype=np.float64)
         counts = self._tree.count_pairs(other._tree, radii.reshape(-1).tolist(), time, workers, progress)
         return np.asarray(counts, dtype=np.int64).reshape(radii.shape) if radii.ndim else counts[0]
@@ -429,6 +428,8 @@ class PointTree:
         """
         if rows not in ("points", "tree"):
             raise ValueError(f"rows must be 'points' or 'tree', not {rows!r}")
+        if among is not None:
+            _same_kind(among, "among")
         radii = self._radii(r, larger, summed)
         by_id = rows == "points"
         offsets, ids, points, far, ways = _mbkd.neighbor_lists(
@@ -493,6 +494,12 @@ class PointTree:
             self._tree, interval(between), self._radii(r, larger, summed), larger, summed, pairs_once, most, workers
         )
         return Encounters(offsets, ids, *columns)
+
+
+def _same_kind(tree: PointTree, name: str) -> None:
+    """Refuses other kinds of trees, those of scipy for example."""
+    if not isinstance(tree, PointTree):
+        raise TypeError(f"{name} must be a PointTree, not {type(tree).__name__}")
 
 
 def _restored(bytes_of_file: bytes, periods: tuple | None, data: np.ndarray | None, boxsize: np.ndarray | None) -> PointTree:

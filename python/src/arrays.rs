@@ -99,9 +99,7 @@ impl<'a> PerQuery<'a> {
 
     /// Takes an array of times, which must be in the shutter.
     pub fn times(values: &'a [f32], count: usize) -> PyResult<PerQuery<'a>> {
-        if let Some(time) = values.iter().find(|time| !(0.0..=1.0).contains(*time)) {
-            return Err(PyValueError::new_err(format!("the time {time} is not in [0, 1]")));
-        }
+        all_valid(values, "time", "of query", "is not in [0, 1]", |time| (0.0..=1.0).contains(&time))?;
         PerQuery::new(values, count, "time")
     }
 
@@ -112,9 +110,21 @@ impl<'a> PerQuery<'a> {
     }
 }
 
-/// Active intervals, from rows of begin and end.
-pub fn intervals(rows: &[[f32; 2]]) -> PyResult<Vec<TimeInterval>> {
-    rows.iter().map(|&[begin, end]| TimeInterval::new(begin, end).map_err(value_error)).collect()
+/// Checks numbers. The error has the first one that is not valid, and where it is, if there are several.
+pub fn all_valid(values: &[f32], name: &str, place: &str, wrong: &str, valid: impl Fn(f32) -> bool) -> PyResult<()> {
+    let Some(i) = values.iter().position(|value| !valid(*value)) else { return Ok(()) };
+    let place = if values.len() > 1 { format!(" {place} {i}") } else { String::new() };
+    Err(PyValueError::new_err(format!("the {name} {}{place} {wrong}", values[i])))
+}
+
+/// Active intervals, from rows of begin and end. `of` is what has them.
+pub fn intervals(rows: &[[f32; 2]], of: &str) -> PyResult<Vec<TimeInterval>> {
+    rows.iter().enumerate().map(|(i, &row)| interval_of(row, of, i)).collect()
+}
+
+/// The active interval of one of them.
+pub fn interval_of([begin, end]: [f32; 2], of: &str, i: usize) -> PyResult<TimeInterval> {
+    TimeInterval::new(begin, end).map_err(|error| PyValueError::new_err(format!("{of} {i}: {error}")))
 }
 
 /// A vector as an array `(rows, columns)`, without a copy.

@@ -53,7 +53,7 @@ impl Instances {
     ) -> PyResult<Instances> {
         let trees: Vec<InstanceOf> = trees.iter().map(Placed::of).collect();
         let (which, masks) = (slice(&which)?, slice(&masks)?);
-        let active = intervals(slice(&active)?.as_chunks().0)?;
+        let active = intervals(slice(&active)?.as_chunks().0, "instance")?;
         let [_, n, numbers] = *transforms.as_array().shape() else {
             return Err(PyValueError::new_err("no transforms"));
         };

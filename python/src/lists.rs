@@ -3,7 +3,7 @@
 use crate::arrays::{slice, value_error};
 use crate::points::Points;
 use crate::threads::on;
-use mbkd::{NeighborLists, Radii};
+use mbkd::{ListError, NeighborLists, Radii};
 use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -68,7 +68,7 @@ pub fn neighbor_lists<'py>(
     query = among.map_or(query, |among| query.among(&among.tree));
     query = points.periods.as_ref().map_or(query, |periods| query.periodic(periods.for_lists()));
     let mut lists = memory();
-    on(py, workers, || query.run(&mut lists))?.map_err(value_error)?;
+    on(py, workers, || query.run(&mut lists))?.map_err(list_error)?;
     hand_over(py, lists, by_id.then_some(points.tree.len()), workers)
 }
 
@@ -90,6 +90,23 @@ pub fn neighbor_lists_with_skin<'py>(
     let made = on(py, workers, || points.tree.neighbor_lists_with_skin(time, radius, skin, until, &mut lists))?;
     let valid_until = made.map_err(value_error)?;
     Ok((hand_over(py, lists, Some(points.tree.len()), workers)?, valid_until))
+}
+
+/// The error in the words of the arguments here.
+fn list_error(error: ListError) -> PyErr {
+    match error {
+        ListError::Origins => PyValueError::new_err(
+            "the two trees have float64 positions that were rounded to float32 relative to different places; build both with \
+             precision='float64', or from float32 positions",
+        ),
+        ListError::Double => PyValueError::new_err(
+            "one of the two trees keeps positions in float64 and the other in float32; build both with the same precision",
+        ),
+        ListError::Period { axis } => PyValueError::new_err(format!(
+            "boxsize of axis {axis} must be above zero, and neither denormal nor infinite in float32"
+        )),
+        error => value_error(error),
+    }
 }
 
 /// The memory of the last lists, unless another thread uses it.

@@ -1,14 +1,14 @@
 //! The tree of points and its individual queries: k nearest, radius, counts, closest approach.
 
-use crate::arrays::{PerQuery, Places, Positions, intervals, rows, slice, table, value_error};
+use crate::arrays::{PerQuery, Places, Positions, all_valid, intervals, rows, slice, table, value_error};
 use crate::files::{error_at, from_bytes, to_bytes};
 use crate::images::{Memory, Periods};
 use crate::queries::{in_waves, order};
 use crate::threads::{Control, long};
 use core::ops::ControlFlow;
 use mbkd::{
-    Aabb, Neighbor, NeighborBuffer, NeighborQuery, PointArrays, PointParams, PointStructure, PointTree, Precision,
-    TimeInterval, TreePoint, Visitor,
+    Aabb, Neighbor, NeighborBuffer, NeighborQuery, PointArrays, PointError, PointParams, PointStructure, PointTree,
+    Precision, TimeInterval, TreePoint, Visitor,
 };
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
@@ -59,7 +59,7 @@ impl Points {
             return Err(PyValueError::new_err("more than 2^31 - 1 points"));
         }
         let active = match &active {
-            Some(rows) => intervals(slice(rows)?.as_chunks().0)?,
+            Some(rows) => intervals(slice(rows)?.as_chunks().0, "point")?,
             None => Vec::new(),
         };
         let params = PointParams {
@@ -270,7 +270,7 @@ impl Points {
             return Err(PyValueError::new_err("the two trees have different periodic boxes"));
         }
         PerQuery::times(&[time], 1)?;
-        radii_of(&radii, radii.len())?;
+        all_valid(&radii, "radius", "at index", NO_RADIUS, is_radius)?;
         // In the order of the tree.
         let places: Vec<[f64; 3]> = at(&self.tree, time).into_iter().map(|point| point.position.to_array()).collect();
         let (places, order): (_, Vec<u32>) = (Places::Double(&places), (0..places.len() as u32).collect());
@@ -361,12 +361,17 @@ impl Points {
     }
 }
 
-/// Checks radii.
+/// What is wrong with a number that is not a radius.
+const NO_RADIUS: &str = "is negative or NaN";
+
+fn is_radius(radius: f32) -> bool {
+    radius >= 0.0
+}
+
+/// Checks the radii of queries.
 fn radii_of(radii: &[f32], count: usize) -> PyResult<PerQuery<'_>> {
-    match radii.iter().find(|radius| radius.is_nan() || **radius < 0.0) {
-        Some(radius) => Err(PyValueError::new_err(format!("a radius must not be negative or NaN: {radius}"))),
-        None => PerQuery::new(radii, count, "r"),
-    }
+    all_valid(radii, "radius", "of query", NO_RADIUS, is_radius)?;
+    PerQuery::new(radii, count, "r")
 }
 
 /// The structure with this name.
@@ -409,7 +414,16 @@ fn build(keys: &[Places<'_>], active: &[TimeInterval], params: &PointParams, con
         }
         _ => return Err(PyValueError::new_err("all keys must have one precision")),
     }
-    .map_err(value_error)
+    .map_err(|error| match (error, params.structure) {
+        // In the words of the arguments here.
+        (PointError::Parameter { name: "structure", .. }, PointStructure::TimeSlices(_)) => {
+            PyValueError::new_err("structure must have from 1 to 1024 time slices")
+        }
+        (PointError::Parameter { name: "structure", .. }, _) => PyValueError::new_err(
+            "structure='kd' needs positions in float32; give float32 positions, or precision='float32'",
+        ),
+        (error, _) => value_error(error),
+    })
 }
 
 /// A tree whose ids are the indices of its points, as in all trees that are built here.

@@ -1,13 +1,16 @@
 //! The tree of meshes: ray queries and nearest points.
 
-use crate::arrays::{PerQuery, Places, Positions, intervals, rows, slice, value_error};
+use crate::arrays::{PerQuery, Places, Positions, interval_of, intervals, rows, slice, value_error};
 use crate::files::{error_at, from_bytes, to_bytes};
 use crate::threads::{long, poll_python, pool};
 use crate::traced::{
     Hits, NOTHING, PointArrays, RayArrays, RaySlices, Report, all, columns, each, nearest, on_surface, positions,
 };
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{BuildParams, ClosestPointQuery, Hit, Keys, MovingSphere, Ray, RayTree, Shape, TimeInterval, TriangleMesh};
+use mbkd::{
+    BuildError, BuildParams, ClosestPointQuery, Hit, Keys, MAX_COORDINATE, MovingSphere, Ray, RayTree, Shape,
+    TimeInterval, TriangleMesh,
+};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -46,13 +49,21 @@ impl Rays {
         workers: isize,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Rays> {
-        let meshes = meshes.iter().map(mesh).collect::<PyResult<Vec<_>>>()?;
+        let meshes = meshes.iter().enumerate().map(mesh).collect::<PyResult<Vec<_>>>()?;
         let shapes = shapes(&spheres)?;
         let build = long(py, workers, progress.as_ref(), |control| {
             let report = |done| control.report(done);
             RayTree::of_scene_with_progress(&meshes, shapes, &BuildParams::default(), &report)
         })?;
-        Ok(Rays { tree: Arc::new(build.map_err(value_error)?) })
+        let tree = build.map_err(|error| match error {
+            // Spheres are the only shapes here.
+            BuildError::BadBounds { primitive } => PyValueError::new_err(format!(
+                "sphere {primitive} is not finite, or reaches beyond {:e}; move or scale the scene",
+                MAX_COORDINATE as f32
+            )),
+            error => value_error(error),
+        })?;
+        Ok(Rays { tree: Arc::new(tree) })
     }
 
     /// Writes the tree to a file.
@@ -234,7 +245,7 @@ fn shapes((centers, radii, active): &SphereArrays<'_>) -> PyResult<Vec<Shape>> {
     let centers = centers.iter().map(rows).collect::<PyResult<Vec<_>>>()?;
     let radii = radii.iter().map(slice).collect::<PyResult<Vec<_>>>()?;
     let count = centers.first().map_or(0, |key| key.len());
-    let active = active.as_ref().map(|active| intervals(slice(active)?.as_chunks().0)).transpose()?;
+    let active = active.as_ref().map(|active| intervals(slice(active)?.as_chunks().0, "sphere")).transpose()?;
     let lengths = centers.iter().map(|key| key.len()).chain(radii.iter().map(|key| key.len()));
     if centers.len() != radii.len() || lengths.chain(active.iter().map(Vec::len)).any(|length| length != count) {
         return Err(PyValueError::new_err("spheres have centers, radii and active intervals of different numbers"));
@@ -248,7 +259,7 @@ fn shapes((centers, radii, active): &SphereArrays<'_>) -> PyResult<Vec<Shape>> {
 }
 
 /// Makes a mesh of the library from positions at keys, vertex indices, active interval and mask.
-fn mesh((keys, faces, active, mask): &MeshArrays<'_>) -> PyResult<TriangleMesh> {
+fn mesh((i, (keys, faces, active, mask)): (usize, &MeshArrays<'_>)) -> PyResult<TriangleMesh> {
     let keys = keys.iter().map(Positions::of).collect::<PyResult<Vec<_>>>()?;
     let keys = keys.iter().map(Positions::places).collect::<PyResult<Vec<_>>>()?;
     let keys: Keys = match keys.first() {
@@ -264,6 +275,6 @@ fn mesh((keys, faces, active, mask): &MeshArrays<'_>) -> PyResult<TriangleMesh> 
             keys.iter().map(single).collect::<PyResult<Vec<Vec<Vec3>>>>()?.into()
         }
     };
-    let active = TimeInterval::new(active[0], active[1]).map_err(value_error)?;
+    let active = interval_of(*active, "mesh", i)?;
     Ok(TriangleMesh::new(rows(faces)?.to_vec(), keys).with_active(active).with_mask(*mask))
 }

@@ -149,7 +149,13 @@ def test_what_can_not_be_placed_is_an_error():
     ):
         with pytest.raises(ValueError):
             wrong()
-    for wrong in (lambda: InstanceTree([VERTICES], [0], one), lambda: InstanceTree([tree], [0.5], one)):
+    with pytest.raises(ValueError, match="instance 1.*interval"):
+        InstanceTree([tree], [0, 0], np.concatenate([one, one]), active=[[0, 1], [1, 0]])
+    for wrong in (
+        lambda: InstanceTree([VERTICES], [0], one),
+        lambda: InstanceTree(tree, [0], one),
+        lambda: InstanceTree([tree], [0.5], one),
+    ):
         with pytest.raises(TypeError):
             wrong()
     nothing = InstanceTree([], [], np.empty((0, 4, 4)))

@@ -249,6 +249,13 @@ def test_input_of_any_kind():
         np.testing.assert_allclose(PointTree(given, precision="float64").query(near)[0], 1e-9, rtol=1e-6)
 
 
+WRONG_AT_7 = np.where(np.arange(len(QUERIES)) == 7, -1, 0.1)
+
+
+def rounded(points):
+    return PointTree(points, precision="float32")
+
+
 WRONG = [
     (lambda: PointTree([[0, 0]]), ValueError, "coordinates"),
     (lambda: PointTree([0, 0, 0]), ValueError, "shape"),
@@ -263,10 +270,12 @@ WRONG = [
     (lambda: PointTree(np.empty((0, 500, 3))), ValueError, "at least one key"),
     (lambda: PointTree(np.ma.masked_greater(SINGLE, 0.5)), ValueError, "masked"),
     (lambda: PointTree(SINGLE, boxsize=[1, 1]), ValueError, "boxsize"),
-    (lambda: PointTree(SINGLE, active=np.full((500, 2), 0.5)), ValueError, "time interval"),
+    (lambda: PointTree(SINGLE, active=np.full((500, 2), 0.5)), ValueError, "point 0.*time interval"),
+    (lambda: PointTree(SINGLE, active=[[0, 1]] * 77 + [[1, 0]] + [[0, 1]] * 422), ValueError, "point 77.*time interval"),
     (lambda: PointTree(SINGLE, structure="best"), ValueError, "structure"),
     (lambda: PointTree(SINGLE, precision="double"), ValueError, "precision"),
-    (lambda: PointTree(SINGLE, structure="time_slices:0"), ValueError, "structure"),
+    (lambda: PointTree(SINGLE, keys=CLOSE, structure="time_slices:0"), ValueError, "structure must have from 1 to 1024 time slices"),
+    (lambda: PointTree(DOUBLE, keys=DOUBLE + 1, structure="kd"), ValueError, "structure='kd' .* precision='float32'"),
     (lambda: PointTree(SINGLE, max_references=0), ValueError, "max_references"),
     (lambda: PointTree(SINGLE, workers=0), ValueError, "workers"),
     (lambda: PointTree(SINGLE, boxsize=0.5), ValueError, "periodic"),
@@ -290,11 +299,18 @@ WRONG = [
     (lambda: PointTree(SINGLE).query([0, 0, 0], time=1.5), ValueError, r"\[0, 1\]"),
     (lambda: PointTree(SINGLE).query([0, 0, 0], time=np.nan), ValueError, r"\[0, 1\]"),
     (lambda: PointTree(SINGLE).query(QUERIES, time=[0, 1]), ValueError, "time has the shape"),
+    (lambda: PointTree(SINGLE).query(QUERIES, time=WRONG_AT_7), ValueError, r"the time -1 of query 7 is not in \[0, 1\]"),
+    (lambda: PointTree(SINGLE).query_ball_point(QUERIES, 0.1, time=WRONG_AT_7), ValueError, "query 7"),
+    (lambda: PointTree(SINGLE).query_ball_point(QUERIES, WRONG_AT_7), ValueError, "the radius -1 of query 7 is negative"),
+    (lambda: PointTree(SINGLE, boxsize=1).query_ball_point(QUERIES, WRONG_AT_7, return_length=True), ValueError, "query 7"),
     (lambda: PointTree(SINGLE).query_ball_point([0, 0, 0], -1), ValueError, "radius"),
     (lambda: PointTree(SINGLE).query_ball_point([0, 0, 0], np.nan), ValueError, "radius"),
     (lambda: PointTree(SINGLE).query_ball_point(QUERIES, [0.1, 0.2]), ValueError, "r has the shape"),
     (lambda: PointTree(SINGLE).query_pairs(np.nan), ValueError, "radius"),
     (lambda: PointTree(SINGLE).count_neighbors(SINGLE, 0.1), TypeError, "PointTree"),
+    (lambda: PointTree(SINGLE).count_neighbors(cKDTree(SINGLE), 0.1), TypeError, "other must be a PointTree, not cKDTree"),
+    (lambda: PointTree(SINGLE).count_neighbors(PointTree(SINGLE), [0.1, -1]), ValueError, "the radius -1 at index 1"),
+    (lambda: PointTree(SINGLE).neighbor_lists(0.1, among=cKDTree(SINGLE)), TypeError, "among must be a PointTree, not cKDTree"),
     (lambda: PointTree(SINGLE).neighbor_lists_swept(0.1, between=(0.5, 0.2)), ValueError, "interval"),
     (lambda: PointTree(SINGLE).neighbor_lists_swept(0.1, between=(0.5, 0.2, 1)), ValueError, "interval"),
     (lambda: PointTree(SINGLE).neighbor_lists_swept(np.nan), ValueError, "radius"),
@@ -302,7 +318,9 @@ WRONG = [
     (lambda: PointTree(SINGLE).neighbor_lists(0.1)[500], IndexError, "no list 500"),
     (lambda: PointTree(SINGLE).neighbor_lists(0.1)[1:3], TypeError, "slice"),
     (lambda: PointTree(SINGLE).neighbor_lists(-1), ValueError, "radius"),
-    (lambda: PointTree(DOUBLE).neighbor_lists(0.1, among=PointTree(SINGLE)), ValueError, "same precision"),
+    (lambda: PointTree(DOUBLE).neighbor_lists(0.1, among=PointTree(SINGLE)), ValueError, "float64.*float32.*same precision"),
+    (lambda: rounded(DOUBLE).neighbor_lists(0.1, among=rounded(DOUBLE + 1)), ValueError, "precision='float64'"),
+    (lambda: PointTree(SINGLE * [1, 1, 0], boxsize=[1, 1, 1e-40]).neighbor_lists(0.1), ValueError, "boxsize of axis 2"),
     (lambda: PointTree(SINGLE).neighbor_lists(0.1, max_neighbors=-1), ValueError, "max_neighbors"),
     (lambda: PointTree(SINGLE).neighbor_lists(0.1, max_neighbors=2.0), TypeError, "max_neighbors"),
     (lambda: PointTree(SINGLE).neighbor_lists(9, max_neighbors=498), ValueError, "point 0 has more neighbours"),
