@@ -1,6 +1,6 @@
 """Measures mbkd against other packages from Python, on one thread; those that are not installed are left out.
 
-    python benchmarks/compare.py [points | lists | rays ...] [--n 1000000] [--repeat 5]
+    python benchmarks/compare.py [points | periodic | lists | rays ...] [--n 1000000] [--repeat 5]
 
 All contestants of a row run in turn in one process; the table has the medians in seconds of processor time, which leaves out what other
 programs take on a busy machine, and how many times the time of mbkd they take. Trees are built before queries are timed, and their builds are rows of their own; packages without trees are
@@ -68,6 +68,28 @@ def points(n, repeat):
             for name, (d, _) in found.items():
                 np.testing.assert_allclose(d, found["mbkd"][0], rtol=1e-5, atol=1e-7, err_msg=name)
         del trees, asks, found
+
+
+def periodic(n, repeat):
+    """Queries in a periodic box, against the same ones without."""
+    spatial = optional("scipy.spatial")
+    rng = np.random.default_rng(4)
+    for count in (min(n, 3000), n):
+        data, queries = rng.random((count, 3), dtype=np.float32), rng.random((min(n, 100_000), 3))
+        trees = {"mbkd": PointTree(data, boxsize=1), "mbkd, open": PointTree(data)}
+        if spatial:
+            trees["scipy"] = spatial.cKDTree(data, boxsize=1)
+        r = float((NEIGHBORS / count * 3 / (4 * np.pi)) ** (1 / 3))
+        for name, ask in (
+            ("k = 1", lambda tree: tree.query(queries)),
+            ("k = 8", lambda tree: tree.query(queries, 8)),
+            (f"{NEIGHBORS} neighbours counted", lambda tree: tree.query_ball_point(queries, r, return_length=True)),
+            (f"lists of {NEIGHBORS} neighbours", lambda tree: tree.query_ball_point(queries, r, return_sorted=False)),
+        ):
+            asks = {who: (lambda tree=tree: ask(tree)) for who, tree in trees.items()}
+            found = row(f"{count} points, {len(queries)} queries, {name}", asks, repeat)
+            if spatial and name.startswith("k"):
+                np.testing.assert_allclose(found["scipy"][0], found["mbkd"][0], rtol=1e-4, atol=1e-6)
 
 
 def lists(n, repeat):
@@ -167,12 +189,12 @@ def rays(n, repeat):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", nargs="*", default=["points", "lists", "rays"], help="points, lists, rays")
+    parser.add_argument("what", nargs="*", default=["points", "periodic", "lists", "rays"], help="points, periodic, lists, rays")
     parser.add_argument("--n", type=int, default=1_000_000, help="points, queries and rays")
     parser.add_argument("--repeat", type=int, default=5)
     options = parser.parse_args()
     for what in options.what:
-        {"points": points, "lists": lists, "rays": rays}[what](options.n, options.repeat)
+        {"points": points, "periodic": periodic, "lists": lists, "rays": rays}[what](options.n, options.repeat)
 
 
 if __name__ == "__main__":
