@@ -5,10 +5,9 @@ use crate::files::{error_at, from_bytes, to_bytes};
 use crate::images::{Memory, Periods};
 use crate::queries::{in_waves, order};
 use crate::threads::{Control, long};
-use core::ops::ControlFlow;
 use mbkd::{
-    Aabb, Neighbor, NeighborBuffer, NeighborQuery, PointArrays, PointError, PointParams, PointStructure, PointTree,
-    Precision, TimeInterval, TreePoint, Visitor,
+    Neighbor, NeighborBuffer, NeighborQuery, PointArrays, PointError, PointParams, PointStructure, PointTree,
+    Precision, TimeInterval,
 };
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
@@ -272,7 +271,8 @@ impl Points {
         PerQuery::times(&[time], 1)?;
         all_valid(&radii, "radius", "at index", NO_RADIUS, is_radius)?;
         // In the order of the tree.
-        let places: Vec<[f64; 3]> = at(&self.tree, time).into_iter().map(|point| point.position.to_array()).collect();
+        let places: Vec<[f64; 3]> =
+            self.tree.points_at(time).into_iter().map(|point| point.position.to_array()).collect();
         let (places, order): (_, Vec<u32>) = (Places::Double(&places), (0..places.len() as u32).collect());
         let mut sums = vec![0; radii.len()];
         for (number, (sum, radius)) in sums.iter_mut().zip(radii).enumerate() {
@@ -287,7 +287,7 @@ impl Points {
     fn positions<'py>(&self, py: Python<'py>, time: f32) -> PyResult<Bound<'py, PyArray2<f64>>> {
         PerQuery::times(&[time], 1)?;
         let mut positions = vec![f64::NAN; 3 * self.tree.len()];
-        for point in at(&self.tree, time) {
+        for point in self.tree.points_at(time) {
             let place = 3 * point.id as usize;
             positions[place..place + 3].copy_from_slice(&point.position.to_array());
         }
@@ -446,23 +446,6 @@ fn bounds(keys: &[Places<'_>]) -> [[f64; 3]; 2] {
         }
     }
     [lo, hi]
-}
-
-/// The positions of all points at a time, in the order of the tree, each point once.
-fn at(tree: &PointTree, time: f32) -> Vec<TreePoint> {
-    struct All(Vec<TreePoint>);
-    impl Visitor<TreePoint> for All {
-        fn enter(&mut self, _: &Aabb) -> Option<f32> {
-            Some(0.0)
-        }
-        fn visit(&mut self, point: TreePoint) -> ControlFlow<()> {
-            self.0.push(point);
-            ControlFlow::Continue(())
-        }
-    }
-    let mut all = All(Vec::with_capacity(tree.len()));
-    let _ = tree.traverse(time, &mut all);
-    all.0
 }
 
 /// Lists that were computed in another order than that of the queries.

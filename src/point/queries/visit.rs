@@ -202,4 +202,36 @@ impl PointTree {
         }
         traverse(&LayersAt { tree: self, time }, visitor)
     }
+
+    /// All points that exist at a time of the shutter, where queries see them then, in the order of the tree; none at a time outside
+    /// `[0, 1]`. Linear time.
+    ///
+    /// ```
+    /// use mbkd::{MovingPoint, PointParams, PointTree, glam::{DVec3, Vec3}};
+    /// let points = [MovingPoint::new(Vec3::ZERO, Vec3::Z * 10.0), MovingPoint::fixed(Vec3::Z * 3.0)];
+    /// let tree = PointTree::build(&points, &PointParams::default())?;
+    /// let mut now = tree.points_at(0.5);
+    /// now.sort_by_key(|point| point.id);
+    /// assert_eq!(now.iter().map(|point| point.position).collect::<Vec<_>>(), [DVec3::Z * 5.0, DVec3::Z * 3.0]);
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    pub fn points_at(&self, time: f32) -> Vec<TreePoint> {
+        let mut all = All(Vec::with_capacity(self.len()));
+        let _ = self.traverse(time, &mut all);
+        all.0
+    }
+}
+
+/// Takes all points.
+struct All(Vec<TreePoint>);
+
+impl Visitor<TreePoint> for All {
+    fn enter(&mut self, _: &Aabb) -> Option<f32> {
+        Some(0.0)
+    }
+
+    fn visit(&mut self, point: TreePoint) -> ControlFlow<()> {
+        self.0.push(point);
+        ControlFlow::Continue(())
+    }
 }
