@@ -15,7 +15,7 @@ impl BlockMasks {
         let masks = set.masks();
         let Some(&first) = masks.first() else { return BlockMasks::UNKNOWN };
         if masks.iter().all(|&mask| mask == first) {
-            return BlockMasks { all: first, by_line: Vec::new() };
+            return BlockMasks { all: first, common: first, by_line: Vec::new() };
         }
         let mut by_line = vec![0; tree.arena.ints().len() / LANES];
         // Parents before children; leaf blocks at once, since several nodes may share them.
@@ -33,7 +33,8 @@ impl BlockMasks {
         for &node in nodes.iter().rev() {
             by_line[node.at() / LANES] = children(tree, node).fold(0, |all, child| all | by_line[child.at() / LANES]);
         }
-        BlockMasks { all: masks.into_iter().fold(0, |all, mask| all | mask), by_line }
+        let all = masks.iter().fold(0, |all, mask| all | mask);
+        BlockMasks { all, common: masks.iter().fold(u32::MAX, |common, mask| common & mask), by_line }
     }
 }
 
@@ -105,7 +106,11 @@ mod tests {
         assert_eq!((tree.masks.union(tree.root), tree.masks.bytes()), (0b10, 0));
         let (_, tree) = built(&[0b10], Division::Whole, true);
         assert_eq!(tree.masks.union(tree.root), u32::MAX);
+        // What has the bit in common sees all of it.
+        assert_eq!([0b110, 0b101].map(|mask| tree.masks.hide_nothing_from(mask)), [true, false]);
+        let (_, tree) = built(&[0b110, 0b011], Division::Whole, false);
+        assert_eq!([0b010, 0b101].map(|mask| tree.masks.hide_nothing_from(mask)), [true, false]);
         let (_, empty) = built(&[], Division::Whole, false);
-        assert_eq!(empty.masks.bytes(), 0);
+        assert_eq!((empty.masks.bytes(), empty.masks.hide_nothing_from(u32::MAX)), (0, false));
     }
 }

@@ -50,13 +50,15 @@ pub(crate) struct Counts {
 pub(crate) struct BlockMasks {
     /// The union for the whole tree.
     pub(super) all: u32,
+    /// The bits that all primitives have.
+    pub(super) common: u32,
     /// The unions by the first cache line of a block; empty if all primitives have the same mask.
     pub(super) by_line: Vec<u32>,
 }
 
 impl BlockMasks {
     /// Nothing is hidden from any query.
-    pub(super) const UNKNOWN: BlockMasks = BlockMasks { all: u32::MAX, by_line: Vec::new() };
+    pub(super) const UNKNOWN: BlockMasks = BlockMasks { all: u32::MAX, common: 0, by_line: Vec::new() };
 
     /// The union of the masks in a block.
     #[inline(always)]
@@ -68,6 +70,11 @@ impl BlockMasks {
     #[inline(always)]
     pub fn hide(&self, block: ChildRef, from: Option<u32>) -> bool {
         from.is_some_and(|wanted| wanted & self.union(block) == 0)
+    }
+
+    /// Whether a query with this mask is known to see everything.
+    pub fn hide_nothing_from(&self, mask: u32) -> bool {
+        mask & self.common != 0
     }
 
     pub fn bytes(&self) -> usize {

@@ -82,6 +82,9 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn closest_point_masked(&self, query: &ClosestPointQuery, mask: u32) -> Option<ClosestPoint> {
+        if self.layout.hides_nothing_from(mask) {
+            return self.closest_point(query);
+        }
         self.closest_point_guarded(&(*query).into(), Guards::masked(mask))
     }
 

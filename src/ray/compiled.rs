@@ -61,6 +61,14 @@ impl Layout {
         Outline::new(&bounds.unwrap_or_else(swept), frame)
     }
 
+    /// Whether a query with this mask is known to see everything, so that it may do without the mask.
+    pub fn hides_nothing_from(&self, mask: u32) -> bool {
+        match self {
+            Layout::Wide(tree) => tree.masks.hide_nothing_from(mask),
+            Layout::Kd(_) | Layout::Lazy(_) => false,
+        }
+    }
+
     /// Whether a ray may find a primitive in several leaves.
     fn repeats(&self) -> bool {
         !matches!(self, Layout::Wide(tree) if !tree.presplit)

@@ -7,7 +7,7 @@ use super::closest_point::closest_search::ClosestPoint;
 use super::closest_point::point_query::ClosestPointQuery;
 use super::filter::Visible;
 use super::hit::Hit;
-use super::ray_tree::{Geometry, RayTree};
+use super::ray_tree::{Geometry, InBatch, RayTree};
 use crate::geometry::Ray;
 
 impl<G: Geometry> RayTree<G> {
@@ -24,7 +24,7 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn closest_hits_masked(&self, rays: &[Ray], mask: u32, hits: &mut Vec<Option<Hit>>) {
-        self.closest_batch(rays, Some(Visible { mask, accept: None }), hits);
+        self.closest_batch(rays, self.visible(mask), hits);
     }
 
     /// [`RayTree::any_hit_masked`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
@@ -40,7 +40,7 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn any_hits_masked(&self, rays: &[Ray], mask: u32, hits: &mut Vec<bool>) {
-        self.any_batch(rays, Some(Visible { mask, accept: None }), hits);
+        self.any_batch(rays, self.visible(mask), hits);
     }
 
     /// [`RayTree::closest_point_masked`] for many queries, in parallel. `answers` is cleared and gets one answer per query, in
@@ -141,5 +141,10 @@ impl<G: Geometry> RayTree<G> {
         answers: &mut Vec<Option<ClosestPoint>>,
     ) {
         answer_each(queries, answers, |i, query| self.closest_point_filtered(query, mask, |near| accept(i, near)));
+    }
+
+    /// What a batch with a mask sees; `None` if that is everything.
+    fn visible(&self, mask: u32) -> InBatch<'static> {
+        (!self.layout.hides_nothing_from(mask)).then_some(Visible { mask, accept: None })
     }
 }

@@ -44,6 +44,9 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn closest_hit_masked(&self, ray: &Ray, mask: u32) -> Option<Hit> {
+        if self.layout.hides_nothing_from(mask) {
+            return self.closest_hit(ray);
+        }
         (self.queries.closest_guarded)(self.target(), ray, Guards::masked(mask))
     }
 
@@ -59,6 +62,9 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn any_hit_masked(&self, ray: &Ray, mask: u32) -> bool {
+        if self.layout.hides_nothing_from(mask) {
+            return self.any_hit(ray);
+        }
         (self.queries.any_guarded)(self.target(), ray, Guards::masked(mask))
     }
 
@@ -86,6 +92,9 @@ impl<G: Geometry> RayTree<G> {
         mask: u32,
         mut visitor: impl FnMut(Hit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
+        if self.layout.hides_nothing_from(mask) {
+            return self.all_hits(ray, visitor);
+        }
         (self.queries.all_guarded)(self.target(), ray, Guards::masked(mask), &mut visitor)
     }
 
