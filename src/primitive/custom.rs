@@ -13,8 +13,8 @@ use glam::DVec3;
 ///   the intersection arithmetic.
 /// - At every time of the interval, they contain every point that [`closest_point`](Primitive::closest_point) reports at
 ///   that time, exactly.
-/// - Bounds are finite, not inverted, and within [`MAX_COORDINATE`], over every part of the shutter, down to a single
-///   instant.
+/// - Bounds are finite, not inverted, and within [`MAX_COORDINATE`](crate::MAX_COORDINATE), over every part of the shutter, down to
+///   a single instant.
 /// - [`intersect`](Primitive::intersect) reports the nearest intersection in the range of the ray, and none outside it.
 /// - [`intersect`](Primitive::intersect) and [`closest_point`](Primitive::closest_point) are pure: the same arguments give
 ///   the same answer, for any number of calls and on any thread.
@@ -23,8 +23,9 @@ use glam::DVec3;
 ///   subtree, and a thread that waits for its tasks may take up one of those that wait: then none of them goes on.
 ///
 /// A primitive that breaks the contract does not affect others. If its bounds are invalid, the build fails with
-/// [`BuildError::BadBounds`]. If its bounds do not contain all hits, or change from one call to the next, hits of this
-/// primitive are lost. A tree calls [`active`](Primitive::active) and [`mask`](Primitive::mask) once, when it takes the primitive.
+/// [`BuildError::BadBounds`](crate::BuildError::BadBounds). If its bounds do not contain all hits, or change from one call to the
+/// next, hits of this primitive are lost. A tree calls [`active`](Primitive::active) and [`mask`](Primitive::mask) once, when it
+/// takes the primitive.
 ///
 /// ```
 /// use mbkd::glam::{DVec3, Vec3};

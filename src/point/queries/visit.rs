@@ -203,8 +203,8 @@ impl PointTree {
         traverse(&LayersAt { tree: self, time }, visitor)
     }
 
-    /// All points that exist at a time of the shutter, where queries see them then, in the order of the tree; none at a time outside
-    /// `[0, 1]`. Linear time.
+    /// All points that exist at a time of the shutter, where queries see them then, in the order of the tree; none at a time
+    /// outside `[0, 1]`. Linear time.
     ///
     /// ```
     /// use mbkd::{MovingPoint, PointParams, PointTree, glam::{DVec3, Vec3}};
