@@ -73,6 +73,11 @@ impl BoxRows {
         self.len.div_ceil(LANES)
     }
 
+    /// The candidates that the boxes are around.
+    pub(super) fn candidates(&self) -> &[u32] {
+        &self.candidate[..self.len]
+    }
+
     /// Vector `i`, and which of its lanes are boxes.
     #[inline(always)]
     pub(super) fn vector<S: Simd>(&self, s: S, i: usize) -> (BoxVector<S>, Mask) {
@@ -131,6 +136,7 @@ pub(super) fn write<S: Simd>(s: S, column: &mut [f32], at: usize, x: S::F, mask:
 /// All that a group can reach. Box i is around block i.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Candidates {
+    /// Where the tree has them, not at their nearest images.
     pub(super) boxes: BoxRows,
     pub(super) blocks: Vec<BlockPoints>,
     /// Their positions in f64, where those are rounded.
@@ -183,10 +189,9 @@ impl Candidates {
             let mut near;
             if periodic_box.any {
                 let moved = periodic_box.wrap(s, (lo, hi), (group.lo, group.hi));
-                (boxes.lo, boxes.hi) = (moved.lo, moved.hi);
-                near = boxes.near(s, group.lo, group.hi, within) & present;
+                let images = BoxVector { lo: moved.lo, hi: moved.hi, ..boxes };
+                near = images.near(s, group.lo, group.hi, within) & present;
                 self.wrapped |= level == 0 && near & moved.wrapped != 0;
-                (boxes.lo, boxes.hi) = moved.widened(s);
             } else {
                 near = boxes.near(s, group.lo, group.hi, within) & present;
             }

@@ -19,6 +19,19 @@ pub(super) trait Coordinate: Copy {
     fn gathered(points: &PointRows) -> &[Vec<Self>; 3];
     /// The same, to be written.
     fn gathered_mut(points: &mut PointRows) -> &mut [Vec<Self>; 3];
+    /// What is taken off differences to the points that were gathered.
+    fn shifts(points: &PointRows) -> &[Vec<Self>; 3];
+    /// The same, to be written.
+    fn shifts_mut(points: &mut PointRows) -> &mut [Vec<Self>; 3];
+    /// Writes by how much differences change for images that are so many periods away, as [`Coordinate::store_compressed`] does.
+    fn store_shifts<S: Simd>(
+        s: S,
+        periods: S::F,
+        periodic_box: &PeriodicBox,
+        axis: usize,
+        mask: Mask,
+        to: &mut Lanes<Self>,
+    );
     /// Writes the lanes of a mask one behind the other, and anything behind them.
     fn store_compressed<S: Simd>(s: S, row: &Lanes<Self>, mask: Mask, to: &mut Lanes<Self>);
     /// Sixteen points seen from one; if `PERIODIC`, their nearest images in a periodic box.
@@ -28,6 +41,8 @@ pub(super) trait Coordinate: Copy {
         from: [Self; 3],
         periodic_box: &PeriodicBox,
     ) -> Seen<S>;
+    /// Sixteen points seen from one, at the images that these shifts lead to.
+    fn seen_shifted<S: Simd>(s: S, rows: [&Lanes<Self>; 3], shifts: [&Lanes<Self>; 3], from: [Self; 3]) -> Seen<S>;
     /// Only the squared distances of the points as they are.
     fn squared<S: Simd>(s: S, rows: [&Lanes<Self>; 3], from: [Self; 3]) -> S::F;
 }
@@ -59,6 +74,25 @@ impl Coordinate for f32 {
         &mut points.at
     }
     #[inline(always)]
+    fn shifts(points: &PointRows) -> &[Vec<f32>; 3] {
+        &points.shift
+    }
+    #[inline(always)]
+    fn shifts_mut(points: &mut PointRows) -> &mut [Vec<f32>; 3] {
+        &mut points.shift
+    }
+    #[inline(always)]
+    fn store_shifts<S: Simd>(
+        s: S,
+        periods: S::F,
+        periodic_box: &PeriodicBox,
+        axis: usize,
+        mask: Mask,
+        to: &mut Lanes<f32>,
+    ) {
+        s.store_compressed(periodic_box.shift(s, periods, axis), mask, to);
+    }
+    #[inline(always)]
     fn store_compressed<S: Simd>(s: S, row: &Lanes<f32>, mask: Mask, to: &mut Lanes<f32>) {
         s.store_compressed(s.load(row), mask, to);
     }
@@ -78,6 +112,12 @@ impl Coordinate for f32 {
         Seen { displacements: [x, y, z], squared: squared::<S>(x, y, z) }
     }
     #[inline(always)]
+    fn seen_shifted<S: Simd>(s: S, rows: [&Lanes<f32>; 3], shifts: [&Lanes<f32>; 3], from: [f32; 3]) -> Seen<S> {
+        let [x, y, z] = apart(s, rows, from);
+        let (x, y, z) = (x - s.load(shifts[0]), y - s.load(shifts[1]), z - s.load(shifts[2]));
+        Seen { displacements: [x, y, z], squared: squared::<S>(x, y, z) }
+    }
+    #[inline(always)]
     fn squared<S: Simd>(s: S, rows: [&Lanes<f32>; 3], from: [f32; 3]) -> S::F {
         let [x, y, z] = apart(s, rows, from);
         squared::<S>(x, y, z)
@@ -88,6 +128,16 @@ impl Coordinate for f32 {
 #[inline(always)]
 fn apart<S: Simd>(s: S, rows: [&Lanes<f32>; 3], from: [f32; 3]) -> [S::F; 3] {
     [s.load(rows[0]) - s.splat(from[0]), s.load(rows[1]) - s.splat(from[1]), s.load(rows[2]) - s.splat(from[2])]
+}
+
+/// Sixteen points seen from one, from their differences in f64.
+#[inline(always)]
+fn seen_apart<S: Simd>(s: S, [x, y, z]: [[S::D; 4]; 3]) -> Seen<S> {
+    let mut squares = [s.splat_d(0.0); 4];
+    for four in 0..4 {
+        squares[four] = (x[four] * x[four] + y[four] * y[four]) + z[four] * z[four];
+    }
+    Seen { displacements: [s.narrow_all(x), s.narrow_all(y), s.narrow_all(z)], squared: s.narrow_all(squares) }
 }
 
 impl Coordinate for f64 {
@@ -110,6 +160,25 @@ impl Coordinate for f64 {
         &mut points.exact
     }
     #[inline(always)]
+    fn shifts(points: &PointRows) -> &[Vec<f64>; 3] {
+        &points.exact_shift
+    }
+    #[inline(always)]
+    fn shifts_mut(points: &mut PointRows) -> &mut [Vec<f64>; 3] {
+        &mut points.exact_shift
+    }
+    #[inline(always)]
+    fn store_shifts<S: Simd>(
+        s: S,
+        periods: S::F,
+        periodic_box: &PeriodicBox,
+        axis: usize,
+        mask: Mask,
+        to: &mut Lanes<f64>,
+    ) {
+        s.store_compressed_d(&periodic_box.exact_shifts(s, periods, axis), mask, to);
+    }
+    #[inline(always)]
     fn store_compressed<S: Simd>(s: S, row: &Lanes<f64>, mask: Mask, to: &mut Lanes<f64>) {
         s.store_compressed_d(row, mask, to);
     }
@@ -120,18 +189,25 @@ impl Coordinate for f64 {
         from: [f64; 3],
         periodic_box: &PeriodicBox,
     ) -> Seen<S> {
-        let zero = s.splat_d(0.0);
-        let (mut apart, mut squares) = ([[zero; 4]; 3], [zero; 4]);
+        let mut apart = [[s.splat_d(0.0); 4]; 3];
         for four in 0..4 {
             for axis in 0..3 {
                 let d = s.load_d(&rows[axis].as_chunks().0[four]) - s.splat_d(from[axis]);
                 apart[axis][four] = if PERIODIC { periodic_box.nearest_exactly(s, d, axis) } else { d };
             }
-            let [x, y, z] = [apart[0][four], apart[1][four], apart[2][four]];
-            squares[four] = (x * x + y * y) + z * z;
         }
-        let displacements = [s.narrow_all(apart[0]), s.narrow_all(apart[1]), s.narrow_all(apart[2])];
-        Seen { displacements, squared: s.narrow_all(squares) }
+        seen_apart(s, apart)
+    }
+    #[inline(always)]
+    fn seen_shifted<S: Simd>(s: S, rows: [&Lanes<f64>; 3], shifts: [&Lanes<f64>; 3], from: [f64; 3]) -> Seen<S> {
+        let mut apart = [[s.splat_d(0.0); 4]; 3];
+        for four in 0..4 {
+            for axis in 0..3 {
+                let d = s.load_d(&rows[axis].as_chunks().0[four]) - s.splat_d(from[axis]);
+                apart[axis][four] = d - s.load_d(&shifts[axis].as_chunks().0[four]);
+            }
+        }
+        seen_apart(s, apart)
     }
     #[inline(always)]
     fn squared<S: Simd>(s: S, [x, y, z]: [&Lanes<f64>; 3], from: [f64; 3]) -> S::F {

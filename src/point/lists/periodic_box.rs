@@ -18,8 +18,14 @@
 //! period, which covers `d · (1/L)` with its three roundings of at most (|d| + L)u each. It also covers what positions in f64
 //! add, whose coordinates here are relative to the group and rounded: M u each, and as much for `L·k` with L rounded to f32. For
 //! them differences and k are computed in f64 instead.
+//!
+//! **Points near a leaf.** A point is seen from the middle of a small box likewise ([`PeriodicBox::image`]), in place of a group. Its
+//! offset `o` from there is wrong by 3Mu, `o · (1/L)` by at most 4Mu of L more. So k may be that of an image which is farther by up
+//! to 14Mu than the nearest, where both are half a period away. `L·k`, what it leaves of `o` and half the box's size are wrong by
+//! another 5Mu and (M + L)u: 20Mu together, and with the 8Mu of differences less than 32Mu. The slack is 32u of a sum of two
+//! coordinates and L.
 
-use crate::simd::{Mask, Simd};
+use crate::simd::{LANES, Lanes, Mask, Simd};
 
 /// The periodic box: lengths of the periodic axes, and zero along those that are not periodic.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -70,6 +76,64 @@ impl PeriodicBox {
         d - k * s.splat_d(length)
     }
 
+    /// By how much the difference to an image so many periods away changes, rounded as [`PeriodicBox::nearest`] does.
+    #[inline(always)]
+    pub(super) fn shift<S: Simd>(&self, s: S, periods: S::F, axis: usize) -> S::F {
+        periods * s.splat(self.period[axis])
+    }
+
+    /// The same for positions in f64, of sixteen images.
+    #[inline(always)]
+    pub(super) fn exact_shifts<S: Simd>(&self, s: S, periods: S::F, axis: usize) -> Lanes<f64> {
+        let (mut whole, mut shifts) = ([0.0; LANES], [0.0; LANES]);
+        s.store(periods, &mut whole);
+        let length = s.splat_d(self.exact_period[axis]);
+        for (four, to) in shifts.as_chunks_mut::<4>().0.iter_mut().enumerate() {
+            *to = s.lanes_d(s.widen_four(&whole.as_chunks().0[four]) * length);
+        }
+        shifts
+    }
+
+    /// How many periods away from a point its image is that is nearest to the middle of a box along an axis; zero if that is not
+    /// periodic.
+    #[inline(always)]
+    pub(super) fn periods_to<S: Simd>(&self, s: S, at: S::F, axis: usize, (lo, hi): ([f32; 3], [f32; 3])) -> S::F {
+        round(s, (at - s.splat(lo[axis] * 0.5 + hi[axis] * 0.5)) * s.splat(self.inverse[axis]))
+    }
+
+    /// Where points have their images that are nearest to a box.
+    #[inline(always)]
+    pub(super) fn image<S: Simd>(&self, s: S, at: S::F, axis: usize, to: ([f32; 3], [f32; 3])) -> Image<S> {
+        self.image_with_slack(s, at, axis, to, SLACK)
+    }
+
+    #[inline(always)]
+    fn image_with_slack<S: Simd>(
+        &self,
+        s: S,
+        at: S::F,
+        axis: usize,
+        (lo, hi): ([f32; 3], [f32; 3]),
+        slack: f32,
+    ) -> Image<S> {
+        let length = self.period[axis];
+        if length <= 0.0 {
+            let gap = s.max_with_zero(s.splat(lo[axis]) - at, at - s.splat(hi[axis]));
+            return Image { gap, given: Mask::MAX, certain: Mask::MAX };
+        }
+        let periods = self.periods_to(s, at, axis, (lo, hi));
+        let middle = lo[axis] * 0.5 + hi[axis] * 0.5;
+        let rest = (at - s.splat(middle)) - self.shift(s, periods, axis);
+        let apart = magnitude(s, rest, rest);
+        let most = lo[axis].abs().max(hi[axis].abs()) + length;
+        let size = s.splat((hi[axis] - lo[axis]) * 0.5) + (magnitude(s, at, at) + s.splat(most)) * s.splat(slack);
+        Image {
+            gap: s.max(apart - size, s.splat(0.0)),
+            given: s.eq(periods, s.splat(0.0)),
+            certain: s.lt(apart + size, s.splat(0.5 * length)),
+        }
+    }
+
     /// Wraps boxes along the periodic axes to where they bound the differences to the group's box `[lo, hi]`.
     #[inline(always)]
     pub(super) fn wrap<S: Simd>(
@@ -115,6 +179,16 @@ impl PeriodicBox {
     }
 }
 
+/// Images of points along an axis, seen from a box.
+pub(super) struct Image<S: Simd> {
+    /// No point of the box is nearer to any image than this.
+    pub(super) gap: S::F,
+    /// Points that are not shifted.
+    pub(super) given: Mask,
+    /// Points of which no other image is the nearest to any point of the box.
+    pub(super) certain: Mask,
+}
+
 /// Boxes at their images nearest to a group.
 pub(super) struct WrappedBoxes<S: Simd> {
     pub(super) lo: [S::F; 3],
@@ -156,7 +230,7 @@ fn round<S: Simd>(s: S, x: S::F) -> S::F {
 mod tests {
     use super::*;
     use crate::random::Random;
-    use crate::simd::{LANES, Lanes, Portable};
+    use crate::simd::Portable;
 
     /// Boxes with a point at either end, moved to a group of one point with this slack. Returns how many are farther from
     /// it than the nearest image of one of their points, and how many have a point that is nearer in another image though

@@ -3,7 +3,7 @@
 use super::candidates::{BoxRows, Candidates, Selection, Within, write};
 use super::columns::Columns;
 use super::coordinate::{Coordinate, Seen};
-use super::group::Group;
+use super::group::{Group, Member};
 use super::list_request::Listing;
 use super::point_rows::PointRows;
 use super::radii::{Radii, squared_radii, squared_radius};
@@ -38,11 +38,24 @@ pub(super) struct RowBuilder {
 }
 
 /// What was gathered for a member of a group.
+#[derive(Clone, Copy)]
 struct Gathered {
     /// How many vectors.
     vectors: usize,
     /// Where in them the points of the member itself begin, and which of its lanes they are.
     own: (usize, Mask),
+    images: Images,
+}
+
+/// Which images of the points that were gathered are nearest to points of the member.
+#[derive(Clone, Copy, PartialEq)]
+enum Images {
+    /// Those that are given.
+    Given,
+    /// For all of them the same, to which there are shifts.
+    Shifted,
+    /// Not the same for all.
+    Several,
 }
 
 /// Which points within the radius of a point its list excludes, as constants: at most the point itself, whose id no other point
@@ -107,34 +120,75 @@ impl RowBuilder {
         candidates: &Candidates,
         lists: &mut Lists,
     ) {
-        if !candidates.wrapped && matches!(listing.radii, Radii::Equal(_)) {
-            let gathered = self.gather_points::<S, C>(s, listing, of, candidates);
-            let plain = !listing.distances && !listing.displacements;
-            return match (listing.once, listing.other_set || listing.distinct, plain) {
-                (true, _, true) => self.equal::<S, C, NOT_GREATER, true>(s, listing, of, gathered, lists),
-                (true, _, false) => self.equal::<S, C, NOT_GREATER, false>(s, listing, of, gathered, lists),
-                (false, true, true) => self.equal::<S, C, OWN, true>(s, listing, of, gathered, lists),
-                (false, true, false) => self.equal::<S, C, OWN, false>(s, listing, of, gathered, lists),
-                (false, false, true) => self.equal::<S, C, SAME_ID, true>(s, listing, of, gathered, lists),
-                (false, false, false) => self.equal::<S, C, SAME_ID, false>(s, listing, of, gathered, lists),
-            };
-        }
         let (group, member) = (of.0, &of.0.members[of.1]);
         let within = Within::Radius(&listing.radii, member.radius, group.margin);
-        self.boxes.clear();
-        for i in 0..candidates.boxes.vectors() {
-            let (boxes, valid) = candidates.boxes.vector(s, i);
-            let near = boxes.near(s, member.lo, member.hi, within) & valid;
-            if near != 0 {
-                self.boxes.push(s, &boxes, near);
+        let wrapped = candidates.wrapped && self.select_images(s, listing, member, candidates, within);
+        if matches!(listing.radii, Radii::Equal(_)) {
+            let gathered = self.gather_points::<S, C>(s, listing, of, candidates, wrapped);
+            let plain = !listing.distances && !listing.displacements;
+            let exclusion = (listing.once, listing.other_set || listing.distinct);
+            if gathered.images != Images::Given {
+                return match exclusion {
+                    (true, _) => self.equal::<S, C, NOT_GREATER, false, true>(s, listing, of, gathered, lists),
+                    (false, true) => self.equal::<S, C, OWN, false, true>(s, listing, of, gathered, lists),
+                    (false, false) => self.equal::<S, C, SAME_ID, false, true>(s, listing, of, gathered, lists),
+                };
+            }
+            return match (exclusion, plain) {
+                ((true, _), true) => self.equal::<S, C, NOT_GREATER, true, false>(s, listing, of, gathered, lists),
+                ((true, _), false) => self.equal::<S, C, NOT_GREATER, false, false>(s, listing, of, gathered, lists),
+                ((false, true), true) => self.equal::<S, C, OWN, true, false>(s, listing, of, gathered, lists),
+                ((false, true), false) => self.equal::<S, C, OWN, false, false>(s, listing, of, gathered, lists),
+                ((false, false), true) => self.equal::<S, C, SAME_ID, true, false>(s, listing, of, gathered, lists),
+                ((false, false), false) => self.equal::<S, C, SAME_ID, false, false>(s, listing, of, gathered, lists),
+            };
+        }
+        if !candidates.wrapped {
+            self.boxes.clear();
+            for i in 0..candidates.boxes.vectors() {
+                let (boxes, valid) = candidates.boxes.vector(s, i);
+                let near = boxes.near(s, member.lo, member.hi, within) & valid;
+                if near != 0 {
+                    self.boxes.push(s, &boxes, near);
+                }
             }
         }
-        match (candidates.wrapped, listing.once) {
+        match (wrapped, listing.once) {
             (false, false) => self.rows::<S, C, false, false>(s, listing, of, candidates, lists),
             (false, true) => self.rows::<S, C, false, true>(s, listing, of, candidates, lists),
             (true, false) => self.rows::<S, C, true, false>(s, listing, of, candidates, lists),
             (true, true) => self.rows::<S, C, true, true>(s, listing, of, candidates, lists),
         }
+    }
+
+    /// Selects the candidates that have an image near a member; their boxes hold for every point of it. Returns whether any of them
+    /// is nearest in another image than the one it is given in.
+    ///
+    /// The images nearest to the whole group do not decide that: a member is much smaller, so that far fewer boxes are nearest in
+    /// several.
+    #[inline(always)]
+    fn select_images<S: Simd>(
+        &mut self,
+        s: S,
+        listing: &Listing,
+        member: &Member,
+        candidates: &Candidates,
+        within: Within,
+    ) -> bool {
+        self.boxes.clear();
+        let mut wrapped = 0;
+        for i in 0..candidates.boxes.vectors() {
+            let (mut boxes, valid) = candidates.boxes.vector(s, i);
+            let moved = listing.periodic_box.wrap(s, (boxes.lo, boxes.hi), (member.lo, member.hi));
+            (boxes.lo, boxes.hi) = (moved.lo, moved.hi);
+            let near = boxes.near(s, member.lo, member.hi, within) & valid;
+            if near != 0 {
+                wrapped |= near & moved.wrapped;
+                (boxes.lo, boxes.hi) = moved.widened(s);
+                self.boxes.push(s, &boxes, near);
+            }
+        }
+        wrapped != 0
     }
 
     /// Gathers the points that are near the box of a member, in rows, where all points of the member have the same radius.
@@ -146,10 +200,15 @@ impl RowBuilder {
         listing: &Listing,
         (group, member): (&Group, usize),
         candidates: &Candidates,
+        wrapped: bool,
     ) -> Gathered {
         let member = &group.members[member];
         let within = Within::Radius(&listing.radii, member.radius, group.margin);
-        let selected = self.selected.near(s, &candidates.boxes, (member.lo, member.hi), within);
+        let selected = if candidates.wrapped {
+            self.boxes.candidates()
+        } else {
+            self.selected.near(s, &candidates.boxes, (member.lo, member.hi), within)
+        };
         let room = (selected.len() + 1) * LANES;
         let short = |row: &Vec<C>| row.len() < room;
         if self.points.id.len() < room || C::gathered(&self.points).iter().any(short) {
@@ -160,12 +219,17 @@ impl RowBuilder {
         let hi = [s.splat(member.hi[0]), s.splat(member.hi[1]), s.splat(member.hi[2])];
         let bound = group.margin.squared(s, s.splat(member.radius));
         let hits = room_for(&mut self.hits, selected.len());
-        for (hits, &index) in hits.iter_mut().zip(selected) {
-            let [x, y, z] = rows(s, &candidates.blocks[index as usize].at);
-            let gap_x = x - s.min(s.max(x, lo[0]), hi[0]);
-            let gap_y = y - s.min(s.max(y, lo[1]), hi[1]);
-            let gap_z = z - s.min(s.max(z, lo[2]), hi[2]);
-            *hits = s.le(squared::<S>(gap_x, gap_y, gap_z), bound);
+        let mut images = Images::Given;
+        if wrapped {
+            images = near_images(s, listing, member, (candidates, selected), bound, hits);
+        } else {
+            for (hits, &index) in hits.iter_mut().zip(selected) {
+                let [x, y, z] = rows(s, &candidates.blocks[index as usize].at);
+                let gap_x = x - s.min(s.max(x, lo[0]), hi[0]);
+                let gap_y = y - s.min(s.max(y, lo[1]), hi[1]);
+                let gap_z = z - s.min(s.max(z, lo[2]), hi[2]);
+                *hits = s.le(squared::<S>(gap_x, gap_y, gap_z), bound);
+            }
         }
         let mut to_id = core::mem::take(&mut self.points.id);
         let [to_x, to_y, to_z] = C::gathered_mut(&mut self.points);
@@ -184,17 +248,21 @@ impl RowBuilder {
         }
         to_x[end..end + LANES].fill(C::INFINITY);
         self.points.id = to_id;
-        Gathered { vectors: end.div_ceil(LANES), own }
+        if images == Images::Shifted {
+            let to = C::shifts_mut(&mut self.points);
+            gather_shifts::<S, C>(s, listing, member, (candidates, selected), hits, to);
+        }
+        Gathered { vectors: end.div_ceil(LANES), own, images }
     }
 
-    /// Lists from the points that were gathered; with `PLAIN` only ids.
+    /// Lists from the points that were gathered; with `PLAIN` only ids. If `PERIODIC`, images are not those that are given.
     #[inline(always)]
-    fn equal<S: Simd, C: Coordinate, const EXCLUDED: u8, const PLAIN: bool>(
+    fn equal<S: Simd, C: Coordinate, const EXCLUDED: u8, const PLAIN: bool, const PERIODIC: bool>(
         &mut self,
         s: S,
         listing: &Listing,
         (group, number): (&Group, usize),
-        Gathered { vectors, own: (own_begin, own_lanes) }: Gathered,
+        Gathered { vectors, own: (own_begin, own_lanes), images }: Gathered,
         lists: &mut Lists,
     ) {
         let (member, own_rows) = (&group.members[number], C::of_member(group, number));
@@ -202,6 +270,10 @@ impl RowBuilder {
         // As many vectors as there are, so that nothing is checked for each of them.
         let (from_x, from_y) = (&from_x.as_chunks().0[..vectors], &from_y.as_chunks().0[..vectors]);
         let (from_z, from_id) = (&from_z.as_chunks().0[..vectors], &self.points.id.as_chunks().0[..vectors]);
+        let shifts = if PERIODIC && images == Images::Shifted { vectors } else { 0 };
+        let [shift_x, shift_y, shift_z] = C::shifts(&self.points);
+        let (shift_x, shift_y) = (&shift_x.as_chunks().0[..shifts], &shift_y.as_chunks().0[..shifts]);
+        let shift_z = &shift_z.as_chunks().0[..shifts];
         let bound = s.splat(squared_radius(member.radius));
         let hits = room_for(&mut self.hits, vectors);
         for lane in 0..LANES {
@@ -213,7 +285,15 @@ impl RowBuilder {
             lists.reserve(vectors * LANES, listing);
             let own = s.splat_u(id);
             for (from, hits) in hits.iter_mut().enumerate() {
-                let near = s.le(C::squared(s, [&from_x[from], &from_y[from], &from_z[from]], point), bound);
+                let rows = [&from_x[from], &from_y[from], &from_z[from]];
+                let squared = if !PERIODIC {
+                    C::squared(s, rows, point)
+                } else if shifts > 0 {
+                    C::seen_shifted(s, rows, [&shift_x[from], &shift_y[from], &shift_z[from]], point).squared
+                } else {
+                    C::seen::<S, true>(s, rows, point, &listing.periodic_box).squared
+                };
+                let near = s.le(squared, bound);
                 *hits = match EXCLUDED {
                     SAME_ID => near & !s.eq_u(own, s.load_u(&from_id[from])),
                     NOT_GREATER => near & s.lt_u(own, s.load_u(&from_id[from])),
@@ -232,9 +312,15 @@ impl RowBuilder {
             let (listed, mut end) = (&mut listed[..], begin);
             for (from, &hits) in hits.iter().enumerate() {
                 s.store_compressed_u(s.load_u(&from_id[from]), hits, lanes_at_mut(listed, end));
-                if !PLAIN {
+                if !PLAIN && (!PERIODIC || listing.distances || listing.displacements) {
                     let rows = [&from_x[from], &from_y[from], &from_z[from]];
-                    let seen = C::seen::<S, false>(s, rows, point, &listing.periodic_box);
+                    let seen = if !PERIODIC {
+                        C::seen::<S, false>(s, rows, point, &listing.periodic_box)
+                    } else if shifts > 0 {
+                        C::seen_shifted(s, rows, [&shift_x[from], &shift_y[from], &shift_z[from]], point)
+                    } else {
+                        C::seen::<S, true>(s, rows, point, &listing.periodic_box)
+                    };
                     write_requested(s, listing, floats, end, seen, hits);
                 }
                 end += hits.count_ones() as usize;
@@ -290,6 +376,60 @@ impl RowBuilder {
                 end += hits.count_ones() as usize;
             }
             lists.end_list(id, begin, end, listing);
+        }
+    }
+}
+
+/// Finds, among the points of selected candidates, those with an image near a member: which lanes, and which images.
+#[inline(always)]
+fn near_images<S: Simd>(
+    s: S,
+    listing: &Listing,
+    member: &Member,
+    (candidates, selected): (&Candidates, &[u32]),
+    bound: S::F,
+    hits: &mut [Mask],
+) -> Images {
+    let (to, periodic_box) = ((member.lo, member.hi), &listing.periodic_box);
+    let (mut shifted, mut uncertain) = (0, 0);
+    for (hits, &index) in hits.iter_mut().zip(selected) {
+        let [x, y, z] = rows(s, &candidates.blocks[index as usize].at);
+        let exists = s.lt(x, s.splat(f32::INFINITY));
+        let x = periodic_box.image(s, x, 0, to);
+        let y = periodic_box.image(s, y, 1, to);
+        let z = periodic_box.image(s, z, 2, to);
+        *hits = s.le(squared::<S>(x.gap, y.gap, z.gap), bound) & exists;
+        shifted |= *hits & !(x.given & y.given & z.given);
+        uncertain |= *hits & !(x.certain & y.certain & z.certain);
+    }
+    match (uncertain, shifted) {
+        (0, 0) => Images::Given,
+        (0, _) => Images::Shifted,
+        _ => Images::Several,
+    }
+}
+
+/// Gathers the shifts to the images that are nearest to a member, for each of the `hits` among the selected candidates.
+#[inline(always)]
+fn gather_shifts<S: Simd, C: Coordinate>(
+    s: S,
+    listing: &Listing,
+    member: &Member,
+    (candidates, selected): (&Candidates, &[u32]),
+    hits: &[Mask],
+    to: &mut [Vec<C>; 3],
+) {
+    let room = (selected.len() + 1) * LANES;
+    for (axis, to) in to.iter_mut().enumerate() {
+        if to.len() < room {
+            to.resize(2 * room, C::INFINITY);
+        }
+        let (to, mut end) = (&mut to[..], 0);
+        for (&near, &index) in hits.iter().zip(selected) {
+            let at = s.load(&candidates.blocks[index as usize].at[axis]);
+            let periods = listing.periodic_box.periods_to(s, at, axis, (member.lo, member.hi));
+            C::store_shifts(s, periods, &listing.periodic_box, axis, near, lanes_at_mut(to, end));
+            end += near.count_ones() as usize;
         }
     }
 }
