@@ -11,7 +11,7 @@ use crate::limits::MAX_POINT_COORDINATE;
 use crate::parallel;
 use crate::point::neighbor::Neighbor;
 use crate::point::queries::batch::{answered_in_order, morton_order};
-use crate::point::queries::query::NeighborBuffer;
+use crate::point::queries::buffer::NeighborBuffer;
 use crate::point::search::{Keep, KeepAll};
 use glam::Vec3;
 

@@ -22,7 +22,7 @@ use crate::limits::MAX_POINT_COORDINATE;
 use crate::parallel;
 use crate::point::layout::snapshot::{LeafView, Target, outside, rows, squared};
 use crate::point::queries::batch::morton_order;
-use crate::point::queries::query::NeighborBuffer;
+use crate::point::queries::buffer::NeighborBuffer;
 use crate::point::search::KeepAll;
 use crate::point::search::candidates::Candidates;
 use crate::point::search::radius::within;

@@ -4,7 +4,8 @@
 //! cache holds the whole tree anyway), and divided into runs for the threads. Each query is answered on its own, so
 //! neither the order nor the number of threads can change an answer.
 
-use super::query::{NeighborBuffer, NeighborQuery};
+use super::buffer::NeighborBuffer;
+use super::query::NeighborQuery;
 use crate::geometry::morton_code;
 use crate::parallel;
 use crate::point::neighbor::Neighbor;

@@ -3,6 +3,7 @@
 pub(super) mod approach;
 pub(super) mod batch;
 mod bounds;
+pub(super) mod buffer;
 pub(super) mod compiled;
 pub(super) mod iter;
 mod pair_approach;

@@ -1,47 +1,15 @@
 //! The interface of neighbour queries: point, time, radius and filter, and then one of several runs.
 
+use super::buffer::NeighborBuffer;
 use super::compiled::{self, MaybeFiltered, PreparedQuery};
 use crate::limits::is_in_range;
 use crate::point::neighbor::Neighbor;
-use crate::point::search::candidates::Candidates;
 use crate::point::search::{Keep, KeepAll, KeepIf, KeepLanes, NeighborWork};
 use crate::point::tree::PointTree;
 use crate::primitive::Position;
 use crate::simd::{Lanes, Mask};
 use core::fmt;
 use core::ops::ControlFlow;
-
-/// Memory for results and candidates. A loop that reuses a buffer allocates nothing once the buffer has grown to the size
-/// that the queries need.
-///
-/// ```
-/// use mbkd::{NeighborBuffer, PointParams, PointTree};
-/// let points = [[0.0f32; 3], [1.0; 3], [2.0; 3]];
-/// let tree = PointTree::build(&points, &PointParams::default())?;
-/// let mut buffer = NeighborBuffer::new();
-/// for (i, p) in points.iter().enumerate() {
-///     let others = tree.query(*p, 0.0).filter(|id| id != i as u32).nearest_n_into(2, &mut buffer);
-///     assert_eq!(others.len(), 2);
-/// }
-/// # Ok::<(), mbkd::PointError>(())
-/// ```
-#[derive(Clone, Debug, Default)]
-pub struct NeighborBuffer {
-    pub(in crate::point) candidates: Candidates,
-    pub(in crate::point) found: Vec<Neighbor>,
-}
-
-impl NeighborBuffer {
-    /// An empty buffer; it grows with the first queries.
-    pub fn new() -> NeighborBuffer {
-        NeighborBuffer::default()
-    }
-
-    /// The results of the last query of a [`PointTree`].
-    pub fn found(&self) -> &[Neighbor] {
-        &self.found
-    }
-}
 
 /// A neighbour query with its options: set [`radius`](NeighborQuery::radius), [`filter`](NeighborQuery::filter) and
 /// [`approximate`](NeighborQuery::approximate), then run it.
@@ -144,10 +112,12 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
     }
 
     /// The `k` nearest points in order of (distance, id); all if there are fewer.
+    ///
+    /// This and other runs that return a vector use memory that the thread keeps for them, up to a megabyte.
     pub fn nearest_n(self, k: usize) -> Vec<Neighbor> {
-        let mut buffer = NeighborBuffer::new();
+        let mut buffer = NeighborBuffer::take();
         self.nearest_n_into(k, &mut buffer);
-        buffer.found
+        buffer.into_found()
     }
 
     /// The same, with the caller's buffer for the result.
@@ -172,9 +142,9 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
 
     /// All points within the radius, in no particular order.
     pub fn collect(self) -> Vec<Neighbor> {
-        let mut buffer = NeighborBuffer::new();
+        let mut buffer = NeighborBuffer::take();
         self.collect_into(&mut buffer);
-        buffer.found
+        buffer.into_found()
     }
 
     /// The same, with the caller's buffer for the result.
@@ -189,9 +159,9 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
 
     /// All points within the radius, in order of (distance, id).
     pub fn collect_sorted(self) -> Vec<Neighbor> {
-        let mut buffer = NeighborBuffer::new();
+        let mut buffer = NeighborBuffer::take();
         self.collect_sorted_into(&mut buffer);
-        buffer.found
+        buffer.into_found()
     }
 
     /// The same, with the caller's buffer for the result.

@@ -31,6 +31,10 @@ impl Candidates {
         self.raw.resize(size, 0.0);
     }
 
+    pub(in crate::point) fn bytes(&self) -> usize {
+        4 * (self.distances.capacity() + self.ids.capacity() + self.raw.capacity()) + 8 * self.packed.capacity()
+    }
+
     /// Appends the lanes of a mask; the room must have been reserved.
     #[inline(always)]
     pub(in crate::point) fn push<S: Simd>(&mut self, s: S, distance: S::F, id: S::U, mask: u16) {
