@@ -145,6 +145,8 @@ pub(super) struct Candidates {
     pub(super) radii: Vec<Lanes<f32>>,
     /// Whether the nearest image of any candidate is a wrapped one for any point of the group.
     pub(super) wrapped: bool,
+    /// Which candidates these are, sixteen in each mask; empty where nothing is periodic.
+    wrapped_ones: Vec<Mask>,
     /// Nodes still to be visited: level and number.
     open: Vec<(usize, usize)>,
 }
@@ -156,6 +158,19 @@ impl Candidates {
         self.exact.clear();
         self.radii.clear();
         self.wrapped = false;
+        self.wrapped_ones.clear();
+    }
+
+    /// Whether the nearest image of a candidate, in a group with any such, is a wrapped one for any point of the group.
+    #[inline(always)]
+    pub(super) fn is_wrapped(&self, candidate: usize) -> bool {
+        self.wrapped_ones[candidate / LANES] >> (candidate % LANES) & 1 != 0
+    }
+
+    /// Whether that holds for any candidate in vector `i` of the boxes.
+    #[inline(always)]
+    pub(super) fn is_any_wrapped(&self, i: usize) -> bool {
+        self.wrapped_ones[i] != 0
     }
 
     pub(super) fn bytes(&self) -> usize {
@@ -163,7 +178,16 @@ impl Candidates {
             + self.blocks.capacity() * size_of::<BlockPoints>()
             + self.exact.capacity() * size_of::<ExactRows>()
             + self.radii.capacity() * size_of::<Lanes<f32>>()
+            + self.wrapped_ones.capacity() * size_of::<Mask>()
             + self.open.capacity() * size_of::<(usize, usize)>()
+    }
+
+    /// Marks the next candidate with a bit: see [`Candidates::is_wrapped`].
+    #[inline(always)]
+    fn mark(&mut self, wrapped: Mask) {
+        let next = self.blocks.len();
+        self.wrapped_ones.resize(next / LANES + 1, 0);
+        self.wrapped_ones[next / LANES] |= wrapped << (next % LANES);
     }
 
     /// Adds what the group can reach in a view, or what can reach the group.
@@ -186,14 +210,16 @@ impl Candidates {
             if let Some(reach) = reach {
                 boxes.reach = s.load(&reach.nodes[node]);
             }
-            let mut near;
+            let (mut near, wrapped);
             if periodic_box.any {
                 let moved = periodic_box.wrap(s, (lo, hi), (group.lo, group.hi));
                 let images = BoxVector { lo: moved.lo, hi: moved.hi, ..boxes };
                 near = images.near(s, group.lo, group.hi, within) & present;
-                self.wrapped |= level == 0 && near & moved.wrapped != 0;
+                wrapped = near & moved.wrapped;
+                self.wrapped |= level == 0 && wrapped != 0;
             } else {
                 near = boxes.near(s, group.lo, group.hi, within) & present;
+                wrapped = 0;
             }
             if level > 0 {
                 let first = view.first_child(level, node);
@@ -214,6 +240,9 @@ impl Candidates {
                     let lane = rest.trailing_zeros() as usize;
                     rest &= rest - 1;
                     number[lane] = self.blocks.len() as u32;
+                    if periodic_box.any {
+                        self.mark(wrapped >> lane & 1);
+                    }
                     let block = first + lane * stride + part;
                     let points = BlockPoints::of_block(s, view, target, block);
                     self.exact.extend(view.exact_positions(s, block));

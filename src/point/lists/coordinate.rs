@@ -130,14 +130,10 @@ fn apart<S: Simd>(s: S, rows: [&Lanes<f32>; 3], from: [f32; 3]) -> [S::F; 3] {
     [s.load(rows[0]) - s.splat(from[0]), s.load(rows[1]) - s.splat(from[1]), s.load(rows[2]) - s.splat(from[2])]
 }
 
-/// Sixteen points seen from one, from their differences in f64.
+/// Four points seen from one, from their differences: their squared distances.
 #[inline(always)]
-fn seen_apart<S: Simd>(s: S, [x, y, z]: [[S::D; 4]; 3]) -> Seen<S> {
-    let mut squares = [s.splat_d(0.0); 4];
-    for four in 0..4 {
-        squares[four] = (x[four] * x[four] + y[four] * y[four]) + z[four] * z[four];
-    }
-    Seen { displacements: [s.narrow_all(x), s.narrow_all(y), s.narrow_all(z)], squared: s.narrow_all(squares) }
+fn squared_of_four<S: Simd>([x, y, z]: [[S::D; 4]; 3], four: usize) -> S::D {
+    (x[four] * x[four] + y[four] * y[four]) + z[four] * z[four]
 }
 
 impl Coordinate for f64 {
@@ -189,25 +185,31 @@ impl Coordinate for f64 {
         from: [f64; 3],
         periodic_box: &PeriodicBox,
     ) -> Seen<S> {
-        let mut apart = [[s.splat_d(0.0); 4]; 3];
+        let zero = s.splat_d(0.0);
+        let (mut apart, mut squares) = ([[zero; 4]; 3], [zero; 4]);
         for four in 0..4 {
             for axis in 0..3 {
                 let d = s.load_d(&rows[axis].as_chunks().0[four]) - s.splat_d(from[axis]);
                 apart[axis][four] = if PERIODIC { periodic_box.nearest_exactly(s, d, axis) } else { d };
             }
+            squares[four] = squared_of_four::<S>(apart, four);
         }
-        seen_apart(s, apart)
+        let displacements = [s.narrow_all(apart[0]), s.narrow_all(apart[1]), s.narrow_all(apart[2])];
+        Seen { displacements, squared: s.narrow_all(squares) }
     }
     #[inline(always)]
     fn seen_shifted<S: Simd>(s: S, rows: [&Lanes<f64>; 3], shifts: [&Lanes<f64>; 3], from: [f64; 3]) -> Seen<S> {
-        let mut apart = [[s.splat_d(0.0); 4]; 3];
+        let zero = s.splat_d(0.0);
+        let (mut apart, mut squares) = ([[zero; 4]; 3], [zero; 4]);
         for four in 0..4 {
             for axis in 0..3 {
                 let d = s.load_d(&rows[axis].as_chunks().0[four]) - s.splat_d(from[axis]);
                 apart[axis][four] = d - s.load_d(&shifts[axis].as_chunks().0[four]);
             }
+            squares[four] = squared_of_four::<S>(apart, four);
         }
-        seen_apart(s, apart)
+        let displacements = [s.narrow_all(apart[0]), s.narrow_all(apart[1]), s.narrow_all(apart[2])];
+        Seen { displacements, squared: s.narrow_all(squares) }
     }
     #[inline(always)]
     fn squared<S: Simd>(s: S, [x, y, z]: [&Lanes<f64>; 3], from: [f64; 3]) -> S::F {

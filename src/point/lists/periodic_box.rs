@@ -9,7 +9,8 @@
 //! image changes by no more than the difference itself does, so the gap between the wrapped box and the group's bounds the
 //! distances between all points of both. For a part of the group this holds only if, for every point of the group, every
 //! point in the box has its nearest image there. Otherwise that axis must not be used to cull any further, and the box is
-//! widened to infinity along it.
+//! widened to infinity along it. Leaves of the group therefore wrap boxes again: a leaf is much smaller, so far fewer boxes are
+//! nearest in several images.
 //!
 //! **Rounding.** Let M bound the coordinates of both boxes and L, and u = 2^-24. Then `d`, `L·k` and their difference
 //! are wrong by at most 2Mu, (2M + L)u and (2M + L)u: below 8Mu together. A face of a wrapped box is wrong by at most
@@ -19,11 +20,11 @@
 //! add, whose coordinates here are relative to the group and rounded: M u each, and as much for `L·k` with L rounded to f32. For
 //! them differences and k are computed in f64 instead.
 //!
-//! **Points near a leaf.** A point is seen from the middle of a small box likewise ([`PeriodicBox::image`]), in place of a group. Its
-//! offset `o` from there is wrong by 3Mu, `o · (1/L)` by at most 4Mu of L more. So k may be that of an image which is farther by up
-//! to 14Mu than the nearest, where both are half a period away. `L·k`, what it leaves of `o` and half the box's size are wrong by
-//! another 5Mu and (M + L)u: 20Mu together, and with the 8Mu of differences less than 32Mu. The slack is 32u of a sum of two
-//! coordinates and L.
+//! **Points near a leaf.** The images of points near a leaf are those nearest to the middle of its box ([`PeriodicBox::image`]).
+//! The offset `o` of a point from there is wrong by 3Mu, and `o · (1/L)`, times L, by 4Mu more. So k may be that of an image which
+//! is farther by up to 14Mu than the nearest, where both are half a period away. `L·k`, what it leaves of `o`, and half the size of
+//! the box are wrong by another 5Mu and (M + L)u: about 20Mu together, and with the 8Mu of differences less than 32Mu. Here the
+//! slack is 32u of the sum of two coordinates and L.
 
 use crate::simd::{LANES, Lanes, Mask, Simd};
 
@@ -260,11 +261,6 @@ mod tests {
             let moved = periodic_box.wrap_with_slack(s, boxes, ([q, 0.0, 0.0], [q, 0.0, 0.0]), slack);
             let wrapped = moved.wrapped;
             let (lo, hi) = moved.widened(s);
-            let lanes = |x| {
-                let mut lanes: Lanes<f32> = [0.0; LANES];
-                s.store(x, &mut lanes);
-                lanes
-            };
             let gap = lanes(s.max_with_zero(lo[0] - s.splat(q), s.splat(q) - hi[0]));
             for point in points {
                 let offset = s.load(&point) - s.splat(q);
@@ -276,6 +272,54 @@ mod tests {
             }
         }
         wrong
+    }
+
+    fn lanes(x: <Portable as Simd>::F) -> Lanes<f32> {
+        let mut lanes = [0.0; LANES];
+        Portable.store(x, &mut lanes);
+        lanes
+    }
+
+    /// Points, and boxes of two others, with this slack. Returns how many are nearer to one of the two than the box is said to be,
+    /// and how many are nearest to it in another image though one is said to be certain.
+    fn wrong_images(slack: f32) -> [usize; 2] {
+        let (s, mut random, mut wrong) = (Portable, Random(6), [0, 0]);
+        for round in 0..20_000 {
+            let length = 0.5 + random.unit();
+            let periodic_box = PeriodicBox::new([Some(f64::from(length)), None, None]);
+            let away = [0.0, 1.0, 30.0, 1e5][round % 4] * length;
+            let first = random.signed() * (away + length);
+            let ends = [first, first + random.unit() * 0.3 * length];
+            let points: Lanes<f32> = core::array::from_fn(|lane| {
+                let periods = (random.signed() * away / length).round();
+                let offset = match lane % 4 {
+                    0 => 0.5 * length * (1.0 + random.signed() * 1e-6),
+                    1 => -0.5 * length * (1.0 + random.signed() * 1e-6),
+                    _ => random.signed() * length,
+                };
+                ends[lane / 4 % 2] + periods * length + offset
+            });
+            let (at, to) = (s.load(&points), ([ends[0], 0.0, 0.0], [ends[1], 0.0, 0.0]));
+            let image = periodic_box.image_with_slack(s, at, 0, to, slack);
+            let gap = lanes(image.gap);
+            let shift = periodic_box.shift(s, periodic_box.periods_to(s, at, 0, to), 0);
+            for end in ends {
+                let offset = at - s.splat(end);
+                let (near, shifted) = (lanes(periodic_box.nearest(s, offset, 0)), lanes(offset - shift));
+                for lane in 0..LANES {
+                    wrong[0] += usize::from(gap[lane] > near[lane].abs());
+                    wrong[1] += usize::from(image.certain >> lane & 1 != 0 && near[lane] != shifted[lane]);
+                }
+            }
+        }
+        wrong
+    }
+
+    #[test]
+    fn images_of_points_bound_their_distances_and_would_not_without_slack() {
+        assert_eq!(wrong_images(SLACK), [0, 0]);
+        let wrong = wrong_images(0.0);
+        assert!(wrong[0] > 1000 && wrong[1] > 20, "{wrong:?}");
     }
 
     #[test]

@@ -99,8 +99,10 @@ impl<C: Coordinate> Kernel for GroupLists<'_, C> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let GroupLists { builder, listing, group, candidates, lists, .. } = self;
-        for member in 0..group.members.len() {
-            builder.member::<S, C>(s, listing, (group, member), candidates, lists);
+        for (number, member) in group.members.iter().enumerate() {
+            if lists.want_any(&member.points.id) {
+                builder.member::<S, C>(s, listing, (group, number), candidates, lists);
+            }
         }
     }
 }
@@ -179,6 +181,13 @@ impl RowBuilder {
         let mut wrapped = 0;
         for i in 0..candidates.boxes.vectors() {
             let (mut boxes, valid) = candidates.boxes.vector(s, i);
+            if !candidates.is_any_wrapped(i) {
+                let near = boxes.near(s, member.lo, member.hi, within) & valid;
+                if near != 0 {
+                    self.boxes.push(s, &boxes, near);
+                }
+                continue;
+            }
             let moved = listing.periodic_box.wrap(s, (boxes.lo, boxes.hi), (member.lo, member.hi));
             (boxes.lo, boxes.hi) = (moved.lo, moved.hi);
             let near = boxes.near(s, member.lo, member.hi, within) & valid;
@@ -221,14 +230,10 @@ impl RowBuilder {
         let hits = room_for(&mut self.hits, selected.len());
         let mut images = Images::Given;
         if wrapped {
-            images = near_images(s, listing, member, (candidates, selected), bound, hits);
+            images = near_images(s, listing, member, (candidates, selected), (lo, hi, bound), hits);
         } else {
             for (hits, &index) in hits.iter_mut().zip(selected) {
-                let [x, y, z] = rows(s, &candidates.blocks[index as usize].at);
-                let gap_x = x - s.min(s.max(x, lo[0]), hi[0]);
-                let gap_y = y - s.min(s.max(y, lo[1]), hi[1]);
-                let gap_z = z - s.min(s.max(z, lo[2]), hi[2]);
-                *hits = s.le(squared::<S>(gap_x, gap_y, gap_z), bound);
+                *hits = s.le(gap_squared(s, &candidates.blocks[index as usize].at, lo, hi), bound);
             }
         }
         let mut to_id = core::mem::take(&mut self.points.id);
@@ -277,11 +282,11 @@ impl RowBuilder {
         let bound = s.splat(squared_radius(member.radius));
         let hits = room_for(&mut self.hits, vectors);
         for lane in 0..LANES {
-            if member.points.at[0][lane] == f32::INFINITY {
+            let (id, begin) = (member.points.id[lane], lists.len);
+            if member.points.at[0][lane] == f32::INFINITY || !lists.want(id) {
                 continue;
             }
             let point = point_of(own_rows, lane);
-            let (id, begin) = (member.points.id[lane], lists.len);
             lists.reserve(vectors * LANES, listing);
             let own = s.splat_u(id);
             for (from, hits) in hits.iter_mut().enumerate() {
@@ -343,10 +348,10 @@ impl RowBuilder {
         let joint = listing.radii.others().is_some();
         for lane in 0..LANES {
             let at = point_of(&points.at, lane);
-            if at[0] == f32::INFINITY {
+            let id = points.id[lane];
+            if at[0] == f32::INFINITY || !lists.want(id) {
                 continue;
             }
-            let id = points.id[lane];
             let radius = listing.radii.of(id);
             let within = Within::Radius(&listing.radii, radius, group.margin);
             let selected = self.selected.near_point(s, &self.boxes, at, within);
@@ -380,6 +385,16 @@ impl RowBuilder {
     }
 }
 
+/// The squared distances of sixteen points from a box.
+#[inline(always)]
+fn gap_squared<S: Simd>(s: S, at: &[Lanes<f32>; 3], lo: [S::F; 3], hi: [S::F; 3]) -> S::F {
+    let [x, y, z] = rows(s, at);
+    let gap_x = x - s.min(s.max(x, lo[0]), hi[0]);
+    let gap_y = y - s.min(s.max(y, lo[1]), hi[1]);
+    let gap_z = z - s.min(s.max(z, lo[2]), hi[2]);
+    squared::<S>(gap_x, gap_y, gap_z)
+}
+
 /// Finds, among the points of selected candidates, those with an image near a member: which lanes, and which images.
 #[inline(always)]
 fn near_images<S: Simd>(
@@ -387,13 +402,18 @@ fn near_images<S: Simd>(
     listing: &Listing,
     member: &Member,
     (candidates, selected): (&Candidates, &[u32]),
-    bound: S::F,
+    (lo, hi, bound): ([S::F; 3], [S::F; 3], S::F),
     hits: &mut [Mask],
 ) -> Images {
     let (to, periodic_box) = ((member.lo, member.hi), &listing.periodic_box);
     let (mut shifted, mut uncertain) = (0, 0);
     for (hits, &index) in hits.iter_mut().zip(selected) {
-        let [x, y, z] = rows(s, &candidates.blocks[index as usize].at);
+        let at = &candidates.blocks[index as usize].at;
+        if !candidates.is_wrapped(index as usize) {
+            *hits = s.le(gap_squared(s, at, lo, hi), bound);
+            continue;
+        }
+        let [x, y, z] = rows(s, at);
         let exists = s.lt(x, s.splat(f32::INFINITY));
         let x = periodic_box.image(s, x, 0, to);
         let y = periodic_box.image(s, y, 1, to);
@@ -466,6 +486,18 @@ impl Lists {
             + self.points.capacity() * 4
             + (self.ends.capacity() + self.keys.capacity()) * 8
             + self.column.capacity() * 4
+    }
+
+    /// Whether the list of a point counts: all do, until one is too long. Then only those of lower ids may change the error.
+    #[inline(always)]
+    fn want(&self, id: u32) -> bool {
+        self.crowded.is_none_or(|crowded| id < crowded)
+    }
+
+    /// Whether any list of points with these ids counts.
+    #[inline(always)]
+    pub(super) fn want_any(&self, ids: &Lanes<u32>) -> bool {
+        self.crowded.is_none_or(|crowded| ids.iter().any(|&id| id < crowded))
     }
 
     /// Makes room for `more` neighbours and a vector.

@@ -89,6 +89,9 @@ impl Kernel for Share<'_> {
             with_view!(layer.at(center, request.time), view => {
                 s.call(TakeGroup { view, group, node, radii: &listing.radii });
             });
+            if !worker.group.members.iter().any(|member| worker.lists.want_any(&member.points.id)) {
+                continue;
+            }
             worker.candidates.clear();
             for (number, layer) in ListLayer::all(request.among).enumerate() {
                 let reach = listing.radii.others().and_then(|_| prepared.reaches.get(number));

@@ -41,6 +41,11 @@ impl Encounter {
 pub(super) trait EncounterVisitor {
     /// Whether pairs that lists at the first time contain are excluded.
     const EXCLUDES_LISTED: bool;
+    /// Whether the encounters of a point count.
+    #[inline(always)]
+    fn wants(&self, _id: u32) -> bool {
+        true
+    }
     /// Comes to a point.
     fn begin(&mut self, own: &PointPath);
     /// The encounters of that point with four others.

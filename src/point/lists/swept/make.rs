@@ -39,6 +39,12 @@ impl Maker {
 impl EncounterVisitor for Maker {
     const EXCLUDES_LISTED: bool = false;
 
+    /// All do, until a list is too long. Then only those of lower ids may change the error.
+    #[inline(always)]
+    fn wants(&self, id: u32) -> bool {
+        self.crowded.is_none_or(|crowded| id < crowded)
+    }
+
     #[inline(always)]
     fn begin(&mut self, own: &PointPath) {
         self.end_list();

@@ -71,6 +71,9 @@ impl PairFilter {
         let shared = rest.is_empty().then_some(shared);
         for lane in 0..LANES {
             let Some(own) = block.points.point_path(lane) else { continue };
+            if !visitor.wants(own.id) {
+                continue;
+            }
             visitor.begin(&own);
             let RelativePaths { start, displacement } = &block.paths;
             let from = [start[0][lane], start[1][lane], start[2][lane]];

@@ -270,6 +270,10 @@ impl<V: EncounterVisitor, C: SweptCoordinate> Kernel for Share<'_, V, C> {
                 Tree::Static(tree) => s.call(TakeGroup { group, tree, node, times: pairing.times, excess }),
                 Tree::Moving(tree) => s.call(TakeGroup { group, tree, node, times: pairing.times, excess }),
             }
+            let mut wanted = group.blocks.iter().flat_map(|block| block.points.id);
+            if !wanted.any(|id| visitor.wants(id)) {
+                continue;
+            }
             let first_time = pairing.times[0];
             // `excluded_within` holds for positions at the first time only.
             let excluded_within = sweep.excluded_within.filter(|_| f64::from(first_time) == sweep.times[0]);
@@ -295,7 +299,9 @@ impl<V: EncounterVisitor, C: SweptCoordinate> Kernel for Share<'_, V, C> {
                 }
             }
             for block in &group.blocks {
-                filter.visit(s, (block, candidates), &criteria, visitor);
+                if block.points.id.iter().any(|&id| visitor.wants(id)) {
+                    filter.visit(s, (block, candidates), &criteria, visitor);
+                }
             }
         }
     }
