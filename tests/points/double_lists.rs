@@ -6,20 +6,20 @@ use mbkd::glam::DVec3;
 use mbkd::{ListError, ListQuery, NeighborLists, PointParams, PointStructure, PointTree, Precision, Radii, SimdLevel};
 
 /// A neighbour: id, and the bits of the squared distance and of the displacement.
-type Entry = (u32, u32, [u32; 3]);
+pub type Entry = (u32, u32, [u32; 3]);
 
 /// A request.
 #[derive(Clone, Debug)]
-struct Case<'a> {
-    time: f32,
-    radii: Radii<'a>,
-    periods: [Option<f64>; 3],
-    once: bool,
-    other: bool,
+pub struct Case<'a> {
+    pub time: f32,
+    pub radii: Radii<'a>,
+    pub periods: [Option<f64>; 3],
+    pub once: bool,
+    pub other: bool,
 }
 
 impl Case<'_> {
-    fn query<'b>(&'b self, tree: &'b PointTree, among: &'b PointTree) -> ListQuery<'b> {
+    pub fn query<'b>(&'b self, tree: &'b PointTree, among: &'b PointTree) -> ListQuery<'b> {
         let mut query = tree.neighbor_lists(self.time, self.radii).periodic(self.periods);
         if self.once {
             query = query.pairs_once();
@@ -41,7 +41,7 @@ impl Case<'_> {
     }
 
     /// All lists by comparing all pairs.
-    fn expected(&self, own: &Cloud, among: &Cloud) -> Vec<Vec<Entry>> {
+    pub fn expected(&self, own: &Cloud, among: &Cloud) -> Vec<Vec<Entry>> {
         let mut lists = vec![Vec::new(); own.active.len()];
         let places: Vec<DVec3> = (0..among.active.len()).map(|j| among.at(j, self.time)).collect();
         for (i, list) in lists.iter_mut().enumerate().filter(|(i, _)| own.active[*i].contains(self.time)) {
@@ -62,7 +62,7 @@ impl Case<'_> {
     }
 }
 
-fn found(lists: &NeighborLists) -> Vec<Vec<Entry>> {
+pub fn found(lists: &NeighborLists) -> Vec<Vec<Entry>> {
     let [x, y, z] = lists.displacements();
     let bits = |n: usize| [x[n], y[n], z[n]].map(|x| (x + 0.0).to_bits());
     let entry = |n: usize| (lists.ids()[n], lists.distances_squared()[n].to_bits(), bits(n));
@@ -125,7 +125,7 @@ fn lists_equal_comparing_all_pairs() {
 }
 
 /// The first list that differs, and its entries that are in only one of both.
-fn differing(found: &[Vec<Entry>], expected: &[Vec<Entry>]) -> Option<(usize, Vec<Entry>, Vec<Entry>)> {
+pub fn differing(found: &[Vec<Entry>], expected: &[Vec<Entry>]) -> Option<(usize, Vec<Entry>, Vec<Entry>)> {
     assert_eq!(found.len(), expected.len());
     let list = found.iter().zip(expected).position(|(found, expected)| found != expected)?;
     let only = |a: &[Entry], b: &[Entry]| a.iter().copied().filter(|entry| !b.contains(entry)).collect();

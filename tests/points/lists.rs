@@ -17,12 +17,12 @@ pub fn build(cloud: &Cloud, structure: PointStructure, simd: SimdLevel) -> Point
 
 /// The parameters of a list query.
 #[derive(Clone, Debug)]
-struct ListCase<'a> {
-    time: f32,
-    radii: Radii<'a>,
-    periods: [Option<f32>; 3],
-    once: bool,
-    other: bool,
+pub struct ListCase<'a> {
+    pub time: f32,
+    pub radii: Radii<'a>,
+    pub periods: [Option<f32>; 3],
+    pub once: bool,
+    pub other: bool,
 }
 
 impl<'a> ListCase<'a> {
@@ -46,7 +46,7 @@ impl<'a> ListCase<'a> {
 }
 
 /// A neighbour: id, squared distance, displacement.
-type Entry = (u32, u32, [u32; 3]);
+pub type Entry = (u32, u32, [u32; 3]);
 
 fn along(d: f32, period: Option<f32>) -> f32 {
     let Some(length) = period else { return d };
@@ -55,7 +55,7 @@ fn along(d: f32, period: Option<f32>) -> f32 {
 }
 
 /// All lists by comparing all pairs.
-fn compare_all(own: &Cloud, among: &Cloud, case: &ListCase) -> Vec<Vec<Entry>> {
+pub fn compare_all(own: &Cloud, among: &Cloud, case: &ListCase) -> Vec<Vec<Entry>> {
     let mut lists = vec![Vec::new(); own.len()];
     let square = |r: f32| (r * r).min(f32::MAX);
     let places: Vec<Vec3> = (0..among.len()).map(|j| among.at(j, case.time)).collect();
@@ -85,7 +85,7 @@ fn check(trees: [&PointTree; 2], clouds: [&Cloud; 2], case: &ListCase, lists: &m
     check_against(&compare_all(clouds[0], clouds[1], case), trees, clouds[0], case, lists, what);
 }
 
-fn check_against(
+pub fn check_against(
     expected: &[Vec<Entry>],
     trees: [&PointTree; 2],
     cloud: &Cloud,

@@ -29,6 +29,8 @@ mod outliers;
 #[cfg(feature = "rayon")]
 mod paddings;
 #[cfg(feature = "rayon")]
+mod periodic;
+#[cfg(feature = "rayon")]
 mod progress;
 mod property;
 mod support;
