@@ -38,7 +38,7 @@ impl NeighborBuffer {
         NeighborBuffer::default()
     }
 
-    /// The results of the last query of a [`PointTree`].
+    /// The results of the last query of a [`PointTree`](crate::PointTree).
     pub fn found(&self) -> &[Neighbor] {
         &self.found
     }
