@@ -25,6 +25,9 @@ use std::collections::HashMap;
 /// What the rounding of weights moves a point by, relative to the extent of the triangle.
 const OF_WEIGHTS: f32 = 1.0 / (1 << 22) as f32;
 
+/// More than the interval of the boxes in a time slice is wider on either side than the times of its queries.
+const BESIDE_SLICE: f32 = 1e-6;
+
 /// The parts of split triangles in all leaf blocks of a tree.
 #[derive(Default)]
 pub(super) struct Parts {
@@ -60,11 +63,11 @@ impl Parts {
         let bounds = read_box(&tree.arena.ints()[node.at()..], node.kind(), lane, over);
         let (first, mut polygon) = (self.parts.len(), Polygon::default());
         for (lane, &id) in tree.ids::<S>(leaf).unwrap_or(&[]).iter().enumerate() {
-            // When the triangle does not exist, the box may not hold it.
+            // The box may not hold the triangle when it does not exist, nor if it exists at no time that queries look for in a
+            // slice.
             let active = set.active(id);
-            let middle = 0.5 * over.begin() + 0.5 * over.end();
-            let time = middle.clamp(active.begin(), active.last());
-            if over.contains(time) {
+            let time = over.middle().clamp(active.begin(), active.last());
+            if over.begin() + BESIDE_SLICE <= time && time <= over.end() - BESIDE_SLICE {
                 let corners = tree.corners_in(leaf, lane, time, || triangles.segments_of_life(id));
                 let at = (f64::from(time) - f64::from(over.begin())) / over.fine_duration();
                 if polygon.clip(corners, box_at(&bounds, at)) {

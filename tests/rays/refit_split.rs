@@ -4,7 +4,7 @@ use crate::common::{Random, difference};
 use crate::scene;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{Mat3, Vec3};
-use mbkd::{BuildParams, Counters, Division, Keys, Policy, Ray, RayTree, TriangleMesh, WideParams};
+use mbkd::{BuildParams, Counters, Division, Keys, Policy, Ray, RayTree, TimeInterval, TriangleMesh, WideParams};
 
 fn now_ray(camera: &scene::Camera, random: &mut Random) -> Ray {
     camera.ray(random.unit(), random.unit(), 1.0, random.unit())
@@ -97,6 +97,30 @@ fn refitted_trees_of_split_triangles_find_every_hit_and_stay_good() {
                 let fresh = RayTree::build(&given, &BuildParams::wide(wide)).unwrap();
                 let worse = steps(&tree, &rays) / steps(&fresh, &rays);
                 assert!(worse < most, "{what}, motion {motion}: {worse} times the work of a new tree, {refit:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn parts_are_found_where_triangles_exist_whose_intervals_end_where_slices_do() {
+    let ends = [(0.0, 0.25), (0.25, 0.5), (0.1, 0.75), (0.5, 1.0), (0.0, 1.0), (0.25, 0.75)];
+    let active = |mesh: TriangleMesh, i: usize| mesh.with_active(TimeInterval::new(ends[i].0, ends[i].1).unwrap());
+    for (division, keys) in
+        [(Division::SharedLeaves(4), 2), (Division::SharedLeaves(4), 3), (Division::SeparateTrees(4), 2)]
+    {
+        let meshes: Vec<TriangleMesh> = (0..ends.len()).map(|i| active(needles(200, keys, i as u64), i)).collect();
+        let wide = WideParams { division, ..WideParams::default() };
+        let mut tree = RayTree::build(&meshes, &BuildParams::wide(wide)).unwrap();
+        assert!(tree.statistics().references > 1300, "{}", tree.statistics().references);
+        let mut random = Random(5);
+        for by in [0.01, 3.0] {
+            let now: Vec<TriangleMesh> = meshes.iter().map(|mesh| moved(mesh, &mut |p| p * 1.1 + by)).collect();
+            tree.refit(&now).unwrap();
+            let oracle = BruteForce::new(&now).unwrap();
+            for i in 0..1500 {
+                let ray = aimed(&now[i % now.len()], &mut random);
+                assert_eq!(difference(&tree, &oracle, &ray), None, "{division:?}, {keys} keys");
             }
         }
     }
