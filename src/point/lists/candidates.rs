@@ -182,12 +182,14 @@ impl Candidates {
             + self.open.capacity() * size_of::<(usize, usize)>()
     }
 
-    /// Marks the next candidate with a bit: see [`Candidates::is_wrapped`].
-    #[inline(always)]
-    fn mark(&mut self, wrapped: Mask) {
-        let next = self.blocks.len();
-        self.wrapped_ones.resize(next / LANES + 1, 0);
-        self.wrapped_ones[next / LANES] |= wrapped << (next % LANES);
+    /// Marks the candidates from `begin` on, which are lanes of a mask, some of them wrapped: see [`Candidates::is_wrapped`].
+    fn mark(&mut self, begin: usize, mut lanes: Mask, wrapped: Mask) {
+        self.wrapped_ones.resize(self.blocks.len().div_ceil(LANES), 0);
+        for candidate in begin..self.blocks.len() {
+            let bit = wrapped >> lanes.trailing_zeros() & 1;
+            self.wrapped_ones[candidate / LANES] |= bit << (candidate % LANES);
+            lanes &= lanes - 1;
+        }
     }
 
     /// Adds what the group can reach in a view, or what can reach the group.
@@ -240,9 +242,6 @@ impl Candidates {
                     let lane = rest.trailing_zeros() as usize;
                     rest &= rest - 1;
                     number[lane] = self.blocks.len() as u32;
-                    if periodic_box.any {
-                        self.mark(wrapped >> lane & 1);
-                    }
                     let block = first + lane * stride + part;
                     let points = BlockPoints::of_block(s, view, target, block);
                     self.exact.extend(view.exact_positions(s, block));
@@ -256,6 +255,9 @@ impl Candidates {
                     self.blocks.push(points);
                 }
                 debug_assert_eq!(self.blocks.len() as u32 - base, near.count_ones());
+                if periodic_box.any {
+                    self.mark(base as usize, near, wrapped);
+                }
                 self.boxes.push(s, &BoxVector { candidate: s.load_u(&number), ..boxes }, near);
             }
         }

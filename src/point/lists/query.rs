@@ -108,7 +108,7 @@ impl<'a> ListQuery<'a> {
     ///
     /// It bounds the memory of lists: where points clump, as in a simulation that becomes unstable, there may be as many neighbours
     /// as pairs of points, and a program that runs out of memory is aborted. It saves time as well: once a list is too long, points
-    /// with greater ids are passed over, since only lower ones can change the error.
+    /// near each other that all have greater ids are passed over, since only lower ones can change the error.
     ///
     /// ```
     /// use mbkd::{ListError, NeighborLists, PointParams, PointTree};

@@ -100,9 +100,48 @@ impl<C: Coordinate> Kernel for GroupLists<'_, C> {
     fn run<S: Simd>(self, s: S) {
         let GroupLists { builder, listing, group, candidates, lists, .. } = self;
         for (number, member) in group.members.iter().enumerate() {
-            if lists.want_any(&member.points.id) {
-                builder.member::<S, C>(s, listing, (group, number), candidates, lists);
+            if !lists.want_any(&member.points.id) {
+                continue;
             }
+            let of = (group, number);
+            if candidates.wrapped {
+                s.call(WrappedMember::<C> { builder, listing, of, candidates, lists, coordinate: PhantomData });
+            } else {
+                builder.member::<S, C>(s, listing, of, candidates, lists);
+            }
+        }
+    }
+}
+
+/// Appends the lists of a member of a group for which other images count than those that are given. (A function of its own, so that
+/// lists without any are compiled as if there were none.)
+struct WrappedMember<'a, C> {
+    builder: &'a mut RowBuilder,
+    listing: &'a Listing<'a>,
+    of: (&'a Group, usize),
+    candidates: &'a Candidates,
+    lists: &'a mut Lists,
+    coordinate: PhantomData<C>,
+}
+
+impl<C: Coordinate> Kernel for WrappedMember<'_, C> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let WrappedMember { builder, listing, of, candidates, lists, .. } = self;
+        let wrapped = builder.select_images(s, listing, of, candidates);
+        if !matches!(listing.radii, Radii::Equal(_)) {
+            return if listing.once {
+                builder.rows::<S, C, true, true>(s, listing, of, (candidates, wrapped), lists)
+            } else {
+                builder.rows::<S, C, true, false>(s, listing, of, (candidates, wrapped), lists)
+            };
+        }
+        let gathered = builder.gather_points::<S, C, true>(s, listing, of, candidates);
+        match (listing.once, listing.other_set || listing.distinct) {
+            (true, _) => builder.equal::<S, C, NOT_GREATER, false, true>(s, listing, of, gathered, lists),
+            (false, true) => builder.equal::<S, C, OWN, false, true>(s, listing, of, gathered, lists),
+            (false, false) => builder.equal::<S, C, SAME_ID, false, true>(s, listing, of, gathered, lists),
         }
     }
 }
@@ -122,44 +161,31 @@ impl RowBuilder {
         candidates: &Candidates,
         lists: &mut Lists,
     ) {
-        let (group, member) = (of.0, &of.0.members[of.1]);
-        let within = Within::Radius(&listing.radii, member.radius, group.margin);
-        let wrapped = candidates.wrapped && self.select_images(s, listing, member, candidates, within);
         if matches!(listing.radii, Radii::Equal(_)) {
-            let gathered = self.gather_points::<S, C>(s, listing, of, candidates, wrapped);
+            let gathered = self.gather_points::<S, C, false>(s, listing, of, candidates);
             let plain = !listing.distances && !listing.displacements;
-            let exclusion = (listing.once, listing.other_set || listing.distinct);
-            if gathered.images != Images::Given {
-                return match exclusion {
-                    (true, _) => self.equal::<S, C, NOT_GREATER, false, true>(s, listing, of, gathered, lists),
-                    (false, true) => self.equal::<S, C, OWN, false, true>(s, listing, of, gathered, lists),
-                    (false, false) => self.equal::<S, C, SAME_ID, false, true>(s, listing, of, gathered, lists),
-                };
-            }
-            return match (exclusion, plain) {
-                ((true, _), true) => self.equal::<S, C, NOT_GREATER, true, false>(s, listing, of, gathered, lists),
-                ((true, _), false) => self.equal::<S, C, NOT_GREATER, false, false>(s, listing, of, gathered, lists),
-                ((false, true), true) => self.equal::<S, C, OWN, true, false>(s, listing, of, gathered, lists),
-                ((false, true), false) => self.equal::<S, C, OWN, false, false>(s, listing, of, gathered, lists),
-                ((false, false), true) => self.equal::<S, C, SAME_ID, true, false>(s, listing, of, gathered, lists),
-                ((false, false), false) => self.equal::<S, C, SAME_ID, false, false>(s, listing, of, gathered, lists),
+            return match (listing.once, listing.other_set || listing.distinct, plain) {
+                (true, _, true) => self.equal::<S, C, NOT_GREATER, true, false>(s, listing, of, gathered, lists),
+                (true, _, false) => self.equal::<S, C, NOT_GREATER, false, false>(s, listing, of, gathered, lists),
+                (false, true, true) => self.equal::<S, C, OWN, true, false>(s, listing, of, gathered, lists),
+                (false, true, false) => self.equal::<S, C, OWN, false, false>(s, listing, of, gathered, lists),
+                (false, false, true) => self.equal::<S, C, SAME_ID, true, false>(s, listing, of, gathered, lists),
+                (false, false, false) => self.equal::<S, C, SAME_ID, false, false>(s, listing, of, gathered, lists),
             };
         }
-        if !candidates.wrapped {
-            self.boxes.clear();
-            for i in 0..candidates.boxes.vectors() {
-                let (boxes, valid) = candidates.boxes.vector(s, i);
-                let near = boxes.near(s, member.lo, member.hi, within) & valid;
-                if near != 0 {
-                    self.boxes.push(s, &boxes, near);
-                }
+        let (group, member) = (of.0, &of.0.members[of.1]);
+        let within = Within::Radius(&listing.radii, member.radius, group.margin);
+        self.boxes.clear();
+        for i in 0..candidates.boxes.vectors() {
+            let (boxes, valid) = candidates.boxes.vector(s, i);
+            let near = boxes.near(s, member.lo, member.hi, within) & valid;
+            if near != 0 {
+                self.boxes.push(s, &boxes, near);
             }
         }
-        match (wrapped, listing.once) {
-            (false, false) => self.rows::<S, C, false, false>(s, listing, of, candidates, lists),
-            (false, true) => self.rows::<S, C, false, true>(s, listing, of, candidates, lists),
-            (true, false) => self.rows::<S, C, true, false>(s, listing, of, candidates, lists),
-            (true, true) => self.rows::<S, C, true, true>(s, listing, of, candidates, lists),
+        match listing.once {
+            false => self.rows::<S, C, false, false>(s, listing, of, (candidates, false), lists),
+            true => self.rows::<S, C, false, true>(s, listing, of, (candidates, false), lists),
         }
     }
 
@@ -173,10 +199,11 @@ impl RowBuilder {
         &mut self,
         s: S,
         listing: &Listing,
-        member: &Member,
+        (group, member): (&Group, usize),
         candidates: &Candidates,
-        within: Within,
     ) -> bool {
+        let member = &group.members[member];
+        let within = Within::Radius(&listing.radii, member.radius, group.margin);
         self.boxes.clear();
         let mut wrapped = 0;
         for i in 0..candidates.boxes.vectors() {
@@ -201,19 +228,19 @@ impl RowBuilder {
     }
 
     /// Gathers the points that are near the box of a member, in rows, where all points of the member have the same radius.
-    /// They are about as many as each of its points would test by itself, and they lie one behind the other.
+    /// They are about as many as each of its points would test by itself, and they lie one behind the other. If `PERIODIC`, the
+    /// candidates are those of [`RowBuilder::select_images`].
     #[inline(always)]
-    fn gather_points<S: Simd, C: Coordinate>(
+    fn gather_points<S: Simd, C: Coordinate, const PERIODIC: bool>(
         &mut self,
         s: S,
         listing: &Listing,
         (group, member): (&Group, usize),
         candidates: &Candidates,
-        wrapped: bool,
     ) -> Gathered {
         let member = &group.members[member];
         let within = Within::Radius(&listing.radii, member.radius, group.margin);
-        let selected = if candidates.wrapped {
+        let selected = if PERIODIC {
             self.boxes.candidates()
         } else {
             self.selected.near(s, &candidates.boxes, (member.lo, member.hi), within)
@@ -229,7 +256,7 @@ impl RowBuilder {
         let bound = group.margin.squared(s, s.splat(member.radius));
         let hits = room_for(&mut self.hits, selected.len());
         let mut images = Images::Given;
-        if wrapped {
+        if PERIODIC {
             images = near_images(s, listing, member, (candidates, selected), (lo, hi, bound), hits);
         } else {
             for (hits, &index) in hits.iter_mut().zip(selected) {
@@ -253,14 +280,14 @@ impl RowBuilder {
         }
         to_x[end..end + LANES].fill(C::INFINITY);
         self.points.id = to_id;
-        if images == Images::Shifted {
+        if PERIODIC && images == Images::Shifted {
             let to = C::shifts_mut(&mut self.points);
             gather_shifts::<S, C>(s, listing, member, (candidates, selected), hits, to);
         }
         Gathered { vectors: end.div_ceil(LANES), own, images }
     }
 
-    /// Lists from the points that were gathered; with `PLAIN` only ids. If `PERIODIC`, images are not those that are given.
+    /// Lists from the points that were gathered; with `PLAIN` only ids. Unless `PERIODIC`, images are those that are given.
     #[inline(always)]
     fn equal<S: Simd, C: Coordinate, const EXCLUDED: u8, const PLAIN: bool, const PERIODIC: bool>(
         &mut self,
@@ -282,16 +309,16 @@ impl RowBuilder {
         let bound = s.splat(squared_radius(member.radius));
         let hits = room_for(&mut self.hits, vectors);
         for lane in 0..LANES {
-            let (id, begin) = (member.points.id[lane], lists.len);
-            if member.points.at[0][lane] == f32::INFINITY || !lists.want(id) {
+            if member.points.at[0][lane] == f32::INFINITY {
                 continue;
             }
             let point = point_of(own_rows, lane);
+            let (id, begin) = (member.points.id[lane], lists.len);
             lists.reserve(vectors * LANES, listing);
             let own = s.splat_u(id);
             for (from, hits) in hits.iter_mut().enumerate() {
                 let rows = [&from_x[from], &from_y[from], &from_z[from]];
-                let squared = if !PERIODIC {
+                let squared = if !PERIODIC || images == Images::Given {
                     C::squared(s, rows, point)
                 } else if shifts > 0 {
                     C::seen_shifted(s, rows, [&shift_x[from], &shift_y[from], &shift_z[from]], point).squared
@@ -319,7 +346,7 @@ impl RowBuilder {
                 s.store_compressed_u(s.load_u(&from_id[from]), hits, lanes_at_mut(listed, end));
                 if !PLAIN && (!PERIODIC || listing.distances || listing.displacements) {
                     let rows = [&from_x[from], &from_y[from], &from_z[from]];
-                    let seen = if !PERIODIC {
+                    let seen = if !PERIODIC || images == Images::Given {
                         C::seen::<S, false>(s, rows, point, &listing.periodic_box)
                     } else if shifts > 0 {
                         C::seen_shifted(s, rows, [&shift_x[from], &shift_y[from], &shift_z[from]], point)
@@ -334,24 +361,24 @@ impl RowBuilder {
         }
     }
 
-    /// Lists for one kind of request.
+    /// Lists for one kind of request. If `PERIODIC` and `wrapped`, other images count than those that are given.
     #[inline(always)]
     fn rows<S: Simd, C: Coordinate, const PERIODIC: bool, const ONCE: bool>(
         &mut self,
         s: S,
         listing: &Listing,
         (group, member): (&Group, usize),
-        candidates: &Candidates,
+        (candidates, wrapped): (&Candidates, bool),
         lists: &mut Lists,
     ) {
         let (points, own_rows) = (&group.members[member].points, C::of_member(group, member));
         let joint = listing.radii.others().is_some();
         for lane in 0..LANES {
             let at = point_of(&points.at, lane);
-            let id = points.id[lane];
-            if at[0] == f32::INFINITY || !lists.want(id) {
+            if at[0] == f32::INFINITY {
                 continue;
             }
+            let id = points.id[lane];
             let radius = listing.radii.of(id);
             let within = Within::Radius(&listing.radii, radius, group.margin);
             let selected = self.selected.near_point(s, &self.boxes, at, within);
@@ -366,7 +393,11 @@ impl RowBuilder {
             let (listed, mut end) = (&mut listed[..], begin);
             for &index in selected {
                 let rows = C::of_block(candidates, index as usize).each_ref();
-                let seen = C::seen::<S, PERIODIC>(s, rows, point, &listing.periodic_box);
+                let seen = if PERIODIC && wrapped {
+                    C::seen::<S, true>(s, rows, point, &listing.periodic_box)
+                } else {
+                    C::seen::<S, false>(s, rows, point, &listing.periodic_box)
+                };
                 let bound = if joint {
                     let others = s.load(&candidates.radii[index as usize]);
                     squared_radii(s, listing.radii.joint(s, radius, others))
@@ -488,13 +519,8 @@ impl Lists {
             + self.column.capacity() * 4
     }
 
-    /// Whether the list of a point counts: all do, until one is too long. Then only those of lower ids may change the error.
-    #[inline(always)]
-    fn want(&self, id: u32) -> bool {
-        self.crowded.is_none_or(|crowded| id < crowded)
-    }
-
-    /// Whether any list of points with these ids counts.
+    /// Whether any list of points with these ids counts: all do, until one is too long. Then only those of lower ids may change the
+    /// error.
     #[inline(always)]
     pub(super) fn want_any(&self, ids: &Lanes<u32>) -> bool {
         self.crowded.is_none_or(|crowded| ids.iter().any(|&id| id < crowded))
