@@ -1,6 +1,6 @@
 //! Where the corners of a moving triangle are.
 
-use super::{Box3, LinearBox3, ULP};
+use super::{Box3, LaneBounds, LinearBox3, ULP};
 use glam::Vec3;
 
 /// Linear bounds of each corner of a triangle over an interval; a point where it moves on a line.
@@ -26,14 +26,18 @@ impl CornerBounds {
         a.union(b).union(c)
     }
 
-    /// Bounds of the point with these weights of the second and the third corner, but for rounding and slack.
-    pub fn mean(&self, [u, v]: [f32; 2]) -> LinearBox3 {
+    /// Bounds of points with these weights of the second and the third corner, but for rounding and slack.
+    pub fn around(&self, weights: &[[f32; 2]]) -> LinearBox3 {
         let [a, b, c] = &self.corners;
-        let mean = |a: Box3, b: Box3, c: Box3| Box3 {
-            min: a.min + (b.min - a.min) * u + (c.min - a.min) * v,
-            max: a.max + (b.max - a.max) * u + (c.max - a.max) * v,
-        };
-        LinearBox3 { begin: mean(a.begin, b.begin, c.begin), end: mean(a.end, b.end, c.end) }
+        let (LaneBounds(a), LaneBounds(b), LaneBounds(c)) = (LaneBounds::of(a), LaneBounds::of(b), LaneBounds::of(c));
+        let LaneBounds(mut all) = LaneBounds::EMPTY;
+        for &[u, v] in weights {
+            for (lane, least) in all.iter_mut().enumerate() {
+                let mean = a[lane] + (b[lane] - a[lane]) * u + (c[lane] - a[lane]) * v;
+                *least = if mean < *least { mean } else { *least };
+            }
+        }
+        LaneBounds(all).bounds()
     }
 
     /// The padding of bounds of points that are means of two corners, with fixed weights: the rounding error of computing them

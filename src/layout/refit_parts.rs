@@ -112,7 +112,7 @@ fn box_at(bounds: &LinearBox3, at: f64) -> Aabb {
 /// The bounds of a polygon with these weights, given those of the triangle's corners. Each face is the triangle's where that is
 /// tighter on average.
 fn bounds_of(weights: &[[f32; 2]], corners: &CornerBounds) -> LinearBox3 {
-    let all = weights.iter().fold(LinearBox3::EMPTY, |all, &weights| all.union(corners.mean(weights)));
+    let all = corners.around(weights);
     let (whole, pad) = (corners.union(), corners.pad_of_means());
     let padded = |of: LinearBox3, pad: f32| LinearBox3 { begin: of.begin.pad(pad), end: of.end.pad(pad) };
     let extent = whole.swept().max - whole.swept().min;
@@ -236,10 +236,7 @@ mod tests {
     fn parts_hold_their_points_wherever_the_triangle_is_and_would_not_without_padding() {
         let [lost_points, held, small] = lost(bounds_of);
         assert!(lost_points == 0 && held > 20_000 && small > 2000, "{lost_points} {held} {small}");
-        let unpadded = |weights: &[[f32; 2]], corners: &CornerBounds| {
-            weights.iter().fold(LinearBox3::EMPTY, |all, &weights| all.union(corners.mean(weights)))
-        };
-        assert!(lost(unpadded)[0] > 1000);
+        assert!(lost(|weights, corners| corners.around(weights))[0] > 1000);
         // All of the polygon is needed.
         assert!(lost(|weights, corners| bounds_of(&weights[1..], corners))[0] > 1000);
     }
