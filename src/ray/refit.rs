@@ -119,7 +119,7 @@ impl RayTree {
     /// not change. Triangles that were split into several references before the build stay split.
     ///
     /// Takes O(n) time, in parallel with the feature `rayon`, with the same result for any number of threads. The first
-    /// refit takes up to 2.5 times as long, since it indexes the tree.
+    /// refit takes up to 2.5 times as long, since it indexes the tree, and up to 3.5 times where triangles were split.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
