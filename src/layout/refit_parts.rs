@@ -135,7 +135,8 @@ struct Polygon {
 
 impl Polygon {
     /// Makes it the part of a triangle in a box, by clipping at one face after the other (Sutherland and Hodgman, "Reentrant
-    /// Polygon Clipping", 1974). Whether that is a part of the triangle: not if all of it may be in the box, or nothing.
+    /// Polygon Clipping", 1974), as [`clip_triangle`](crate::geometry::clip_triangle) does in f32 for bounds alone. Whether that is
+    /// a part of the triangle: not if all of it may be in the box, or nothing.
     fn clip(&mut self, triangle: [DVec3; 3], bounds: Aabb) -> bool {
         let [a, b, c] = triangle;
         let (min, max) = (a.min(b).min(c), a.max(b).max(c));
