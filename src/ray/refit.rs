@@ -22,7 +22,8 @@ pub struct Refit {
     /// Expected cost of a ray that hits the root box, relative to that when the tree was built: the sum over nodes and leaf blocks
     /// of cost times area, as in the surface area heuristic. The time per ray grows about as much. If the root box has grown since
     /// the build, it is the larger of that and the cost of a ray that hits the box that it had then: so that what flies off does
-    /// not hide that rays in the rest take longer.
+    /// not hide that rays in the rest take longer. A new tree may gain where this is 1: if the pose of the frame makes any tree
+    /// cheaper than the pose that was built, as when a figure spreads its limbs.
     pub cost: f64,
 }
 
