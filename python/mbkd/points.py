@@ -32,7 +32,7 @@ class PointTree:
         When each point exists: begin <= t < end (an end of 1 includes 1).
     boxsize : float or (3,), optional
         Periodic box [0, L) as in scipy; 0 or infinity for axes that are not periodic. Distances are to the nearest image. Static
-        points must lie in the box. Moving points may leave it by up to four periods.
+        points must lie in the box. Moving points may leave it: all of them must be within sixteen periods.
     structure : {'automatic', 'linear', 'time_slices:N', 'kd'}
         The structure of the tree for moving points. Answers do not depend on it.
     max_references : float

@@ -8,7 +8,6 @@
 
 mod arrays;
 mod files;
-mod images;
 mod instances;
 mod lists;
 mod photons;

@@ -66,7 +66,7 @@ pub fn neighbor_lists<'py>(
     query = if sorted { query.sorted() } else { query };
     query = max_neighbors.map_or(query, |most| query.max_neighbors(most));
     query = among.map_or(query, |among| query.among(&among.tree));
-    query = points.periods.as_ref().map_or(query, |periods| query.periodic(periods.for_lists()));
+    query = points.periods.map_or(query, |lengths| query.periodic(lengths));
     let mut lists = memory();
     on(py, workers, || query.run(&mut lists))?.map_err(list_error)?;
     hand_over(py, lists, by_id.then_some(points.tree.len()), workers)

@@ -2,12 +2,11 @@
 
 use crate::arrays::{PerQuery, Places, Positions, all_valid, intervals, rows, slice, table, value_error};
 use crate::files::{error_at, from_bytes, to_bytes};
-use crate::images::{Memory, Periods};
 use crate::queries::{in_waves, order};
 use crate::threads::{Control, long};
 use mbkd::{
-    Neighbor, NeighborBuffer, NeighborQuery, PointArrays, PointError, PointParams, PointStructure, PointTree,
-    Precision, TimeInterval,
+    Neighbor, NeighborBuffer, NeighborQuery, PeriodError, PeriodicPoints, PointArrays, PointError, PointParams,
+    PointStructure, PointTree, Precision, TimeInterval,
 };
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
@@ -19,6 +18,7 @@ use std::path::PathBuf;
 #[pyclass(frozen)]
 pub struct Points {
     pub tree: PointTree,
+    /// The lengths of the periodic axes of a box.
     pub periods: Option<Periods>,
 }
 
@@ -31,8 +31,8 @@ type Lists<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i32>>);
 /// Distances, ids and times.
 type Approaches<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>);
 
-/// The periods of a periodic box, and the box around all points.
-type Boxes = ([f64; 3], [[f64; 3]; 2]);
+/// The lengths of the periodic axes.
+type Periods = [Option<f64>; 3];
 
 /// An array of one number for each query, or of one number for all queries.
 type Numbers<'py> = PyReadonlyArray1<'py, f32>;
@@ -68,8 +68,10 @@ impl Points {
             ..PointParams::default()
         };
         let tree = long(py, workers, progress.as_ref(), |control| build(&keys, &active, &params, control))??;
-        let periods = Periods::new(boxsize, bounds(&keys)).map_err(PyValueError::new_err)?;
-        Ok(Points { tree, periods })
+        let periods = periods_of(boxsize)?;
+        let points = Points { tree, periods };
+        points.periodic()?;
+        Ok(points)
     }
 
     /// Writes the tree to a file, without the periodic box.
@@ -83,20 +85,17 @@ impl Points {
         indexed(py.detach(|| PointTree::load(&path)).map_err(|error| error_at(&path, error))?, None)
     }
 
-    /// The bytes of a file of the tree, and the periods and bounds of the periodic box.
-    fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyBytes>, Option<Boxes>)> {
-        let periods = self.periods.as_ref().map(|periods| (periods.lengths, periods.bounds));
-        Ok((to_bytes(py, |bytes| self.tree.write_to(bytes))?, periods))
+    /// The bytes of a file of the tree, and the lengths of the periodic box.
+    fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyBytes>, Option<Periods>)> {
+        Ok((to_bytes(py, |bytes| self.tree.write_to(bytes))?, self.periods))
     }
 
     /// The tree from the bytes of a file.
     #[staticmethod]
-    fn from_bytes(py: Python<'_>, bytes: &[u8], periods: Option<Boxes>) -> PyResult<Points> {
-        let periods = match periods {
-            Some((lengths, bounds)) => Periods::new(lengths, bounds).map_err(PyValueError::new_err)?,
-            None => None,
-        };
-        indexed(from_bytes(py, bytes, |bytes| PointTree::read_from(bytes))?, periods)
+    fn from_bytes(py: Python<'_>, bytes: &[u8], periods: Option<Periods>) -> PyResult<Points> {
+        let points = indexed(from_bytes(py, bytes, |bytes| PointTree::read_from(bytes))?, periods)?;
+        points.periodic()?;
+        Ok(points)
     }
 
     /// Number of points.
@@ -143,13 +142,14 @@ impl Points {
         // square of 0, and the bound is more than that.
         let square = bound * bound;
         let counts = |near: &&Neighbor| near.distance_squared < square || (square == 0.0 && bound > 0.0);
+        let periodic = self.periodic()?;
         let run = |queries: &[u32]| {
-            let (mut buffer, mut memory) = (NeighborBuffer::new(), Memory::default());
+            let mut buffer = NeighborBuffer::new();
             let mut found: Vec<Neighbor> = Vec::with_capacity(queries.len() * k);
             let mut ends = Vec::with_capacity(queries.len());
             for &query in queries {
                 let (query, time) = (query as usize, times.of(query as usize));
-                match &self.periods {
+                match &periodic {
                     None => {
                         let query = self.query_at(places, query, time).radius(bound).approximate(eps);
                         match k {
@@ -157,9 +157,12 @@ impl Points {
                             _ => found.extend_from_slice(query.nearest_n_into(k, &mut buffer)),
                         }
                     }
-                    Some(periods) => {
-                        let at = (places.wide(query), time);
-                        periods.nearest(&self.tree, at, (bound, eps), k, &mut memory, &mut found);
+                    Some(periodic) => {
+                        let query = periodic.query(places.wide(query), time).radius(bound).approximate(eps);
+                        match k {
+                            1 => found.extend(query.nearest()),
+                            _ => found.extend_from_slice(query.nearest_n_into(k, &mut buffer)),
+                        }
                     }
                 }
                 ends.push(found.len());
@@ -199,21 +202,18 @@ impl Points {
         let places = points.places()?;
         let times = PerQuery::times(slice(&times)?, places.len())?;
         let radii = radii_of(slice(&radii)?, places.len())?;
+        let periodic = self.periodic()?;
         let run = |queries: &[u32]| {
-            let (mut buffer, mut memory) = (NeighborBuffer::new(), Memory::default());
+            let mut buffer = NeighborBuffer::new();
             let (mut ids, mut ends) = (Vec::new(), Vec::with_capacity(queries.len()));
             for &query in queries {
                 let query = query as usize;
                 let (time, radius, begin) = (times.of(query), radii.of(query), ids.len());
-                match &self.periods {
-                    None => {
-                        let near = self.query_at(places, query, time).radius(radius).collect_into(&mut buffer);
-                        ids.extend(near.iter().map(|near| near.id as i32));
-                    }
-                    Some(periods) => {
-                        periods.within(&self.tree, (places.wide(query), time), radius, &mut memory, &mut ids);
-                    }
-                }
+                let near = match &periodic {
+                    None => self.query_at(places, query, time).radius(radius).collect_into(&mut buffer),
+                    Some(periodic) => periodic.query(places.wide(query), time).radius(radius).collect_into(&mut buffer),
+                };
+                ids.extend(near.iter().map(|near| near.id as i32));
                 if sorted {
                     ids[begin..].sort_unstable();
                 }
@@ -243,7 +243,8 @@ impl Points {
         let times = PerQuery::times(slice(&times)?, places.len())?;
         let radii = radii_of(slice(&radii)?, places.len())?;
         let mut counts = vec![0; places.len()];
-        let run = |queries: &[u32]| self.counts(places, queries, |i| times.of(i), |i| radii.of(i));
+        let periodic = self.periodic()?;
+        let run = |queries: &[u32]| self.counts((places, &periodic), queries, |i| times.of(i), |i| radii.of(i));
         in_waves(py, &order(py, places, self.nbytes()), workers, progress.as_ref(), run, |queries, run: Vec<i64>| {
             queries.iter().zip(run).for_each(|(&query, count)| counts[query as usize] = count);
         })?;
@@ -260,14 +261,10 @@ impl Points {
         workers: isize,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Vec<i64>> {
-        let alike = match (&self.periods, &other.periods) {
-            (None, None) => true,
-            (Some(one), Some(other)) => one.same(other),
-            _ => false,
-        };
-        if !alike {
+        if self.periods != other.periods {
             return Err(PyValueError::new_err("the two trees have different periodic boxes"));
         }
+        let periodic = other.periodic()?;
         PerQuery::times(&[time], 1)?;
         all_valid(&radii, "radius", "at index", NO_RADIUS, is_radius)?;
         // In the order of the tree.
@@ -276,7 +273,9 @@ impl Points {
         let (places, order): (_, Vec<u32>) = (Places::Double(&places), (0..places.len() as u32).collect());
         let mut sums = vec![0; radii.len()];
         for (number, (sum, radius)) in sums.iter_mut().zip(radii).enumerate() {
-            let run = |queries: &[u32]| other.counts(places, queries, |_| time, |_| radius).into_iter().sum::<i64>();
+            let run = |queries: &[u32]| {
+                other.counts((places, &periodic), queries, |_| time, |_| radius).into_iter().sum::<i64>()
+            };
             let progress = if number == 0 { progress.as_ref() } else { None };
             in_waves(py, &order, workers, progress, run, |_, of_run| *sum += of_run)?;
         }
@@ -340,20 +339,30 @@ impl Points {
         }
     }
 
+    /// The space that repeats, if it does.
+    fn periodic(&self) -> PyResult<Option<PeriodicPoints<'_>>> {
+        let periodic = self.periods.map(|lengths| self.tree.periodic(lengths)).transpose();
+        periodic.map_err(|error| match error {
+            PeriodError::Extent { axis } => PyValueError::new_err(format!(
+                "points are more than sixteen periods of the periodic box apart along axis {axis}"
+            )),
+            error => value_error(error),
+        })
+    }
+
     fn counts(
         &self,
-        places: Places<'_>,
+        (places, periodic): (Places<'_>, &Option<PeriodicPoints<'_>>),
         queries: &[u32],
         time: impl Fn(usize) -> f32,
         radius: impl Fn(usize) -> f32,
     ) -> Vec<i64> {
-        let mut memory = Memory::default();
         let one = |&query: &u32| {
             let query = query as usize;
             let (time, radius) = (time(query), radius(query));
-            let count = match &self.periods {
+            let count = match periodic {
                 None => self.query_at(places, query, time).radius(radius).count(),
-                Some(periods) => periods.count(&self.tree, (places.wide(query), time), radius, &mut memory),
+                Some(periodic) => periodic.query(places.wide(query), time).radius(radius).count(),
             };
             count as i64
         };
@@ -437,15 +446,15 @@ fn indexed(tree: PointTree, periods: Option<Periods>) -> PyResult<Points> {
     Ok(Points { tree, periods })
 }
 
-/// The box around all points at all keys.
-fn bounds(keys: &[Places<'_>]) -> [[f64; 3]; 2] {
-    let (mut lo, mut hi) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    for p in keys.iter().flat_map(|key| (0..key.len()).map(|i| key.wide(i))) {
-        for axis in 0..3 {
-            (lo[axis], hi[axis]) = (lo[axis].min(p[axis]), hi[axis].max(p[axis]));
-        }
+/// The lengths of the periodic axes; `None` if there are none.
+fn periods_of(boxsize: [f64; 3]) -> PyResult<Option<Periods>> {
+    if let Some(length) = boxsize.iter().find(|length| !(**length >= 0.0 && length.is_finite())) {
+        return Err(PyValueError::new_err(format!(
+            "boxsize must be positive, or 0 or infinite for axes that are not periodic, not {length}"
+        )));
     }
-    [lo, hi]
+    let periods = boxsize.map(|length| (length > 0.0).then_some(length));
+    Ok(periods.iter().any(Option::is_some).then_some(periods))
 }
 
 /// Lists that were computed in another order than that of the queries.

@@ -55,6 +55,7 @@ pub use queries::approach::Approach;
 pub use queries::batch::NeighborBatch;
 pub use queries::buffer::NeighborBuffer;
 pub use queries::iter::WithinIter;
+pub use queries::periodic::{PeriodError, PeriodicPoints, PeriodicQuery};
 pub use queries::query::NeighborQuery;
 pub use queries::visit::TreePoint;
 pub use search::{Keep, KeepAll, KeepIf, NeighborWork};

@@ -58,7 +58,7 @@ impl Cloud {
     }
 
     /// All points that exist, nearest first.
-    fn all(&self, q: DVec3, time: f32) -> Vec<Neighbor> {
+    pub fn all(&self, q: DVec3, time: f32) -> Vec<Neighbor> {
         let active = (0..self.active.len()).filter(|&i| self.active[i].contains(time));
         let neighbor = |i: usize| {
             let d = self.at(i, time) - q;

@@ -30,6 +30,7 @@ mod outliers;
 mod paddings;
 #[cfg(feature = "rayon")]
 mod periodic;
+mod periodic_queries;
 #[cfg(feature = "rayon")]
 mod progress;
 mod property;

@@ -38,7 +38,7 @@ impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
     /// The `k` nearest within the bound, in order of (distance, index), as slots.
     pub(super) fn nearest(&self, k: usize, bound: f32, buffer: &mut NeighborBuffer) {
         let more = k.saturating_add(1);
-        let NeighborBuffer { candidates, found } = &mut *buffer;
+        let NeighborBuffer { candidates, found, .. } = &mut *buffer;
         found.clear();
         dispatch(self.index.simd, Nearest { search: self, k: more, bound, candidates });
         nearest_in_order(self.index.simd, more, candidates, found);
@@ -57,7 +57,7 @@ impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
     #[inline(never)]
     fn replace_last(&self, last: f32, buffer: &mut NeighborBuffer) {
         self.gather(last, &mut buffer.candidates);
-        let NeighborBuffer { candidates, found } = buffer;
+        let NeighborBuffer { candidates, found, .. } = buffer;
         let Candidates { distances, ids, count, packed, .. } = candidates;
         let at_last = distances.iter().zip(&*ids).take(*count).filter(|&(&distance, _)| distance == last);
         packed.clear();
@@ -75,7 +75,7 @@ impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
     /// All within the bound, in order of (distance, index), as slots.
     pub(super) fn within(&self, bound: f32, buffer: &mut NeighborBuffer) {
         self.gather(bound, &mut buffer.candidates);
-        let NeighborBuffer { candidates, found } = buffer;
+        let NeighborBuffer { candidates, found, .. } = buffer;
         all_in_order(self.index.simd, candidates, found);
         self.resolve_ties(found);
     }

@@ -1,5 +1,6 @@
 //! Memory of neighbour queries.
 
+use super::images::Image;
 use crate::point::neighbor::Neighbor;
 use crate::point::search::candidates::Candidates;
 use core::cell::Cell;
@@ -30,6 +31,9 @@ thread_local! {
 pub struct NeighborBuffer {
     pub(in crate::point) candidates: Candidates,
     pub(in crate::point) found: Vec<Neighbor>,
+    /// Of a query in periodic space: images of its place, and what is found from one of them.
+    pub(super) images: Vec<Image>,
+    pub(super) of_image: Vec<Neighbor>,
 }
 
 impl NeighborBuffer {
@@ -51,12 +55,24 @@ impl NeighborBuffer {
 
     /// The results, in memory of their own. The thread keeps the buffer, unless it is large.
     pub(super) fn into_found(self) -> Vec<Neighbor> {
-        if self.found.capacity() * size_of::<Neighbor>() + self.candidates.bytes() > MOST_KEPT {
+        if self.is_large() {
             return self.found;
         }
         let found = self.found.to_vec();
-        // Where the thread is ending, nothing is kept.
-        let _ = KEPT.try_with(|kept| kept.set(self));
+        self.give_back();
         found
+    }
+
+    /// Leaves the buffer to the thread, unless it is large.
+    pub(super) fn give_back(self) {
+        if !self.is_large() {
+            // Where the thread is ending, nothing is kept.
+            let _ = KEPT.try_with(|kept| kept.set(self));
+        }
+    }
+
+    fn is_large(&self) -> bool {
+        let neighbors = (self.found.capacity() + self.of_image.capacity()) * size_of::<Neighbor>();
+        neighbors + self.images.capacity() * size_of::<Image>() + self.candidates.bytes() > MOST_KEPT
     }
 }

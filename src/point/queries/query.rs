@@ -10,6 +10,7 @@ use crate::primitive::Position;
 use crate::simd::{Lanes, Mask};
 use core::fmt;
 use core::ops::ControlFlow;
+use glam::DVec3;
 
 /// A neighbour query with its options: set [`radius`](NeighborQuery::radius), [`filter`](NeighborQuery::filter) and
 /// [`approximate`](NeighborQuery::approximate), then run it.
@@ -89,13 +90,28 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
     }
 
     #[inline(always)]
-    fn finds_something(&self) -> bool {
+    pub(super) fn finds_something(&self) -> bool {
         self.query.bound >= 0.0
+    }
+
+    /// Whether answers may be farther away than the exact ones.
+    #[inline(always)]
+    pub(super) fn is_approximate(&self) -> bool {
+        self.query.shrink < 1.0
+    }
+
+    /// The same query at another place, which must be in range, with another bound.
+    #[inline(always)]
+    pub(super) fn moved(&self, place: DVec3, bound: f32) -> NeighborQuery<'a, &K> {
+        let query = self.query.keeping(&self.query.keep);
+        NeighborQuery {
+            query: PreparedQuery { point: place.relative(query.tree.origin), exact: place, bound, ..query },
+        }
     }
 
     /// Runs the query by one of the functions that are compiled in this crate.
     #[inline(always)]
-    fn run<R>(&self, run: impl FnOnce(MaybeFiltered<'_, 'a>) -> R) -> R {
+    pub(super) fn run<R>(&self, run: impl FnOnce(MaybeFiltered<'_, 'a>) -> R) -> R {
         if K::FILTERS {
             let kept = |ids: &Lanes<u32>, mask: Mask| self.query.keep.kept(ids, mask);
             run(MaybeFiltered::Filtered(&self.query.keeping(KeepLanes(&kept))))

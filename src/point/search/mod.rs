@@ -67,6 +67,18 @@ impl<F: Fn(u32) -> bool> Keep for KeepIf<F> {
     }
 }
 
+impl<K: Keep> Keep for &K {
+    const FILTERS: bool = K::FILTERS;
+    #[inline(always)]
+    fn keep(&self, id: u32) -> bool {
+        (**self).keep(id)
+    }
+    #[inline(always)]
+    fn kept(&self, ids: &[u32; LANES], mask: Mask) -> Mask {
+        (**self).kept(ids, mask)
+    }
+}
+
 /// [`Keep::kept`] of a caller's predicate.
 pub(super) type KeptLanes<'a> = &'a dyn Fn(&Lanes<u32>, Mask) -> Mask;
 

@@ -1,0 +1,310 @@
+//! Queries in space that repeats along some axes: periodic boxes.
+//!
+//! A query runs as queries of its images among the points themselves, the nearest image first. Most queries have one image, as
+//! their neighbours are nearer than the faces of the box.
+
+use super::buffer::NeighborBuffer;
+use super::compiled;
+use super::images::{Image, Images, MOST_PERIODS, is_beyond};
+use super::query::NeighborQuery;
+use crate::geometry::Aabb;
+use crate::point::neighbor::Neighbor;
+use crate::point::search::{Keep, KeepAll, KeepIf};
+use crate::point::tree::PointTree;
+use crate::primitive::Position;
+use core::fmt;
+use glam::DVec3;
+
+/// Why space cannot repeat with some lengths ([`PointTree::periodic`]).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum PeriodError {
+    /// A length is not above zero, or not finite.
+    Length {
+        /// The axis.
+        axis: usize,
+    },
+    /// The box around all points is longer than sixteen periods. Move points to their images in one box; of moving points it is
+    /// where they begin that counts, as they may leave it.
+    Extent {
+        /// The axis.
+        axis: usize,
+    },
+}
+
+impl fmt::Display for PeriodError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            PeriodError::Length { axis } => write!(f, "the period of axis {axis} must be above zero and finite"),
+            PeriodError::Extent { axis } => {
+                write!(f, "points are more than {MOST_PERIODS} periods apart along axis {axis}; move them into one box")
+            }
+        }
+    }
+}
+
+impl core::error::Error for PeriodError {}
+
+/// The points of a tree in space that repeats along some axes; made by [`PointTree::periodic`].
+#[derive(Clone, Copy, Debug)]
+pub struct PeriodicPoints<'a> {
+    tree: &'a PointTree,
+    images: Images,
+}
+
+impl PointTree {
+    /// The points in space that repeats along some axes, with these lengths: a periodic box. Points may lie anywhere, also outside
+    /// of a box that begins at zero; the same space results for any place of the box.
+    ///
+    /// For neighbour lists of all points: [`ListQuery::periodic`](crate::ListQuery::periodic).
+    ///
+    /// ```
+    /// use mbkd::{PointParams, PointTree};
+    /// let tree = PointTree::build(&[[0.1f32, 0.5, 0.5], [0.7, 0.5, 0.5]], &PointParams::default())?;
+    /// let periodic = tree.periodic([Some(1.0); 3])?;
+    /// // Across the face: the first point is 0.2 away, the second 0.3.
+    /// let near = periodic.query([0.9f32, 0.5, 0.5], 0.0).radius(0.25).nearest_n(8);
+    /// assert_eq!(near.iter().map(|n| n.id).collect::<Vec<_>>(), [0]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// A length that is not above zero or not finite; points that are more than sixteen periods apart.
+    pub fn periodic<L: Into<f64>>(&self, lengths: [Option<L>; 3]) -> Result<PeriodicPoints<'_>, PeriodError> {
+        let lengths = lengths.map(|length| length.map(Into::into));
+        let bounds = self.bounds().unwrap_or(Aabb { min: DVec3::ZERO, max: DVec3::ZERO });
+        for (axis, length) in lengths.iter().enumerate() {
+            let Some(length) = *length else { continue };
+            // Also false for NaN.
+            if !(length > 0.0 && length.is_finite()) {
+                return Err(PeriodError::Length { axis });
+            }
+            if bounds.max[axis] - bounds.min[axis] > MOST_PERIODS * length {
+                return Err(PeriodError::Extent { axis });
+            }
+        }
+        Ok(PeriodicPoints { tree: self, images: Images::new(lengths.map(|length| length.unwrap_or(0.0)), bounds) })
+    }
+}
+
+impl<'a> PeriodicPoints<'a> {
+    /// A query at a place and a time in the shutter. The place may be in any period.
+    #[inline(always)]
+    pub fn query(&self, at: impl Position, time: f32) -> PeriodicQuery<'a> {
+        PeriodicQuery { query: self.tree.query(at, time), images: self.images }
+    }
+}
+
+/// A neighbour query in space that repeats: set its options, then run it, as a [`NeighborQuery`].
+///
+/// Points are as far away as the nearest image of the query's place, and each is found once. The place is moved by whole periods in
+/// f64, and each image is rounded as the place of any query is. Every run equals brute force over all images.
+///
+/// Cost: that of one query where the faces of the box around all points are farther away than the neighbours, otherwise that of a
+/// query for each image within reach of a point.
+#[derive(Clone, Copy)]
+#[must_use = "a query does nothing until one of its runs is called"]
+pub struct PeriodicQuery<'a, K = KeepAll> {
+    query: NeighborQuery<'a, K>,
+    images: Images,
+}
+
+impl<K> fmt::Debug for PeriodicQuery<'_, K> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("PeriodicQuery").field("query", &self.query).field("images", &self.images).finish()
+    }
+}
+
+impl<'a> PeriodicQuery<'a> {
+    /// [`NeighborQuery::filter`].
+    #[inline(always)]
+    pub fn filter<F: Fn(u32) -> bool>(self, predicate: F) -> PeriodicQuery<'a, KeepIf<F>> {
+        PeriodicQuery { query: self.query.filter(predicate), images: self.images }
+    }
+}
+
+impl<K: Keep> PeriodicQuery<'_, K> {
+    /// [`NeighborQuery::radius`].
+    #[inline(always)]
+    pub fn radius(self, radius: f32) -> Self {
+        PeriodicQuery { query: self.query.radius(radius), images: self.images }
+    }
+
+    /// [`NeighborQuery::approximate`]. Searches for several neighbours that reach farther than half a period are exact.
+    #[inline(always)]
+    pub fn approximate(self, epsilon: f32) -> Self {
+        PeriodicQuery { query: self.query.approximate(epsilon), images: self.images }
+    }
+
+    /// The nearest point. Ties go to the lowest id.
+    ///
+    /// ```
+    /// use mbkd::{PointParams, PointTree};
+    /// let tree = PointTree::build(&[[0.1f32, 0.5, 0.5], [0.7, 0.5, 0.5]], &PointParams::default())?;
+    /// let nearest = tree.periodic([Some(1.0); 3])?.query([0.95f32, 0.5, 0.5], 0.0).nearest();
+    /// assert_eq!(nearest.map(|n| n.id), Some(0));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn nearest(self) -> Option<Neighbor> {
+        let (mut best, mut buffer): (Option<Neighbor>, _) = (None, NeighborBuffer::take());
+        self.in_order(&mut buffer.images, |image| {
+            if let Some(near) = image.nearest()
+                && best.is_none_or(|best| order(&near) < order(&best))
+            {
+                best = Some(near);
+            }
+            best.map(|best| best.distance_squared)
+        });
+        buffer.give_back();
+        best
+    }
+
+    /// The `k` nearest points in order of (distance, id); all if there are fewer.
+    pub fn nearest_n(self, k: usize) -> Vec<Neighbor> {
+        let mut buffer = NeighborBuffer::take();
+        self.nearest_n_into(k, &mut buffer);
+        buffer.into_found()
+    }
+
+    /// The same, with the caller's buffer for the result.
+    pub fn nearest_n_into(self, k: usize, buffer: &mut NeighborBuffer) -> &[Neighbor] {
+        let repeats = self.search_nearest_n(k, buffer);
+        if repeats && self.query.is_approximate() {
+            // Two images may give the same farther point instead of two nearer ones.
+            self.approximate(0.0).search_nearest_n(k, buffer);
+        }
+        &buffer.found
+    }
+
+    /// Finds the `k` nearest points; returns whether two images may have found the same ones.
+    fn search_nearest_n(&self, k: usize, buffer: &mut NeighborBuffer) -> bool {
+        let NeighborBuffer { candidates, found, images, of_image } = buffer;
+        found.clear();
+        if k == 0 {
+            return false;
+        }
+        let mut repeats = false;
+        self.in_order(images, |image| {
+            of_image.clear();
+            image.run(|query| compiled::nearest_n(query, k, candidates, of_image));
+            if found.is_empty() {
+                core::mem::swap(found, of_image);
+            } else if !of_image.is_empty() {
+                repeats |= self.images.may_repeat(image.query.bound);
+                found.append(of_image);
+                if repeats {
+                    keep_nearest(found);
+                }
+                sort(found);
+                found.truncate(k);
+            }
+            found.get(k - 1).map(|last| last.distance_squared)
+        });
+        repeats
+    }
+
+    /// All points within the radius, in no particular order.
+    pub fn collect(self) -> Vec<Neighbor> {
+        let mut buffer = NeighborBuffer::take();
+        self.collect_into(&mut buffer);
+        buffer.into_found()
+    }
+
+    /// The same, with the caller's buffer for the result.
+    pub fn collect_into(self, buffer: &mut NeighborBuffer) -> &[Neighbor] {
+        let NeighborBuffer { candidates, found, images, of_image } = buffer;
+        found.clear();
+        let bound = self.query.query.bound;
+        self.all(images);
+        for image in &*images {
+            of_image.clear();
+            let image = self.query.moved(image.place, bound);
+            image.run(|query| compiled::collect(query, candidates, of_image));
+            found.append(of_image);
+        }
+        if images.len() > 1 && self.images.may_repeat(bound) {
+            keep_nearest(found);
+        }
+        found
+    }
+
+    /// All points within the radius, in order of (distance, id).
+    pub fn collect_sorted(self) -> Vec<Neighbor> {
+        let mut buffer = NeighborBuffer::take();
+        self.collect_sorted_into(&mut buffer);
+        buffer.into_found()
+    }
+
+    /// The same, with the caller's buffer for the result.
+    pub fn collect_sorted_into(self, buffer: &mut NeighborBuffer) -> &[Neighbor] {
+        self.collect_into(buffer);
+        sort(&mut buffer.found);
+        &buffer.found
+    }
+
+    /// The number of points within the radius.
+    pub fn count(self) -> usize {
+        let (mut buffer, bound) = (NeighborBuffer::take(), self.query.query.bound);
+        self.all(&mut buffer.images);
+        let count = if buffer.images.len() > 1 && self.images.may_repeat(bound) {
+            self.collect_into(&mut buffer).len()
+        } else {
+            buffer.images.iter().map(|image| self.query.moved(image.place, bound).count()).sum()
+        };
+        buffer.give_back();
+        count
+    }
+
+    /// The images from which a point may be within the radius.
+    fn all(&self, images: &mut Vec<Image>) {
+        images.clear();
+        if self.query.finds_something() {
+            self.images.within(self.home(), self.query.query.bound.into(), images);
+        }
+    }
+
+    /// Shows the images from which a point may be near enough to `search`, nearest first. It returns the squared distance up to
+    /// which points still count, if that is known.
+    #[inline(always)]
+    fn in_order(&self, images: &mut Vec<Image>, mut search: impl FnMut(NeighborQuery<'_, &K>) -> Option<f32>) {
+        let mut bound = self.query.query.bound;
+        let home = self.home();
+        let first = self.images.nearest(home);
+        if !self.query.finds_something() || is_beyond(first.distance, bound.into()) {
+            return;
+        }
+        bound = search(self.query.moved(first.place, bound)).unwrap_or(bound);
+        if first.place == home && self.images.has_only(home, bound.into()) {
+            return;
+        }
+        self.images.within(home, bound.into(), images);
+        images.sort_unstable_by(|a, b| a.distance.total_cmp(&b.distance));
+        for image in images.iter().filter(|image| image.place != first.place) {
+            if is_beyond(image.distance, bound.into()) {
+                break;
+            }
+            bound = search(self.query.moved(image.place, bound)).unwrap_or(bound);
+        }
+    }
+
+    #[inline(always)]
+    fn home(&self) -> DVec3 {
+        self.images.home(self.query.query.exact)
+    }
+}
+
+/// What neighbours are sorted by. The bits of squares order like the squares.
+#[inline(always)]
+fn order(near: &Neighbor) -> (u32, u32) {
+    (near.distance_squared.to_bits(), near.id)
+}
+
+fn sort(found: &mut [Neighbor]) {
+    found.sort_unstable_by_key(order);
+}
+
+/// Keeps each point once, where it is nearest.
+fn keep_nearest(found: &mut Vec<Neighbor>) {
+    found.sort_unstable_by_key(|near| (near.id, near.distance_squared.to_bits()));
+    found.dedup_by_key(|near| near.id);
+}
