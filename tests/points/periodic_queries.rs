@@ -85,7 +85,7 @@ fn place(rng: &mut Rng, size: f32, away: f32) -> Vec3 {
 
 #[test]
 fn answers_are_those_of_the_nearest_image() {
-    for seed in 0..72u64 {
+    for seed in 0..48u64 {
         let mut rng = Rng(seed);
         let (size, away) = ([1.0f32, 1e-3, 1e6][seed as usize % 3], [0.0, 0.3, 1e3][seed as usize / 3 % 3]);
         let points: Vec<MovingPoint> = (0..[1, 0, 7, 100][seed as usize % 4])
