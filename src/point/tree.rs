@@ -313,7 +313,10 @@ impl PointTree {
         if separate {
             let whole = SegmentSlice { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
             let progress = progress.rest(count as f64 / len as f64);
-            let numbers = partition.static_points().map(|point| point as u32).collect();
+            let numbers = match count == len {
+                true => (0..len as u32).collect(),
+                false => partition.static_points().map(|point| point as u32).collect(),
+            };
             let why = match count == len {
                 true => ALL_STATIC_IN_F64.to_string(),
                 false => format!("{count} of {len} points are static; positions in f64"),

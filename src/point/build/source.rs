@@ -7,6 +7,7 @@ use crate::point::error::PointError;
 use crate::point::layout::static_tree::StaticTree;
 use crate::point::leaf_order::moving_reference::{MovingReference, SegmentSlice};
 use crate::point::leaf_order::point_rows::PointRows;
+use crate::point::leaf_order::widest_axis::include;
 use crate::point::precision::Precision;
 use crate::primitive::{DOUBLE, PointSet, SINGLE, kept_keys};
 use crate::progress::Progress;
@@ -289,26 +290,27 @@ fn sizes<P: PointSet + ?Sized>(points: &P) -> Result<(usize, usize), PointError>
 /// Whether all points exist throughout the shutter, and ids are indices.
 fn is_plain<P: PointSet + ?Sized>(points: &P, len: usize) -> bool {
     let plain = |point: usize| points.active(point) == TimeInterval::FULL && points.id(point) == point as u32;
-    let all = parallel::chunks(len, |range| range.fold(true, |all, point| all & plain(point)));
-    all.into_iter().all(|plain| plain)
+    let mut all = parallel::parts(len, |range| range.fold(true, |all, point| all & plain(point)));
+    all.all(|plain| plain)
 }
 
 /// What positions of an f64 set are relative to, and whether they say more than f32 ones would. That is the middle of all,
 /// or zero where they are f32 numbers around it.
 fn origin_of<P: PointSet + ?Sized>(points: &P, len: usize, keys: usize) -> Result<(DVec3, bool), PointError> {
-    let ranges = parallel::chunks(len, |range| {
-        let (mut lo, mut hi, mut single) = (DVec3::INFINITY, DVec3::NEG_INFINITY, true);
+    let ranges = parallel::parts(len, |range| {
+        let (mut lo, mut hi, mut single) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3], true);
         for point in range {
             for key in 0..keys {
                 let at = points.position(point, key);
                 if !at.is_finite() {
                     return Err(PointError::NonFinite { point, key });
                 }
-                (lo, hi) = (lo.min(at), hi.max(at));
-                single &= at.as_vec3().as_dvec3() == at;
+                include(&mut lo, &mut hi, at.to_array());
+                // One number that needs f64 is enough.
+                single = single && at.as_vec3().as_dvec3() == at;
             }
         }
-        Ok((lo, hi, single))
+        Ok((DVec3::from_array(lo), DVec3::from_array(hi), single))
     });
     let (mut lo, mut hi, mut single) = (DVec3::INFINITY, DVec3::NEG_INFINITY, true);
     for range in ranges {
@@ -376,6 +378,11 @@ impl<'a, P: PointSet + ?Sized> Reader<'a, P> {
             let mut pairs = huge_vec(len);
             fill(&mut pairs, len, |point| [read(point, 0), read(point, step)]);
             return pairs.into_flattened();
+        }
+        if keys == 1 {
+            let mut positions = huge_vec(len);
+            fill(&mut positions, len, |point| read(point, 0));
+            return positions;
         }
         let mut positions = huge_vec(len * keys);
         fill(&mut positions, len * keys, |i| read(i / keys, i % keys * step));

@@ -5,7 +5,7 @@ pub(in crate::point) const SAMPLE: usize = 128;
 
 /// Grows a box to hold a point. Comparisons, because `min` and `max` take care of NaN, which is not here.
 #[inline(always)]
-pub(in crate::point) fn include(lo: &mut [f32; 3], hi: &mut [f32; 3], at: [f32; 3]) {
+pub(in crate::point) fn include<T: PartialOrd + Copy>(lo: &mut [T; 3], hi: &mut [T; 3], at: [T; 3]) {
     for axis in 0..3 {
         lo[axis] = if at[axis] < lo[axis] { at[axis] } else { lo[axis] };
         hi[axis] = if at[axis] > hi[axis] { at[axis] } else { hi[axis] };

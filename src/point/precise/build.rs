@@ -1,9 +1,8 @@
 //! Building a tree over f64 points.
 
-use super::fill_leaves::PointsOfSlice;
+use super::fill_leaves::{AtRest, InTheMiddle, PointsOfSlice};
 use super::linear_box::{FULL, LinearBox, Node, NodeRows};
 use super::order::order;
-use super::rounded_order::{OfPoint, Points};
 use super::tree::{Block, NO_POINTS, PreciseTree};
 use crate::geometry::TimeInterval;
 use crate::parallel;
@@ -29,18 +28,13 @@ impl PreciseTree {
             numbers.retain(|&point| points.exists(point));
         }
         let mut tree = PreciseTree::empty(points, &numbers, moves);
-        let at_rest = |point: u32| points.at_rest(point);
-        let in_the_middle = |point: u32| points.in_the_middle(point);
-        let displacement = |point: u32| {
-            let [begin, end] = points.ends(point);
-            end - begin
-        };
-        let to_order = Points {
-            at: if moves { &in_the_middle } else { &at_rest },
-            prefetch: &|point| points.prefetch(point),
-            displacement: moves.then_some(&displacement as OfPoint<'_>),
-        };
-        order(&mut numbers, tree.shape.leaf(), to_order, &progress.subtask(ORDERING));
+        let (leaf, ordering) = (tree.shape.leaf(), progress.subtask(ORDERING));
+        if moves {
+            order(&mut numbers, leaf, &InTheMiddle(points), true, &ordering);
+        } else {
+            order(&mut numbers, leaf, &AtRest(points), false, &ordering);
+        }
+        drop(ordering);
         let boxes = tree.fill_leaves(points, &numbers, &progress.rest(1.0));
         drop(numbers);
         if !progress.cancelled() {

@@ -1,6 +1,7 @@
 //! Writing f64 points into the leaves of a tree, in the order that was found for them.
 
 use super::linear_box::LinearBox;
+use super::rounded_order::Points;
 use super::tree::{Block, PreciseTree, between};
 use crate::geometry::TimeInterval;
 use crate::parallel;
@@ -8,6 +9,7 @@ use crate::point::build::source::Source;
 use crate::point::layout::moving_leaf::LaneIntervals;
 use crate::point::layout::snapshot::ExactRows;
 use crate::point::leaf_order::moving_reference::SegmentSlice;
+use crate::point::leaf_order::widest_axis::include;
 use crate::progress::Progress;
 use crate::simd::LANES;
 use core::iter;
@@ -72,6 +74,41 @@ impl PointsOfSlice<'_> {
     }
 }
 
+/// Static points, to be ordered by where they are.
+pub(super) struct AtRest<'a>(pub(super) PointsOfSlice<'a>);
+
+impl Points for AtRest<'_> {
+    #[inline(always)]
+    fn at(&self, point: u32) -> DVec3 {
+        self.0.at_rest(point)
+    }
+    #[inline(always)]
+    fn prefetch(&self, point: u32) {
+        self.0.prefetch(point);
+    }
+    fn displacement(&self, _: u32) -> DVec3 {
+        DVec3::ZERO
+    }
+}
+
+/// Points to be ordered by where they are in the middle of the slice.
+pub(super) struct InTheMiddle<'a>(pub(super) PointsOfSlice<'a>);
+
+impl Points for InTheMiddle<'_> {
+    #[inline(always)]
+    fn at(&self, point: u32) -> DVec3 {
+        self.0.in_the_middle(point)
+    }
+    #[inline(always)]
+    fn prefetch(&self, point: u32) {
+        self.0.prefetch(point);
+    }
+    fn displacement(&self, point: u32) -> DVec3 {
+        let [begin, end] = self.0.ends(point);
+        end - begin
+    }
+}
+
 /// Leaves to be filled. Rows that the tree does not have are empty.
 struct LeafRowsMut<'a> {
     numbers: &'a [u32],
@@ -112,7 +149,9 @@ impl PreciseTree {
             progress.finished(1.0);
             boxes
         });
-        boxes.into_iter().flatten().collect()
+        let mut all = Vec::with_capacity(numbers.len().div_ceil(leaf));
+        boxes.into_iter().for_each(|boxes| all.extend(boxes));
+        all
     }
 }
 
@@ -130,17 +169,23 @@ fn with_next(numbers: &[u32]) -> impl Iterator<Item = (u32, Option<u32>)> {
 impl LeafRowsMut<'_> {
     /// Fills leaves with points that do not move and exist throughout the shutter.
     fn fill_static(&mut self, points: PointsOfSlice<'_>, leaf_blocks: usize) -> Vec<LinearBox> {
-        let mut boxes = Vec::with_capacity(SHARE);
-        let mut numbers = with_next(self.numbers);
-        for blocks in self.blocks.chunks_mut(leaf_blocks) {
-            let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-            for (i, (number, next)) in numbers.by_ref().take(leaf_blocks * LANES).enumerate() {
-                next.into_iter().for_each(|next| points.prefetch(next));
-                let (block, lane, at) = (&mut blocks[i / LANES], i % LANES, points.at_rest(number));
-                block.set(lane, at, points.source.id(number as usize));
-                (lo, hi) = (lo.min(at), hi.max(at));
+        let mut boxes = Vec::with_capacity(self.blocks.len() / leaf_blocks);
+        let (mut lo, mut hi) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        let mut next = self.numbers.chunks(LANES).skip(1);
+        for (i, (numbers, block)) in self.numbers.chunks(LANES).zip(self.blocks.iter_mut()).enumerate() {
+            next.next().into_iter().flatten().for_each(|&next| points.prefetch(next));
+            let Block { begin: ExactRows([x, y, z]), id } = block;
+            let lanes = x.iter_mut().zip(y).zip(z).zip(id);
+            for ((((x, y), z), id), &number) in lanes.zip(numbers) {
+                let at = points.at_rest(number).to_array();
+                ([*x, *y, *z], *id) = (at, points.source.id(number as usize));
+                include(&mut lo, &mut hi, at);
             }
-            boxes.push(LinearBox::at_rest(lo, hi));
+            // A leaf ends here, or there are no more points.
+            if (i + 1) % leaf_blocks == 0 || numbers.len() < LANES || (i + 1) * LANES == self.numbers.len() {
+                boxes.push(LinearBox::at_rest(DVec3::from_array(lo), DVec3::from_array(hi)));
+                (lo, hi) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+            }
         }
         boxes
     }

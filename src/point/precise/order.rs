@@ -1,11 +1,11 @@
 //! Ordering f64 points for a complete tree.
 //!
 //! An order may be found by rounded coordinates, because boxes are made around what is in them. So a range is ordered in f32,
-//! relative to its middle ([`super::rounded_order`]): first into parts of a few thousand points, then each part, relative to its
-//! own middle, into leaves. Where points are so close together, relative to the range, that rounding decides on their order, the
-//! range is divided once in f64, and its halves are tried again.
+//! relative to its middle ([`super::rounded_order`]). Parts of it whose leaves are too small for that are ordered relative to their
+//! own middles. Where points are so close together, relative to the range, that rounding decides on which part they are in, the range
+//! is divided once in f64, and its halves are tried again.
 
-use super::rounded_order::{OfPoint, Points, order_in_f32, order_parts_in_f32};
+use super::rounded_order::{Points, order_in_f32};
 use crate::parallel;
 use crate::point::leaf_order::complete_tree::{left_part, subtree, subtrees_of};
 use crate::point::leaf_order::motion_groups::{self, Displaced, MotionDivision};
@@ -18,43 +18,36 @@ use glam::DVec3;
 /// Ranges shorter than this are not divided among threads.
 const SHARE: usize = 1 << 14;
 
-/// Orders the numbers of points so that leaf i holds the i-th run of `leaf` of them. Once `progress` is cancelled, ranges are left
-/// unordered.
-pub(super) fn order(numbers: &mut [u32], leaf: usize, points: Points<'_>, progress: &Progress) {
+/// Orders the numbers of points so that leaf i holds the i-th run of `leaf` of them, by motion as well if that is said. Once
+/// `progress` is cancelled, ranges are left unordered.
+pub(super) fn order<P: Points>(numbers: &mut [u32], leaf: usize, points: &P, by_motion: bool, progress: &Progress) {
     let progress = progress.in_units(2 * numbers.len());
-    order_range(numbers, leaf, points, &progress);
+    order_range(numbers, leaf, (points, by_motion), &progress);
 }
 
 /// Orders a range that begins where a subtree does. A point counts 1 for `progress` when it is
 /// in its part, and 1 when that is ordered.
-fn order_range(numbers: &mut [u32], leaf: usize, points: Points<'_>, progress: &Progress) {
+fn order_range<P: Points>(numbers: &mut [u32], leaf: usize, (points, by_motion): (&P, bool), progress: &Progress) {
     let count = numbers.len();
-    let part = leaf * LANES * LANES;
     if progress.cancelled() {
         return;
     }
     let Some(block) = subtrees_of(count, subtree(count, leaf), leaf) else {
         return progress.finished(count as f64);
     };
-    if count > part && order_parts_in_f32(numbers, part, points, &progress.subtask(count as f64)) {
-        let mut parts: Vec<&mut [u32]> = numbers.chunks_mut(part).collect();
-        parallel::each(&mut parts, |part| order_range(part, leaf, points, progress));
+    let again = |part: &mut [u32]| order_range(part, leaf, (points, by_motion), progress);
+    if order_in_f32(numbers, leaf, (points, by_motion), progress, again) {
         return;
     }
-    if count <= part && order_in_f32(numbers, leaf, points) {
-        return progress.finished(count as f64);
-    }
     let above_bottom = block == leaf * LANES;
-    let by_motion = points.displacement.filter(|_| above_bottom);
-    let divided = by_motion.and_then(|displacement| divide_by_motion(numbers, block, points.at, displacement));
+    let divided = if by_motion && above_bottom { divide_by_motion(numbers, block, points) } else { None };
     let left = divided.unwrap_or_else(|| {
-        let (left, axis) = (left_part(count, block), widest_axis(numbers, points.at));
-        select(numbers, left, |number| (points.at)(number)[axis]);
+        let (left, axis) = (left_part(count, block), widest_axis(numbers, points));
+        select(numbers, left, |number| points.at(number)[axis]);
         left
     });
     // Parts of a place without flows have none.
-    let displacement = points.displacement.filter(|_| !above_bottom || divided.is_some());
-    let points = Points { displacement, ..points };
+    let points = (points, by_motion && (!above_bottom || divided.is_some()));
     let (low, high) = numbers.split_at_mut(left);
     let mut low = || order_range(low, leaf, points, progress);
     let mut high = || order_range(high, leaf, points, progress);
@@ -74,8 +67,8 @@ fn select(numbers: &mut [u32], count: usize, key: impl Fn(u32) -> f64) {
 }
 
 /// Divides points by motion and returns how many are on the left; `None` if division by position is better.
-fn divide_by_motion(numbers: &mut [u32], block: usize, at: OfPoint<'_>, displacement: OfPoint<'_>) -> Option<usize> {
-    let displaced = |number: u32| Displaced { at: at(number), by: displacement(number) };
+fn divide_by_motion(numbers: &mut [u32], block: usize, points: &impl Points) -> Option<usize> {
+    let displaced = |number: u32| Displaced { at: points.at(number), by: points.displacement(number) };
     let sample = (0..motion_groups::SAMPLE).map(|i| displaced(numbers[spread(i, numbers.len())]));
     let division = MotionDivision::of(&sample.collect::<Vec<_>>(), numbers.len(), block)?;
     select(numbers, division.left, |number| division.key(&displaced(number)));
@@ -83,9 +76,9 @@ fn divide_by_motion(numbers: &mut [u32], block: usize, at: OfPoint<'_>, displace
 }
 
 /// The axis of the largest extent, estimated from a sample if there are many points.
-fn widest_axis(numbers: &[u32], at: OfPoint<'_>) -> usize {
+fn widest_axis(numbers: &[u32], points: &impl Points) -> usize {
     let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    let sample = numbers.iter().step_by((numbers.len() / SAMPLE).max(1)).map(|&number| at(number));
+    let sample = numbers.iter().step_by((numbers.len() / SAMPLE).max(1)).map(|&number| points.at(number));
     let (lo, hi) = sample.fold(none, |(lo, hi), at| (lo.min(at), hi.max(at)));
     (hi - lo).max_position()
 }
@@ -95,11 +88,23 @@ mod tests {
     use super::*;
     use crate::random::Random;
 
+    struct Set<'a>(&'a [DVec3]);
+
+    impl Points for Set<'_> {
+        fn at(&self, number: u32) -> DVec3 {
+            self.0[number as usize]
+        }
+        fn prefetch(&self, _: u32) {}
+        fn displacement(&self, _: u32) -> DVec3 {
+            DVec3::ZERO
+        }
+    }
+
     /// Orders points, and returns the mean size of the leaves along their widest axis.
     fn leaf_size(points: &[DVec3], leaf: usize) -> f64 {
         let mut numbers: Vec<u32> = (0..points.len() as u32).collect();
         let at = |number: u32| points[number as usize];
-        order(&mut numbers, leaf, Points { at: &at, prefetch: &|_| (), displacement: None }, &Progress::new(None));
+        order(&mut numbers, leaf, &Set(points), false, &Progress::new(None));
         let mut seen = numbers.clone();
         seen.sort_unstable();
         assert!(seen.into_iter().eq(0..points.len() as u32));

@@ -1,90 +1,134 @@
 //! Ordering a range of f64 points by coordinates in f32 relative to its middle.
 //!
-//! It fails where what it separates is so small, relative to the range, that rounding matters, except for points in one place.
+//! Parts of a few thousand points are found first. Each is then ordered into leaves by the same coordinates, while it is in the
+//! cache, unless its leaves are so small, relative to the range, that rounding matters (except for points in one place). Then it is
+//! left to the caller, to be ordered by coordinates relative to its own middle.
 
 use super::fill_leaves::AHEAD;
+use crate::parallel::{self, CHUNK};
 use crate::point::leaf_order::bottom_order::{MOST, Rows, SPARE};
 use crate::point::leaf_order::divide::extremes;
-use crate::point::leaf_order::order::order_rows;
+use crate::point::leaf_order::order::{Displacements, order_rows};
 use crate::point::leaf_order::point_rows::{NO_POINT, PointRows};
+use crate::point::leaf_order::widest_axis::include;
 use crate::progress::Progress;
-use crate::simd::{Item, Kernel, LANES, Simd, SimdLevel, dispatch, fill};
+use crate::simd::{Item, Kernel, LANES, Simd, SimdLevel, dispatch};
 use glam::DVec3;
 
-/// A vector for each point, by its number in the set.
-pub(super) type OfPoint<'a> = &'a (dyn Fn(u32) -> DVec3 + Sync);
-
-/// Points to be ordered.
-#[derive(Clone, Copy)]
-pub(super) struct Points<'a> {
-    /// Where they are.
-    pub(super) at: OfPoint<'a>,
+/// Points to be ordered, by their numbers in the set.
+pub(super) trait Points: Sync {
+    /// Where a point is.
+    fn at(&self, number: u32) -> DVec3;
     /// Prefetches where a point is; a hint.
-    pub(super) prefetch: &'a (dyn Fn(u32) + Sync),
-    /// Their displacements during a time slice, if they are to be divided by motion as well.
-    pub(super) displacement: Option<OfPoint<'a>>,
+    fn prefetch(&self, number: u32);
+    /// The displacement of a point during the time slice.
+    fn displacement(&self, number: u32) -> DVec3;
 }
 
 /// Groups of points smaller than this, relative to the range, are not separated well: f32 has 256 steps in them.
 const LEAST: f64 = 1.0 / 65536.0;
 
-/// Orders a range so that each run of `part` points is one of its subtrees. Whether that succeeded; if not, the points stay where
-/// they are.
-pub(super) fn order_parts_in_f32(numbers: &mut [u32], part: usize, points: Points<'_>, progress: &Progress) -> bool {
-    by_rounded(numbers, part, points, |from, to, _| {
-        order_rows(from, to, part / LANES, None, progress);
-    })
+/// Leaves are at least this much smaller than a part of 256 of them, unless it is nearly flat: evenly spread ones are by 6.3.
+const LEAVES: f32 = 6.0;
+
+/// A part of a range.
+struct Part<'a, 'b> {
+    numbers: &'a mut [u32],
+    rows: PointRows<'b>,
+    more: PointRows<'b>,
+    /// Its largest extent.
+    size: f32,
 }
 
-/// Orders a range of at most `leaf` · 256 points so that each run of `leaf` of them is a leaf. Whether that succeeded; if not, the
-/// points stay where they are.
-pub(super) fn order_in_f32(numbers: &mut [u32], leaf: usize, points: Points<'_>) -> bool {
-    by_rounded(numbers, leaf, points, |from, to, numbers| {
-        let displacements = points.displacement.map(|displacement| {
-            move |rows: &[u32], to: &mut [[f32; 3]]| {
-                for (&row, to) in rows.iter().zip(to).filter(|(row, _)| **row != NO_POINT.index) {
-                    *to = displacement(numbers[row as usize]).as_vec3().to_array();
-                }
-            }
-        });
-        let motion = displacements.as_ref().map(|displacements| displacements as _);
-        order_rows(from, to, leaf, motion, &Progress::new(None));
-        dispatch(SimdLevel::best(), Bottoms { rows: to, count: numbers.len(), leaf });
-    })
-}
-
-/// Orders numbers of points by an order of their rounded coordinates, unless a run of so many is too small for that.
-fn by_rounded(
+/// Orders a range into runs of `leaf` points, by motion as well if that is said. Whether f32 was fine enough; if not, it is no
+/// use, but all numbers are there. `again` orders parts that this range is too large for. A point counts 1 for `progress` when it is
+/// in its part, and 1 when that is ordered here.
+pub(super) fn order_in_f32<P: Points>(
     numbers: &mut [u32],
-    run: usize,
-    points: Points<'_>,
-    order: impl FnOnce(PointRows<'_>, &mut PointRows<'_>, &[u32]),
+    leaf: usize,
+    (points, by_motion): (&P, bool),
+    progress: &Progress,
+    again: impl Fn(&mut [u32]) + Sync,
 ) -> bool {
-    let count = numbers.len();
-    let mut positions = Vec::with_capacity(count);
-    fill(&mut positions, count, |i| {
-        numbers.get(i + AHEAD).into_iter().for_each(|&later| (points.prefetch)(later));
-        (points.at)(numbers[i])
-    });
-    let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    let (lo, hi) = positions.iter().fold(none, |(lo, hi), &at| (lo.min(at), hi.max(at)));
-    let middle = lo * 0.5 + hi * 0.5;
+    let (count, part) = (numbers.len(), leaf * LANES * LANES);
     let mut memory = [PointRows::memory(count), PointRows::memory(count)];
     let [from, to] = &mut memory;
     let (mut from, mut to) = (PointRows::in_blocks(from, count), PointRows::in_blocks(to, count));
-    let item = |(row, &at): (u32, &DVec3)| Item { at: (at - middle).as_vec3().to_array(), index: row };
-    from.take((0..).zip(&positions).map(item));
-    order(from, &mut to, numbers);
-    let rows = &to.index[..count];
-    let least = ((hi - lo).max_element() * LEAST) as f32;
-    let small = dispatch(SimdLevel::best(), Small { rows: &to, run, least });
-    let one_place = |run: &[u32]| run.iter().all(|&row| positions[row as usize] == positions[run[0] as usize]);
-    let well_separated = rows.chunks(run).zip(small).all(|(run, small)| !small || one_place(run));
-    if well_separated {
-        let ordered: Vec<u32> = rows.iter().map(|&row| numbers[row as usize]).collect();
-        numbers.copy_from_slice(&ordered);
+    let least = (round(numbers, points, &mut from) * LEAST) as f32;
+    if count <= part {
+        let size = f32::INFINITY;
+        let done = Part { numbers, rows: from, more: to, size }.order(leaf, least, (points, by_motion));
+        if done {
+            progress.finished(count as f64);
+        }
+        return done;
     }
-    well_separated
+    order_rows(from.borrow(), &mut to, part / LANES, None, &progress.subtask(count as f64));
+    let sizes = dispatch(SimdLevel::best(), Sizes { rows: &to, run: part });
+    if !well_separated(&to.index[..count], part, (&sizes, least), points) {
+        return false;
+    }
+    let rows = to.chunks(part).into_iter().zip(from.chunks(part));
+    let parts = numbers.chunks_mut(part).zip(rows).zip(sizes);
+    let mut parts: Vec<Part> =
+        parts.map(|((numbers, ((_, rows), (_, more))), size)| Part { numbers, rows, more, size }).collect();
+    parallel::each(&mut parts, |part| {
+        if part.order(leaf, least, (points, by_motion)) {
+            progress.finished(part.numbers.len() as f64);
+        } else {
+            again(part.numbers);
+        }
+    });
+    true
+}
+
+/// Writes points to rows, relative to the middle of their box, and returns its largest extent.
+fn round<P: Points>(numbers: &[u32], points: &P, rows: &mut PointRows) -> f64 {
+    let bounds = parallel::parts(numbers.len(), |range| {
+        let (mut lo, mut hi) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        for i in range {
+            numbers.get(i + AHEAD).into_iter().for_each(|&later| points.prefetch(later));
+            include(&mut lo, &mut hi, points.at(numbers[i]).to_array());
+        }
+        (DVec3::from_array(lo), DVec3::from_array(hi))
+    });
+    let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let (lo, hi) = bounds.fold(none, |(lo, hi), (low, high)| (lo.min(low), hi.max(high)));
+    let middle = lo * 0.5 + hi * 0.5;
+    let item = |&number: &u32| Item { at: (points.at(number) - middle).as_vec3().to_array(), index: number };
+    parallel::each(&mut rows.borrow().chunks(CHUNK), |(first, rows)| {
+        rows.take(numbers[*first..].iter().map(item));
+    });
+    (hi - lo).max_element()
+}
+
+/// Whether runs of points, of these sizes, are larger than `least` or in one place.
+fn well_separated<P: Points>(numbers: &[u32], run: usize, (sizes, least): (&[f32], f32), points: &P) -> bool {
+    let one_place = |run: &[u32]| run.iter().all(|&number| points.at(number) == points.at(run[0]));
+    numbers.chunks(run).zip(sizes).all(|(run, &size)| size > least || one_place(run))
+}
+
+impl Part<'_, '_> {
+    /// Orders the points into runs of `leaf`. Whether no leaf is too small for that; if one is, all numbers are there in some order.
+    fn order<P: Points>(&mut self, leaf: usize, least: f32, (points, by_motion): (&P, bool)) -> bool {
+        let Part { numbers, rows, more, size } = self;
+        let count = numbers.len();
+        if *size < LEAVES * least {
+            numbers.copy_from_slice(&rows.index[..count]);
+            return false;
+        }
+        let displacements = |numbers: &[u32], to: &mut [[f32; 3]]| {
+            for (&number, to) in numbers.iter().zip(to).filter(|(number, _)| **number != NO_POINT.index) {
+                *to = points.displacement(number).as_vec3().to_array();
+            }
+        };
+        let motion = by_motion.then_some(&displacements as Displacements<'_>);
+        order_rows(rows.borrow(), more, leaf, motion, &Progress::new(None));
+        dispatch(SimdLevel::best(), Bottoms { rows: more, count, leaf });
+        numbers.copy_from_slice(&more.index[..count]);
+        let sizes = dispatch(SimdLevel::best(), Sizes { rows: more, run: leaf });
+        well_separated(numbers, leaf, (&sizes, least), points)
+    }
 }
 
 /// Orders the points below each bottom node.
@@ -112,27 +156,26 @@ impl Kernel for Bottoms<'_, '_> {
     }
 }
 
-/// Finds out which runs of points are no larger than `least` along all axes.
-struct Small<'a, 'b> {
+/// Finds the largest extent of each run of points.
+struct Sizes<'a, 'b> {
     rows: &'a PointRows<'b>,
     run: usize,
-    least: f32,
 }
 
-impl Kernel for Small<'_, '_> {
-    type Output = Vec<bool>;
+impl Kernel for Sizes<'_, '_> {
+    type Output = Vec<f32>;
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> Vec<bool> {
-        let Small { rows, run, least } = self;
-        let mut all = Vec::with_capacity(rows.len().div_ceil(run));
+    fn run<S: Simd>(self, s: S) -> Vec<f32> {
+        let Sizes { rows, run } = self;
+        let mut sizes = Vec::with_capacity(rows.len().div_ceil(run));
         for first in (0..rows.len()).step_by(run) {
-            let mut small = true;
+            let mut size = 0.0f32;
             for row in &rows.at {
                 let (lo, hi) = extremes(s, row[first..rows.len().min(first + run)].as_chunks().0);
-                small &= hi - lo <= least;
+                size = size.max(hi - lo);
             }
-            all.push(small);
+            sizes.push(size);
         }
-        all
+        sizes
     }
 }
