@@ -13,6 +13,9 @@ use crate::point::leaf_order::order::ORDERING;
 use crate::progress::Progress;
 use crate::simd::{LANES, huge_vec_of};
 
+/// Nodes that one thread writes at a time.
+const SHARE: usize = 256;
+
 impl PreciseTree {
     /// The tree of a time slice over some points of a set. Unless it `moves`, all points must be static
     /// and exist throughout the shutter.
@@ -70,25 +73,21 @@ impl PreciseTree {
 
     /// Writes the nodes of all levels above leaves with these boxes.
     fn write_nodes(&mut self, mut boxes: Vec<LinearBox>) {
-        let moves = self.moves();
         for level in 0..self.shape.levels {
             let (begin, end) = (self.shape.begin[level], self.shape.begin[level + 1]);
             // Even a tree without points has a root.
             let children = |i: usize| &boxes[(i * LANES).min(boxes.len())..((i + 1) * LANES).min(boxes.len())];
-            let above = parallel::chunks(end - begin, |range| {
-                range.map(|i| Node::over(children(i), moves, FULL)).collect::<Vec<_>>()
+            let mut slopes = self.slopes.get_mut(begin..end).unwrap_or_default().chunks_mut(SHARE);
+            let mut times = self.node_times.get_mut(begin..end).unwrap_or_default().chunks_mut(SHARE);
+            let nodes = self.nodes[begin..end].chunks_mut(SHARE).enumerate();
+            let mut shares: Vec<_> = nodes.map(|(i, nodes)| (i * SHARE, nodes, slopes.next(), times.next())).collect();
+            let above = parallel::each(&mut shares, |(first, nodes, slopes, times)| {
+                let mut slopes = slopes.iter_mut().flat_map(|slopes| slopes.iter_mut());
+                let mut times = times.iter_mut().flat_map(|times| times.iter_mut());
+                let rows = nodes.iter_mut().map(|node| NodeRows { node, slopes: slopes.next(), times: times.next() });
+                (*first..).zip(rows).map(|(i, rows)| Node::over(children(i), FULL, rows)).collect::<Vec<_>>()
             });
-            boxes = Vec::with_capacity(end - begin);
-            for (number, (NodeRows { node, slopes, times }, bounds)) in (begin..).zip(above.into_iter().flatten()) {
-                self.nodes[number] = node;
-                if moves {
-                    self.slopes[number] = slopes;
-                }
-                if let Some(to) = self.node_times.get_mut(number) {
-                    *to = times;
-                }
-                boxes.push(bounds);
-            }
+            boxes = above.concat();
         }
     }
 }

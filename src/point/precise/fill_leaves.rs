@@ -19,7 +19,7 @@ use glam::DVec3;
 const SHARE: usize = 256;
 
 /// Points whose positions are on their way from memory.
-pub(super) const AHEAD: usize = 16;
+const AHEAD: usize = 16;
 
 /// The points of a set during a time slice.
 #[derive(Clone, Copy)]
@@ -32,8 +32,8 @@ impl PointsOfSlice<'_> {
     /// Positions of a point at the keys of the segment.
     #[inline(always)]
     pub(super) fn keys(&self, point: u32) -> [DVec3; 2] {
-        let SegmentSlice { segment, keys, .. } = self.slice;
-        [segment, (segment + 1).min(keys - 1)].map(|key| self.source.exact(point as usize, key))
+        let (SegmentSlice { segment, keys, .. }, point) = (self.slice, point as usize);
+        [self.source.exact(point, segment), self.source.exact(point, (segment + 1).min(keys - 1))]
     }
 
     /// The position of a point at the earlier key.
@@ -52,8 +52,8 @@ impl PointsOfSlice<'_> {
     /// Positions of a point at the begin and at the end of the slice.
     #[inline(always)]
     pub(super) fn ends(&self, point: u32) -> [DVec3; 2] {
-        let keys = self.keys(point);
-        self.slice.phases.map(|phase| between(keys, phase))
+        let (keys, [begin, end]) = (self.keys(point), self.slice.phases);
+        [between(keys, begin), between(keys, end)]
     }
 
     /// When a point exists.
@@ -82,10 +82,6 @@ impl Points for AtRest<'_> {
     fn at(&self, point: u32) -> DVec3 {
         self.0.at_rest(point)
     }
-    #[inline(always)]
-    fn prefetch(&self, point: u32) {
-        self.0.prefetch(point);
-    }
     fn displacement(&self, _: u32) -> DVec3 {
         DVec3::ZERO
     }
@@ -98,10 +94,6 @@ impl Points for InTheMiddle<'_> {
     #[inline(always)]
     fn at(&self, point: u32) -> DVec3 {
         self.0.in_the_middle(point)
-    }
-    #[inline(always)]
-    fn prefetch(&self, point: u32) {
-        self.0.prefetch(point);
     }
     fn displacement(&self, point: u32) -> DVec3 {
         let [begin, end] = self.0.ends(point);

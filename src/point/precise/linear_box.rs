@@ -36,11 +36,12 @@ pub(super) struct Node {
     pub(super) boxes: Boxes,
 }
 
-/// A node, the displacements of its faces during the slice, and the active intervals of its children.
-pub(super) struct NodeRows {
-    pub(super) node: Node,
-    pub(super) slopes: Boxes,
-    pub(super) times: LaneIntervals,
+/// A node without children, to be filled: the displacements of its faces during the slice if they move, and the active intervals
+/// of its children if there are any.
+pub(super) struct NodeRows<'a> {
+    pub(super) node: &'a mut Node,
+    pub(super) slopes: Option<&'a mut Boxes>,
+    pub(super) times: Option<&'a mut LaneIntervals>,
 }
 
 /// Faces are moved outward by at least this, so that squares in f32 may underflow (`super::tree`).
@@ -58,7 +59,9 @@ impl LinearBox {
         let [a, b] = keys;
         let moves = if a == b { 0.0 } else { 1.0 };
         let error = a.abs().max(b.abs()) * (moves * 2f64.powi(-49));
-        LinearBox { lo: ends.map(|p| p - error), hi: ends.map(|p| p + error), times }
+        // (Without `map` of arrays here and below, which is a call in some places.)
+        let [begin, end] = ends;
+        LinearBox { lo: [begin - error, end - error], hi: [begin + error, end + error], times }
     }
 
     /// A box that does not move and always exists.
@@ -82,32 +85,37 @@ impl Node {
     /// The displacements of static boxes.
     pub(super) const STATIC: Boxes = Boxes { lo: [[0.0; LANES]; 3], hi: [[0.0; LANES]; 3] };
 
-    /// The node over at most sixteen children, and the box around it.
-    pub(super) fn over(children: &[LinearBox], moves: bool, padding: f64) -> (NodeRows, LinearBox) {
+    /// Fills a node over at most sixteen children, and returns the box around it.
+    pub(super) fn over(children: &[LinearBox], padding: f64, to: NodeRows<'_>) -> LinearBox {
+        let NodeRows { node, mut slopes, mut times } = to;
         let hull = children.iter().fold(LinearBox::NONE, LinearBox::union);
-        let mut made = NodeRows { node: Node::NONE, slopes: Node::STATIC, times: LaneIntervals::NEVER };
         if children.is_empty() {
-            return (made, hull);
+            return hull;
         }
+        let moves = slopes.is_some();
         let middle = |i: usize| hull.lo[i] * 0.5 + hull.hi[i] * 0.5;
         let displacement = if moves { middle(1) - middle(0) } else { DVec3::ZERO };
         let (begin, end) = (middle(0), middle(0) + displacement);
         let largest = begin.abs().max(end.abs()).max_element();
         let slack = padding * if moves { TINY + largest * 2f64.powi(-49) } else { TINY };
-        (made.node.middle, made.node.displacement) = (begin.to_array(), displacement.to_array());
-        let (boxes, slopes) = (&mut made.node.boxes, &mut made.slopes);
+        (node.middle, node.displacement) = (begin.to_array(), displacement.to_array());
+        let boxes = &mut node.boxes;
         for (lane, child) in children.iter().enumerate() {
-            [made.times.begin[lane], made.times.end[lane]] = child.times;
+            if let Some(times) = &mut times {
+                [times.begin[lane], times.end[lane]] = child.times;
+            }
             for axis in 0..3 {
                 let relative = |ends: &[DVec3; 2]| [ends[0][axis] - begin[axis], ends[1][axis] - end[axis]];
-                let (lo, hi) = (relative(&child.lo), relative(&child.hi));
-                let (at, slope) = below(lo, moves, UNIT * padding, slack);
-                (boxes.lo[axis][lane], slopes.lo[axis][lane]) = (at, slope);
-                let (at, slope) = below(hi.map(|x| -x), moves, UNIT * padding, slack);
-                (boxes.hi[axis][lane], slopes.hi[axis][lane]) = (-at, -slope);
+                let (lo, [hi, hi_at_end]) = (relative(&child.lo), relative(&child.hi));
+                let (lo, lo_slope) = below(lo, moves, UNIT * padding, slack);
+                let (hi, hi_slope) = below([-hi, -hi_at_end], moves, UNIT * padding, slack);
+                (boxes.lo[axis][lane], boxes.hi[axis][lane]) = (lo, -hi);
+                if let Some(slopes) = &mut slopes {
+                    (slopes.lo[axis][lane], slopes.hi[axis][lane]) = (lo_slope, -hi_slope);
+                }
             }
         }
-        (made, hull)
+        hull
     }
 
     /// The centre at a fraction of the slice.
@@ -150,7 +158,9 @@ mod tests {
                 .collect();
             let boxes_below: Vec<LinearBox> =
                 points.iter().map(|&ends| LinearBox::of_point(ends, ends, [0.0, 1.0])).collect();
-            let (NodeRows { node, slopes, .. }, _) = Node::over(&boxes_below, moves, padding);
+            let (mut node, mut slopes) = (Node::NONE, Node::STATIC);
+            let to = NodeRows { node: &mut node, slopes: moves.then_some(&mut slopes), times: None };
+            Node::over(&boxes_below, padding, to);
             for step in 0..=8 {
                 let w = f64::from(step) / 8.0;
                 for (lane, [a, b]) in points.iter().enumerate() {

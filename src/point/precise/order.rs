@@ -94,7 +94,6 @@ mod tests {
         fn at(&self, number: u32) -> DVec3 {
             self.0[number as usize]
         }
-        fn prefetch(&self, _: u32) {}
         fn displacement(&self, _: u32) -> DVec3 {
             DVec3::ZERO
         }

@@ -4,7 +4,6 @@
 //! cache, unless its leaves are so small, relative to the range, that rounding matters (except for points in one place). Then it is
 //! left to the caller, to be ordered by coordinates relative to its own middle.
 
-use super::fill_leaves::AHEAD;
 use crate::parallel::{self, CHUNK};
 use crate::point::leaf_order::bottom_order::{MOST, Rows, SPARE};
 use crate::point::leaf_order::divide::extremes;
@@ -19,8 +18,6 @@ use glam::DVec3;
 pub(super) trait Points: Sync {
     /// Where a point is.
     fn at(&self, number: u32) -> DVec3;
-    /// Prefetches where a point is; a hint.
-    fn prefetch(&self, number: u32);
     /// The displacement of a point during the time slice.
     fn displacement(&self, number: u32) -> DVec3;
 }
@@ -86,9 +83,8 @@ pub(super) fn order_in_f32<P: Points>(
 fn round<P: Points>(numbers: &[u32], points: &P, rows: &mut PointRows) -> f64 {
     let bounds = parallel::parts(numbers.len(), |range| {
         let (mut lo, mut hi) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-        for i in range {
-            numbers.get(i + AHEAD).into_iter().for_each(|&later| points.prefetch(later));
-            include(&mut lo, &mut hi, points.at(numbers[i]).to_array());
+        for &number in &numbers[range] {
+            include(&mut lo, &mut hi, points.at(number).to_array());
         }
         (DVec3::from_array(lo), DVec3::from_array(hi))
     });
