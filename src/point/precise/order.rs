@@ -1,9 +1,9 @@
 //! Ordering f64 points for a complete tree.
 //!
 //! An order may be found by rounded coordinates, because boxes are made around what is in them. So a range is ordered in f32,
-//! relative to its middle ([`super::rounded_order`]). Parts of it whose leaves are too small for that are ordered relative to their
-//! own middles. Where points are so close together, relative to the range, that rounding decides on which part they are in, the range
-//! is divided once in f64, and its halves are tried again.
+//! relative to its middle ([`super::rounded_order`]). Parts of it whose leaves are too small for that are ordered relative to
+//! their own middles. Where points are so close together, relative to the range, that rounding decides on which part they are in,
+//! the range is divided once in f64, and its halves are tried again.
 
 use super::rounded_order::{Points, order_in_f32};
 use crate::parallel;

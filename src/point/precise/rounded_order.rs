@@ -37,9 +37,9 @@ struct Part<'a, 'b> {
     size: f32,
 }
 
-/// Orders a range into runs of `leaf` points, by motion as well if that is said. Whether f32 was fine enough; if not, it is no
-/// use, but all numbers are there. `again` orders parts that this range is too large for. A point counts 1 for `progress` when it is
-/// in its part, and 1 when that is ordered here.
+/// Orders a range into runs of `leaf` points, by motion as well if that is said. Whether f32 was fine enough; if not, all numbers
+/// are there in some order. `again` orders parts that this range is too large for. A point counts 1 for `progress` when it is in
+/// its part, and 1 when that is ordered here.
 pub(super) fn order_in_f32<P: Points>(
     numbers: &mut [u32],
     leaf: usize,
@@ -105,7 +105,8 @@ fn well_separated<P: Points>(numbers: &[u32], run: usize, (sizes, least): (&[f32
 }
 
 impl Part<'_, '_> {
-    /// Orders the points into runs of `leaf`. Whether no leaf is too small for that; if one is, all numbers are there in some order.
+    /// Orders the points into runs of `leaf`. Whether no leaf is too small for that; if one is, all numbers are there in some
+    /// order.
     fn order<P: Points>(&mut self, leaf: usize, least: f32, (points, by_motion): (&P, bool)) -> bool {
         let Part { numbers, rows, more, size } = self;
         let count = numbers.len();
