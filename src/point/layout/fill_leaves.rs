@@ -8,8 +8,9 @@ use crate::simd::{Kernel, LANES, PointBlock, Simd, SimdLevel, dispatch};
 
 /// Where the points of bottom nodes come from.
 pub(in crate::point) trait Points: Sync {
-    /// Takes the points from number `first` on, as many as `count`, with their indices. `blocks` are those that they will be in.
-    fn take(&self, first: usize, count: usize, blocks: &[PointBlock], to: &mut Rows<MOST>);
+    /// Takes the points from number `first` on, as many as `count`, with their indices. `blocks` are those that they will be in,
+    /// which are written anew afterwards.
+    fn take(&self, first: usize, count: usize, blocks: &mut [PointBlock], to: &mut Rows<MOST>);
     /// Prefetches the points that will be in these blocks soon; a hint.
     #[inline(always)]
     fn prefetch(&self, _blocks: &[PointBlock]) {}

@@ -127,7 +127,8 @@ impl StaticTree {
     /// Builds the tree over the first `count` points of [`rows`](StaticTree::rows). `id_of` turns an index there into the id
     /// that answers carry.
     ///
-    /// Points are put in order in rows, in the memory of the blocks that they end up in and as much besides.
+    /// Points are put in order in rows, in the memory of the blocks that they end up in and as much besides, unless they are all
+    /// below one node.
     pub(in crate::point) fn build(
         count: usize,
         mut blocks: Vec<PointBlock>,
@@ -135,6 +136,9 @@ impl StaticTree {
         progress: &Progress,
     ) -> StaticTree {
         let shape = Shape::flattest(count);
+        if shape.levels == 1 {
+            return StaticTree::around(count, blocks, shape, &Sorted { rows: None, id_of }, progress);
+        }
         let mut more = PointRows::memory(count);
         let mut rows = PointRows::in_blocks(&mut more, count);
         order_rows(
@@ -144,7 +148,7 @@ impl StaticTree {
             None,
             &progress.subtask(ORDERING),
         );
-        StaticTree::around(count, blocks, shape, &Sorted { rows: &rows, id_of }, &progress.rest(1.0))
+        StaticTree::around(count, blocks, shape, &Sorted { rows: Some(&rows), id_of }, &progress.rest(1.0))
     }
 
     /// The tree over points that come bottom node by bottom node.
@@ -224,14 +228,18 @@ impl StaticTree {
 
 /// Points in rows, those of one bottom node behind those of the other.
 struct Sorted<'a, F> {
-    rows: &'a PointRows<'a>,
+    /// None if they are in the memory of the blocks of the only node.
+    rows: Option<&'a PointRows<'a>>,
     id_of: F,
 }
 
 impl<F: Fn(u32) -> u32 + Sync> Points for Sorted<'_, F> {
     #[inline(always)]
-    fn take(&self, first: usize, count: usize, _blocks: &[PointBlock], to: &mut Rows<MOST>) {
-        to.take(self.rows, first, count);
+    fn take(&self, first: usize, count: usize, blocks: &mut [PointBlock], to: &mut Rows<MOST>) {
+        match self.rows {
+            Some(rows) => to.take(rows, first, count),
+            None => to.take(&PointRows::in_blocks(blocks, count), first, count),
+        }
     }
     #[inline(always)]
     fn id(&self, index: u32) -> u32 {
@@ -247,7 +255,7 @@ struct Moved<'a> {
 
 impl Points for Moved<'_> {
     #[inline(always)]
-    fn take(&self, _first: usize, count: usize, blocks: &[PointBlock], to: &mut Rows<MOST>) {
+    fn take(&self, _first: usize, count: usize, blocks: &mut [PointBlock], to: &mut Rows<MOST>) {
         // A leaf is full before the next one has points.
         for (i, &id) in blocks.iter().flat_map(|block| &block.id).take(count).enumerate() {
             to.set(i, &Item { at: self.at[id as usize], index: id });
