@@ -132,8 +132,8 @@ impl Images {
         far * far
     }
 
-    /// Whether a place of the first period has no other image along an axis from which the bound reaches a point: the box around all
-    /// points lies between the images on either side of the place, and farther from both than the bound.
+    /// Whether a place of the first period has no other image along an axis from which the bound reaches a point: the box around
+    /// all points lies between the images on either side of the place, and farther from both than the bound.
     #[inline]
     fn is_only(&self, axis: usize, home: f64, bound: f64) -> bool {
         let length = self.lengths[axis];
