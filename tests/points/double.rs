@@ -222,7 +222,7 @@ fn queries_that_f64_points_do_not_support_are_rejected() {
     assert_eq!(single.neighbor_lists(0.0, 1.0).among(&tree).run(&mut lists), Err(ListError::Double));
     assert_eq!(tree.neighbor_lists_with_skin(0.0, 1.0, -0.1, 1.0, &mut lists), Err(ListError::Skin));
     assert_eq!(tree.neighbor_lists_with_skin(0.0, f32::NAN, 0.1, 1.0, &mut lists), Err(ListError::Radius { of: None }));
-    assert_eq!(tree.neighbor_lists_with_skin(0.5, 1.0, 0.1, 0.4, &mut lists), Err(ListError::Time));
+    assert_eq!(tree.neighbor_lists_with_skin(0.5, 1.0, 0.1, 0.4, &mut lists), Err(ListError::Until));
     let swept = tree.neighbor_lists_swept(TimeInterval::FULL, -1.0).collect();
     assert_eq!(swept, Err(ListError::Radius { of: None }));
     // Rounded to f32, all of it works.

@@ -486,7 +486,14 @@ fn bad_queries_get_errors_and_empty_sets_empty_lists() {
     assert_eq!(tree.neighbor_lists_with_skin(0.25, 1.5, 1.0, 0.75, &mut lists), Ok(0.25));
 }
 
+        assert_eq!(tree.certified_until(time, 1.0, 1.0, until), Err(ListError::Time));
+    }
+    for (time, until) in [(0.5, 0.4), (0.5, 1.1), (0.0, f32::NAN)] {
+        assert_eq!(tree.neighbor_lists_with_skin(time, 1.0, 1.0, until, &mut lists), Err(ListError::Until));
+        assert_eq!(tree.certified_until(time, 1.0, 1.0, until), Err(ListError::Until));
 /// Two crowds, each at one place, that come as near as the radius and no nearer, far from zero: whether boxes and points are met is
+    let texts = [ListError::Time, ListError::Until].map(|error| error.to_string().contains("until"));
+    assert_eq!(texts, [false, true], "each is about its own time");
 /// a matter of rounding.
 #[test]
 fn crowds_that_just_touch_the_radius_are_met() {

@@ -48,9 +48,10 @@ pub enum ListError {
         /// The first that has none.
         of: RadiusOf,
     },
-    /// The time is outside the shutter [0, 1] or NaN, or the time until which lists with a skin shall hold is, or it is before the
-    /// other.
+    /// The time is outside the shutter [0, 1] or NaN.
     Time,
+    /// The time until which lists with a skin shall hold is outside the shutter or NaN, or before the time that they are made for.
+    Until,
     /// A period is not above zero, or not finite, or not a normal number of f32 (about 1.2e-38 to 3.4e38).
     Period {
         /// The axis.
@@ -97,8 +98,9 @@ impl fmt::Display for ListError {
                 write!(f, "there is no radius for {of}; give one for each query")
             }
             ListError::MissingRadius { of } => write!(f, "there is no radius for {of}; give one for each id"),
-            ListError::Time => {
-                f.write_str("the time, or the one until which lists shall hold, is not in [0, 1], or they are in the wrong order")
+            ListError::Time => f.write_str("the time is not in [0, 1]"),
+            ListError::Until => {
+                f.write_str("the time until which lists shall hold must be at most 1, and not before the time that they are made for")
             }
             ListError::Period { axis } => write!(f, "the period of axis {axis} must be above zero, and neither denormal nor infinite in f32"),
             ListError::FarFromPeriod { axis } => {

@@ -76,7 +76,8 @@ impl PointTree {
     /// ```
     ///
     /// # Errors
-    /// A radius or skin that is negative or NaN, a time outside the shutter, and an `until` before it or beyond the shutter.
+    /// A radius or skin that is negative or NaN, a time outside the shutter ([`ListError::Time`]), and an `until` before it or beyond
+    /// the shutter ([`ListError::Until`]).
     pub fn certified_until(&self, time: f32, radius: f32, skin: f32, until: f32) -> Result<f32, ListError> {
         check([time, until], radius, skin)?;
         let first_missing =
@@ -125,8 +126,10 @@ fn check([time, until]: [f32; 2], radius: f32, skin: f32) -> Result<(), ListErro
     if is_bad(radius) {
         return Err(ListError::Radius { of: None });
     }
-    // Also false for NaN.
-    if 0.0 <= time && time <= until && until <= 1.0 { Ok(()) } else { Err(ListError::Time) }
+    if !(0.0..=1.0).contains(&time) {
+        return Err(ListError::Time);
+    }
+    if (time..=1.0).contains(&until) { Ok(()) } else { Err(ListError::Until) }
 }
 
 /// Finds the first encounter of a pair that is not listed.
