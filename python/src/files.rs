@@ -5,30 +5,24 @@ use mbkd::FileError;
 use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use std::path::Path;
+use std::ffi::OsString;
 
 /// Converts an error to a Python error: an `OSError` if reading or writing failed, else a `ValueError`.
 pub fn file_error(error: FileError) -> PyErr {
-    match error {
-        FileError::Io(error) => PyOSError::new_err(error.to_string()),
-        other => value_error(other),
+    match os_error(&error) {
+        Some(arguments) => PyOSError::new_err(arguments),
+        None if matches!(error.cause(), FileError::Io(_)) => PyOSError::new_err(error.to_string()),
+        None => value_error(error),
     }
 }
 
-/// The same for a file with a name, which an `OSError` then contains. The error number selects the subclass, such as
-/// `FileNotFoundError`.
-pub fn error_at(path: &Path, error: FileError) -> PyErr {
-    match error {
-        FileError::Io(error) => match error.raw_os_error() {
-            Some(number) => {
-                let text = error.to_string();
-                let what = text.split(" (os error").next().unwrap_or_default().to_owned();
-                PyOSError::new_err((number, what, path.as_os_str().to_owned()))
-            }
-            None => file_error(FileError::Io(error)),
-        },
-        other => value_error(format!("{}: {other}", path.display())),
-    }
+/// The arguments of the `OSError` of a file with a name. The number selects the subclass, such as `FileNotFoundError`.
+fn os_error(error: &FileError) -> Option<(i32, String, OsString)> {
+    let FileError::At { path, error } = error else { return None };
+    let FileError::Io(error) = &**error else { return None };
+    let (number, text) = (error.raw_os_error()?, error.to_string());
+    let what = text.split(" (os error").next().unwrap_or_default().to_owned();
+    Some((number, what, path.as_os_str().to_owned()))
 }
 
 /// The bytes that `write` writes.

@@ -36,10 +36,13 @@ pub(crate) fn load<T>(
     path: &Path,
     read: impl FnOnce(&mut dyn Read, Option<u64>) -> Result<T, FileError>,
 ) -> Result<T, FileError> {
-    let mut file = File::open(path)?;
-    let about = file.metadata()?;
-    // Only for regular files: others have no length.
-    read(&mut file, about.is_file().then_some(about.len()))
+    let opened = || {
+        let file = File::open(path)?;
+        let about = file.metadata()?;
+        // Only regular files have a length.
+        Ok((file, about.is_file().then_some(about.len())))
+    };
+    opened().and_then(|(mut file, length)| read(&mut file, length)).map_err(|error| error.at(path))
 }
 
 impl<'a> Decoder<'a> {

@@ -47,6 +47,10 @@ pub(crate) fn write(
 /// Writes a temporary file by `write` next to `path`, and then renames it: a reader of `path` finds either the previous
 /// file or the complete new one, whoever else saves there. What is no regular file, as a pipe, is written to directly.
 pub(crate) fn save(path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<(), FileError>) -> Result<(), FileError> {
+    replace(path, write).map_err(|error| error.at(path))
+}
+
+fn replace(path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<(), FileError>) -> Result<(), FileError> {
     // The file behind a symbolic link, not the link, is replaced.
     let target = std::fs::canonicalize(path);
     let path = target.as_deref().unwrap_or(path);

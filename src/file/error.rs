@@ -3,13 +3,19 @@
 use crate::error::BuildError;
 use core::fmt;
 use std::io;
+use std::path::{Path, PathBuf};
 
 /// Why saving or loading a tree failed. No contents of a file make the crate panic; it returns this error.
+///
+/// Errors of `save` and `load` name the file ([`FileError::At`]); [`FileError::cause`] is what is wrong, with or without a name.
 ///
 /// ```
 /// use mbkd::{FileError, RayTree};
 /// let error = RayTree::read_from(&mut &b"no tree at all, but long enough for one"[..]).unwrap_err();
 /// assert!(matches!(error, FileError::NotATree));
+/// let error = RayTree::load("not/there.tree").unwrap_err();
+/// assert!(matches!(error.cause(), FileError::Io(_)));
+/// assert!(error.to_string().starts_with("not/there.tree: "));
 /// ```
 #[derive(Debug)]
 #[non_exhaustive]
@@ -66,6 +72,28 @@ pub enum FileError {
     },
     /// The primitives passed to loading would be rejected by a build.
     Primitives(BuildError),
+    /// What is wrong with a file that was given by its path.
+    At {
+        /// The path as it was given.
+        path: PathBuf,
+        /// What is wrong; not another `At`.
+        error: Box<FileError>,
+    },
+}
+
+impl FileError {
+    /// What is wrong, without the path: the error in [`FileError::At`], and any other error itself.
+    pub fn cause(&self) -> &FileError {
+        match self {
+            FileError::At { error, .. } => error,
+            error => error,
+        }
+    }
+
+    /// The error of the file at a path.
+    pub(super) fn at(self, path: &Path) -> FileError {
+        FileError::At { path: path.to_owned(), error: Box::new(self) }
+    }
 }
 
 impl fmt::Display for FileError {
@@ -100,6 +128,7 @@ impl fmt::Display for FileError {
                 write!(f, "these are not the primitives that the tree was built of: {what}")
             }
             FileError::Primitives(error) => write!(f, "a primitive is rejected: {error}"),
+            FileError::At { path, error } => write!(f, "{}: {error}", path.display()),
         }
     }
 }

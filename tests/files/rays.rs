@@ -9,6 +9,7 @@ use mbkd::{
     Pose, Ray, RayTree, Shape, TimeInterval, TreePrimitive, TriangleMesh, Visitor, WideParams,
 };
 use std::panic::RefUnwindSafe;
+use std::path::Path;
 use std::sync::Arc;
 
 /// Loose triangles, or strips of them that share vertices, at some keys.
@@ -191,17 +192,26 @@ fn files_are_saved_whole_and_loaded() {
     let mut longer = file(&tree);
     longer.push(0);
     std::fs::write(&path, &longer).unwrap();
-    assert!(matches!(RayTree::load(&path), Err(FileError::Length { .. })));
-    assert!(matches!(RayTree::load(folder.join("none")), Err(FileError::Io(_))));
-    assert!(matches!(tree.save(folder.join("none").join("tree")), Err(FileError::Io(_))));
+    // Errors name the path that was given, whatever is wrong.
+    let error_at = |path: &Path, error: FileError| {
+        let FileError::At { path: named, error } = error else { panic!("{error}") };
+        assert_eq!(named, path);
+        *error
+    };
+    assert!(matches!(error_at(&path, RayTree::load(&path).unwrap_err()), FileError::Length { .. }));
+    let (none, nowhere) = (folder.join("none"), folder.join("none").join("tree"));
+    assert!(matches!(error_at(&none, RayTree::load(&none).unwrap_err()), FileError::Io(_)));
+    assert!(matches!(error_at(&nowhere, tree.save(&nowhere).unwrap_err()), FileError::Io(_)));
+    let text = tree.save(&nowhere).unwrap_err().to_string();
+    assert!(text.starts_with(nowhere.to_str().unwrap()) && text.contains("failed"), "{text}");
     // Trees of primitives, which are handed in again.
     let balls: Vec<_> = (0..50).map(|i| MovingSphere::fixed(DVec3::X * f64::from(i), 0.6)).collect();
     let tree = RayTree::of_primitives(balls.clone(), &BuildParams::default()).unwrap();
     tree.save(&path).unwrap();
     let load = |balls: &[MovingSphere]| RayTree::load_primitives(&path, balls.to_vec());
     assert_eq!(answers(&load(&balls).unwrap(), 20, 2), answers(&tree, 20, 2));
-    assert!(matches!(load(&balls[1..]), Err(FileError::OtherPrimitives { .. })));
-    assert!(matches!(RayTree::load(&path), Err(FileError::Kind { .. })));
+    assert!(matches!(load(&balls[1..]).unwrap_err().cause(), FileError::OtherPrimitives { .. }));
+    assert!(matches!(RayTree::load(&path).unwrap_err().cause(), FileError::Kind { .. }));
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
@@ -239,8 +249,8 @@ fn links_are_followed_and_what_is_no_file_is_written_to() {
     tree.save(&link).unwrap();
     assert!(std::fs::symlink_metadata(&link).unwrap().is_symlink());
     assert_eq!(std::fs::read(&path).unwrap(), file(&tree));
-    assert!(matches!(tree.save(&folder), Err(FileError::Io(_))), "a folder");
-    let nowhere = std::path::Path::new("/dev/null");
+    assert!(matches!(tree.save(&folder).unwrap_err().cause(), FileError::Io(_)), "a folder");
+    let nowhere = Path::new("/dev/null");
     if nowhere.exists() {
         tree.save(nowhere).unwrap();
         assert!(!std::fs::metadata(nowhere).unwrap().is_file());
