@@ -121,6 +121,7 @@ class Photons:
         window: float,
         neighbors: int,
         workers: int,
+        progress: _Progress,
     ) -> Photons: ...
     @property
     def n(self) -> int: ...

@@ -51,6 +51,8 @@ class PhotonMap:
         these; answers do not depend on them.
     workers : int
         Threads for the build; -1 for all processors.
+    progress : callable, optional
+        Called with the finished fraction from time to time. An exception ends the build, as Ctrl-C does.
     """
 
     def __init__(
@@ -63,6 +65,7 @@ class PhotonMap:
         window: float = 0.05,
         neighbors: int = 50,
         workers: int = 1,
+        progress: Progress | None = None,
     ) -> None:
         where, facing = _rows(positions, "positions"), _rows(normals, "normals")
         light = np.asarray(flux, dtype=np.float32)
@@ -74,9 +77,9 @@ class PhotonMap:
         when = np.ascontiguousarray(times, dtype=np.float32)
         if when.ndim != 1:
             raise ValueError(f"times must have the shape (n,), not {when.shape}")
-        self._map = _mbkd.Photons(
-            where, facing, np.ascontiguousarray(light), when, window, whole(neighbors, "neighbors", 1, 2**32 - 1), workers
-        )
+        typical = whole(neighbors, "neighbors", 1, 2**32 - 1)
+        light = np.ascontiguousarray(light)
+        self._map = _mbkd.Photons(where, facing, light, when, window, typical, workers, progress)
 
     def __len__(self) -> int:
         return self._map.n

@@ -1,7 +1,7 @@
 //! Density estimates over photons at a time.
 
 use crate::arrays::{PerQuery, rows, slice, table, value_error};
-use crate::threads::{on, poll_python, pool};
+use crate::threads::{long, poll_python, pool};
 use mbkd::glam::Vec3;
 use mbkd::point::{GatherError, GatherParams, GatherQuery, Gathered, Kernel, Photon, PhotonMap};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
@@ -32,6 +32,7 @@ impl Photons {
         window: f32,
         neighbors: u32,
         workers: isize,
+        progress: Option<Py<PyAny>>,
     ) -> PyResult<Photons> {
         let (positions, normals, flux) = (rows(&positions)?, rows(&normals)?, rows(&flux)?);
         let times = slice(&times)?;
@@ -42,9 +43,10 @@ impl Photons {
             let [position, normal, flux] = [positions[i], normals[i], flux[i]].map(Vec3::from);
             Photon::at_time(position, normal, flux, times[i])
         };
-        let map = on(py, workers, || {
+        let map = long(py, workers, progress.as_ref(), |control| {
             let photons: Vec<Photon<Vec3>> = (0..positions.len()).map(photon).collect();
-            PhotonMap::build(&photons, &GatherParams { window, neighbors, ..GatherParams::default() })
+            let params = GatherParams { window, neighbors, ..GatherParams::default() };
+            PhotonMap::build_with_progress(&photons, &params, &|done| control.report(done))
         })?;
         Ok(Photons { map: map.map_err(value_error)? })
     }

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from mbkd import PointTree, RayTree
+from mbkd import PhotonMap, PointTree, RayTree
 
 RNG = np.random.default_rng(3)
 
@@ -33,12 +33,20 @@ def crowd(progress):
     return PointTree(RNG.random((4_000_000, 3), dtype=np.float32), progress=progress)
 
 
+def photons(progress):
+    """Two million photons in a cube."""
+    positions = RNG.random((2_000_000, 3), dtype=np.float32)
+    up = np.tile(np.float32([0, 0, 1]), (len(positions), 1))
+    return PhotonMap(positions, up, positions, positions[:, 2], progress=progress)
+
+
 BUILDS = {
     "triangles": surface,
     "points": crowd,
     "time slices": flight("time_slices:32"),
     "k-d tree": flight("kd"),
     "time slices in f64": flight("time_slices:32", np.float64),
+    "photons": photons,
 }
 
 

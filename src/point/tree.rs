@@ -202,7 +202,7 @@ impl PointTree {
         PointTree::build_reporting(points, params, &Progress::new(Some(progress)))
     }
 
-    fn build_reporting<P: PointSet + ?Sized>(
+    pub(super) fn build_reporting<P: PointSet + ?Sized>(
         points: &P,
         params: &PointParams,
         progress: &Progress,

@@ -3,8 +3,12 @@
 use crate::support::{Rng, cloud};
 use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
+use mbkd::point::{GatherError, GatherParams, Photon, PhotonMap, PhotonTime, VisiblePoint, VisiblePoints};
 use mbkd::{PointArrays, PointError, PointParams, PointStructure, PointTree, Precision};
 use std::sync::Mutex;
+
+/// The longest part of a build between two reports on one thread.
+const LARGEST_GAP: f32 = 0.12;
 
 fn params(structure: PointStructure) -> PointParams {
     PointParams { structure, ..PointParams::default() }
@@ -62,7 +66,6 @@ fn builds_report_progress_and_can_be_cancelled() {
 /// On one thread, where each report comes.
 #[test]
 fn builds_report_evenly() {
-    const LARGEST_GAP: f32 = 0.12;
     let mut rng = Rng(22);
     let still: Vec<Vec3> = (0..200_000).map(|_| rng.vec()).collect();
     let mut moved = |by: f32| still.iter().map(|&p| p + rng.vec() * by).collect::<Vec<Vec3>>();
@@ -99,4 +102,62 @@ fn builds_report_evenly() {
             assert_eq!((none, &until[..]), (Err(PointError::Cancelled), &told[..last]), "{what}, at report {last}");
         }
     }
+}
+
+/// Photons with a stamp, those that move, both, and visible points; on one thread, where each report comes.
+#[test]
+fn builds_of_photons_report_evenly_and_can_be_cancelled() {
+    const COUNT: usize = 100_000;
+    let mut rng = Rng(23);
+    let mut photons = |stamped: fn(usize) -> bool| -> Vec<Photon<f32>> {
+        let mut photon = |i: usize| {
+            let (position, time) = (rng.vec(), rng.unit());
+            let time = match stamped(i) {
+                true => PhotonTime::At(time),
+                false => PhotonTime::Carried { time, velocity: rng.vec() },
+            };
+            Photon { position, normal: Vec3::Z, flux: 1.0, time }
+        };
+        (0..COUNT).map(&mut photon).collect()
+    };
+    let kinds = [photons(|_| true), photons(|_| false), photons(|i| i % 2 == 0)];
+    let seen: Vec<VisiblePoint> =
+        (0..COUNT).map(|_| VisiblePoint { position: rng.vec(), time: rng.unit(), radius: 0.01 }).collect();
+    let params = GatherParams::default();
+    type Report<'a> = &'a (dyn Fn(f32) -> ControlFlow<()> + Sync);
+    type Build<'a> = Box<dyn Fn(Report<'_>) -> Result<usize, GatherError> + Sync + 'a>;
+    let mut builds: Vec<Build<'_>> = Vec::new();
+    for photons in &kinds {
+        builds.push(Box::new(|hear| PhotonMap::build_with_progress(photons, &params, hear).map(|map| map.len())));
+    }
+    builds.push(Box::new(|hear| VisiblePoints::build_with_progress(&seen, &params, hear).map(|points| points.len())));
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    for (number, build) in builds.iter().enumerate() {
+        let told = |most: usize| {
+            let told = Mutex::new(Vec::new());
+            let hear = |done: f32| {
+                let mut told = told.lock().unwrap();
+                told.push(done);
+                if told.len() == most { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            };
+            let built = pool.install(|| build(&hear));
+            (built, told.into_inner().unwrap())
+        };
+        let (whole, all) = told(usize::MAX);
+        assert_eq!((whole, all.last()), (Ok(COUNT), Some(&1.0)), "build {number}");
+        let gaps = [0.0].iter().chain(&all).zip(&all).map(|(before, done)| done - before);
+        assert!(gaps.clone().all(|gap| gap > 0.0 && gap <= LARGEST_GAP), "build {number}: {all:?}");
+        for last in [1, all.len() / 3, all.len() - 1, all.len()] {
+            let (none, until) = told(last);
+            assert_eq!(
+                (none, &until[..]),
+                (Err(GatherError::Cancelled), &all[..last]),
+                "build {number}, at report {last}"
+            );
+        }
+    }
+    // Nothing is built as well.
+    let hear = |_: f32| ControlFlow::Continue(());
+    assert!(PhotonMap::<f32>::build_with_progress(&[], &params, &hear).unwrap().is_empty());
+    assert!(VisiblePoints::build_with_progress(&[], &params, &hear).unwrap().is_empty());
 }

@@ -63,6 +63,8 @@ pub enum GatherError {
     Speed,
     /// A space-time query of a map with photons that have no time stamp of their own.
     NotStamped,
+    /// The build was cancelled by its `progress` ([`PhotonMap::build_with_progress`](crate::PhotonMap::build_with_progress)).
+    Cancelled,
     /// Arrays that belong together differ in length.
     Length {
         /// Length of the first.
@@ -122,6 +124,7 @@ impl fmt::Display for GatherError {
             }
             GatherError::Speed => write!(f, "a speed must be from 0 to {MAX_POINT_COORDINATE:e}"),
             GatherError::NotStamped => f.write_str("space-time neighbours need photons with a time stamp only"),
+            GatherError::Cancelled => f.write_str("the build was cancelled by its progress callback"),
             GatherError::Length { expected, found } => write!(f, "{found} elements where {expected} are needed"),
             GatherError::At { index, error } => write!(f, "element {index}: {error}"),
         }

@@ -12,8 +12,10 @@ use super::query::check_position;
 use super::span_order::{Item, Queries};
 use super::stamped::{StampedBlock, StampedTree};
 use crate::geometry::{KeyTime, TimeInterval};
+use crate::point::error::PointError;
 use crate::point::tree::{PointParams, PointTree};
 use crate::primitive::PointSet;
+use crate::progress::Progress;
 use crate::simd::SimdLevel;
 use glam::{DVec3, Vec3};
 
@@ -51,6 +53,10 @@ pub(super) enum TimeWeight {
     Even(f32),
 }
 
+/// The approximate fractions of a build that are reading the photons, and writing normals and fluxes in the order of the trees.
+const READING: f64 = 0.1;
+const FINISHING: f64 = 0.1;
+
 /// The unstamped photons as a set of points.
 struct UnstampedPhotons<'a> {
     unstamped: &'a [UnstampedPhoton],
@@ -80,7 +86,11 @@ impl PointSet for UnstampedPhotons<'_> {
 
 impl Index {
     /// Builds the trees.
-    pub(super) fn build<F>(photons: &[Photon<F>], params: &GatherParams) -> Result<Index, GatherError> {
+    pub(super) fn build<F>(
+        photons: &[Photon<F>],
+        params: &GatherParams,
+        progress: &Progress,
+    ) -> Result<Index, GatherError> {
         params.validate()?;
         if photons.len() >= u32::MAX as usize {
             return Err(GatherError::TooMany { found: photons.len() });
@@ -114,19 +124,27 @@ impl Index {
             unstamped.push(photon_at);
             unstamped_ids.push(number as u32);
         }
+        progress.finished(READING);
         let first = items.len() as u32;
         let queries = Queries { window: params.window.min(1.0), neighbors: Some(params.neighbors as f32) };
-        let stamped = StampedTree::build(&mut items, &queries, |block: &mut StampedBlock, lane, item, slot| {
-            let [x, y, z, time, _] = item.at;
-            block.set(lane, Vec3::new(x, y, z), time, slot);
-        });
+        let of_stamped =
+            progress.subtask((1.0 - READING - FINISHING) * items.len() as f64 / photons.len().max(1) as f64);
+        let stamped =
+            StampedTree::build(&mut items, &queries, &of_stamped, |block: &mut StampedBlock, lane, item, slot| {
+                let [x, y, z, time, _] = item.at;
+                block.set(lane, Vec3::new(x, y, z), time, slot);
+            });
+        drop(of_stamped);
         let ids: Vec<u32> = items.iter().map(|item| item.index).chain(unstamped_ids).collect();
         let others = if unstamped.is_empty() {
             None
         } else {
             let structure = PointParams { structure: params.structure, simd: params.simd, ..PointParams::default() };
             let photons = UnstampedPhotons { unstamped: &unstamped, active: &active, first };
-            Some(PointTree::build(&photons, &structure).expect("photons and parameters have been checked"))
+            match PointTree::build_reporting(&photons, &structure, &progress.rest(1.0 - FINISHING)) {
+                Err(PointError::Cancelled) => return Err(GatherError::Cancelled),
+                tree => Some(tree.expect("photons and parameters have been checked")),
+            }
         };
         Ok(Index {
             stamped,

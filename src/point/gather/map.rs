@@ -13,6 +13,7 @@ use crate::point::neighbor::Neighbor;
 use crate::point::queries::batch::{answered_in_order, morton_order};
 use crate::point::queries::buffer::NeighborBuffer;
 use crate::point::search::{Keep, KeepAll};
+use crate::progress::{Callback, Progress};
 use glam::Vec3;
 
 /// The answer of a gather.
@@ -112,12 +113,43 @@ impl<F: Flux> PhotonMap<F> {
     /// Coordinates, normals and fluxes that are not finite, coordinates that are too large and times outside the shutter, each
     /// with the index of the photon; parameters out of range.
     pub fn build(photons: &[Photon<F>], params: &GatherParams) -> Result<PhotonMap<F>, GatherError> {
+        PhotonMap::build_reporting(photons, params, &Progress::new(None))
+    }
+
+    /// [`PhotonMap::build`] that calls `progress` with the finished fraction, as
+    /// [`PointTree::build_with_progress`](crate::PointTree::build_with_progress) does, and is cancelled when that returns `Break`.
+    ///
+    /// ```
+    /// use core::ops::ControlFlow;
+    /// use mbkd::glam::Vec3;
+    /// use mbkd::point::{GatherError, GatherParams, Photon, PhotonMap};
+    /// let photons: Vec<_> = (0..50_000).map(|i| Photon::at_time(Vec3::X * i as f32, Vec3::Y, 1.0f32, 0.5)).collect();
+    /// let stop = |done: f32| if done > 0.5 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+    /// let map = PhotonMap::build_with_progress(&photons, &GatherParams::default(), &stop);
+    /// assert_eq!(map.err(), Some(GatherError::Cancelled));
+    /// ```
+    ///
+    /// # Errors
+    /// As [`PhotonMap::build`]; [`GatherError::Cancelled`] if `progress` broke.
+    pub fn build_with_progress(
+        photons: &[Photon<F>],
+        params: &GatherParams,
+        progress: Callback<'_>,
+    ) -> Result<PhotonMap<F>, GatherError> {
+        PhotonMap::build_reporting(photons, params, &Progress::new(Some(progress)))
+    }
+
+    fn build_reporting(
+        photons: &[Photon<F>],
+        params: &GatherParams,
+        progress: &Progress,
+    ) -> Result<PhotonMap<F>, GatherError> {
         if let Some(photon) = photons.iter().position(|photon| !photon.flux.is_finite()) {
             return Err(GatherError::Flux.at(photon));
         }
-        let index = parallel::entered(photons.len(), || Index::build(photons, params))?;
+        let index = parallel::entered(photons.len(), || Index::build(photons, params, progress))?;
         let flux = index.ids.iter().map(|&id| photons[id as usize].flux).collect();
-        Ok(PhotonMap { index, flux })
+        if progress.complete() { Err(GatherError::Cancelled) } else { Ok(PhotonMap { index, flux }) }
     }
 
     /// Number of photons.

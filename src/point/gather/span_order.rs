@@ -9,6 +9,7 @@
 
 use crate::parallel;
 use crate::point::leaf_order::complete_tree::{left_part, subtree, subtrees_of};
+use crate::progress::Progress;
 use crate::simd::LANES;
 
 /// Channels of an item: x, y, z, time, radius.
@@ -39,27 +40,39 @@ pub(super) struct Queries {
 /// Ranges shorter than this are not divided among threads.
 const SHARE: usize = 1 << 14;
 
+/// Ranges shorter than this report their progress as a whole, at their begin. Not fitted: they take less than a millisecond.
+const REPORTED: usize = 1 << 12;
+
 /// The largest number of items that are sampled to choose an axis.
 const SAMPLE: usize = 128;
 
 /// Orders items so that leaf i holds the i-th run of sixteen.
 ///
-/// O(n log n) time and O(log n) stack; the order is the same for any number of threads.
-pub(super) fn order(items: &mut [Item], queries: &Queries) {
-    divide(items, subtree(items.len(), LANES), queries);
+/// O(n log n) time and O(log n) stack; the order is the same for any number of threads. Once `progress` is cancelled, large ranges
+/// stay as they are.
+pub(super) fn order(items: &mut [Item], queries: &Queries, progress: &Progress) {
+    let progress = progress.in_units(items.len());
+    divide(items, subtree(items.len(), LANES), queries, Some(&progress));
 }
 
-fn divide(items: &mut [Item], block: usize, queries: &Queries) {
+/// `progress` counts items; there is none if they are counted already.
+fn divide(items: &mut [Item], block: usize, queries: &Queries, mut progress: Option<&Progress>) {
+    if progress.is_some_and(Progress::cancelled) {
+        return;
+    }
+    if let Some(counted) = progress.take_if(|_| items.len() < REPORTED) {
+        counted.finished(items.len() as f64);
+    }
     let Some(block) = subtrees_of(items.len(), block, LANES) else { return };
     let left = left_part(items.len(), block);
     let channel = best_channel(items, queries);
     items.select_nth_unstable_by(left, |a, b| a.at[channel].total_cmp(&b.at[channel]));
     let (low, high) = items.split_at_mut(left);
     if low.len() < SHARE {
-        divide(low, block, queries);
-        divide(high, block, queries);
+        divide(low, block, queries, progress);
+        divide(high, block, queries, progress);
     } else {
-        parallel::both(|| divide(low, block, queries), || divide(high, block, queries));
+        parallel::both(|| divide(low, block, queries, progress), || divide(high, block, queries, progress));
     }
 }
 

@@ -8,6 +8,7 @@
 use super::span_order::{Item, Queries, order};
 use crate::parallel;
 use crate::point::layout::static_tree::Shape;
+use crate::progress::Progress;
 use crate::simd::{LANES, Lanes, Simd, huge_vec_of};
 
 /// A box in space and time: lower and upper ends in x, y, z, time.
@@ -96,11 +97,19 @@ pub(super) struct SpanTree<B> {
 /// Number of bottom nodes that one thread fits at a time.
 const SHARE: usize = 32;
 
+/// The fraction of building a tree that ordering takes, about.
+const ORDERING: f64 = 0.9;
+
 impl<B: SpanBlock> SpanTree<B> {
     /// Orders items and builds the tree. `put` writes an item into a lane of a block; items get
     /// slots in the order of the tree: sixteen times the index of the block, plus the lane.
-    pub(super) fn build(items: &mut [Item], queries: &Queries, put: impl Fn(&mut B, usize, &Item, u32) + Sync) -> Self {
-        order(items, queries);
+    pub(super) fn build(
+        items: &mut [Item],
+        queries: &Queries,
+        progress: &Progress,
+        put: impl Fn(&mut B, usize, &Item, u32) + Sync,
+    ) -> Self {
+        order(items, queries, &progress.subtask(ORDERING));
         let shape = Shape::with_leaf(items.len(), 1);
         let mut blocks = huge_vec_of(B::EMPTY, items.len().div_ceil(LANES));
         let mut work: Vec<(usize, &mut [B])> = blocks.chunks_mut(SHARE * LANES).enumerate().collect();

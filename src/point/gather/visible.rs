@@ -27,6 +27,7 @@ use crate::point::search::KeepAll;
 use crate::point::search::candidates::Candidates;
 use crate::point::search::radius::within;
 use crate::point::search::sinks::Gather;
+use crate::progress::{Callback, Progress};
 use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch};
 use core::ops::ControlFlow;
 use glam::Vec3;
@@ -101,6 +102,9 @@ pub struct VisiblePoints {
     simd: SimdLevel,
 }
 
+/// The approximate fraction of a build that reading the points takes.
+const READING: f64 = 0.1;
+
 /// The greatest number of photons that one thread processes at a time.
 const CHUNK: usize = 4096;
 
@@ -127,6 +131,37 @@ impl VisiblePoints {
     /// # Errors
     /// Positions, times and radii that are not finite or out of range, with the index of the point; parameters out of range.
     pub fn build(points: &[VisiblePoint], params: &GatherParams) -> Result<VisiblePoints, GatherError> {
+        VisiblePoints::build_reporting(points, params, &Progress::new(None))
+    }
+
+    /// [`VisiblePoints::build`] that calls `progress` with the finished fraction, as
+    /// [`PointTree::build_with_progress`](crate::PointTree::build_with_progress) does, and is cancelled when that returns `Break`.
+    ///
+    /// ```
+    /// use core::ops::ControlFlow;
+    /// use mbkd::glam::Vec3;
+    /// use mbkd::point::{GatherError, GatherParams, VisiblePoint, VisiblePoints};
+    /// let seen: Vec<_> = (0..50_000).map(|i| VisiblePoint { position: Vec3::X * i as f32, time: 0.5, radius: 2.0 }).collect();
+    /// let stop = |done: f32| if done > 0.5 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+    /// let points = VisiblePoints::build_with_progress(&seen, &GatherParams::default(), &stop);
+    /// assert_eq!(points.err(), Some(GatherError::Cancelled));
+    /// ```
+    ///
+    /// # Errors
+    /// As [`VisiblePoints::build`]; [`GatherError::Cancelled`] if `progress` broke.
+    pub fn build_with_progress(
+        points: &[VisiblePoint],
+        params: &GatherParams,
+        progress: Callback<'_>,
+    ) -> Result<VisiblePoints, GatherError> {
+        VisiblePoints::build_reporting(points, params, &Progress::new(Some(progress)))
+    }
+
+    fn build_reporting(
+        points: &[VisiblePoint],
+        params: &GatherParams,
+        progress: &Progress,
+    ) -> Result<VisiblePoints, GatherError> {
         params.validate()?;
         if points.len() >= u32::MAX as usize {
             return Err(GatherError::TooMany { found: points.len() });
@@ -139,13 +174,16 @@ impl VisiblePoints {
             items.push(Item { at: [at.x, at.y, at.z, point.time, point.radius], index: number as u32 });
         }
         let queries = Queries { window: params.window.min(1.0), neighbors: None };
-        let tree = SpanTree::build(&mut items, &queries, |block: &mut VisibleBlock, lane, item, _| {
+        progress.finished(READING);
+        let of_tree = progress.rest(1.0);
+        let tree = SpanTree::build(&mut items, &queries, &of_tree, |block: &mut VisibleBlock, lane, item, _| {
             for axis in 0..3 {
                 block.at[axis][lane] = item.at[axis];
             }
             (block.time[lane], block.radius[lane], block.id[lane]) = (item.at[TIME], item.at[RADIUS], item.index);
         });
-        Ok(VisiblePoints { tree, simd: params.simd })
+        drop(of_tree);
+        if progress.complete() { Err(GatherError::Cancelled) } else { Ok(VisiblePoints { tree, simd: params.simd }) }
     }
 
     /// Number of points.
