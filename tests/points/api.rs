@@ -46,23 +46,36 @@ fn batches_equal_single_queries_for_any_number_of_threads() {
 }
 
 #[test]
-fn filtered_batches_are_single_filtered_queries() {
+fn batches_with_options_are_single_queries_with_options() {
     for (kind, count) in [("random", 4000), ("short intervals", 1000)] {
         let mut rng = Rng(9);
         let cloud = cloud(kind, count, &mut rng);
-        // Every query has a predicate of its own.
+        // Every query has a predicate, a radius and an allowed error of its own.
         let accept = |query: usize, id: u32| id as usize % 3 != query % 3;
+        let radius = |query: usize| [0.05, 0.2, f32::INFINITY][query / 3 % 3];
+        let error = |query: usize| [0.0, 0.5][query / 9 % 2];
         let mut queries: Vec<(Vec3, f32)> = (0..1500).map(|_| (rng.vec(), rng.unit())).collect();
         queries[7] = (Vec3::NAN, 0.5);
         for structure in STRUCTURES {
             let tree = tree_of(&cloud, structure);
-            let nearest = tree.nearest_batch_filtered(&queries, accept);
-            let lists = tree.nearest_n_batch_filtered(&queries, 6, accept);
-            let within = tree.within_batch_filtered(&queries, 0.2, accept);
+            let nearest = tree.nearest_batch_with(&queries, |i, query| query.filter(move |id| accept(i, id)));
+            let lists = tree.nearest_n_batch_with(&queries, 6, |i, query| {
+                query.radius(radius(i)).approximate(error(i)).filter(move |id| accept(i, id))
+            });
+            let rough = tree.nearest_n_batch_with(&queries, 6, |i, query| query.approximate(error(i)));
+            let within = tree.within_batch_with(&queries, |i, query| {
+                query.radius(radius(i)).radius(0.2).filter(move |id| accept(i, id))
+            });
             for (i, (q, t)) in queries.iter().enumerate() {
                 let query = tree.query(*q, *t).filter(|id| accept(i, id));
                 assert_eq!(nearest[i], query.nearest(), "{kind}, {structure:?}");
-                assert_eq!(lists.row(i), query.nearest_n(6), "{kind}, {structure:?}");
+                assert_eq!(
+                    rough.row(i),
+                    tree.query(*q, *t).approximate(error(i)).nearest_n(6),
+                    "{kind}, {structure:?}"
+                );
+                let query = query.radius(radius(i));
+                assert_eq!(lists.row(i), query.approximate(error(i)).nearest_n(6), "{kind}, {structure:?}");
                 assert_eq!(within.row(i), query.radius(0.2).collect_sorted(), "{kind}, {structure:?}");
             }
             assert!(

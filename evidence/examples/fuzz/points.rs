@@ -68,16 +68,20 @@ fn check_batches(tree: &PointTree, queries: &[(DVec3, f32)], radius: f32, what: 
     let accept = |i: usize, id: u32| !(i + id as usize).is_multiple_of(3);
     let (nearest, some, within) =
         (tree.nearest_batch(queries), tree.nearest_n_batch(queries, 6), tree.within_batch(queries, radius));
-    let filtered = tree.nearest_batch_filtered(queries, accept);
-    let some_filtered = tree.nearest_n_batch_filtered(queries, 6, accept);
-    let within_filtered = tree.within_batch_filtered(queries, radius, accept);
+    let filtered = tree.nearest_batch_with(queries, |i, query| query.filter(move |id| accept(i, id)));
+    let some_filtered = tree.nearest_n_batch_with(queries, 6, |i, query| {
+        query.radius(radius).approximate(0.1).filter(move |id| accept(i, id))
+    });
+    let within_filtered =
+        tree.within_batch_with(queries, |i, query| query.radius(radius).filter(move |id| accept(i, id)));
     for (i, &(q, time)) in queries.iter().enumerate() {
         let query = || tree.query(q, time).filter(|id| accept(i, id));
         same!(nearest[i], tree.nearest(q, time), "{what}: batch, {q} at {time}");
         same!(some.row(i), tree.nearest_n(q, time, 6), "{what}: batch of 6, {q} at {time}");
         same!(within.row(i), tree.query(q, time).radius(radius).collect_sorted(), "{what}: within, {q} at {time}");
         same!(filtered[i], query().nearest(), "{what}: filtered batch, {q} at {time}");
-        same!(some_filtered.row(i), query().nearest_n(6), "{what}: filtered batch of 6, {q} at {time}");
+        let some = query().radius(radius).approximate(0.1).nearest_n(6);
+        same!(some_filtered.row(i), some, "{what}: batch of 6 with options, {q} at {time}");
         let near = query().radius(radius).collect_sorted();
         same!(within_filtered.row(i), near, "{what}: filtered, within {radius}, {q} at {time}");
     }

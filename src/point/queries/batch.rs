@@ -9,6 +9,7 @@ use super::query::NeighborQuery;
 use crate::geometry::morton_code;
 use crate::parallel;
 use crate::point::neighbor::Neighbor;
+use crate::point::search::Keep;
 use crate::point::tree::PointTree;
 use crate::primitive::Position;
 use crate::tuning::points::NEAR;
@@ -64,46 +65,63 @@ const RUN: usize = 512;
 impl PointTree {
     /// The nearest point of each query `(point, time)`, as [`PointTree::nearest`] gives it.
     pub fn nearest_batch<Q: Position>(&self, queries: &[(Q, f32)]) -> Vec<Option<Neighbor>> {
-        self.each(queries, |_, query| query.nearest())
+        self.nearest_batch_with(queries, |_, query| query)
     }
 
-    /// The nearest point of each query among those whose id the predicate accepts for it, as
-    /// [`NeighborQuery::filter`] gives it. `accept` gets the index of the query in `queries` and an id; it must be pure, and is
-    /// called from any thread.
+    /// The nearest point of each query with options of its own, as [`NeighborQuery::nearest`] gives it.
+    ///
+    /// `options` gets the index of a query in `queries` and the query, and returns it with a radius, a filter or an allowed error
+    /// ([`NeighborQuery`]). It must be pure, and is called from any thread.
     ///
     /// ```
     /// use mbkd::{PointParams, PointTree};
     /// let points = [[0.0f32; 3], [1.0; 3], [3.0; 3]];
     /// let tree = PointTree::build(&points, &PointParams::default())?;
     /// let queries: Vec<_> = points.iter().map(|p| (*p, 0.5)).collect();
-    /// // Of each point the nearest other one.
-    /// let others = tree.nearest_batch_filtered(&queries, |query, id| id != query as u32);
-    /// assert_eq!(others.iter().map(|n| n.unwrap().id).collect::<Vec<_>>(), [1, 0, 1]);
+    /// // Of each point the nearest other one, up to a distance of 2.
+    /// let others = tree.nearest_batch_with(&queries, |index, query| query.radius(2.0).filter(move |id| id != index as u32));
+    /// assert_eq!(others.iter().map(|near| near.map(|n| n.id)).collect::<Vec<_>>(), [Some(1), Some(0), None]);
     /// # Ok::<(), mbkd::PointError>(())
     /// ```
-    pub fn nearest_batch_filtered<Q: Position>(
-        &self,
+    pub fn nearest_batch_with<'a, Q: Position, K: Keep>(
+        &'a self,
         queries: &[(Q, f32)],
-        accept: impl Fn(usize, u32) -> bool + Sync,
+        options: impl Fn(usize, NeighborQuery<'a>) -> NeighborQuery<'a, K> + Sync,
     ) -> Vec<Option<Neighbor>> {
-        self.each(queries, |index, query| query.filter(|id| accept(index, id)).nearest())
+        answered_in_order(&self.order(queries), |indices| {
+            let one = |&index: &usize| {
+                let (point, time) = queries[index];
+                options(index, self.query(point, time)).nearest()
+            };
+            indices.iter().map(one).collect()
+        })
     }
 
     /// The `k` nearest points of each query, as [`PointTree::nearest_n`] gives them.
     pub fn nearest_n_batch<Q: Position>(&self, queries: &[(Q, f32)], k: usize) -> NeighborBatch {
-        self.lists(queries, |_, query, buffer, out| out.extend_from_slice(query.nearest_n_into(k, buffer)))
+        self.nearest_n_batch_with(queries, k, |_, query| query)
     }
 
-    /// The `k` nearest points of each query among those that the predicate accepts: see
-    /// [`PointTree::nearest_batch_filtered`].
-    pub fn nearest_n_batch_filtered<Q: Position>(
-        &self,
+    /// The `k` nearest points of each query with options of its own, as [`NeighborQuery::nearest_n`] gives them: see
+    /// [`PointTree::nearest_batch_with`].
+    ///
+    /// ```
+    /// use mbkd::{PointParams, PointTree};
+    /// let points = [[0.0f32; 3], [1.0; 3], [3.0; 3]];
+    /// let tree = PointTree::build(&points, &PointParams::default())?;
+    /// let (queries, radii) = (points.map(|p| (p, 0.5)), [1.0, 4.0, 4.0]);
+    /// let lists = tree.nearest_n_batch_with(&queries, 2, |index, query| query.radius(radii[index]).approximate(0.1));
+    /// assert_eq!(lists.iter().map(|list| list.len()).collect::<Vec<_>>(), [1, 2, 2]);
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    pub fn nearest_n_batch_with<'a, Q: Position, K: Keep>(
+        &'a self,
         queries: &[(Q, f32)],
         k: usize,
-        accept: impl Fn(usize, u32) -> bool + Sync,
+        options: impl Fn(usize, NeighborQuery<'a>) -> NeighborQuery<'a, K> + Sync,
     ) -> NeighborBatch {
         self.lists(queries, |index, query, buffer, out| {
-            out.extend_from_slice(query.filter(|id| accept(index, id)).nearest_n_into(k, buffer));
+            out.extend_from_slice(options(index, query).nearest_n_into(k, buffer));
         })
     }
 
@@ -118,44 +136,34 @@ impl PointTree {
     /// # Ok::<(), mbkd::PointError>(())
     /// ```
     pub fn within_batch<Q: Position>(&self, queries: &[(Q, f32)], radius: f32) -> NeighborBatch {
-        self.lists(queries, |_, query, buffer, out| {
-            out.extend_from_slice(query.radius(radius).collect_sorted_into(buffer));
-        })
+        self.within_batch_with(queries, |_, query| query.radius(radius))
     }
 
-    /// The points within `radius` of each query that the predicate accepts, in order of (distance, id): see
-    /// [`PointTree::nearest_batch_filtered`].
-    pub fn within_batch_filtered<Q: Position>(
-        &self,
+    /// The points of each query with options of its own, in order of (distance, id), as [`NeighborQuery::collect_sorted`] gives
+    /// them: see [`PointTree::nearest_batch_with`]. Of a query without a radius these are all points.
+    ///
+    /// ```
+    /// use mbkd::{PointParams, PointTree};
+    /// let tree = PointTree::build(&[[0.0f32; 3], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]], &PointParams::default())?;
+    /// let queries = [([0.0f32; 3], 0.0), ([2.0, 0.0, 0.0], 0.0)];
+    /// let lists = tree.within_batch_with(&queries, |index, query| query.radius([1.5, 0.5][index]).filter(|id| id > 0));
+    /// assert_eq!((lists.row(0)[0].id, lists.row(1)[0].id, lists.row(1).len()), (1, 2, 1));
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    pub fn within_batch_with<'a, Q: Position, K: Keep>(
+        &'a self,
         queries: &[(Q, f32)],
-        radius: f32,
-        accept: impl Fn(usize, u32) -> bool + Sync,
+        options: impl Fn(usize, NeighborQuery<'a>) -> NeighborQuery<'a, K> + Sync,
     ) -> NeighborBatch {
         self.lists(queries, |index, query, buffer, out| {
-            let query = query.radius(radius).filter(|id| accept(index, id));
-            out.extend_from_slice(query.collect_sorted_into(buffer));
+            out.extend_from_slice(options(index, query).collect_sorted_into(buffer));
         })
     }
 
-    /// One answer for each query, in the order of the queries.
-    fn each<Q: Position, T: Clone + Default + Send>(
-        &self,
+    fn lists<'a, Q: Position>(
+        &'a self,
         queries: &[(Q, f32)],
-        answer: impl Fn(usize, NeighborQuery<'_>) -> T + Sync,
-    ) -> Vec<T> {
-        answered_in_order(&self.order(queries), |indices| {
-            let one = |&index: &usize| {
-                let (point, time) = queries[index];
-                answer(index, self.query(point, time))
-            };
-            indices.iter().map(one).collect()
-        })
-    }
-
-    fn lists<Q: Position>(
-        &self,
-        queries: &[(Q, f32)],
-        answer: impl Fn(usize, NeighborQuery<'_>, &mut NeighborBuffer, &mut Vec<Neighbor>) + Sync,
+        answer: impl Fn(usize, NeighborQuery<'a>, &mut NeighborBuffer, &mut Vec<Neighbor>) + Sync,
     ) -> NeighborBatch {
         let order = self.order(queries);
         let runs = in_runs(&order, |indices| {
