@@ -454,6 +454,23 @@ fn closest_times_of_active_intervals_that_begin_and_end_at_a_key() {
     }
 }
 
+/// One that comes as near again, and one that stays as near.
+#[test]
+fn the_closest_time_is_the_first_of_several() {
+    let keys = [3.0, 1.0, 3.0, 1.0, 2.0].map(|apart| vec![Vec3::ZERO, Vec3::X * apart, Vec3::Y]);
+    let cloud = Cloud { keys: keys.to_vec(), active: Vec::new() };
+    for structure in STRUCTURES.into_iter().chain([2, 3, 8].map(PointStructure::TimeSlices)) {
+        let tree = build(&cloud, structure, SimdLevel::best());
+        for once in [false, true] {
+            let query = tree.neighbor_lists_swept(TimeInterval::FULL, 1.5);
+            let lists = if once { query.pairs_once() } else { query }.sorted().collect().unwrap();
+            let row = lists.iter().find(|(id, _)| *id == 0).unwrap().1;
+            let met: Vec<_> = row.iter().map(|e| (e.id, e.closest, e.distance_squared)).collect();
+            assert_eq!(met, [(1, 0.25, 1.0), (2, 0.0, 1.0)], "{structure:?}, {once}");
+        }
+    }
+}
+
 #[test]
 fn bad_queries_get_errors_and_empty_sets_empty_lists() {
     let tree = PointTree::build(&[[0.0f32; 3], [1.0; 3]], &PointParams::default()).unwrap();
@@ -467,9 +484,16 @@ fn bad_queries_get_errors_and_empty_sets_empty_lists() {
         assert_eq!(tree.neighbor_lists_with_skin(0.0, 1.0, bad, 1.0, &mut lists), Err(ListError::Skin));
         assert!(!ListError::Skin.to_string().is_empty());
     }
-    for (time, until) in [(-0.1, 1.0), (0.5, 0.4), (0.5, 1.1), (f32::NAN, 1.0), (0.0, f32::NAN), (1.5, 1.6)] {
+    for (time, until) in [(-0.1, 1.0), (f32::NAN, 1.0), (1.5, 1.6)] {
         assert_eq!(tree.neighbor_lists_with_skin(time, 1.0, 1.0, until, &mut lists), Err(ListError::Time));
+        assert_eq!(tree.certified_until(time, 1.0, 1.0, until), Err(ListError::Time));
     }
+    for (time, until) in [(0.5, 0.4), (0.5, 1.1), (0.0, f32::NAN)] {
+        assert_eq!(tree.neighbor_lists_with_skin(time, 1.0, 1.0, until, &mut lists), Err(ListError::Until));
+        assert_eq!(tree.certified_until(time, 1.0, 1.0, until), Err(ListError::Until));
+    }
+    let texts = [ListError::Time, ListError::Until].map(|error| error.to_string().contains("until"));
+    assert_eq!(texts, [false, true], "each is about its own time");
     for radius in [f32::INFINITY, 1e30] {
         let lists = tree.neighbor_lists_swept(TimeInterval::FULL, radius).collect().unwrap();
         assert_eq!(lists.encounters().len(), 2);
@@ -486,14 +510,7 @@ fn bad_queries_get_errors_and_empty_sets_empty_lists() {
     assert_eq!(tree.neighbor_lists_with_skin(0.25, 1.5, 1.0, 0.75, &mut lists), Ok(0.25));
 }
 
-        assert_eq!(tree.certified_until(time, 1.0, 1.0, until), Err(ListError::Time));
-    }
-    for (time, until) in [(0.5, 0.4), (0.5, 1.1), (0.0, f32::NAN)] {
-        assert_eq!(tree.neighbor_lists_with_skin(time, 1.0, 1.0, until, &mut lists), Err(ListError::Until));
-        assert_eq!(tree.certified_until(time, 1.0, 1.0, until), Err(ListError::Until));
 /// Two crowds, each at one place, that come as near as the radius and no nearer, far from zero: whether boxes and points are met is
-    let texts = [ListError::Time, ListError::Until].map(|error| error.to_string().contains("until"));
-    assert_eq!(texts, [false, true], "each is about its own time");
 /// a matter of rounding.
 #[test]
 fn crowds_that_just_touch_the_radius_are_met() {
