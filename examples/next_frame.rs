@@ -60,9 +60,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         // From each hit to the lamp. The ray ends before the lamp, which would be in its way otherwise.
         let seen: Vec<_> = camera.iter().zip(&hits).filter_map(|(ray, hit)| Some((ray, hit.as_ref()?))).collect();
         let to_lamp = |(ray, hit): &(&Ray, &mbkd::Hit)| {
-            let point = tree.point_at(ray, hit, ray.time).unwrap_or(LAMP);
-            let before = 1.0 - 0.2 / point.distance(LAMP) as f32;
-            tree.secondary_ray(ray, hit, (LAMP - point).as_vec3()).between(0.0, before)
+            let surface = tree.interaction(ray, hit);
+            let before = 1.0 - 0.2 / surface.point().distance(LAMP) as f32;
+            surface.secondary_ray((LAMP - surface.point()).as_vec3()).between(0.0, before)
         };
         let shadow_rays: Vec<Ray> = seen.iter().map(to_lamp).collect();
         let mut shadows = Vec::new();

@@ -91,7 +91,8 @@ impl World {
 
     /// The surface point at a hit.
     pub fn point(&self, ray: &Ray, hit: &Hit) -> Point {
-        let outward = self.tree.surface_normal(ray, hit);
+        let at_hit = self.tree.interaction(ray, hit);
+        let outward = at_hit.normal();
         let flat = if outward.dot(ray.dir) > 0.0 { -outward } else { outward };
         let (mut gloss, mut emission) = (None, Vec3::ZERO);
         let (normal, color) = match self.surfaces.get(hit.mesh as usize) {
@@ -103,7 +104,7 @@ impl World {
             }
             None => (flat, self.colors[hit.primitive as usize]),
         };
-        Point { position: self.tree.secondary_ray(ray, hit, flat).origin, normal, color, gloss, emission }
+        Point { position: at_hit.secondary_ray(flat).origin, normal, color, gloss, emission }
     }
 
     /// Samples a point on a lamp: its shadow ray, and the light it sends if unoccluded; `None` without lamps.

@@ -4,7 +4,8 @@ use super::distortion::{abs, row_sums};
 use super::hit::InstanceHit;
 use super::tree::{InstanceOf, InstanceTree};
 use crate::geometry::Ray;
-use crate::ray::{Departure, Hit, OF_COORDINATE};
+use crate::primitive::Shape;
+use crate::ray::{Hit, OF_COORDINATE, SurfaceInteraction};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 impl InstanceTree {
@@ -37,7 +38,7 @@ impl InstanceTree {
     /// another shape or a degenerate triangle, and for a hit that is not of this tree.
     pub fn triangle_normal(&self, hit: &InstanceHit, time: f32) -> Vec3 {
         match (self.tree(&hit.path), self.matrix(&hit.path, time)) {
-            (Some(tree), Some(matrix)) => placed_normal(tree.normal_of_triangle(&hit.hit, time), &matrix),
+            (Some(tree), Some(matrix)) => placed_normal(tree.normal_of_triangle(&hit.hit, time), &matrix).as_vec3(),
             _ => Vec3::ZERO,
         }
     }
@@ -61,12 +62,30 @@ impl InstanceTree {
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn surface_normal(&self, ray: &Ray, hit: &InstanceHit) -> Vec3 {
-        let normal = || {
-            let (tree, matrix) = (self.tree(&hit.path)?, self.matrix(&hit.path, ray.time)?);
-            let local = self.ray_inside(ray, &hit.path)?;
-            Some(placed_normal(tree.unit_normal(&local, &hit.hit), &matrix))
-        };
-        normal().unwrap_or(Vec3::ZERO)
+        self.interaction(ray, hit).normal()
+    }
+
+    /// The point of the surface that `ray` hit, its normal and rays that leave from there, as the instance places them then: as
+    /// [`RayTree::interaction`](crate::RayTree::interaction). Where more than one of them is needed, this takes less time than a
+    /// call for each.
+    ///
+    /// ```
+    /// use std::sync::Arc;
+    /// use mbkd::glam::{DAffine3, DVec3, Vec3};
+    /// use mbkd::{BuildParams, Instance, InstanceTree, MovingSphere, Ray, RayTree, WideParams};
+    /// let ball = MovingSphere::fixed(DVec3::ZERO, 1.0);
+    /// let ball = Arc::new(RayTree::of_scene(&[], vec![ball.into()], &BuildParams::default())?);
+    /// let above = DAffine3::from_translation(DVec3::Z * 3.0);
+    /// let tree = InstanceTree::build(vec![Instance::new(ball, above)], &WideParams::default())?;
+    /// let ray = Ray::new(Vec3::new(0.0, 0.0, 9.0), Vec3::NEG_Z);
+    /// let surface = tree.interaction(&ray, &tree.closest_hit(&ray).unwrap());
+    /// assert_eq!((surface.point(), surface.normal()), (DVec3::Z * 4.0, Vec3::Z));
+    /// assert!(!tree.any_hit(&surface.secondary_ray(Vec3::Z)) && tree.any_hit(&surface.secondary_ray(Vec3::NEG_Z)));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn interaction(&self, ray: &Ray, hit: &InstanceHit) -> SurfaceInteraction {
+        self.interaction_in(ray, &hit.path, &hit.hit)
+            .unwrap_or_else(|| SurfaceInteraction::with_shape(None::<&Shape>, ray, &hit.hit))
     }
 
     /// Where the point of the surface that `ray` hit is at another time of the shutter, as the instance places it then: for motion
@@ -125,44 +144,39 @@ impl InstanceTree {
     ///
     /// [`RayTree::secondary_ray`]: crate::RayTree::secondary_ray
     pub fn secondary_ray(&self, ray: &Ray, hit: &InstanceHit, dir: Vec3) -> Ray {
-        let from = match self.departure(ray, (&hit.path, &hit.hit), dir.as_dvec3()) {
-            Some(from) => from.point + from.away * from.lift,
-            None => ray.point(hit.hit.t),
-        };
-        Ray::new(from, dir).at_time(ray.time)
+        self.interaction(ray, hit).secondary_ray(dir)
     }
 
-    /// Where a ray into a direction leaves what another one hit; `None` for a hit that is not of this tree.
-    fn departure(&self, ray: &Ray, (path, hit): (&[u32], &Hit), dir: DVec3) -> Option<Departure> {
+    /// What a ray hit at the end of a path; `None` for a hit that is not of this tree.
+    fn interaction_in(&self, ray: &Ray, path: &[u32], hit: &Hit) -> Option<SurfaceInteraction> {
         let (&first, rest) = path.split_first()?;
         let (local, matrix) = (self.local_ray(first, ray)?, self.matrix(&[first], ray.time)?);
-        let inward = matrix.inverse();
-        let dir = inward.matrix3 * dir;
         let inside = match self.placed(first)? {
-            InstanceOf::Tree(tree) => rest.is_empty().then(|| tree.departure(&local, hit, dir))?,
-            InstanceOf::Instances(tree) => tree.departure(&local, (rest, hit), dir)?,
+            InstanceOf::Tree(tree) => rest.is_empty().then(|| tree.interaction(&local, hit))?,
+            InstanceOf::Instances(tree) => tree.interaction_in(&local, rest, hit)?,
         };
-        Some(placed(inside, matrix, inward))
+        Some(placed(inside, &matrix))
     }
 }
 
 /// The unit normal of a placed surface, from its normal in the placed tree; on the same side.
-fn placed_normal(normal: DVec3, matrix: &DAffine3) -> Vec3 {
+fn placed_normal(normal: DVec3, matrix: &DAffine3) -> DVec3 {
     // By the inverse transpose, up to a factor: far from zero, placed corners have lost digits that the normal needs.
     let DMat3 { x_axis: x, y_axis: y, z_axis: z } = matrix.matrix3;
     let cofactors = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y));
-    (cofactors * normal * matrix.matrix3.determinant().signum()).normalize_or_zero().as_vec3()
+    (cofactors * normal * matrix.matrix3.determinant().signum()).normalize_or_zero()
 }
 
-/// A departure from a surface that is placed by a matrix.
+/// A surface as a matrix places it.
 ///
 /// A step of length s along the normal `N = M^-T n` of the placed surface is one of s |N| along the normal n of the surface itself.
-fn placed(inside: Departure, matrix: DAffine3, inward: DAffine3) -> Departure {
+fn placed(inside: SurfaceInteraction, matrix: &DAffine3) -> SurfaceInteraction {
+    let inward = matrix.matrix3.inverse();
     let point = matrix.transform_point3(inside.point);
-    let normal = inward.matrix3.transpose() * inside.away;
     // The point is rounded here, and again when it is mapped back.
     let largest = point.abs() + matrix.translation.abs() + abs(matrix.matrix3) * inside.point.abs();
-    let back = row_sums(inward.matrix3).max_element() * largest.max_element();
-    let lift = (inside.lift + OF_COORDINATE * back) / normal.length();
-    Departure { point, away: normal.normalize_or_zero(), lift: if lift.is_finite() { lift } else { 0.0 } }
+    let back = row_sums(inward).max_element() * largest.max_element();
+    let lift = (inside.lift + OF_COORDINATE * back) / (inward.transpose() * inside.away).length();
+    let lift = if lift.is_finite() { lift } else { 0.0 };
+    SurfaceInteraction { point, away: placed_normal(inside.away, matrix), lift, ..inside }
 }

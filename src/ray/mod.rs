@@ -9,13 +9,14 @@
 //! | module | contents |
 //! |---|---|
 //! | `filter`, `hit`, `observer` | what a query accepts, its answers, counted work |
+//! | `interaction` | the surface at a hit, and rays that leave it |
 //! | `kernel` | the arithmetic of one ray, against boxes and triangles |
 //! | `traversal` | traversals of the layouts by single rays and batches |
 //! | `closest_point` | the same for closest points |
 //! | `compiled`, `erased_shapes` | all queries, compiled once in this crate |
 //! | `ray_tree`, `refit`, `in_file` | [`RayTree`]: builds and single queries, refits, files |
 //! | `batch_order`, `filtered_queries`, `filtered_batches`, `closest_point_queries`, `visit` | its other queries |
-//! | `bounds`, `surface` | boxes around all; corners and normals at a hit, rays that leave it |
+//! | `bounds`, `surface` | boxes around all; corners, normals and points of what was hit |
 
 mod batch_order;
 mod bounds;
@@ -28,6 +29,7 @@ mod filtered_batches;
 mod filtered_queries;
 mod hit;
 mod in_file;
+mod interaction;
 mod kernel;
 mod observer;
 mod ray_tree;
@@ -56,12 +58,13 @@ pub(crate) use closest_point::point_query::{PlacedQuery, QueryInTree};
 pub(crate) use compiled::Guards;
 pub(crate) use filter::{Everything, Filter, Visible};
 pub use hit::Hit;
+pub(crate) use interaction::OF_COORDINATE;
+pub use interaction::SurfaceInteraction;
 pub(crate) use kernel::outline::{INNER_ULPS, Outline};
 pub(crate) use kernel::shear::Sheared;
 pub(crate) use kernel::tree_ray::TreeRay;
 pub use observer::{Counters, Observer};
 pub use ray_tree::{Geometry, RayTree};
 pub use refit::Refit;
-pub(crate) use surface::{Departure, OF_COORDINATE};
 pub(crate) use traversal::object_traversal::{LeafVisitor, ObjectTraversal};
 pub use visit::TreePrimitive;

@@ -1,44 +1,12 @@
-//! The surface at a hit: corners and normals of triangles, and rays that leave it.
-//!
-//! A ray that begins at the computed point of a hit begins on either side of the surface, by rounding, and may hit it again. So its
-//! origin is moved off the surface, to the side that the ray leaves to, by no more than the rounding of the intersection asks for.
-//! The point is not `origin + t * dir`, as `t` is an f32: it is the point of the triangle with the weights of the hit, which lies
-//! in the triangle's plane up to the rounding of f64, however far away the first ray began.
+//! The surface at a hit: corners and normals of triangles, points at other times, and rays that leave it.
 
 use super::compiled::Layout;
 use super::hit::Hit;
+use super::interaction::SurfaceInteraction;
 use super::ray_tree::RayTree;
 use crate::geometry::Ray;
-use crate::primitive::{Intersection, MovingSphere, Primitive, Shape, Shapes};
+use crate::primitive::{Intersection, Primitive, Shape, Shapes};
 use glam::{DVec3, Vec3};
-
-/// A point of a surface, and how a ray gets off it.
-#[derive(Clone, Copy)]
-pub(crate) struct Departure {
-    pub point: DVec3,
-    /// A unit vector away from the surface, on the side that the ray leaves to.
-    pub away: DVec3,
-    /// How far the origin has to be moved.
-    pub lift: f64,
-}
-
-/// How far an origin is moved off a triangle, relative to the sum `M` of its longest edge `L` and the largest coordinate of a
-/// corner from the origin of tree space. (Of a sphere: relative to its radius.) Beside that it is moved by [`OF_COORDINATE`].
-///
-/// If it is `d` off the plane of a triangle, the numerator of the computed distance from it is `d` times twice the area, `|n|`,
-/// with the sign that matters. The origin is rounded in tree space, by 2^-53 M; the corners as seen from it, and their shear, by
-/// less. So sheared coordinates are off by 6 times 2^-53 M, each of the six products of two of them by 6 times 2^-52 M L, and their
-/// sum, weighted with depths of at most L, by less than 2^-46 M L². So `d` has to be more than 2^-46 M L² / |n|, which this is
-/// where triangles are up to a thousand times as long as wide; of others [`OF_SLIVER`] is. What else is in the scene, and how far
-/// away, does not matter.
-const OF_TRIANGLE: f64 = 1.0 / (1u64 << 36) as f64;
-const OF_SLIVER: f64 = 1.0 / (1u64 << 46) as f64;
-
-/// The same relative to a coordinate of the world, where a point is rounded.
-pub(crate) const OF_COORDINATE: f64 = 1.0 / (1u64 << 48) as f64;
-
-/// Where the surface is not known, the point has the precision of `t`: two ULP of it.
-const OF_DISTANCE: f64 = 1.0 / (1u64 << 22) as f64;
 
 impl RayTree {
     /// The corners of a triangle of a mesh at any time, exactly as rays meet them. (Queries of closest points round moving ones to
@@ -92,14 +60,16 @@ impl RayTree {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn surface_normal(&self, ray: &Ray, hit: &Hit) -> Vec3 {
-        self.unit_normal(ray, hit).as_vec3()
+        self.interaction(ray, hit).normal()
     }
 
-    pub(crate) fn unit_normal(&self, ray: &Ray, hit: &Hit) -> DVec3 {
-        match self.shape_of(hit) {
-            Some(shape) => normal_of_shape(shape, ray, hit).unwrap_or(DVec3::ZERO),
-            None => self.normal_of_triangle(hit, ray.time),
-        }
+    /// The point of the surface that `ray` hit, its normal and rays that leave from there, all at once: where more than one of
+    /// them is needed, this takes less time than [`RayTree::surface_normal`], [`RayTree::point_at`] and
+    /// [`RayTree::secondary_ray`], which each look the triangle or shape up.
+    pub fn interaction(&self, ray: &Ray, hit: &Hit) -> SurfaceInteraction {
+        let (corners, space) = (self.vertices(hit, ray.time), self.frame().origin);
+        SurfaceInteraction::with_triangle(corners, space, ray, hit)
+            .unwrap_or_else(|| SurfaceInteraction::with_shape(self.shape_of(hit), ray, hit))
     }
 
     /// Where the point of the surface that `ray` hit is at another time: for motion vectors. A point of a triangle keeps its
@@ -170,24 +140,7 @@ impl RayTree {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn secondary_ray(&self, ray: &Ray, hit: &Hit, dir: Vec3) -> Ray {
-        self.departure(ray, hit, dir.as_dvec3()).ray(dir, ray.time)
-    }
-
-    /// Where a ray into a direction leaves what another one hit.
-    pub(crate) fn departure(&self, ray: &Ray, hit: &Hit, dir: DVec3) -> Departure {
-        let [a, b, c] = self.vertices(hit, ray.time);
-        let (ab, ac) = (b - a, c - a);
-        let normal = ab.cross(ac);
-        if let Some(unit) = normal.try_normalize() {
-            let point = a + ab * f64::from(hit.u) + ac * f64::from(hit.v);
-            let longest = ab.length_squared().max(ac.length_squared()).max((c - b).length_squared());
-            let origin = self.frame().origin;
-            let coordinate = |p: DVec3| (p - origin).abs().max_element();
-            let size = longest.sqrt() + coordinate(a).max(coordinate(b)).max(coordinate(c));
-            let lift = size * OF_TRIANGLE.max(OF_SLIVER * longest / normal.length()) + rounding(point);
-            return Departure { point, away: side(unit, dir), lift };
-        }
-        Departure::from_shape(self.shape_of(hit), ray, hit, dir)
+        self.interaction(ray, hit).secondary_ray(dir)
     }
 }
 
@@ -195,8 +148,12 @@ impl<P: Primitive> RayTree<Shapes<P>> {
     /// The unit normal of the surface at the point that `ray` hit, as [`RayTree::surface_normal`] gives it: of spheres
     /// ([`Primitive::as_sphere`]) and of primitives that know theirs ([`Primitive::surface_normal`]), zero on others.
     pub fn surface_normal(&self, ray: &Ray, hit: &Hit) -> Vec3 {
-        let shape = self.primitives().get(hit.primitive as usize);
-        shape.and_then(|shape| normal_of_shape(shape, ray, hit)).unwrap_or(DVec3::ZERO).as_vec3()
+        self.interaction(ray, hit).normal()
+    }
+
+    /// The point, its normal and rays that leave from there, as [`RayTree::interaction`] gives them.
+    pub fn interaction(&self, ray: &Ray, hit: &Hit) -> SurfaceInteraction {
+        SurfaceInteraction::with_shape(self.primitives().get(hit.primitive as usize), ray, hit)
     }
 
     /// Where the point of the surface that `ray` hit is at another time, as [`RayTree::point_at`] gives it. `None` on a primitive
@@ -218,17 +175,7 @@ impl<P: Primitive> RayTree<Shapes<P>> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn secondary_ray(&self, ray: &Ray, hit: &Hit, dir: Vec3) -> Ray {
-        let shape = self.primitives().get(hit.primitive as usize);
-        Departure::from_shape(shape, ray, hit, dir.as_dvec3()).ray(dir, ray.time)
-    }
-}
-
-/// The unit normal of a shape that was hit, outwards; `None` if it is not known.
-fn normal_of_shape(shape: &impl Primitive, ray: &Ray, hit: &Hit) -> Option<DVec3> {
-    let met = Intersection { t: hit.t, u: hit.u, v: hit.v };
-    match shape.as_sphere() {
-        Some(sphere) => sphere.surface_normal(ray, met),
-        None => shape.surface_normal(ray, met)?.try_normalize(),
+        self.interaction(ray, hit).secondary_ray(dir)
     }
 }
 
@@ -243,38 +190,4 @@ fn point_of_shape(shape: &impl Primitive, ray: &Ray, hit: &Hit, time: f32) -> Op
         None => shape.point_at(ray, met, time),
     };
     point.filter(|point| !point.is_nan())
-}
-
-impl Departure {
-    /// Where a ray into a direction leaves a shape that another one hit.
-    fn from_shape(shape: Option<&impl Primitive>, ray: &Ray, hit: &Hit, dir: DVec3) -> Departure {
-        if let Some(sphere) = shape.and_then(Primitive::as_sphere) {
-            let (center, radius) = sphere.at(ray.time);
-            if let Some(unit) = MovingSphere::normal_of_hit((center, radius), ray, hit.t) {
-                let point = center + unit * radius;
-                return Departure { point, away: side(unit, dir), lift: OF_TRIANGLE * radius + rounding(point) };
-            }
-        }
-        let seen = ray.point(hit.t);
-        // Without a normal back to where the ray came from, or on if it goes on.
-        let normal = shape.and_then(|shape| normal_of_shape(shape, ray, hit));
-        let normal = normal.unwrap_or_else(|| ray.dir.as_dvec3().normalize_or_zero());
-        let lift = OF_DISTANCE * (seen - ray.origin).length() + rounding(seen);
-        Departure { point: seen, away: side(normal, dir), lift }
-    }
-
-    /// The ray that leaves, at a time of the shutter.
-    fn ray(&self, dir: Vec3, time: f32) -> Ray {
-        Ray::new(self.point + self.away * self.lift, dir).at_time(time)
-    }
-}
-
-/// The one of two opposite unit vectors that is on the side of a direction.
-fn side(unit: DVec3, dir: DVec3) -> DVec3 {
-    if unit.dot(dir) < 0.0 { -unit } else { unit }
-}
-
-/// How far the coordinates of a point are rounded.
-fn rounding(point: DVec3) -> f64 {
-    OF_COORDINATE * point.abs().max_element()
 }

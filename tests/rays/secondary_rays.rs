@@ -216,6 +216,11 @@ fn trees_of_primitives_have_the_secondary_rays_of_scenes() {
         assert_eq!(unknown.secondary_ray(&ray, &hit, dir), rough);
         assert_eq!((unknown.surface_normal(&ray, &hit), hidden.surface_normal(&ray, &hit)), (Vec3::ZERO, Vec3::ZERO));
         let (normal, seen) = (bare.surface_normal(&ray, &hit), ray.point(hit.t));
+        assert_eq!(bare.interaction(&ray, &hit).point(), bare.point_at(&ray, &hit, ray.time).unwrap());
+        assert_eq!(
+            (unknown.interaction(&ray, &hit).point(), unknown.interaction(&ray, &hit).normal()),
+            (seen, Vec3::ZERO)
+        );
         let distance = (seen - ray.origin).length();
         // The point that the normal is taken at is as coarse as `t`.
         let (known, coarse) = (sided.surface_normal(&ray, &hit), 1e-5 + 3e-6 * distance);
@@ -311,6 +316,9 @@ fn points_of_surfaces_are_found_again_at_other_times() {
                 let seen = ray.point(hit.t);
                 assert!(now.distance(seen) < 1e-5 * (1.0 + ray.origin.length()), "{now} {seen}");
                 let other = inner.point_at(&ray, &hit, then).unwrap();
+                let surface = inner.interaction(&ray, &hit);
+                assert_eq!((surface.point(), surface.normal()), (now, inner.surface_normal(&ray, &hit)));
+                assert_eq!(surface.secondary_ray(Vec3::X), inner.secondary_ray(&ray, &hit, Vec3::X));
                 assert_eq!(inner.point_at(&ray, &hit, f32::NAN), None);
                 match inner.shapes().get(hit.primitive as usize).filter(|_| hit.mesh == 1) {
                     Some(Shape::Sphere(sphere)) => {
@@ -333,6 +341,14 @@ fn points_of_surfaces_are_found_again_at_other_times() {
             if let Some(hit) = outer.closest_hit(&ray) {
                 let now = outer.point_at(&ray, &hit, ray.time).unwrap();
                 assert!(now.distance(ray.point(hit.hit.t)) < 1e-5 * (1.0 + ray.origin.length()));
+                let surface = outer.interaction(&ray, &hit);
+                assert_eq!((surface.point(), surface.normal()), (now, outer.surface_normal(&ray, &hit)));
+                for dir in [surface.normal(), -surface.normal()] {
+                    let leaving = surface.secondary_ray(dir);
+                    let lift = (leaving.origin - surface.point()).dot(dir.as_dvec3());
+                    assert!(lift > 0.0 && lift < 1e-8, "{lift}");
+                    assert_eq!((leaving, leaving.time), (outer.secondary_ray(&ray, &hit, dir), ray.time));
+                }
                 // In the instance's space, too, the point is where the motion of the primitive takes it.
                 let [from, to] = [ray.time, then].map(|t| outer.matrix(&hit.path, t).unwrap());
                 let inward = from.inverse();
@@ -355,6 +371,8 @@ fn points_of_surfaces_are_found_again_at_other_times() {
         for (mesh, primitive) in [(7, 900), (7, 3), (2, 0), (0, 60), (1, 20)] {
             let none = Hit { t: 1.0, u: 0.1, v: 0.1, mesh, primitive };
             assert_eq!((inner.point_at(&ray, &none, 0.5), inner.surface_normal(&ray, &none)), (None, Vec3::ZERO));
+            let unknown = inner.interaction(&ray, &none);
+            assert_eq!((unknown.point(), unknown.normal()), (ray.point(none.t), Vec3::ZERO));
         }
     }
     assert!(of_triangles > 300 && of_spheres > 300, "{of_triangles} {of_spheres}");
