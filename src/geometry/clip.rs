@@ -1,13 +1,64 @@
-//! Clipping a triangle to a box: the "perfect splits" of k-d construction.
+//! Clipping a triangle at planes, one after the other (Sutherland and Hodgman, "Reentrant Polygon Clipping", 1974), and to a box: the
+//! "perfect splits" of k-d construction.
 
 use super::box3::{Box3, ULP};
 use glam::Vec3;
 
+/// The greatest number of corners of a triangle that was clipped at six planes: each adds one.
+const MOST_CORNERS: usize = 9;
+
+/// What is left of a triangle that is clipped at up to six planes: a convex polygon.
+#[derive(Clone, Copy)]
+pub(crate) struct Polygon<C> {
+    corners: [C; MOST_CORNERS],
+    count: usize,
+}
+
+impl<C: Copy> Polygon<C> {
+    /// The whole triangle.
+    #[inline(always)]
+    pub fn new([a, b, c]: [C; 3]) -> Polygon<C> {
+        Polygon { corners: [a, b, c, a, a, a, a, a, a], count: 3 }
+    }
+
+    #[inline(always)]
+    pub fn corners(&self) -> &[C] {
+        &self.corners[..self.count]
+    }
+
+    /// Keeps what is not below a plane, given how far corners are above it. `cut` makes the corner where an edge crosses the plane,
+    /// of the ends of the edge and how far they are above.
+    #[inline(always)]
+    pub fn keep<D: Copy + Default + PartialOrd>(
+        &mut self,
+        above: impl Fn(&C) -> D,
+        cut: impl Fn([&C; 2], [D; 2]) -> C,
+    ) {
+        let (mut kept, mut count) = (self.corners, 0);
+        let mut push = |corner: C| {
+            if count < MOST_CORNERS {
+                kept[count] = corner;
+                count += 1;
+            }
+        };
+        for i in 0..self.count {
+            let ends = [&self.corners[i], &self.corners[(i + 1) % self.count]];
+            let [from, to] = ends.map(&above);
+            if from >= D::default() {
+                push(*ends[0]);
+            }
+            if (from >= D::default()) != (to >= D::default()) {
+                push(cut(ends, [from, to]));
+            }
+        }
+        *self = Polygon { corners: kept, count };
+    }
+}
+
 /// Bounds of the part of a triangle inside `cell`; empty if they are disjoint.
 ///
-/// Sutherland and Hodgman's clipping against the six faces in turn: at most nine corners. New corners
-/// are exactly on their face; their other coordinates carry the rounding of one interpolation
-/// (three operations at sizes of at most twice the triangle's largest coordinate), so the result is padded by 8 ULP of
+/// Clipping against the six faces in turn. New corners are exactly on their face; their other coordinates carry the rounding of one
+/// interpolation (three operations at sizes of at most twice the triangle's largest coordinate), so the result is padded by 8 ULP of
 /// that inside the cell.
 pub(crate) fn clip_triangle(corners: [Vec3; 3], cell: Box3) -> Box3 {
     let whole = corners.into_iter().fold(Box3::EMPTY, Box3::include);
@@ -15,37 +66,22 @@ pub(crate) fn clip_triangle(corners: [Vec3; 3], cell: Box3) -> Box3 {
     if bounds.is_empty() || (bounds.min == whole.min && bounds.max == whole.max) {
         return bounds;
     }
-    let mut polygon = [Vec3::ZERO; 9];
-    polygon[..3].copy_from_slice(&corners);
-    let mut n = 3;
+    let mut polygon = Polygon::new(corners);
     for axis in 0..3 {
         for (sign, face) in [(1.0, cell.min[axis]), (-1.0, cell.max[axis])] {
             if sign * whole_end(whole, axis, sign) >= sign * face {
                 continue;
             }
-            let mut kept = [Vec3::ZERO; 9];
-            let mut m = 0;
-            for i in 0..n {
-                let (p, q) = (polygon[i], polygon[(i + 1) % n]);
-                let (dp, dq) = (sign * (p[axis] - face), sign * (q[axis] - face));
-                if dp >= 0.0 && m < 9 {
-                    kept[m] = p;
-                    m += 1;
-                }
-                if (dp >= 0.0) != (dq >= 0.0) && m < 9 {
-                    let mut cut = p + (q - p) * (dp / (dp - dq));
-                    cut[axis] = face;
-                    kept[m] = cut;
-                    m += 1;
-                }
-            }
-            (polygon, n) = (kept, m);
-            if n == 0 {
-                return Box3::EMPTY;
-            }
+            let above = |p: &Vec3| sign * (p[axis] - face);
+            polygon.keep(above, |[&p, &q], [dp, dq]: [f32; 2]| {
+                let mut cut = p + (q - p) * (dp / (dp - dq));
+                cut[axis] = face;
+                cut
+            });
         }
     }
-    polygon[..n].iter().fold(Box3::EMPTY, |b, &p| b.include(p)).pad(8.0 * ULP * whole.magnitude()).intersection(bounds)
+    let part = polygon.corners().iter().fold(Box3::EMPTY, |b, &p| b.include(p));
+    part.pad(8.0 * ULP * whole.magnitude()).intersection(bounds)
 }
 
 /// The extreme of the box on the side that a face of this sign cuts off.

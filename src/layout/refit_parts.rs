@@ -17,7 +17,7 @@ use super::leaf_block::WideSource;
 use super::wide_node::ChildRef;
 use super::wide_tree::WideTree;
 use super::write::read_box;
-use crate::geometry::{Aabb, CornerBounds, LinearBox3, TimeInterval, ULP};
+use crate::geometry::{Aabb, CornerBounds, LinearBox3, Polygon, TimeInterval, ULP};
 use core::ops::Range;
 use glam::DVec3;
 use std::collections::HashMap;
@@ -61,7 +61,7 @@ impl Parts {
             return;
         }
         let bounds = read_box(&tree.arena.ints()[node.at()..], node.kind(), lane, over);
-        let (first, mut polygon) = (self.parts.len(), Polygon::default());
+        let first = self.parts.len();
         for (lane, &id) in tree.ids::<S>(leaf).unwrap_or(&[]).iter().enumerate() {
             // The box may not hold the triangle when it does not exist, nor if it exists at no time that queries look for in a
             // slice.
@@ -70,9 +70,9 @@ impl Parts {
             if over.begin() + BESIDE_SLICE <= time && time <= over.end() - BESIDE_SLICE {
                 let corners = tree.corners_in(leaf, lane, time, || triangles.segments_of_life(id));
                 let at = (f64::from(time) - f64::from(over.begin())) / over.fine_duration();
-                if polygon.clip(corners, box_at(&bounds, at)) {
+                if let Some(polygon) = part_in(box_at(&bounds, at), corners) {
                     let begin = self.weights.len();
-                    self.weights.extend(polygon.corners.iter().map(|of| of.weights.map(|weight| weight as f32)));
+                    self.weights.extend(polygon.corners().iter().map(|of| of.weights.map(|weight| weight as f32)));
                     self.parts.push(Part { lane, corners: begin..self.weights.len() });
                 }
             }
@@ -126,53 +126,27 @@ struct Corner {
     weights: [f64; 2],
 }
 
-/// A convex polygon in a triangle, and memory for the next one.
-#[derive(Default)]
-struct Polygon {
-    corners: Vec<Corner>,
-    next: Vec<Corner>,
-}
-
-impl Polygon {
-    /// Makes it the part of a triangle in a box, by clipping at one face after the other (Sutherland and Hodgman, "Reentrant
-    /// Polygon Clipping", 1974), as [`clip_triangle`](crate::geometry::clip_triangle) does in f32 for bounds alone. Whether that is
-    /// a part of the triangle: not if all of it may be in the box, or nothing.
-    fn clip(&mut self, triangle: [DVec3; 3], bounds: Aabb) -> bool {
-        let [a, b, c] = triangle;
-        let (min, max) = (a.min(b).min(c), a.max(b).max(c));
-        let magnitude = bounds.min.abs().max(bounds.max.abs()).max(min.abs()).max(max.abs()).max_element();
-        let Aabb { min: low, max: high } = bounds.pad(f64::from(8.0 * ULP) * magnitude);
-        self.corners.clear();
-        let weights = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
-        self.corners.extend(triangle.into_iter().zip(weights).map(|(at, weights)| Corner { at, weights }));
-        // Also for NaN.
-        if !(min.is_finite() && max.is_finite()) || (low.cmple(min) & high.cmpge(max)).all() {
-            return false;
-        }
-        for axis in 0..3 {
-            self.keep(|corner| corner.at[axis] - low[axis]);
-            self.keep(|corner| high[axis] - corner.at[axis]);
-        }
-        !self.corners.is_empty()
+/// The part of a triangle in a box; `None` if all of it may be in the box, or nothing is.
+fn part_in(bounds: Aabb, triangle: [DVec3; 3]) -> Option<Polygon<Corner>> {
+    let [a, b, c] = triangle;
+    let (min, max) = (a.min(b).min(c), a.max(b).max(c));
+    let magnitude = bounds.min.abs().max(bounds.max.abs()).max(min.abs()).max(max.abs()).max_element();
+    let Aabb { min: low, max: high } = bounds.pad(f64::from(8.0 * ULP) * magnitude);
+    // Also for NaN.
+    if !(min.is_finite() && max.is_finite()) || (low.cmple(min) & high.cmpge(max)).all() {
+        return None;
     }
-
-    /// Clips at a plane from which corners have these distances, and keeps what is not below it.
-    fn keep(&mut self, above: impl Fn(&Corner) -> f64) {
-        self.next.clear();
-        for (i, from) in self.corners.iter().enumerate() {
-            let to = &self.corners[(i + 1) % self.corners.len()];
-            let (before, after) = (above(from), above(to));
-            if before >= 0.0 {
-                self.next.push(*from);
-            }
-            if (before < 0.0) != (after < 0.0) {
-                let w = before / (before - after);
-                let weights = [0, 1].map(|i| from.weights[i] + (to.weights[i] - from.weights[i]) * w);
-                self.next.push(Corner { at: from.at.lerp(to.at, w), weights });
-            }
-        }
-        core::mem::swap(&mut self.corners, &mut self.next);
+    let corner = |at: DVec3, weights: [f64; 2]| Corner { at, weights };
+    let mut polygon = Polygon::new([corner(a, [0.0, 0.0]), corner(b, [1.0, 0.0]), corner(c, [0.0, 1.0])]);
+    let cut = |[from, to]: [&Corner; 2], [before, after]: [f64; 2]| {
+        let w = before / (before - after);
+        corner(from.at.lerp(to.at, w), [0, 1].map(|i| from.weights[i] + (to.weights[i] - from.weights[i]) * w))
+    };
+    for axis in 0..3 {
+        polygon.keep(|corner| corner.at[axis] - low[axis], cut);
+        polygon.keep(|corner| high[axis] - corner.at[axis], cut);
     }
+    (!polygon.corners().is_empty()).then_some(polygon)
 }
 
 #[cfg(test)]
@@ -196,7 +170,7 @@ mod tests {
     /// The number of points of triangles in a box that bounds of its part do not hold after a motion; of all such points; and how
     /// often the bounds are less than half of the triangle's.
     fn lost(bounds_of: impl Fn(&[[f32; 2]], &CornerBounds) -> LinearBox3) -> [usize; 3] {
-        let (mut random, mut polygon) = (Random(19), Polygon::default());
+        let mut random = Random(19);
         let [mut lost, mut held, mut small] = [0; 3];
         for _ in 0..20_000 {
             let (before, after) = (triangle(&mut random), [triangle(&mut random), triangle(&mut random)]);
@@ -211,10 +185,8 @@ mod tests {
             let middle = mean(before, points[(random.unit() * 15.99) as usize]).as_vec3();
             let bounds = Box3 { min: middle, max: middle }.pad(random.unit() * 0.3);
             let bounds = box_at(&LinearBox3 { begin: bounds, end: bounds }, 0.5);
-            if !polygon.clip(before.map(Vec3::as_dvec3), bounds) {
-                continue;
-            }
-            let weights: Vec<[f32; 2]> = polygon.corners.iter().map(|of| of.weights.map(|w| w as f32)).collect();
+            let Some(polygon) = part_in(bounds, before.map(Vec3::as_dvec3)) else { continue };
+            let weights: Vec<[f32; 2]> = polygon.corners().iter().map(|of| of.weights.map(|w| w as f32)).collect();
             let corners = CornerBounds::of_lines(after[0], after[1], 0.0);
             let found = bounds_of(&weights, &corners);
             small += usize::from(2.0 * found.begin.half_area() < corners.union().begin.half_area());
@@ -222,7 +194,7 @@ mod tests {
                 let p = mean(before, *weights);
                 (p.cmpge(bounds.min) & p.cmple(bounds.max)).all()
             };
-            let of_polygon = polygon.corners.iter().map(|corner| corner.weights);
+            let of_polygon = polygon.corners().iter().map(|corner| corner.weights);
             for weights in points.into_iter().filter(inside).chain(of_polygon) {
                 held += 1;
                 let holds = |b: Box3, p: DVec3| (p.cmpge(b.min.as_dvec3()) & p.cmple(b.max.as_dvec3())).all();
@@ -244,11 +216,10 @@ mod tests {
 
     #[test]
     fn the_part_in_a_box_is_the_polygon_between_them() {
-        let mut polygon = Polygon::default();
         let needle = [DVec3::ZERO, DVec3::X, DVec3::Y];
-        let mut area = |min: DVec3, max: DVec3| {
-            polygon.clip(needle, Aabb { min, max }).then(|| {
-                let at: Vec<DVec3> = polygon.corners.iter().map(|corner| corner.at).collect();
+        let area = |min: DVec3, max: DVec3| {
+            part_in(Aabb { min, max }, needle).map(|polygon| {
+                let at: Vec<DVec3> = polygon.corners().iter().map(|corner| corner.at).collect();
                 let fan = at.windows(2).map(|pair| 0.5 * (pair[0] - at[0]).cross(pair[1] - at[0]).length());
                 (at.len(), fan.sum::<f64>())
             })
@@ -259,6 +230,6 @@ mod tests {
         assert!(found.is_some_and(|(corners, area)| corners == 5 && (area - 0.23).abs() < 1e-5), "{found:?}");
         assert_eq!(area(DVec3::splat(-1.0), DVec3::splat(1.0)), None, "all of it");
         assert_eq!(area(DVec3::splat(0.6), DVec3::splat(0.9)), None, "nothing of it");
-        assert!(!polygon.clip([DVec3::NAN; 3], Aabb { min: DVec3::ZERO, max: DVec3::ONE }));
+        assert!(part_in(Aabb { min: DVec3::ZERO, max: DVec3::ONE }, [DVec3::NAN; 3]).is_none());
     }
 }
