@@ -19,7 +19,9 @@ use super::traversal::collect::HitVisitor;
 use super::traversal::interleave::Interleaved;
 use super::traversal::intersect::RaySource;
 use super::traversal::lazy::answer_lazily;
-use super::traversal::query::{AllHits, AnyHit, AnyOrAll, Asked, ClosestHit, OfWide, PartOfWide, QueryArgs, RayQuery};
+use super::traversal::query::{
+    AllHits, AnyHit, ClosestHit, QueryArgs, QueryCall, RayQuery, UnorderedHits, WideQuery, WideQueryInto,
+};
 use super::traversal::stream::Streams;
 use super::{Everything, Hit, Observer, Ray, Visible};
 use crate::error::BuildError;
@@ -36,10 +38,10 @@ use core::ops::ControlFlow;
 /// Not inlined into the wide layout's traversal, which has fewer registers to save without it.
 #[inline(never)]
 fn answer_in_kd<G: RaySource, F: Filter, O: Observer, Q: RayQuery>(
-    asked: Asked<'_, G, F, O, Q>,
+    call: QueryCall<'_, G, F, O, Q>,
     tree: &KdTree,
 ) -> Q::Answer {
-    asked.answer(tree)
+    call.answer(tree)
 }
 
 /// The arrays that queries traverse.
@@ -220,7 +222,7 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
     fn plain_closest(on: Target<'_, G>, ray: &Ray) -> Option<Hit> {
         let observer = &mut ();
         on.answer_plain(
-            || Asked(ClosestHit, QueryArgs { set: on.geometry, ray, filter: &Everything, observer }),
+            || QueryCall(ClosestHit, QueryArgs { set: on.geometry, ray, filter: &Everything, observer }),
             |_| Queries::guarded_closest(on, ray, Guards::NONE),
         )
     }
@@ -229,7 +231,7 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
     fn plain_any(on: Target<'_, G>, ray: &Ray) -> bool {
         let observer = &mut ();
         on.answer_plain(
-            || Asked(AnyHit, QueryArgs { set: on.geometry, ray, filter: &Everything, observer }),
+            || QueryCall(AnyHit, QueryArgs { set: on.geometry, ray, filter: &Everything, observer }),
             |_| Queries::guarded_any(on, ray, Guards::NONE),
         )
     }
@@ -240,7 +242,7 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
         on.answer_plain(
             || {
                 let query = AllHits { visitor, repeats: on.layout.repeats() };
-                Asked(query, QueryArgs { set: on.geometry, ray, filter: &Everything, observer })
+                QueryCall(query, QueryArgs { set: on.geometry, ray, filter: &Everything, observer })
             },
             |AllHits { visitor, .. }| Queries::guarded_all(on, ray, Guards::NONE, visitor),
         )
@@ -260,7 +262,7 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
     }
 
     fn guarded_any(on: Target<'_, G>, ray: &Ray, guards: Guards<'_, Offer>) -> bool {
-        on.answer(AnyOrAll::Any(AnyHit), ray, guards).is_break()
+        on.answer(UnorderedHits::Any(AnyHit), ray, guards).is_break()
     }
 
     fn guarded_all(
@@ -269,7 +271,7 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
         guards: Guards<'_, Offer>,
         visitor: HitVisitor<'_>,
     ) -> ControlFlow<()> {
-        on.answer(AnyOrAll::All(AllHits { visitor, repeats: on.layout.repeats() }), ray, guards)
+        on.answer(UnorderedHits::All(AllHits { visitor, repeats: on.layout.repeats() }), ray, guards)
     }
 
     fn each_closest(on: Target<'_, G>, task: Task<'_, Option<Hit>>) {
@@ -323,11 +325,11 @@ impl<G: RaySource> Target<'_, G> {
         match self.layout {
             Layout::Wide(tree) => {
                 let (query, mut collect) = (Some(query), None);
-                dispatch(self.simd, PartOfWide { tree, outline: self.outline, query, args, collect: &mut collect });
+                dispatch(self.simd, WideQueryInto { tree, outline: self.outline, query, args, collect: &mut collect });
                 collect.map_or(Q::NOTHING, |collect| Q::answer(collect, self.geometry))
             }
-            Layout::Kd(tree) => answer_in_kd(Asked(query, args), tree),
-            Layout::Lazy(tree) => answer_lazily(Asked(query, args), tree, self.simd),
+            Layout::Kd(tree) => answer_in_kd(QueryCall(query, args), tree),
+            Layout::Lazy(tree) => answer_lazily(QueryCall(query, args), tree, self.simd),
         }
     }
 
@@ -336,7 +338,7 @@ impl<G: RaySource> Target<'_, G> {
     #[inline(always)]
     fn answer_plain<'b, Q: RayQuery>(
         self,
-        asked: impl FnOnce() -> Asked<'b, G, Everything, (), Q>,
+        call: impl FnOnce() -> QueryCall<'b, G, Everything, (), Q>,
         guarded: impl FnOnce(Q) -> Q::Answer,
     ) -> Q::Answer
     where
@@ -344,10 +346,10 @@ impl<G: RaySource> Target<'_, G> {
     {
         match self.layout {
             Layout::Wide(tree) => {
-                dispatch_or(self.simd, OfWide { tree, outline: self.outline, asked: asked() }, |it| guarded(it.asked.0))
+                dispatch_or(self.simd, WideQuery { tree, outline: self.outline, call: call() }, |it| guarded(it.call.0))
             }
-            Layout::Kd(tree) => answer_in_kd(asked(), tree),
-            Layout::Lazy(_) => guarded(asked().0),
+            Layout::Kd(tree) => answer_in_kd(call(), tree),
+            Layout::Lazy(_) => guarded(call().0),
         }
     }
 

@@ -243,44 +243,44 @@ impl Collect for All<'_> {
 }
 
 /// [`Any`] or [`All`], chosen at run time.
-pub(crate) enum CollectAnyOrAll<'a> {
+pub(crate) enum Unordered<'a> {
     Any(Any),
     All(All<'a>),
 }
 
-impl Collect for CollectAnyOrAll<'_> {
+impl Collect for Unordered<'_> {
     const ORDERED: bool = false;
     const ANYWHERE: bool = true;
 
     #[inline(always)]
     fn limit(&self) -> f32 {
         match self {
-            CollectAnyOrAll::Any(any) => any.limit(),
-            CollectAnyOrAll::All(all) => all.limit(),
+            Unordered::Any(any) => any.limit(),
+            Unordered::All(all) => all.limit(),
         }
     }
 
     #[inline(always)]
     fn reach(&self) -> f32 {
         match self {
-            CollectAnyOrAll::Any(any) => any.reach(),
-            CollectAnyOrAll::All(all) => all.reach(),
+            Unordered::Any(any) => any.reach(),
+            Unordered::All(all) => all.reach(),
         }
     }
 
     #[inline(always)]
     fn take(&mut self, found: Found, set: &impl PrimitiveSet) -> bool {
         match self {
-            CollectAnyOrAll::Any(any) => any.take(found, set),
-            CollectAnyOrAll::All(all) => all.take(found, set),
+            Unordered::Any(any) => any.take(found, set),
+            Unordered::All(all) => all.take(found, set),
         }
     }
 
     #[inline(always)]
     fn is_final(&self) -> bool {
         match self {
-            CollectAnyOrAll::Any(any) => any.is_final(),
-            CollectAnyOrAll::All(all) => all.is_final(),
+            Unordered::Any(any) => any.is_final(),
+            Unordered::All(all) => all.is_final(),
         }
     }
 
@@ -288,14 +288,14 @@ impl Collect for CollectAnyOrAll<'_> {
     #[inline(always)]
     fn certain(&self, ray: &TreeRay) -> f32 {
         match self {
-            CollectAnyOrAll::Any(any) => any.certain(ray),
-            CollectAnyOrAll::All(_) => f32::NEG_INFINITY,
+            Unordered::Any(any) => any.certain(ray),
+            Unordered::All(_) => f32::NEG_INFINITY,
         }
     }
 
     #[inline(always)]
     fn found(&mut self) {
-        if let CollectAnyOrAll::Any(any) = self {
+        if let Unordered::Any(any) = self {
             any.found();
         }
     }

@@ -6,7 +6,7 @@
 use super::collect::Collect;
 use super::intersect::RaySource;
 use super::object_traversal::{LeafVisitor, ObjectTraversal};
-use super::query::{Asked, PartOfWide, QueryArgs, RayQuery};
+use super::query::{QueryArgs, QueryCall, RayQuery, WideQueryInto};
 use crate::geometry::Ray;
 use crate::layout::{ChildRef, LazyTree};
 use crate::ray::filter::Filter;
@@ -18,11 +18,11 @@ use core::ops::ControlFlow;
 /// Answers a query from all subtrees that the ray reaches.
 #[inline(never)]
 pub(in crate::ray) fn answer_lazily<G: RaySource, F: Filter, O: Observer, Q: RayQuery>(
-    asked: Asked<'_, G, F, O, Q>,
+    call: QueryCall<'_, G, F, O, Q>,
     tree: &LazyTree,
     simd: SimdLevel,
 ) -> Q::Answer {
-    let Asked(query, QueryArgs { set, ray, filter, observer }) = asked;
+    let QueryCall(query, QueryArgs { set, ray, filter, observer }) = call;
     if tree.top.root == ChildRef::NOTHING {
         return Q::NOTHING;
     }
@@ -88,7 +88,7 @@ impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> SubtreeVisitor for Subtr
         let args = QueryArgs { set: self.set, ray: self.ray, filter: self.filter, observer: &mut *self.observer };
         let tree = self.tree.subtree(self.set, subtree);
         let collect = &mut self.collect;
-        dispatch(self.simd, PartOfWide::<_, _, _, Q> { tree, outline: None, query: None, args, collect });
+        dispatch(self.simd, WideQueryInto::<_, _, _, Q> { tree, outline: None, query: None, args, collect });
         match &self.collect {
             Some(collect) if !collect.is_final() => ControlFlow::Continue(collect.limit()),
             _ => ControlFlow::Break(()),

@@ -1,6 +1,6 @@
 //! The three kinds of ray queries, independent of the layout.
 
-use super::collect::{All, Any, Closest, Collect, CollectAnyOrAll, HitVisitor};
+use super::collect::{All, Any, Closest, Collect, HitVisitor, Unordered};
 use super::intersect::RaySource;
 use super::ray_layout::RayLayout;
 use super::wide_traversal::Wide;
@@ -95,25 +95,25 @@ impl<'a> RayQuery for AllHits<'a> {
 }
 
 /// Any hit or all hits: code that is not worth compiling for each of them is compiled for both together.
-pub(crate) enum AnyOrAll<'a> {
+pub(crate) enum UnorderedHits<'a> {
     Any(AnyHit),
     All(AllHits<'a>),
 }
 
-impl<'a> RayQuery for AnyOrAll<'a> {
+impl<'a> RayQuery for UnorderedHits<'a> {
     /// `Break` if there is any hit, or the visitor returned it.
     type Answer = ControlFlow<()>;
     const NOTHING: ControlFlow<()> = ControlFlow::Continue(());
-    type Collect = CollectAnyOrAll<'a>;
+    type Collect = Unordered<'a>;
 
-    fn collect(self, ray: &TreeRay, all: bool) -> CollectAnyOrAll<'a> {
+    fn collect(self, ray: &TreeRay, all: bool) -> Unordered<'a> {
         match self {
-            AnyOrAll::Any(query) => CollectAnyOrAll::Any(query.collect(ray, all)),
-            AnyOrAll::All(query) => CollectAnyOrAll::All(query.collect(ray, all)),
+            UnorderedHits::Any(query) => Unordered::Any(query.collect(ray, all)),
+            UnorderedHits::All(query) => Unordered::All(query.collect(ray, all)),
         }
     }
 
-    fn answer(collect: CollectAnyOrAll<'a>, _: &impl RaySource) -> ControlFlow<()> {
+    fn answer(collect: Unordered<'a>, _: &impl RaySource) -> ControlFlow<()> {
         if collect.is_final() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 }
@@ -126,17 +126,17 @@ pub(crate) struct QueryArgs<'a, G, F, O> {
     pub observer: &'a mut O,
 }
 
-/// A query with its arguments.
-pub(crate) struct Asked<'a, G, F, O, Q>(pub Q, pub QueryArgs<'a, G, F, O>);
+/// A call of a query: the query, and its arguments.
+pub(crate) struct QueryCall<'a, G, F, O, Q>(pub Q, pub QueryArgs<'a, G, F, O>);
 
-impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> Asked<'_, G, F, O, Q> {
+impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> QueryCall<'_, G, F, O, Q> {
     /// Answers the query from a layout.
     ///
     /// The prepared ray and the best answer so far live in registers where the layout's traversal is inlined here; so the
     /// whole query is dispatched to the instruction set of the layout.
     #[inline(always)]
     pub fn answer(self, layout: impl RayLayout) -> Q::Answer {
-        let Asked(query, QueryArgs { set, ray, filter, observer }) = self;
+        let QueryCall(query, QueryArgs { set, ray, filter, observer }) = self;
         let (mut ray, regular) = TreeRay::of(ray, set.frame());
         if !regular {
             ray.recompute(set.frame());
@@ -153,7 +153,7 @@ impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> Asked<'_, G, F, O, Q> {
 
 /// A query of the wide layout, or the part of a query of a lazy tree that a subtree answers, to be dispatched to an instruction
 /// set. One form of it is compiled for both.
-pub(in crate::ray) struct PartOfWide<'a, G, F, O, Q: RayQuery> {
+pub(in crate::ray) struct WideQueryInto<'a, G, F, O, Q: RayQuery> {
     pub tree: &'a WideTree,
     /// `None` if the ray is known not to miss it.
     pub outline: Option<&'a Outline>,
@@ -165,12 +165,12 @@ pub(in crate::ray) struct PartOfWide<'a, G, F, O, Q: RayQuery> {
     pub collect: &'a mut Option<Q::Collect>,
 }
 
-impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> Kernel for PartOfWide<'_, G, F, O, Q> {
+impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> Kernel for WideQueryInto<'_, G, F, O, Q> {
     type Output = ();
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let PartOfWide { tree, outline, query, args: QueryArgs { set, ray, filter, observer }, collect } = self;
+        let WideQueryInto { tree, outline, query, args: QueryArgs { set, ray, filter, observer }, collect } = self;
         if outline.is_some_and(|outline| outline.is_missed(s, ray, set.frame())) {
             return;
         }
@@ -193,19 +193,19 @@ impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> Kernel for PartOfWide<'_
 }
 
 /// A query of the wide layout, to be dispatched to an instruction set.
-pub(crate) struct OfWide<'a, G, F, O, Q> {
+pub(crate) struct WideQuery<'a, G, F, O, Q> {
     pub tree: &'a WideTree,
     /// `None` if the ray is known not to miss it.
     pub outline: Option<&'a Outline>,
-    pub asked: Asked<'a, G, F, O, Q>,
+    pub call: QueryCall<'a, G, F, O, Q>,
 }
 
-impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> Kernel for OfWide<'_, G, F, O, Q> {
+impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> Kernel for WideQuery<'_, G, F, O, Q> {
     type Output = Q::Answer;
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Q::Answer {
-        let QueryArgs { set, ray, .. } = self.asked.1;
+        let QueryArgs { set, ray, .. } = self.call.1;
         if let Some(outline) = self.outline
             && outline.is_missed(s, ray, set.frame())
         {
@@ -213,6 +213,6 @@ impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> Kernel for OfWide<'_, G,
         }
         let mut memory = StackOf::new();
         let stack = memory.stack(self.tree.max_stack());
-        self.asked.answer(Wide { tree: self.tree, simd: s, stack })
+        self.call.answer(Wide { tree: self.tree, simd: s, stack })
     }
 }
