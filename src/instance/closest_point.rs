@@ -7,7 +7,7 @@
 //! it. [`Placement`] derives how far the inner search must reach.
 
 use super::hit::{InstancePath, InstancePoint};
-use super::query::InstanceGuards;
+use super::traversal::InstanceGuards;
 use super::tree::{InstanceOf, InstanceTree};
 use crate::geometry::Placement;
 use crate::layout::ChildRef;

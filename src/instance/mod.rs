@@ -7,7 +7,7 @@
 //!
 //! Contents: transforms as they are given (`transform`) and as queries evaluate them (`motion`), the extent of the instanced
 //! tree (`extent`), bounds of moving instances (`bounds`), how far rounded rays deviate (`distortion`), the primitive set for the
-//! build of the wide tree (`placements`), the tree (`tree`), its counts and sizes (`statistics`), its traversal (`query`), public
+//! build of the wide tree (`placements`), the tree (`tree`), its counts and sizes (`statistics`), its traversal by rays (`traversal`), public
 //! queries (`tree_queries`), closest points (`closest_point`), and the surface at a hit with the rays that leave it (`surface`).
 
 mod bounds;
@@ -21,10 +21,10 @@ mod extent;
 mod hit;
 mod motion;
 mod placements;
-mod query;
 mod statistics;
 mod surface;
 mod transform;
+mod traversal;
 mod tree;
 mod tree_queries;
 

@@ -1,7 +1,7 @@
 //! The public ray queries of [`InstanceTree`].
 
 use super::hit::{InstanceHit, InstancePath};
-use super::query::InstanceGuards;
+use super::traversal::InstanceGuards;
 use super::tree::InstanceTree;
 use crate::geometry::Ray;
 use crate::ray::{Observer, answer_each};

@@ -9,10 +9,10 @@
 //! rejected (the node becomes a leaf); the rest of the budget is divided between the children by the number of their
 //! references.
 
+use super::build_times::BuildTimes;
 use super::kd_tree::{KdNode, KdReference, KdTree};
 use super::partition::{Children, References};
 use super::reference::{Moving, Reference};
-use super::times::BuildTimes;
 use crate::geometry::{Box3, LinearBox3, Plane};
 use crate::limits::MAX_NODES;
 use crate::parallel;

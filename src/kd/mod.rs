@@ -8,6 +8,7 @@
 //!
 //! Source: X. Yang et al., "k-d Tree Construction Designed for Motion Blur".
 
+mod build_times;
 mod builder;
 mod classify;
 mod kd_file;
@@ -17,13 +18,12 @@ mod partition;
 mod primitives;
 mod reference;
 mod sah;
-mod times;
 mod trajectories;
 
+pub(crate) use build_times::BuildTimes;
 pub(crate) use kd_tree::{KdNode, KdReference, KdTree, KdView};
 pub(crate) use links::{BadLink, check_links};
 pub(crate) use primitives::build_kd;
-pub(crate) use times::BuildTimes;
 pub(crate) use trajectories::{PointReference, Trajectories, Trajectory, build_kd_over_points};
 
 #[cfg(test)]

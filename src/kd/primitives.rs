@@ -1,11 +1,11 @@
 //! The k-d build over primitives: planes by the surface area heuristic, intervals rounded outward.
 
+use super::build_times::BuildTimes;
 use super::builder::{Budget, build};
 use super::classify::Rounding;
 use super::kd_tree::KdTree;
 use super::reference::{Moving, Reference, representative_time};
 use super::sah::{Bounds, BoxReference, Split, best_split, leaf_cost, weight};
-use super::times::BuildTimes;
 use crate::error::BuildError;
 use crate::geometry::{Box3, Extent, LinearBox3, Plane, TimeInterval};
 use crate::limits::MAX_NODES;

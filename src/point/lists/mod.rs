@@ -7,7 +7,7 @@
 //! point with points, always sixteen at a time.
 //!
 //! Data flows `query` (the request) → `prepare` (groups of leaves) → `candidates` (the leaves that a group can reach) →
-//! `row` (the list of a point) → `worker` (a share of the groups) → `scheduling` and `run` (all threads) → `neighbor_lists` (all
+//! `row` (the list of a point) → `worker` (a share of the groups) → `scheduling` and `make` (all threads) → `neighbor_lists` (all
 //! lists in one array).
 //!
 //! [`bulk`] makes lists for positions that are not points of a tree. [`swept`] makes lists over an interval of time.
@@ -29,6 +29,7 @@ mod error;
 mod group;
 mod list_layer;
 mod list_request;
+mod make;
 mod neighbor_lists;
 mod periodic_box;
 mod point_rows;
@@ -37,7 +38,6 @@ mod query;
 mod radii;
 mod reach;
 mod row;
-mod run;
 mod scheduling;
 mod swept;
 mod worker;

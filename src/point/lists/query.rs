@@ -2,10 +2,10 @@
 
 use super::error::ListError;
 use super::list_request::{ListRequest, Listing};
+use super::make;
 use super::neighbor_lists::NeighborLists;
 use super::periodic_box::PeriodicBox;
 use super::radii::Radii;
-use super::run;
 use crate::parallel;
 use crate::point::tree::PointTree;
 
@@ -188,6 +188,6 @@ impl<'a> ListQuery<'a> {
         if let Some(among) = among.as_ref().or(tree.as_ref().filter(|_| alone)) {
             request.among = among;
         }
-        run::run(&request, lists)
+        make::lists(&request, lists)
     }
 }

@@ -15,7 +15,7 @@ use crate::parallel;
 use crate::simd::dispatch;
 
 /// Makes the lists of a checked request.
-pub(super) fn run(request: &ListRequest<'_>, lists: &mut NeighborLists) -> Result<(), ListError> {
+pub(super) fn lists(request: &ListRequest<'_>, lists: &mut NeighborLists) -> Result<(), ListError> {
     let mut prepared = core::mem::take(&mut lists.prepared);
     let done = prepare(request, &mut prepared).and_then(|()| fill(request, &prepared, lists));
     lists.prepared = prepared;
