@@ -1,5 +1,5 @@
-//! Clipping a triangle at planes, one after the other (Sutherland and Hodgman, "Reentrant Polygon Clipping", 1974), and to a box: the
-//! "perfect splits" of k-d construction.
+//! Clipping a triangle at planes, one after the other (Sutherland and Hodgman, "Reentrant Polygon Clipping", 1974), and to a box:
+//! the "perfect splits" of k-d construction.
 
 use super::box3::{Box3, ULP};
 use glam::Vec3;
@@ -58,8 +58,8 @@ impl<C: Copy> Polygon<C> {
 /// Bounds of the part of a triangle inside `cell`; empty if they are disjoint.
 ///
 /// Clipping against the six faces in turn. New corners are exactly on their face; their other coordinates carry the rounding of one
-/// interpolation (three operations at sizes of at most twice the triangle's largest coordinate), so the result is padded by 8 ULP of
-/// that inside the cell.
+/// interpolation (three operations at sizes of at most twice the triangle's largest coordinate), so the result is padded by 8 ULP
+/// of that inside the cell.
 pub(crate) fn clip_triangle(corners: [Vec3; 3], cell: Box3) -> Box3 {
     let whole = corners.into_iter().fold(Box3::EMPTY, Box3::include);
     let bounds = whole.intersection(cell);

@@ -7,8 +7,9 @@
 //!
 //! Contents: transforms as they are given (`transform`) and as queries evaluate them (`motion`), the extent of the instanced
 //! tree (`extent`), bounds of moving instances (`bounds`), how far rounded rays deviate (`distortion`), the primitive set for the
-//! build of the wide tree (`placements`), the tree (`tree`), its counts and sizes (`statistics`), its traversal by rays (`traversal`), public
-//! queries (`tree_queries`), closest points (`closest_point`), and the surface at a hit with the rays that leave it (`surface`).
+//! build of the wide tree (`placements`), the tree (`tree`), its counts and sizes (`statistics`), its traversal by rays
+//! (`traversal`), public queries (`tree_queries`), closest points (`closest_point`), and the surface at a hit with the rays that
+//! leave it (`surface`).
 
 mod bounds;
 mod closest_point;

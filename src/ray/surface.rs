@@ -65,7 +65,18 @@ impl RayTree {
 
     /// The point of the surface that `ray` hit, its normal and rays that leave from there, all at once: where more than one of
     /// them is needed, this takes less time than [`RayTree::surface_normal`], [`RayTree::point_at`] and
-    /// [`RayTree::secondary_ray`], which each look the triangle or shape up.
+    /// [`RayTree::secondary_ray`], which each look the triangle or shape up. Where `hit` is not of this tree, there is no normal.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree, glam::{DVec3, Vec3}};
+    /// let ball = MovingSphere::new(vec![(DVec3::ZERO, 2.0), (DVec3::X * 4.0, 2.0)]);
+    /// let tree = RayTree::of_scene(&[], vec![ball.into()], &BuildParams::default())?;
+    /// let ray = Ray::new(Vec3::new(2.0, 0.0, 9.0), Vec3::NEG_Z).at_time(0.5);
+    /// let surface = tree.interaction(&ray, &tree.closest_hit(&ray).unwrap());
+    /// assert_eq!((surface.point(), surface.normal()), (DVec3::new(2.0, 0.0, 2.0), Vec3::Z));
+    /// assert!(!tree.any_hit(&surface.secondary_ray(Vec3::new(1.0, 0.0, 0.1))));
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
     pub fn interaction(&self, ray: &Ray, hit: &Hit) -> SurfaceInteraction {
         let (corners, space) = (self.vertices(hit, ray.time), self.frame().origin);
         SurfaceInteraction::with_triangle(corners, space, ray, hit)
@@ -152,6 +163,15 @@ impl<P: Primitive> RayTree<Shapes<P>> {
     }
 
     /// The point, its normal and rays that leave from there, as [`RayTree::interaction`] gives them.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree, glam::{DVec3, Vec3}};
+    /// let tree = RayTree::of_primitives(vec![MovingSphere::fixed(DVec3::ZERO, 2.0)], &BuildParams::default())?;
+    /// let ray = Ray::new(Vec3::new(0.0, 0.0, 9.0), Vec3::NEG_Z);
+    /// let surface = tree.interaction(&ray, &tree.closest_hit(&ray).unwrap());
+    /// assert_eq!((surface.point(), surface.normal()), (DVec3::Z * 2.0, Vec3::Z));
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
     pub fn interaction(&self, ray: &Ray, hit: &Hit) -> SurfaceInteraction {
         SurfaceInteraction::with_shape(self.primitives().get(hit.primitive as usize), ray, hit)
     }

@@ -76,8 +76,8 @@ impl PointTree {
     /// ```
     ///
     /// # Errors
-    /// A radius or skin that is negative or NaN, a time outside the shutter ([`ListError::Time`]), and an `until` before it or beyond
-    /// the shutter ([`ListError::Until`]).
+    /// A radius or skin that is negative or NaN, a time outside the shutter ([`ListError::Time`]), and an `until` before it or
+    /// beyond the shutter ([`ListError::Until`]).
     pub fn certified_until(&self, time: f32, radius: f32, skin: f32, until: f32) -> Result<f32, ListError> {
         check([time, until], radius, skin)?;
         let first_missing =

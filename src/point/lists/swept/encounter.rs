@@ -17,9 +17,9 @@ pub struct Encounter {
     /// The last time within the radius. Between keys the two stay within the radius from the first to the last; over
     /// several keys, or if one of them does not exist for a while, they may part in between.
     pub leave: f32,
-    /// When they are nearest; the first such time: over several keys the earliest of those with the least `distance_squared`. (Where
-    /// paths cross more than once, that is what f64 rounds, and so it may be any of the crossings.) If they are still approaching each other when one of them ceases to exist, the
-    /// end of its active interval.
+    /// When they are nearest; the first such time. Over several keys it is the earliest of those with the least `distance_squared`;
+    /// where paths cross more than once, rounding in f64 decides which of the crossings has that. If they are still approaching
+    /// each other when one of them ceases to exist, the end of its active interval.
     pub closest: f32,
     /// The squared distance then.
     pub distance_squared: f32,
