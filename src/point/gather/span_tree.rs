@@ -97,8 +97,9 @@ pub(super) struct SpanTree<B> {
 /// Number of bottom nodes that one thread fits at a time.
 const SHARE: usize = 32;
 
-/// The fraction of building a tree that ordering takes, about.
-const ORDERING: f64 = 0.9;
+/// The fractions of building a tree that ordering takes, about, and filling its blocks.
+const ORDERING: f64 = 0.7;
+const FILLING: f64 = 0.2;
 
 impl<B: SpanBlock> SpanTree<B> {
     /// Orders items and builds the tree. `put` writes an item into a lane of a block; items get
@@ -113,7 +114,9 @@ impl<B: SpanBlock> SpanTree<B> {
         let shape = Shape::with_leaf(items.len(), 1);
         let mut blocks = huge_vec_of(B::EMPTY, items.len().div_ceil(LANES));
         let mut work: Vec<(usize, &mut [B])> = blocks.chunks_mut(SHARE * LANES).enumerate().collect();
+        let (filling, shares) = (progress.subtask(FILLING), work.len() as f64);
         parallel::each(&mut work, |(share, blocks)| {
+            filling.finished(1.0 / shares);
             let items = &items[*share * SHARE * LANES * LANES..];
             for (i, (block, items)) in blocks.iter_mut().zip(items.chunks(LANES)).enumerate() {
                 for (lane, item) in items.iter().enumerate() {
