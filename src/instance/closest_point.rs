@@ -161,7 +161,7 @@ impl InstanceOf {
         };
         let near = match guards {
             InstanceGuards::Plain => tree.closest_point_of(query),
-            InstanceGuards::Masked(mask) => tree.closest_point_guarded(query, Guards::masked(*mask)),
+            InstanceGuards::Masked(mask) => tree.closest_point_masked_of(query, *mask),
             InstanceGuards::Filtered { mask, accept } => {
                 let accept = |&near: &_| accept(&InstancePoint { path, near });
                 tree.closest_point_guarded(query, Guards::filtered(*mask, &accept))

@@ -82,10 +82,7 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn closest_point_masked(&self, query: &ClosestPointQuery, mask: u32) -> Option<ClosestPoint> {
-        if self.layout.hides_nothing_from(mask) {
-            return self.closest_point(query);
-        }
-        self.closest_point_guarded(&(*query).into(), Guards::masked(mask))
+        self.closest_point_masked_of(&(*query).into(), mask)
     }
 
     /// [`RayTree::closest_point`], reporting each step to `observer`.
@@ -118,6 +115,14 @@ impl<G: Geometry> RayTree<G> {
     #[inline(always)]
     pub(crate) fn closest_point_of(&self, query: &PlacedQuery) -> Option<ClosestPoint> {
         (self.queries.closest_point)(self.target(), query)
+    }
+
+    /// [`RayTree::closest_point_of`] with a mask.
+    pub(crate) fn closest_point_masked_of(&self, query: &PlacedQuery, mask: u32) -> Option<ClosestPoint> {
+        if self.layout.hides_nothing_from(mask) {
+            return self.closest_point_of(query);
+        }
+        self.closest_point_guarded(query, Guards::masked(mask))
     }
 
     /// [`RayTree::closest_point_of`] with a filter or an observer.
