@@ -24,6 +24,7 @@ use crate::point::leaf_order::moving_reference;
 use crate::point::lists::radii::radius_of;
 use crate::simd::{LANES, Lanes};
 use core::ops::Range;
+use std::collections::HashMap;
 
 /// The tree of a time slice, or one for all times.
 pub(super) enum Tree<'a, C: SweptCoordinate> {
@@ -230,7 +231,8 @@ pub(super) fn pairings<C: SweptCoordinate>(
 ) -> Vec<Pairing> {
     let mut pairings: Vec<Pairing> = Vec::new();
     for (own, slice) in slices.iter().enumerate() {
-        let begin = pairings.len();
+        // By their times: what is at rest meets every slice of what moves, and points with many keys have tens of thousands.
+        let mut known = HashMap::new();
         for layer in layers {
             let before = slices[layer.clone()].partition_point(|other| other.times[1] < slice.times[0]);
             for (number, other) in slices.iter().enumerate().take(layer.end).skip(layer.start + before) {
@@ -245,12 +247,63 @@ pub(super) fn pairings<C: SweptCoordinate>(
                 if matches!((slice.segment(), other.segment()), (Some(a), Some(b)) if a != b) {
                     continue;
                 }
-                match pairings[begin..].iter_mut().find(|pairing| pairing.times == both) {
-                    Some(pairing) => pairing.others.push(number),
-                    None => pairings.push(Pairing { own, others: vec![number], times: both }),
-                }
+                // Zero may have a sign.
+                let at = *known.entry(both.map(|time| (time + 0.0).to_bits())).or_insert_with(|| {
+                    pairings.push(Pairing { own, others: Vec::new(), times: both });
+                    pairings.len() - 1
+                });
+                pairings[at].others.push(number);
             }
         }
     }
     pairings
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::point::tree::{PointParams, PointTree};
+    use crate::primitive::PointArrays;
+    use crate::random::Random;
+    use glam::Vec3;
+    use std::time::{Duration, Instant};
+
+    /// Points of which few move, on paths with so many keys.
+    fn mostly_at_rest(keys: usize) -> PointTree {
+        let mut random = Random(3);
+        let first: Vec<Vec3> = (0..40).map(|_| random.vec()).collect();
+        let mut key = |_| first.iter().enumerate().map(|(i, &p)| if i < 38 { p } else { random.vec() }).collect();
+        let keys: Vec<Vec<Vec3>> = (0..keys).map(&mut key).collect();
+        let keys: Vec<&[Vec3]> = keys.iter().map(Vec::as_slice).collect();
+        PointTree::build(&PointArrays { keys: &keys, active: &[], ids: &[] }, &PointParams::default()).unwrap()
+    }
+
+    /// The least time that something takes.
+    fn least_time<T>(mut f: impl FnMut() -> T) -> Duration {
+        let one = |_| {
+            let begin = Instant::now();
+            core::hint::black_box(f());
+            begin.elapsed()
+        };
+        (0..10).map(one).min().unwrap()
+    }
+
+    #[test]
+    fn slices_are_paired_in_linear_time() {
+        let tree = mostly_at_rest((1 << 14) + 1);
+        let layers = f32::layers(&tree);
+        assert!(matches!(layers[..], [SweptLayer::Static(_), SweptLayer::Moving(_)]));
+        // As long together, so that other work on the machine makes both take longer.
+        let time = |runs: usize| {
+            let (mut slices, mut ranges, times) = (Vec::new(), Vec::new(), [0.0, 1.0 / runs as f32]);
+            for layer in &layers {
+                let begin = slices.len();
+                slices.extend(time_slices_of(layer, times, false, None));
+                ranges.push(begin..slices.len());
+            }
+            least_time(|| (0..runs).map(|_| pairings(&slices, &ranges, times).len()).sum::<usize>())
+        };
+        let [parts, whole] = [64, 1].map(time);
+        assert!(whole < 6 * parts, "{whole:?} for as many as in {parts:?}");
+    }
 }
