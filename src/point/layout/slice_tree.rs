@@ -21,3 +21,11 @@ pub(in crate::point) trait SliceTree {
 pub(in crate::point) fn slice_at<T: SliceTree>(trees: &[T], time: f32) -> usize {
     trees.partition_point(|tree| tree.time_slice().interval.end_bound() <= time).min(trees.len() - 1)
 }
+
+/// The trees of the slices that lie between two times, or reach them: those before and behind are passed over without a look at
+/// each, of which there may be tens of thousands.
+pub(in crate::point) fn slices_during<T: SliceTree>(trees: &[T], [first, last]: [f32; 2]) -> &[T] {
+    let begin = trees.partition_point(|tree| tree.time_slice().interval.end() < first);
+    let end = trees.partition_point(|tree| tree.time_slice().interval.begin() <= last);
+    trees.get(begin..end).unwrap_or(&[])
+}

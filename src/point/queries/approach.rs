@@ -25,6 +25,7 @@ use crate::kd::KdView;
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::point::layout::over_interval::{BoxTree, PointPath, greater, lesser};
 use crate::point::layout::plane_tree::{PlaneTree, plane_error};
+use crate::point::layout::slice_tree::slices_during;
 use crate::point::leaf_order::moving_reference::{SegmentSlice, exact_phase};
 use crate::point::search::layers::Layer;
 use crate::point::tree::PointTree;
@@ -138,6 +139,9 @@ impl<T: BoxTree> Kernel for Bounds<'_, T> {
 fn is_beyond(bound: f64, search: &Search) -> bool {
     bound > search.most * search.most
 }
+
+/// More than the time of a key, which a slice reaches exactly, lies beside the f32 at which the slice ends or begins.
+const BESIDE_KEY: f32 = 4.0 * f32::EPSILON;
 
 /// Number of equal steps of an interval over which a box is bounded separately.
 const STEPS: usize = 4;
@@ -385,18 +389,19 @@ impl PointTree {
         // All positions are f64 ones, or all are f32 ones.
         let path = if self.precise.is_empty() { path } else { exact };
         let mut search = Search { most: f64::INFINITY, pending: Vec::new(), best: None };
+        let around = [interval.begin() - BESIDE_KEY, interval.end() + BESIDE_KEY];
         for layer in &self.layers {
             match layer {
                 Layer::Static(tree) => path.search_boxes(self.simd, tree, &keep, &mut search),
-                Layer::Moving(trees) => {
-                    trees.iter().for_each(|tree| path.search_boxes(self.simd, tree, &keep, &mut search))
-                }
-                Layer::Planes(trees) => {
-                    trees.iter().for_each(|tree| path.search_planes(tree, plane_slack, &keep, &mut search))
-                }
+                Layer::Moving(trees) => slices_during(trees, around)
+                    .iter()
+                    .for_each(|tree| path.search_boxes(self.simd, tree, &keep, &mut search)),
+                Layer::Planes(trees) => slices_during(trees, around)
+                    .iter()
+                    .for_each(|tree| path.search_planes(tree, plane_slack, &keep, &mut search)),
             }
         }
-        for tree in self.precise.iter().flat_map(|layer| &layer.trees) {
+        for tree in self.precise.iter().flat_map(|layer| slices_during(&layer.trees, around)) {
             path.search_boxes(self.simd, tree, &keep, &mut search);
         }
         search.resolve(&path);
@@ -407,10 +412,36 @@ impl PointTree {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Precision;
     use crate::point::build::plan::time_slices;
     use crate::point::leaf_order::moving_reference::MovingReference;
+    use crate::point::tree::PointParams;
+    use crate::primitive::PointArrays;
     use crate::progress::Progress;
     use crate::random::Random;
+    use glam::Vec3;
+    use std::time::Instant;
+
+    #[test]
+    fn a_short_interval_takes_a_short_time_where_there_are_many_keys() {
+        let mut random = Random(5);
+        let keys: Vec<Vec<Vec3>> = (0..4097).map(|_| (0..20).map(|_| random.vec()).collect()).collect();
+        let keys: Vec<&[Vec3]> = keys.iter().map(Vec::as_slice).collect();
+        for precision in [Precision::Single, Precision::Double] {
+            let params = PointParams { precision, ..PointParams::default() };
+            let tree = PointTree::build(&PointArrays { keys: &keys, active: &[], ids: &[] }, &params).unwrap();
+            let time = |interval: TimeInterval| {
+                let one = |_| {
+                    let begin = Instant::now();
+                    assert!(tree.closest_approach(Vec3::ZERO, Vec3::ONE, interval).is_some());
+                    begin.elapsed()
+                };
+                (0..5).map(one).min().unwrap()
+            };
+            let [short, whole] = [TimeInterval::new(0.5, 0.5 + 1e-6).unwrap(), TimeInterval::FULL].map(time);
+            assert!(10 * short < whole, "{short:?} in a segment, {whole:?} in all of them, {precision:?}");
+        }
+    }
 
     const RUNNERS: usize = 100;
 

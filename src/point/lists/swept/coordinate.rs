@@ -4,6 +4,7 @@
 use crate::geometry::KeyTime;
 use crate::point::layout::moving_tree::MovingTree;
 use crate::point::layout::over_interval::{BlockTree, PointPath};
+use crate::point::layout::slice_tree::SliceTree;
 use crate::point::layout::static_tree::StaticTree;
 use crate::point::leaf_order::moving_reference::exact_phase;
 use crate::point::precise::{PreciseTree, between};
@@ -24,7 +25,7 @@ pub(super) enum SweptLayer<'a, C: SweptCoordinate> {
 pub(super) trait SweptCoordinate: Copy + Default + Into<f64> + Send + Sync {
     /// The trees of static points and of others.
     type Static: BlockTree<Coordinate = Self> + Sync;
-    type Moving: BlockTree<Coordinate = Self> + Sync;
+    type Moving: BlockTree<Coordinate = Self> + SliceTree + Sync;
 
     /// The layers of a tree.
     fn layers(tree: &PointTree) -> Vec<SweptLayer<'_, Self>>;

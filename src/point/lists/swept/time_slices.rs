@@ -20,6 +20,7 @@
 
 use super::coordinate::{SweptCoordinate, SweptLayer};
 use crate::point::layout::over_interval::{BlockTree, BoxTree};
+use crate::point::layout::slice_tree::slices_during;
 use crate::point::leaf_order::moving_reference;
 use crate::point::lists::radii::radius_of;
 use crate::simd::{LANES, Lanes};
@@ -176,7 +177,8 @@ fn bottom_nodes<T: BoxTree>(tree: &T) -> Vec<usize> {
 /// Whether an active interval begins exactly where a time slice does.
 pub(super) fn begins_with_a_slice<C: SweptCoordinate>(layers: &[SweptLayer<'_, C>], time: f32) -> bool {
     let begins = |tree: &C::Moving| tree.slice().interval.begin() == time && tree.begins_at(time);
-    layers.iter().any(|layer| matches!(layer, SweptLayer::Moving(trees) if trees.iter().any(begins)))
+    let any_begins = |trees: &[C::Moving]| slices_during(trees, [time; 2]).iter().any(begins);
+    layers.iter().any(|layer| matches!(*layer, SweptLayer::Moving(trees) if any_begins(trees)))
 }
 
 /// Whether a time that is the begin or the end of a time slice, and a key rounded to f32, lies within the segment in
@@ -201,7 +203,9 @@ pub(super) fn time_slices_of<'a, C: SweptCoordinate>(
 ) -> Vec<Slice<'a, C>> {
     let trees = match *layer {
         SweptLayer::Static(tree) => return vec![Slice { tree: Tree::Static(tree), times, reports: ALWAYS }],
-        SweptLayer::Moving(trees) => trees.iter().filter(|tree| segment.is_none_or(|s| s == tree.slice().segment)),
+        SweptLayer::Moving(trees) => {
+            slices_during(trees, times).iter().filter(|tree| segment.is_none_or(|s| s == tree.slice().segment))
+        }
     };
     let slice = |tree: &'a C::Moving| {
         let interval = tree.slice().interval;
@@ -262,6 +266,7 @@ pub(super) fn pairings<C: SweptCoordinate>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::TimeInterval;
     use crate::point::tree::{PointParams, PointTree};
     use crate::primitive::PointArrays;
     use crate::random::Random;
@@ -305,5 +310,15 @@ mod tests {
         };
         let [parts, whole] = [64, 1].map(time);
         assert!(whole < 6 * parts, "{whole:?} for as many as in {parts:?}");
+    }
+
+    #[test]
+    fn lists_over_a_short_interval_take_no_longer_where_there_are_many_keys() {
+        let [few, many] = [1 << 8, 1 << 15].map(|segments| {
+            let tree = mostly_at_rest(segments + 1);
+            let within_a_segment = TimeInterval::new(0.5, 0.5 + 1e-6).unwrap();
+            least_time(|| tree.neighbor_lists_swept(within_a_segment, 0.01).collect())
+        });
+        assert!(many < 5 * few, "{many:?} with many keys, {few:?} with few");
     }
 }
