@@ -65,12 +65,12 @@ impl Triangles {
         if mesh.is_precise() != before.precise.is_some() {
             return Err(RefitError::Precision { mesh: i });
         }
-        match mesh.kept_keys(frame) {
-            found if found > 1 && found != before.keys => {
-                Err(RefitError::Keys { mesh: i, expected: before.keys, found })
-            }
-            _ => Ok(before.keys),
+        let found = mesh.kept_keys(frame);
+        // What stands still has a place for any number of keys, also if it is to keep another one.
+        if found > 1 && found != before.keys && mesh.needed_keys(frame) > 1 {
+            return Err(RefitError::Keys { mesh: i, expected: before.keys, found });
         }
+        Ok(before.keys)
     }
 
     /// Copies meshes that were checked, with `kept` evenly spaced keys of each.

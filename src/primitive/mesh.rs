@@ -273,12 +273,14 @@ impl TriangleMesh {
         }
     }
 
-    /// The number of keys after merging ([`super::merge_keys`]): of coordinates as given, or as stored if f64 is not kept.
+    /// The number of keys that a tree keeps: all, or those that are needed.
     pub(super) fn kept_keys(&self, frame: Frame) -> usize {
+        if self.keep_keys { self.keys.len() } else { self.needed_keys(frame) }
+    }
+
+    /// The number of keys after merging ([`super::merge_keys`]): of coordinates as given, or as stored if f64 is not kept.
+    pub(super) fn needed_keys(&self, frame: Frame) -> usize {
         let (keys, vertices) = (self.keys.len(), self.keys.vertices(0));
-        if self.keep_keys {
-            return keys;
-        }
         match &self.keys {
             Keys::F32(at) => kept_keys(keys, vertices, SINGLE, |key, of, out| {
                 out.iter_mut().zip(as_coordinates(&at[key][of])).for_each(|(out, &x)| *out = x.into());

@@ -322,6 +322,13 @@ fn meshes_that_keep_all_keys_are_refitted_whatever_their_motion() {
         }
         let other = TriangleMesh { keys: keys[..3].to_vec().into(), ..bent.clone() }.keep_keys();
         assert_eq!(tree.refit(&[as_asked(&other)]), Err(RefitError::Keys { mesh: 0, expected: 5, found: 3 }));
+        // What stands still fits with any number of keys.
+        for count in [1, 2, 9] {
+            let still = TriangleMesh { keys: vec![keys[3].clone(); count].into(), ..bent.clone() }.keep_keys();
+            let still = [as_asked(&still)];
+            tree.refit(&still).unwrap();
+            agrees(&tree, &still, &rays(100, 1.5, 7), "at rest");
+        }
     }
 }
 
