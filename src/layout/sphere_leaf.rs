@@ -26,7 +26,7 @@ use crate::limits::MAX_MESH_KEYS;
 use crate::primitive::{MovingSphere, PrimitiveSet, SPHERE_ROUNDING};
 use crate::simd::Arena;
 use crate::time::TimeSlice;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 /// Rows of one key: the center and the radius.
 pub(crate) const SPHERE_ROWS: usize = 4;
@@ -135,25 +135,30 @@ impl SphereLeaf {
     /// `words[0]`. `None` if the block does not have the keys around that time. That is possible within a rounding error of a key.
     #[inline(always)]
     pub fn at(&self, words: &[u32], n: usize, lane: usize, time: f32) -> Option<(DVec3, f64)> {
-        let key = |key: usize| {
-            let words = &words[self.given(n) + (key * n + lane) * self.given_words()..];
-            let [x, y, z, radius] = if self.fine {
-                let words: &[u32; 2 * SPHERE_ROWS] = words.first_chunk()?;
-                [0, 2, 4, 6].map(|i| f64::from_bits(u64::from(words[i + 1]) << 32 | u64::from(words[i])))
-            } else {
-                words.first_chunk::<SPHERE_ROWS>()?.map(|bits| f64::from(f32::from_bits(bits)))
-            };
-            Some((DVec3::new(x, y, z), radius))
-        };
         let own = if self.keys > 2 { words[self.own_keys(n) + lane] as usize } else { self.keys };
         if own == 1 {
-            let only = key(0)?;
+            let only = self.key(words, n, lane, 0)?;
             return Some(MovingSphere::between(only, only, 0.0));
         }
         let (_, first, held) = self.own_range(own);
         let KeyPhase { segment, w } = KeyPhase::new(time.into(), own);
         let segment = segment.checked_sub(first).filter(|segment| segment + 1 < held)?;
-        Some(MovingSphere::between(key(segment)?, key(segment + 1)?, w))
+        let [before, after] = [self.key(words, n, lane, segment)?, self.key(words, n, lane, segment + 1)?];
+        Some(MovingSphere::between(before, after, w))
+    }
+
+    /// Center and radius of a sphere at one of the keys that the block has. (Written out: `map` of an array would be a call, in the
+    /// middle of a query.)
+    #[inline(always)]
+    fn key(&self, words: &[u32], n: usize, lane: usize, key: usize) -> Option<(DVec3, f64)> {
+        let words = &words[self.given(n) + (key * n + lane) * self.given_words()..];
+        if self.fine {
+            let [a, b, c, d, e, f, g, h]: [u32; 2 * SPHERE_ROWS] = *words.first_chunk()?;
+            return Some((DVec3::new(double(a, b), double(c, d), double(e, f)), double(g, h)));
+        }
+        let [x, y, z, radius]: [u32; SPHERE_ROWS] = *words.first_chunk()?;
+        let center = Vec3::new(f32::from_bits(x), f32::from_bits(y), f32::from_bits(z));
+        Some((center.as_dvec3(), f64::from(f32::from_bits(radius))))
     }
 
     /// The number of words of a block of `n` ids that begins at `words[0]`; `None` if it is incomplete.
@@ -323,6 +328,12 @@ pub(super) fn rewrite_shapes<S: PrimitiveSet + ?Sized>(set: &S, words: &mut [u32
     if !(fits && leaf.write(set, ids, words)) {
         words[ids.len()] = 0;
     }
+}
+
+/// A number in f64 of two words, the lower one first.
+#[inline(always)]
+fn double(low: u32, high: u32) -> f64 {
+    f64::from_bits(u64::from(high) << 32 | u64::from(low))
 }
 
 #[cfg(test)]

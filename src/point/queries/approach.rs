@@ -412,36 +412,10 @@ impl PointTree {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Precision;
     use crate::point::build::plan::time_slices;
     use crate::point::leaf_order::moving_reference::MovingReference;
-    use crate::point::tree::PointParams;
-    use crate::primitive::PointArrays;
     use crate::progress::Progress;
     use crate::random::Random;
-    use glam::Vec3;
-    use std::time::Instant;
-
-    #[test]
-    fn a_short_interval_takes_a_short_time_where_there_are_many_keys() {
-        let mut random = Random(5);
-        let keys: Vec<Vec<Vec3>> = (0..4097).map(|_| (0..20).map(|_| random.vec()).collect()).collect();
-        let keys: Vec<&[Vec3]> = keys.iter().map(Vec::as_slice).collect();
-        for precision in [Precision::Single, Precision::Double] {
-            let params = PointParams { precision, ..PointParams::default() };
-            let tree = PointTree::build(&PointArrays { keys: &keys, active: &[], ids: &[] }, &params).unwrap();
-            let time = |interval: TimeInterval| {
-                let one = |_| {
-                    let begin = Instant::now();
-                    assert!(tree.closest_approach(Vec3::ZERO, Vec3::ONE, interval).is_some());
-                    begin.elapsed()
-                };
-                (0..5).map(one).min().unwrap()
-            };
-            let [short, whole] = [TimeInterval::new(0.5, 0.5 + 1e-6).unwrap(), TimeInterval::FULL].map(time);
-            assert!(10 * short < whole, "{short:?} in a segment, {whole:?} in all of them, {precision:?}");
-        }
-    }
 
     const RUNNERS: usize = 100;
 

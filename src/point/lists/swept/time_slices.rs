@@ -266,59 +266,42 @@ pub(super) fn pairings<C: SweptCoordinate>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::TimeInterval;
     use crate::point::tree::{PointParams, PointTree};
     use crate::primitive::PointArrays;
     use crate::random::Random;
     use glam::Vec3;
-    use std::time::{Duration, Instant};
 
-    /// Points of which few move, on paths with so many keys.
-    fn mostly_at_rest(keys: usize) -> PointTree {
+    /// 38 points at rest meet every segment of two that move, and each pair of slices is compared once during each of its times.
+    #[test]
+    fn what_is_at_rest_is_compared_with_each_slice_during_its_times() {
+        const SEGMENTS: usize = 64;
         let mut random = Random(3);
         let first: Vec<Vec3> = (0..40).map(|_| random.vec()).collect();
         let mut key = |_| first.iter().enumerate().map(|(i, &p)| if i < 38 { p } else { random.vec() }).collect();
-        let keys: Vec<Vec<Vec3>> = (0..keys).map(&mut key).collect();
+        let keys: Vec<Vec<Vec3>> = (0..=SEGMENTS).map(&mut key).collect();
         let keys: Vec<&[Vec3]> = keys.iter().map(Vec::as_slice).collect();
-        PointTree::build(&PointArrays { keys: &keys, active: &[], ids: &[] }, &PointParams::default()).unwrap()
-    }
-
-    /// The least time that something takes.
-    fn least_time<T>(mut f: impl FnMut() -> T) -> Duration {
-        let one = |_| {
-            let begin = Instant::now();
-            core::hint::black_box(f());
-            begin.elapsed()
-        };
-        (0..10).map(one).min().unwrap()
-    }
-
-    #[test]
-    fn slices_are_paired_in_linear_time() {
-        let tree = mostly_at_rest((1 << 14) + 1);
+        let points = PointArrays { keys: &keys, active: &[], ids: &[] };
+        let tree = PointTree::build(&points, &PointParams::default()).unwrap();
         let layers = f32::layers(&tree);
         assert!(matches!(layers[..], [SweptLayer::Static(_), SweptLayer::Moving(_)]));
-        // As long together, so that other work on the machine makes both take longer.
-        let time = |runs: usize| {
-            let (mut slices, mut ranges, times) = (Vec::new(), Vec::new(), [0.0, 1.0 / runs as f32]);
-            for layer in &layers {
-                let begin = slices.len();
-                slices.extend(time_slices_of(layer, times, false, None));
-                ranges.push(begin..slices.len());
-            }
-            least_time(|| (0..runs).map(|_| pairings(&slices, &ranges, times).len()).sum::<usize>())
-        };
-        let [parts, whole] = [64, 1].map(time);
-        assert!(whole < 6 * parts, "{whole:?} for as many as in {parts:?}");
-    }
-
-    #[test]
-    fn lists_over_a_short_interval_take_no_longer_where_there_are_many_keys() {
-        let [few, many] = [1 << 8, 1 << 15].map(|segments| {
-            let tree = mostly_at_rest(segments + 1);
-            let within_a_segment = TimeInterval::new(0.5, 0.5 + 1e-6).unwrap();
-            least_time(|| tree.neighbor_lists_swept(within_a_segment, 0.01).collect())
-        });
-        assert!(many < 5 * few, "{many:?} with many keys, {few:?} with few");
+        let (mut slices, mut ranges, times) = (Vec::new(), Vec::new(), [0.0, 1.0]);
+        for layer in &layers {
+            let begin = slices.len();
+            slices.extend(time_slices_of(layer, times, false, None));
+            ranges.push(begin..slices.len());
+        }
+        let found = pairings(&slices, &ranges, times);
+        let mut compared = Vec::new();
+        for pairing in &found {
+            let during = pairing.times.map(f32::to_bits);
+            compared.extend(pairing.others.iter().map(|&other| (pairing.own, other, during)));
+        }
+        compared.sort_unstable();
+        let moving = slices.len() - 1;
+        let of_rest = compared.iter().filter(|&&(own, other, _)| own == 0 && other > 0).count();
+        assert!(moving >= SEGMENTS && of_rest == moving, "{of_rest} of {moving}");
+        assert!(compared.windows(2).all(|two| two[0] != two[1]));
+        // The groups of a slice are looked at once for each of its times: those at rest during all, and in each slice.
+        assert_eq!(found.len(), 1 + 2 * moving);
     }
 }
