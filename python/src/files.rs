@@ -1,6 +1,7 @@
 //! Saving trees to files and to bytes.
 
 use crate::arrays::value_error;
+use crate::threads::on;
 use mbkd::FileError;
 use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
@@ -35,17 +36,26 @@ pub fn to_bytes<'py>(
     Ok(PyBytes::new(py, &bytes))
 }
 
-/// The result of `read`, which must consume all bytes.
+/// Runs the reading of a tree in a pool of this process. (In the global pool of rayon, a forked process would wait for threads
+/// that only its parent has.)
+pub fn read<T: Send>(
+    py: Python<'_>,
+    work: impl FnOnce() -> Result<T, FileError> + Send,
+) -> PyResult<Result<T, FileError>> {
+    on(py, -1, work)
+}
+
+/// The result of `of`, which must consume all bytes.
 pub fn from_bytes<T: Send>(
     py: Python<'_>,
     mut bytes: &[u8],
-    read: impl FnOnce(&mut &[u8]) -> Result<T, FileError> + Send,
+    of: impl FnOnce(&mut &[u8]) -> Result<T, FileError> + Send,
 ) -> PyResult<T> {
-    py.detach(|| {
+    read(py, || {
         let expected = bytes.len() as u64;
-        let tree = read(&mut bytes)?;
+        let tree = of(&mut bytes)?;
         let found = expected - bytes.len() as u64;
         if bytes.is_empty() { Ok(tree) } else { Err(FileError::Length { expected: found, found: expected }) }
-    })
+    })?
     .map_err(file_error)
 }

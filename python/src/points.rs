@@ -1,7 +1,7 @@
 //! The tree of points and its individual queries: k nearest, radius, counts, closest approach.
 
 use crate::arrays::{PerQuery, Places, Positions, all_valid, intervals, rows, slice, table, value_error};
-use crate::files::{file_error, from_bytes, to_bytes};
+use crate::files::{file_error, from_bytes, read, to_bytes};
 use crate::queries::{in_waves, order};
 use crate::threads::{Control, long};
 use mbkd::{
@@ -82,7 +82,7 @@ impl Points {
     /// Reads a tree from a file.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Points> {
-        indexed(py.detach(|| PointTree::load(&path)).map_err(file_error)?, None)
+        indexed(read(py, || PointTree::load(&path))?.map_err(file_error)?, None)
     }
 
     /// The bytes of a file of the tree, and the lengths of the periodic box.

@@ -1,7 +1,7 @@
 //! The tree of meshes: ray queries and nearest points.
 
 use crate::arrays::{PerQuery, Places, Positions, interval_of, intervals, rows, slice, value_error};
-use crate::files::{file_error, from_bytes, to_bytes};
+use crate::files::{file_error, from_bytes, read, to_bytes};
 use crate::threads::{long, poll_python, pool};
 use crate::traced::{
     Hits, NOTHING, PointArrays, RayArrays, RaySlices, Report, all, columns, each, nearest, on_surface, positions,
@@ -74,7 +74,7 @@ impl Rays {
     /// Reads a tree from a file.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Rays> {
-        Ok(Rays { tree: Arc::new(py.detach(|| RayTree::load(&path)).map_err(file_error)?) })
+        Ok(Rays { tree: Arc::new(read(py, || RayTree::load(&path))?.map_err(file_error)?) })
     }
 
     /// The bytes of a file of the tree.

@@ -1,5 +1,6 @@
 """Trees saved, loaded and pickled."""
 
+import multiprocessing
 import pickle
 
 import numpy as np
@@ -90,3 +91,22 @@ def test_what_is_no_tree_is_an_error(tmp_path):
     path.write_bytes(whole)
     with pytest.raises(ValueError, match="damaged"):
         PointTree.load(path)
+
+
+def ask(tree):
+    if isinstance(tree, PointTree):
+        return tree.query(QUERIES, k=3)[1]
+    return tree.closest_hits(QUERIES, [0, 0, 1]).triangle
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork")
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_forked_processes_get_trees_although_their_parent_has_read_some(tmp_path):
+    # So many that they are checked by several threads, of which a forked process has none.
+    points = RNG.random((200_000, 3), dtype=np.float32)
+    triangles = (points[:, None] + np.float32([[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0]])).reshape(-1, 3)
+    for tree in (PointTree(points), RayTree(triangles, np.arange(600_000).reshape(-1, 3))):
+        tree.save(tmp_path / "tree")
+        type(tree).load(tmp_path / "tree")
+        with multiprocessing.get_context("fork").Pool(1) as pool:
+            np.testing.assert_array_equal(pool.apply_async(ask, (tree,)).get(timeout=60), ask(tree))
