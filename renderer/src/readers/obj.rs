@@ -15,7 +15,7 @@ pub fn parse(bytes: &[u8], file: &Path) -> Result<Vec<StillPart>, FormatError> {
     let folder = file.parent().unwrap_or(Path::new("")).to_path_buf();
     // A missing material file is not an error.
     let materials = |name: &Path| match super::read_file(&folder.join(name)) {
-        Ok(bytes) => tobj::load_mtl_buf(&mut BufReader::new(Cursor::new(without_mark(&bytes)))),
+        Ok(bytes) => tobj::load_mtl_buf(&mut BufReader::new(Cursor::new(with_three_numbers(without_mark(&bytes))))),
         Err(_) => Err(tobj::LoadError::OpenFileFailed),
     };
     let (models, materials) = tobj::load_obj_buf(&mut BufReader::new(Cursor::new(bytes)), &options, materials)
@@ -89,6 +89,25 @@ fn plain_lines(bytes: &[u8]) -> Vec<u8> {
             plain.extend(std::iter::repeat_n(b'\n', 1 + joined));
             joined = 0;
         }
+    }
+    plain
+}
+
+/// A material file whose colours have three numbers: tobj panics at fewer. One number is a grey; other colours, as spectral ones,
+/// are left out.
+fn with_three_numbers(bytes: &[u8]) -> String {
+    let text = String::from_utf8_lossy(bytes);
+    let mut plain = String::with_capacity(text.len());
+    for line in text.lines() {
+        let mut words = line.split_whitespace();
+        let kind = words.next().filter(|kind| ["Ka", "Kd", "Ks", "Ke"].contains(kind));
+        let numbers: Vec<&str> = words.take_while(|word| word.parse::<f32>().is_ok()).collect();
+        match (kind, &numbers[..]) {
+            (None, _) | (_, [_, _, _, ..]) => plain += line,
+            (Some(kind), [grey]) => plain += &format!("{kind} {grey} {grey} {grey}"),
+            _ => {}
+        }
+        plain.push('\n');
     }
     plain
 }

@@ -107,6 +107,31 @@ fn lines_and_points_of_obj_are_no_faces() {
 }
 
 #[test]
+fn colours_of_a_material_file_may_be_of_one_number_or_of_another_kind() {
+    let folder = std::env::temp_dir().join(format!("mbkd-materials-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let color = |line: &str| {
+        let materials = format!("newmtl a\nKa\nKs 0.5 0.5\n{line}\nmap_Kd caf\u{e9}.png\n");
+        // As other programs write names: not in UTF-8.
+        std::fs::write(folder.join("a.mtl"), materials.chars().map(|c| c as u8).collect::<Vec<_>>()).unwrap();
+        let text = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n";
+        obj::parse(text.as_bytes(), &folder.join("a.obj")).unwrap()[0].surface.color
+    };
+    let other = color("");
+    for (line, expected) in [
+        ("Kd 0.25 0.5 0.75", Vec3::new(0.25, 0.5, 0.75)),
+        ("  Kd 0.25 0.5 0.75 1\r", Vec3::new(0.25, 0.5, 0.75)),
+        ("Kd 0.25", Vec3::splat(0.25)),
+        ("Kd", other),
+        ("Kd 0.25 0.5", other),
+        ("Kd spectral a.rfl 2", other),
+    ] {
+        assert_eq!(color(line), expected, "{line}");
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
 fn numbers_of_ply_may_lack_digits_on_one_side() {
     let ply = |row: &str| {
         format!(
