@@ -2,7 +2,7 @@
 
 use mbkd::TimeInterval;
 use numpy::ndarray::Dimension;
-use numpy::{Element, PyArray, PyArray2, PyArrayMethods, PyReadonlyArray, PyReadonlyArray2};
+use numpy::{Element, PyArray, PyArray2, PyArrayMethods, PyReadonlyArray, PyReadonlyArray2, dtype};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
@@ -125,6 +125,15 @@ pub fn intervals(rows: &[[f32; 2]], of: &str) -> PyResult<Vec<TimeInterval>> {
 /// The active interval of one of them.
 pub fn interval_of([begin, end]: [f32; 2], of: &str, i: usize) -> PyResult<TimeInterval> {
     TimeInterval::new(begin, end).map_err(|error| PyValueError::new_err(format!("{of} {i}: {error}")))
+}
+
+/// An array of zeros, allocated by numpy, which requests huge pages. An error if memory does not suffice, where
+/// [`PyArray::zeros`] panics.
+pub fn zeros<'py, T: Element, D: Dimension>(
+    py: Python<'py>,
+    shape: impl IntoPyObject<'py>,
+) -> PyResult<Bound<'py, PyArray<T, D>>> {
+    Ok(py.import("numpy")?.call_method1("zeros", (shape, dtype::<T>(py)))?.cast_into()?)
 }
 
 /// A vector as an array `(rows, columns)`, without a copy.

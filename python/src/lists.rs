@@ -1,6 +1,6 @@
 //! Neighbour lists of all points, as compressed sparse rows.
 
-use crate::arrays::{slice, value_error};
+use crate::arrays::{slice, value_error, zeros};
 use crate::points::Points;
 use crate::threads::on;
 use mbkd::{ListError, NeighborLists, Radii};
@@ -146,7 +146,7 @@ fn hand_over(py: Python<'_>, lists: NeighborLists, points: Option<usize>, worker
         })
     });
     let displacements = (!ways[0].is_empty() || end == 0).then(|| {
-        let array = PyArray2::zeros(py, [end, 3], false);
+        let array: Bound<'_, PyArray2<f32>> = zeros(py, (end, 3))?;
         let mut all = array.try_readwrite().map_err(value_error)?;
         let all = all.as_slice_mut().map_err(value_error)?.as_chunks_mut().0;
         on(py, workers, || {
@@ -181,8 +181,7 @@ fn filled<'py, T: Element + Send>(
     length: usize,
     copy: impl Fn(usize, &mut [T]) + Sync,
 ) -> PyResult<Bound<'py, PyArray1<T>>> {
-    // Allocated by numpy, which requests huge pages.
-    let array = PyArray1::zeros(py, [length], false);
+    let array: Bound<'_, PyArray1<T>> = zeros(py, (length,))?;
     let mut all = array.try_readwrite().map_err(value_error)?;
     let all = all.as_slice_mut().map_err(value_error)?;
     on(py, workers, || order.fill(all, &copy))?;

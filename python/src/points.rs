@@ -1,6 +1,6 @@
 //! The tree of points and its individual queries: k nearest, radius, counts, closest approach.
 
-use crate::arrays::{PerQuery, Places, Positions, all_valid, intervals, rows, slice, table, value_error};
+use crate::arrays::{PerQuery, Places, Positions, all_valid, intervals, rows, slice, table, value_error, zeros};
 use crate::files::{file_error, from_bytes, read, to_bytes};
 use crate::queries::{in_waves, order};
 use crate::threads::{Control, long};
@@ -131,9 +131,9 @@ impl Points {
         let places = points.places()?;
         let times = PerQuery::times(slice(&times)?, places.len())?;
         let missing = self.tree.len() as i64;
-        let shape = [places.len(), k];
-        // Allocated by numpy, which requests huge pages.
-        let (distances, ids) = (PyArray2::zeros(py, shape, false), PyArray2::zeros(py, shape, false));
+        let shape = (places.len(), k);
+        let (distances, ids): (Bound<'_, PyArray2<f64>>, Bound<'_, PyArray2<i64>>) =
+            (zeros(py, shape)?, zeros(py, shape)?);
         let (mut d, mut i) =
             (distances.try_readwrite().map_err(value_error)?, ids.try_readwrite().map_err(value_error)?);
         let (d, i): (&mut [f64], &mut [i64]) =

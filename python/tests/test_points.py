@@ -364,6 +364,13 @@ def test_more_neighbours_than_there_are():
     assert PointTree(SINGLE + np.float64(0.1)).query(SINGLE[7] + np.float64(0.1), distance_upper_bound=1e-30) == (0, 7)
 
 
+def test_more_answers_than_memory_holds_are_an_error():
+    # More than the addresses of a process, which no system promises.
+    tree = PointTree(np.zeros((2**22, 3), np.float32))
+    with pytest.raises(MemoryError):
+        tree.query(np.zeros((2**23, 3), np.float32), k=2**22)
+
+
 def test_arrays_are_read_where_they_are_and_not_kept():
     fixed = SINGLE.copy()
     fixed.setflags(write=False)
