@@ -6,7 +6,7 @@ import operator
 from typing import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, DTypeLike
 
 
 def floats(values: ArrayLike, name: str) -> np.ndarray:
@@ -24,7 +24,13 @@ def floats(values: ArrayLike, name: str) -> np.ndarray:
         array = array.astype(np.float32 if array.dtype == np.float16 else np.float64)
     if not array.dtype.isnative:
         array = array.astype(array.dtype.newbyteorder("="))
-    return np.ascontiguousarray(array)
+    return contiguous(array)
+
+
+def contiguous(array: ArrayLike, dtype: DTypeLike | None = None) -> np.ndarray:
+    """A C-contiguous array whose elements lie at multiples of their size. Those of a buffer that is read from anywhere may not."""
+    array = np.ascontiguousarray(array, dtype=dtype)
+    return array if array.flags.aligned else array.copy()
 
 
 def places(values: ArrayLike, name: str) -> tuple[np.ndarray, tuple[int, ...]]:
@@ -48,9 +54,9 @@ def per_query(values: ArrayLike, shape: tuple[int, ...], name: str) -> np.ndarra
     with np.errstate(over="ignore"):
         array = array.astype(np.float32, copy=False)
     if array.ndim == 0:
-        return array.reshape(1)
+        return contiguous(array)
     try:
-        return np.ascontiguousarray(np.broadcast_to(array, shape)).reshape(-1)
+        return contiguous(np.broadcast_to(array, shape)).reshape(-1)
     except ValueError:
         raise ValueError(f"{name} has the shape {array.shape}, but there are queries of the shape {shape}") from None
 
@@ -76,7 +82,7 @@ def keys_of(first: ArrayLike, later: ArrayLike | None, name: str) -> list[np.nda
     if not arrays:
         raise ValueError(f"{name} must have at least one key, not the shape {array.shape}")
     kind = np.result_type(*arrays)
-    return [np.ascontiguousarray(key, dtype=kind) for key in arrays]
+    return [contiguous(key, kind) for key in arrays]
 
 
 def only_euclidean(p: float) -> None:

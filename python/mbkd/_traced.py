@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mbkd
-from ._arrays import floats, per_query, places, whole
+from ._arrays import contiguous, floats, per_query, places, whole
 
 Progress = Callable[[float], object]
 EVERYTHING = 0xFFFF_FFFF
@@ -132,7 +132,7 @@ class Traced(Generic[H]):
         times, most = per_query(time, shape, "time"), per_query(max_distance, shape, "max_distance")
         if not (most >= 0).all():
             raise ValueError("max_distance must not be negative or NaN")
-        wide = np.ascontiguousarray(queries, dtype=np.float64)
+        wide = contiguous(queries, np.float64)
         closest, near = self._tree.closest_points((wide, times, most), mask_of(mask), workers, progress)
         return closest, self._hits(*near)
 
@@ -157,7 +157,7 @@ def ends(origins: ArrayLike, directions: ArrayLike) -> tuple[np.ndarray, np.ndar
         to = np.broadcast_to(to, begin.shape)
     except ValueError:
         raise ValueError(f"{len(begin)} origins and {len(to)} directions of rays") from None
-    return np.ascontiguousarray(begin, dtype=np.float64), np.ascontiguousarray(to, dtype=np.float32)
+    return contiguous(begin, np.float64), contiguous(to, np.float32)
 
 
 def rays_of(origins: ArrayLike, directions: ArrayLike, time, t_min, t_max) -> tuple[np.ndarray, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mbkd
-from ._arrays import floats, per_query
+from ._arrays import contiguous, floats, per_query
 from ._traced import EVERYTHING, Hits, Traced
 from .rays import RayTree
 
@@ -119,10 +119,10 @@ class InstanceTree(Traced[InstanceHits]):
             raise ValueError(f"{n} instances, masks {masks.shape} and active intervals {active.shape}")
         self._tree = _mbkd.Instances(
             [tree._tree for tree in trees],
-            np.ascontiguousarray(which, dtype=np.int64),
+            contiguous(which, np.int64),
             transforms,
-            np.ascontiguousarray(masks, dtype=np.uint32),
-            np.ascontiguousarray(active, dtype=np.float32),
+            contiguous(masks, np.uint32),
+            contiguous(active, np.float32),
             workers,
         )
 
@@ -172,10 +172,10 @@ class InstanceTree(Traced[InstanceHits]):
 
         Each maps from the space of the tree at the end of the path to the space of this tree. NaN for invalid paths.
         """
-        paths = np.ascontiguousarray(path, dtype=np.int64)
+        paths = contiguous(path, np.int64)
         if paths.ndim != 2:
             raise ValueError(f"paths must have the shape (m, levels), not {paths.shape}")
-        times = np.ascontiguousarray(np.broadcast_to(per_query(time, (len(paths),), "time"), len(paths)))
+        times = contiguous(np.broadcast_to(per_query(time, (len(paths),), "time"), len(paths)))
         whole = np.tile(np.eye(4), (len(paths), 1, 1))
         whole[:, :3] = self._tree.matrices(paths, times).reshape(-1, 3, 4)
         return whole
@@ -189,7 +189,7 @@ def _matrices(n: int, matrices: ArrayLike) -> np.ndarray:
         raise ValueError(f"matrices must have the shape ({n}, 4, 4), ({n}, 3, 4) or (K, ...), not {array.shape}")
     if array.shape[2] == 4 and not (array[:, :, 3] == (0, 0, 0, 1)).all():
         raise ValueError("matrices must be affine: with a last row 0, 0, 0, 1")
-    return np.ascontiguousarray(array[:, :, :3]).reshape(len(array), n, 12)
+    return contiguous(array[:, :, :3]).reshape(len(array), n, 12)
 
 
 def _poses(n: int, translations, rotations, scales) -> np.ndarray:
@@ -212,4 +212,4 @@ def _poses(n: int, translations, rotations, scales) -> np.ndarray:
     if any(len(part) not in (1, keys) for part in parts):
         raise ValueError(f"translations, rotations and scales at {[len(part) for part in parts]} keys")
     parts = [np.broadcast_to(part, (keys, *part.shape[1:])) for part in parts]
-    return np.ascontiguousarray(np.concatenate(parts, axis=2))
+    return contiguous(np.concatenate(parts, axis=2))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mbkd
-from ._arrays import per_query, places, whole
+from ._arrays import contiguous, per_query, places, whole
 
 Progress = Callable[[float], object]
 
@@ -74,12 +74,11 @@ class PhotonMap:
             light = np.repeat(light[:, None], 3, axis=1)
         if light.ndim != 2 or light.shape[1] != 3:
             raise ValueError(f"flux must have the shape (n,) or (n, 3), not {light.shape}")
-        when = np.ascontiguousarray(times, dtype=np.float32)
+        when = contiguous(times, np.float32)
         if when.ndim != 1:
             raise ValueError(f"times must have the shape (n,), not {when.shape}")
         typical = whole(neighbors, "neighbors", 1, 2**32 - 1)
-        light = np.ascontiguousarray(light)
-        self._map = _mbkd.Photons(where, facing, light, when, window, typical, workers, progress)
+        self._map = _mbkd.Photons(where, facing, contiguous(light), when, window, typical, workers, progress)
 
     def __len__(self) -> int:
         return self._map.n
@@ -128,7 +127,7 @@ class PhotonMap:
         facing = np.broadcast_to(np.asarray(normals, dtype=np.float32), where.shape)
         density, reach, count = self._map.gather(
             where,
-            np.ascontiguousarray(facing),
+            contiguous(facing),
             per_query(time, (len(where),), "time"),
             None if k is None else whole(k, "k", 1, 2**32),
             radius,
@@ -144,4 +143,4 @@ class PhotonMap:
 
 
 def _rows(values: ArrayLike, name: str) -> np.ndarray:
-    return np.ascontiguousarray(places(values, name)[0], dtype=np.float32)
+    return contiguous(places(values, name)[0], np.float32)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mbkd
-from ._arrays import floats, interval, keys_of, number, only_euclidean, per_query, places, whole
+from ._arrays import contiguous, floats, interval, keys_of, number, only_euclidean, per_query, places, whole
 from .lists import Encounters, NeighborLists
 
 Progress = Callable[[float], object]
@@ -92,7 +92,7 @@ class PointTree:
     ) -> None:
         arrays = keys_of(points, keys, "points")
         if active is not None:
-            active = np.ascontiguousarray(floats(active, "active"), dtype=np.float32)
+            active = contiguous(floats(active, "active"), np.float32)
             if active.ndim != 2 or active.shape[1] != 2:
                 raise ValueError(f"active must have the shape (n, 2), not {active.shape}")
             if len(active) != len(arrays[0]):
@@ -375,7 +375,7 @@ class PointTree:
         (first, shape), (last, other) = places(start, "start"), places(end, "end")
         if shape != other:
             raise ValueError(f"start has the shape {shape + (3,)}, end {other + (3,)}")
-        wide = [np.ascontiguousarray(array, dtype=np.float64) for array in (first, last)]
+        wide = [contiguous(array, np.float64) for array in (first, last)]
         answers = self._tree.closest_approach(*wide, interval(between), workers, progress)
         if not shape:
             return tuple(answer[0].item() for answer in answers)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mbkd
-from ._arrays import floats, interval, keys_of, per_query
+from ._arrays import contiguous, floats, interval, keys_of, per_query
 from ._traced import EVERYTHING, Hits, Progress, Traced, ends, mask_of
 
 
@@ -226,8 +226,8 @@ class RayTree(Traced[Hits]):
 
     def triangles(self, mesh: ArrayLike, triangle: ArrayLike, *, time: ArrayLike = 0.0) -> np.ndarray:
         """The corners of triangles at times, float64 (n, 3, 3), exactly as rays meet them; NaN if there is no such triangle."""
-        triangle = np.ascontiguousarray(triangle, dtype=np.int64).reshape(-1)
-        mesh = np.ascontiguousarray(np.broadcast_to(np.asarray(mesh, dtype=np.int32), triangle.shape))
+        triangle = contiguous(triangle, np.int64).reshape(-1)
+        mesh = contiguous(np.broadcast_to(np.asarray(mesh, np.int32), triangle.shape))
         return self._tree.triangles(mesh, triangle, per_query(time, triangle.shape, "time"))
 
     def normals(self, mesh: ArrayLike, triangle: ArrayLike, *, time: ArrayLike = 0.0) -> np.ndarray:
@@ -260,8 +260,8 @@ def _spheres(spheres: tuple[ArrayLike, ArrayLike], active: ArrayLike | None) -> 
         active = floats(active, "spheres_active").astype(np.float32)
         if active.shape != (count, 2):
             raise ValueError(f"spheres_active must have the shape ({count}, 2), not {active.shape}")
-        active = np.ascontiguousarray(active)
-    return [np.ascontiguousarray(c) for c in centers], [np.ascontiguousarray(r) for r in radii], active
+        active = contiguous(active)
+    return [contiguous(c) for c in centers], [contiguous(r) for r in radii], active
 
 
 def _mesh(vertices: ArrayLike, faces: ArrayLike, active: Sequence[float], mask: int) -> tuple:
@@ -275,5 +275,5 @@ def _mesh(vertices: ArrayLike, faces: ArrayLike, active: Sequence[float], mask: 
     if corners.dtype != np.uint32 and len(corners):
         if corners.min() < 0 or corners.max() > 0xFFFF_FFFF:
             raise ValueError("faces must be indices of vertices: at least 0 and less than 2^32")
-    corners = np.ascontiguousarray(corners, dtype=np.uint32)
+    corners = contiguous(corners, np.uint32)
     return keys_of(vertices, None, "vertices"), corners, interval(active), mask_of(mask)

@@ -237,6 +237,11 @@ def test_input_of_any_kind():
     d, i = ours.query(QUERIES, 3)
     for points in (SINGLE[:, ::-1][:, ::-1], np.asfortranarray(SINGLE), SINGLE.astype(">f4"), SINGLE.tolist()):
         np.testing.assert_array_equal(PointTree(points).query(QUERIES, 3)[1], i)
+    # In a buffer, beside the places where numbers of this size usually are.
+    beside = [np.frombuffer(b"!" + array.tobytes(), array.dtype, offset=1).reshape(array.shape) for array in (SINGLE, QUERIES)]
+    assert not beside[0].flags.aligned
+    time = np.frombuffer(b"!" + bytes(4 * len(QUERIES)), np.float32, offset=1)
+    np.testing.assert_array_equal(PointTree(beside[0]).query(beside[1], 3, time=time)[1], i)
     assert PointTree([[0, 0, 0], [5, 0, 0]]).query([4, 0, 0]) == (1.0, 1)
     assert PointTree(np.empty((0, 3))).query([[0, 0, 0]], 2)[1].tolist() == [[0, 0]]
     rounded = PointTree(DOUBLE, precision="float32")
