@@ -9,17 +9,35 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 
+def numbers(values: ArrayLike, name: str) -> np.ndarray:
+    """An array of numbers of any type, without masked elements."""
+    array = _unmasked(values, name)
+    if array.dtype.kind not in "fiub":
+        raise TypeError(f"{name} must be numbers, not {array.dtype}")
+    return array
+
+
+def whole_numbers(values: ArrayLike, name: str) -> np.ndarray:
+    """An array of integers of any type, without masked elements."""
+    array = _unmasked(values, name)
+    if array.dtype.kind not in "iu" and array.size:
+        raise TypeError(f"{name} must be whole numbers, not {array.dtype}")
+    return array
+
+
+def _unmasked(values: ArrayLike, name: str) -> np.ndarray:
+    if np.ma.is_masked(values):
+        raise ValueError(f"{name} has masked elements; fill them or leave them out")
+    return np.asarray(values)
+
+
 def floats(values: ArrayLike, name: str) -> np.ndarray:
     """A C-contiguous array of float32 or float64.
 
     Arrays of this kind are returned as they are; float16 becomes float32, and integers become float64. Masked elements are
     refused, since the library does not support masked arrays.
     """
-    if np.ma.is_masked(values):
-        raise ValueError(f"{name} has masked elements; fill them or leave them out")
-    array = np.asarray(values)
-    if array.dtype.kind not in "fiub":
-        raise TypeError(f"{name} must be numbers, not {array.dtype}")
+    array = numbers(values, name)
     if array.dtype != np.float32 and array.dtype != np.float64:
         array = array.astype(np.float32 if array.dtype == np.float16 else np.float64)
     if not array.dtype.isnative:
@@ -48,9 +66,7 @@ def places(values: ArrayLike, name: str) -> tuple[np.ndarray, tuple[int, ...]]:
 
 def per_query(values: ArrayLike, shape: tuple[int, ...], name: str) -> np.ndarray:
     """One float32 for all queries, or one for each query."""
-    array = np.asarray(values)
-    if array.dtype.kind not in "fiub":
-        raise TypeError(f"{name} must be numbers, not {array.dtype}")
+    array = numbers(values, name)
     with np.errstate(over="ignore"):
         array = array.astype(np.float32, copy=False)
     if array.ndim == 0:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mbkd
-from ._arrays import contiguous, floats, per_query
+from ._arrays import contiguous, floats, per_query, whole_numbers
 from ._traced import EVERYTHING, Hits, Traced
 from .rays import RayTree
 
@@ -100,9 +100,7 @@ class InstanceTree(Traced[InstanceHits]):
         for tree in trees:
             if not isinstance(tree, (RayTree, InstanceTree)):
                 raise TypeError(f"trees must be RayTree or InstanceTree, not {type(tree).__name__}")
-        which = np.atleast_1d(np.asarray(which))
-        if which.dtype.kind not in "iu" and which.size:
-            raise TypeError(f"which must be whole numbers, not {which.dtype}")
+        which = np.atleast_1d(whole_numbers(which, "which"))
         n = len(which)
         poses = (translations, rotations, scales)
         if matrices is None:
@@ -111,7 +109,7 @@ class InstanceTree(Traced[InstanceHits]):
             raise ValueError("give either matrices or translations, rotations and scales")
         else:
             transforms = _matrices(n, matrices)
-        masks = np.full(n, EVERYTHING) if masks is None else np.asarray(masks)
+        masks = np.full(n, EVERYTHING) if masks is None else whole_numbers(masks, "masks")
         if masks.size and (masks.min() < 0 or masks.max() > EVERYTHING):
             raise ValueError("masks must have 32 bits")
         active = np.tile(np.float32([0, 1]), (n, 1)) if active is None else floats(active, "active")
@@ -172,10 +170,10 @@ class InstanceTree(Traced[InstanceHits]):
 
         Each maps from the space of the tree at the end of the path to the space of this tree. NaN for invalid paths.
         """
-        paths = contiguous(path, np.int64)
+        paths = contiguous(whole_numbers(path, "paths"), np.int64)
         if paths.ndim != 2:
             raise ValueError(f"paths must have the shape (m, levels), not {paths.shape}")
-        times = contiguous(np.broadcast_to(per_query(time, (len(paths),), "time"), len(paths)))
+        times = per_query(time, (len(paths),), "time")
         whole = np.tile(np.eye(4), (len(paths), 1, 1))
         whole[:, :3] = self._tree.matrices(paths, times).reshape(-1, 3, 4)
         return whole

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mbkd
-from ._arrays import contiguous, per_query, places, whole
+from ._arrays import contiguous, floats, per_query, places, whole
 
 Progress = Callable[[float], object]
 
@@ -68,13 +68,13 @@ class PhotonMap:
         progress: Progress | None = None,
     ) -> None:
         where, facing = _rows(positions, "positions"), _rows(normals, "normals")
-        light = np.asarray(flux, dtype=np.float32)
+        light = floats(flux, "flux").astype(np.float32, copy=False)
         self._gray = light.ndim == 1
         if self._gray:
             light = np.repeat(light[:, None], 3, axis=1)
         if light.ndim != 2 or light.shape[1] != 3:
             raise ValueError(f"flux must have the shape (n,) or (n, 3), not {light.shape}")
-        when = contiguous(times, np.float32)
+        when = contiguous(floats(times, "times"), np.float32)
         if when.ndim != 1:
             raise ValueError(f"times must have the shape (n,), not {when.shape}")
         typical = whole(neighbors, "neighbors", 1, 2**32 - 1)
@@ -124,10 +124,10 @@ class PhotonMap:
             If an argument is out of range, or neither k nor radius is given.
         """
         where = _rows(positions, "positions")
-        facing = np.broadcast_to(np.asarray(normals, dtype=np.float32), where.shape)
+        facing = np.broadcast_to(floats(normals, "normals"), where.shape)
         density, reach, count = self._map.gather(
             where,
-            contiguous(facing),
+            contiguous(facing, np.float32),
             per_query(time, (len(where),), "time"),
             None if k is None else whole(k, "k", 1, 2**32),
             radius,

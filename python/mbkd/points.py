@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mbkd
-from ._arrays import contiguous, floats, interval, keys_of, number, only_euclidean, per_query, places, whole
+from ._arrays import contiguous, floats, interval, keys_of, number, numbers, only_euclidean, per_query, places, whole
 from .lists import Encounters, NeighborLists
 
 Progress = Callable[[float], object]
@@ -451,7 +451,7 @@ class PointTree:
 
     def _radii(self, r: ArrayLike, larger: bool, summed: bool) -> np.ndarray:
         """One radius, or one for each point."""
-        radii = np.asarray(r)
+        radii = numbers(r, "r")
         if radii.ndim and radii.shape != (self.n,):
             raise ValueError(f"r must be one radius or have the shape ({self.n},), not {radii.shape}")
         if larger and summed:

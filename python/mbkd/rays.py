@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mbkd
-from ._arrays import contiguous, floats, interval, keys_of, per_query
+from ._arrays import contiguous, floats, interval, keys_of, per_query, whole_numbers
 from ._traced import EVERYTHING, Hits, Progress, Traced, ends, mask_of
 
 
@@ -226,8 +226,10 @@ class RayTree(Traced[Hits]):
 
     def triangles(self, mesh: ArrayLike, triangle: ArrayLike, *, time: ArrayLike = 0.0) -> np.ndarray:
         """The corners of triangles at times, float64 (n, 3, 3), exactly as rays meet them; NaN if there is no such triangle."""
-        triangle = contiguous(triangle, np.int64).reshape(-1)
-        mesh = contiguous(np.broadcast_to(np.asarray(mesh, np.int32), triangle.shape))
+        triangle = contiguous(whole_numbers(triangle, "triangle"), np.int64).reshape(-1)
+        # Numbers that the smaller type does not have are those of no mesh either.
+        mesh = np.clip(whole_numbers(mesh, "mesh"), -1, 2**31 - 1).astype(np.int32)
+        mesh = contiguous(np.broadcast_to(mesh, triangle.shape))
         return self._tree.triangles(mesh, triangle, per_query(time, triangle.shape, "time"))
 
     def normals(self, mesh: ArrayLike, triangle: ArrayLike, *, time: ArrayLike = 0.0) -> np.ndarray:
@@ -265,11 +267,9 @@ def _spheres(spheres: tuple[ArrayLike, ArrayLike], active: ArrayLike | None) -> 
 
 
 def _mesh(vertices: ArrayLike, faces: ArrayLike, active: Sequence[float], mask: int) -> tuple:
-    corners = np.asarray(faces)
+    corners = whole_numbers(faces, "faces")
     if corners.size == 0:
         corners = np.empty((0, 3), np.uint32)
-    if corners.dtype.kind not in "iu":
-        raise TypeError(f"faces must be whole numbers, not {corners.dtype}")
     if corners.ndim != 2 or corners.shape[1] != 3:
         raise ValueError(f"faces must have the shape (F, 3), not {corners.shape}")
     if corners.dtype != np.uint32 and len(corners):

@@ -1,6 +1,6 @@
 //! Trees of moving instances.
 
-use crate::arrays::{intervals, slice, table, value_error};
+use crate::arrays::{PerQuery, intervals, slice, table, value_error};
 use crate::rays::Rays;
 use crate::threads::on;
 use crate::traced::{NOTHING, PointArrays, RayArrays, Report, all, columns, each, nearest, on_surface, positions};
@@ -183,19 +183,20 @@ impl Instances {
         times: PyReadonlyArray1<'py, f32>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let levels = paths.as_array().ncols();
-        let times = slice(&times)?;
-        let paths = slice(&paths)?;
-        if levels == 0 || paths.len() != times.len() * levels {
-            return Err(PyValueError::new_err(format!(
-                "{} times for {} paths",
-                times.len(),
-                paths.len() / levels.max(1)
-            )));
+        if levels == 0 {
+            return Err(PyValueError::new_err("paths have at least one level"));
         }
-        let mut entries = Vec::with_capacity(12 * times.len());
-        for (path, &time) in paths.chunks(levels).zip(times) {
-            let path: Vec<u32> = path.iter().map_while(|&of| u32::try_from(of).ok()).collect();
-            match self.tree.matrix(&path, time) {
+        let paths = slice(&paths)?;
+        let count = paths.len() / levels;
+        let times = PerQuery::times(slice(&times)?, count)?;
+        let mut entries = Vec::with_capacity(12 * count);
+        for (i, path) in paths.chunks(levels).enumerate() {
+            // After its end a path has -1 only.
+            let end = path.iter().position(|&of| of == -1).unwrap_or(levels);
+            let (path, after) = path.split_at(end);
+            let path: Option<Vec<u32>> = path.iter().map(|&of| u32::try_from(of).ok()).collect();
+            let path = path.filter(|_| after.iter().all(|&of| of == -1));
+            match path.and_then(|path| self.tree.matrix(&path, times.of(i))) {
                 Some(of) => (0..3).for_each(|row| {
                     entries.extend(of.matrix3.row(row).to_array());
                     entries.push(of.translation[row]);

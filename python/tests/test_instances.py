@@ -146,6 +146,10 @@ def test_what_can_not_be_placed_is_an_error():
         lambda: InstanceTree([tree], [0], translations=[[0, 0]]),
         lambda: InstanceTree([tree], [0], one, masks=[-1]),
         lambda: InstanceTree([tree], [0], one, active=[[1, 0]]),
+        lambda: InstanceTree([tree], [0], one).matrices([[0]], time=2),
+        lambda: InstanceTree([tree], [0], one).matrices([[0]], time=np.nan),
+        lambda: InstanceTree([tree], [0], one).matrices([[0], [0]], time=[0, 1, 1]),
+        lambda: InstanceTree([tree], [0], one).matrices(np.empty((3, 0), int)),
     ):
         with pytest.raises(ValueError):
             wrong()
@@ -155,8 +159,18 @@ def test_what_can_not_be_placed_is_an_error():
         lambda: InstanceTree([VERTICES], [0], one),
         lambda: InstanceTree(tree, [0], one),
         lambda: InstanceTree([tree], [0.5], one),
+        lambda: InstanceTree([tree], [0], one, masks=[1.5]),
+        lambda: InstanceTree([tree], [0], one).matrices([[0.5]]),
     ):
         with pytest.raises(TypeError):
             wrong()
     nothing = InstanceTree([], [], np.empty((0, 4, 4)))
     assert not nothing.intersects_any(ORIGINS, DIRECTIONS).any()
+
+
+def test_paths_that_lead_nowhere_have_no_matrix():
+    tree = InstanceTree([RayTree(VERTICES, FACES)], [0, 0], translations=[[0, 0, 0], [5, 0, 0]])
+    paths = [[1, -1], [-1, -1], [2, -1], [1, 0], [1, 2**40], [-1, 1], [-2, -1], [1, -2], [2**32 + 1, -1]]
+    found = tree.matrices(paths)[:, 0, 3]
+    assert found[0] == 5 and np.isnan(found[1:]).all()
+    assert tree.matrices(np.empty((0, 4), int)).shape == (0, 4, 4)

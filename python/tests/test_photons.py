@@ -45,6 +45,16 @@ WRONG = [
 ]
 
 
+def test_what_is_not_a_number_is_said():
+    for wrong in (
+        lambda: PhotonMap(POSITIONS, UP, ["1"] * len(POSITIONS), TIMES),
+        lambda: PhotonMap(POSITIONS, UP, FLUX, ["0.5"] * len(POSITIONS)),
+        lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES).gather(PLACES, ["0", "0", "1"], radius=1),
+    ):
+        with pytest.raises(TypeError, match="must be numbers"):
+            wrong()
+
+
 @pytest.mark.parametrize("wrong, message", WRONG)
 def test_what_is_wrong_is_said(wrong, message):
     with pytest.raises(ValueError, match=message):

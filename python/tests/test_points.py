@@ -274,6 +274,8 @@ WRONG = [
     (lambda: PointTree(None), TypeError, "numbers"),
     (lambda: PointTree(np.empty((0, 500, 3))), ValueError, "at least one key"),
     (lambda: PointTree(np.ma.masked_greater(SINGLE, 0.5)), ValueError, "masked"),
+    (lambda: PointTree(SINGLE).query(QUERIES[:2], time=np.ma.array([0, 1], mask=[0, 1])), ValueError, "time has masked"),
+    (lambda: PointTree(SINGLE).neighbor_lists(np.ma.masked_greater(SINGLE[:, 0], 0.5)), ValueError, "r has masked"),
     (lambda: PointTree(SINGLE, boxsize=[1, 1]), ValueError, "boxsize"),
     (lambda: PointTree(SINGLE, active=np.full((500, 2), 0.5)), ValueError, "point 0.*time interval"),
     (lambda: PointTree(SINGLE, active=[[0, 1]] * 77 + [[1, 0]] + [[0, 1]] * 422), ValueError, "point 77.*time interval"),

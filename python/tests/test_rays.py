@@ -173,6 +173,9 @@ WRONG = [
     (lambda: RayTree(OPEN, [[0, 1, -2]]), ValueError, "indices"),
     (lambda: RayTree(OPEN, [[0, 1]]), ValueError, "shape"),
     (lambda: RayTree(OPEN, [[0.5, 1, 2]]), TypeError, "whole"),
+    (lambda: RayTree(OPEN, np.ma.array([[0, 1, 2]], mask=[[0, 0, 1]])), ValueError, "faces has masked elements"),
+    (lambda: RayTree(OPEN, FACES).triangles([0], [0.5]), TypeError, "triangle must be whole numbers"),
+    (lambda: RayTree(OPEN, FACES).normals(0.5, [0]), TypeError, "mesh must be whole numbers"),
     (lambda: RayTree([[0, 0, np.nan]] * 3, [[0, 1, 2]]), ValueError, "NaN"),
     (lambda: RayTree(OPEN[:, :2], FACES), ValueError, "coordinates"),
     (lambda: RayTree(OPEN, FACES, active=(1, 0)), ValueError, "interval"),
@@ -200,6 +203,14 @@ WRONG = [
 def test_what_is_wrong_is_said(wrong, error, message):
     with pytest.raises(error, match=message):
         wrong()
+
+
+def test_numbers_of_no_triangle_give_no_corners():
+    tree = RayTree(OPEN, FACES)
+    meshes, triangles = np.int64([0, 2**32, -1, 2**31, 0, 0]), np.int64([0, 0, 0, 0, 2**32, -1])
+    assert np.isfinite(tree.triangles(meshes, triangles)[:, 0, 0]).tolist() == [True] + [False] * 5
+    assert tree.triangles([], []).shape == (0, 3, 3)
+    assert np.isnan(tree.triangles(2**40, [0])).all()
 
 
 def test_rays_that_hit_nothing_and_none_at_all():
