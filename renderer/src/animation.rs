@@ -8,7 +8,7 @@ use color_quant::NeuQuant;
 use gif::{Encoder, Frame, Repeat};
 use std::collections::BTreeSet;
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 /// A GIF being written.
@@ -25,6 +25,14 @@ impl Animation {
     /// Starts a GIF that loops forever.
     pub fn begin(path: PathBuf, seconds_per_frame: f64) -> Animation {
         Animation { path, encoder: None, last: None, seconds_per_frame }
+    }
+
+    /// Ends the file, if it has a frame. (Were it only dropped, an error of the last bytes would be lost.)
+    pub fn end(self) -> Result<(), String> {
+        let Animation { path, encoder, .. } = self;
+        let Some(encoder) = encoder else { return Ok(()) };
+        let fail = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
+        encoder.into_inner().map_err(|e| fail(&e))?.flush().map_err(|e| fail(&e))
     }
 
     /// Adds a frame.
@@ -157,6 +165,18 @@ mod tests {
             assert!(changes(&first, None, &palette).iter().all(|index| *index != AS_IT_IS));
             assert_eq!(palette.padded().len(), 3 * 256);
         }
+    }
+
+    /// A device that takes no byte, where there is one.
+    #[test]
+    fn a_full_disk_is_an_error() {
+        let full = Path::new("/dev/full");
+        if full.exists() {
+            let mut animation = Animation::begin(full.into(), 0.1);
+            animation.add(&picture(3, 0)).unwrap();
+            assert!(animation.end().unwrap_err().starts_with("/dev/full: "));
+        }
+        assert_eq!(Animation::begin("none.gif".into(), 0.1).end(), Ok(()));
     }
 
     #[test]

@@ -105,7 +105,8 @@ pub fn strip(photos: &[Photo], across: usize) -> Option<Photo> {
 /// Writes an animated GIF.
 pub fn gif(photos: &[Photo], path: PathBuf, seconds_per_frame: f64) -> Result<(), String> {
     let mut animation = Animation::begin(path, seconds_per_frame);
-    photos.iter().try_for_each(|Photo(photo)| animation.add(photo))
+    photos.iter().try_for_each(|Photo(photo)| animation.add(photo))?;
+    animation.end()
 }
 
 /// From the front, slightly above and from the right.

@@ -170,7 +170,8 @@ fn sequence(options: &Options, frames: u32, outputs: &[PathBuf], stop: &AtomicBo
         }
         made = Some((stage, world));
     }
-    if animation.take().is_some() {
+    if let Some(animation) = animation {
+        animation.end()?;
         say(&format!("wrote {}", gif.display()));
     }
     Ok(())

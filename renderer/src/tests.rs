@@ -497,7 +497,7 @@ fn files_contain_the_rendered_picture() {
     assert_eq!(body[..4], film.linear()[12 * 6].x.to_le_bytes());
     let mut animation = Animation::begin(folder.join("a.gif"), 0.1);
     (0..3).for_each(|_| animation.add(&picture).unwrap());
-    drop(animation);
+    animation.end().unwrap();
     let mut frames = gif::Decoder::new(std::fs::File::open(folder.join("a.gif")).unwrap()).unwrap();
     let mut count = 0;
     while let Some(frame) = frames.read_next_frame().unwrap() {
