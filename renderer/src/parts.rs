@@ -106,12 +106,20 @@ impl Part {
 /// once.
 pub fn merge(parts: &[(String, Part)]) -> Result<(Film, Whole), String> {
     let Some((first, Part { whole, .. })) = parts.first() else { return Err("there are no parts".into()) };
+    if let Some((name, _)) = parts.iter().find(|(_, part)| part.whole != *whole) {
+        return Err(format!("{first} and {name} are not parts of the same picture"));
+    }
     let [width, height] = whole.size;
+    // Before memory is taken for the whole picture, whose size anybody may have written into a small file.
+    let found: usize = parts.iter().map(|(_, part)| part.region.width * part.region.height).sum();
+    if found < width * height {
+        return Err(format!(
+            "parts are missing: they have {found} pixels together, and the picture {}",
+            width * height
+        ));
+    }
     let mut film = Film::new(width, height);
     for (number, (name, part)) in parts.iter().enumerate() {
-        if part.whole != *whole {
-            return Err(format!("{first} and {name} are not parts of the same picture"));
-        }
         if let Some((other, _)) = parts[..number].iter().find(|(_, other)| overlap(other, part)) {
             return Err(format!("{other} and {name} have the same samples of some pixels"));
         }

@@ -6,7 +6,7 @@ use crate::film::{Film, in_units, save_linear};
 use crate::lamps::Lamps;
 use crate::materials::{Finish, Surface, Texture};
 use crate::options::Options;
-use crate::parts::{Part, merge};
+use crate::parts::{Part, Whole, merge};
 use crate::render::{Job, SQUARE, render};
 use crate::run;
 use crate::sky::Sky;
@@ -179,6 +179,9 @@ fn merged_parts_are_the_picture_bit_for_bit() {
     read[2].1.whole.about = "hall".into();
     assert!(error(&read).contains("0 and 2 are not parts of the same picture"));
     assert!(error(&[]).contains("no parts"));
+    // A hundred gigabytes of sums.
+    let large = Part { whole: Whole { size: [1 << 16; 2], ..about }, region: region(9, 9, 20, 1), ..parts[0].clone() };
+    assert!(error(&[("large".into(), large)]).contains("they have 20 pixels together, and the picture 4294967296"));
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
