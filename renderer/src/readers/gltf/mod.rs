@@ -292,12 +292,13 @@ fn surface(material: &gltf::Material, textures: &[Arc<Texture>]) -> Surface {
 
 /// All textures of the file.
 fn textures(document: &gltf::Document, data: &Data, file: &Path) -> Result<Vec<Arc<Texture>>, FormatError> {
+    let mut decoder = picture::Decoder::new();
     let read = |image: gltf::Image| {
         let loaded = match image.source() {
             gltf::image::Source::View { view, .. } => data.view(&view).map(<[u8]>::to_vec),
             gltf::image::Source::Uri { uri, .. } => container::resource(uri, file),
         };
-        let texture = loaded.and_then(|bytes| picture::decode(&bytes));
+        let texture = loaded.and_then(|bytes| decoder.decode(&bytes));
         texture.map(Arc::new).map_err(|what| FormatError::new(format!("image {}", image.index()), what))
     };
     document.images().map(read).collect()
