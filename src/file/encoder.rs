@@ -51,20 +51,31 @@ pub(crate) fn save(path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<(),
 }
 
 fn replace(path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<(), FileError>) -> Result<(), FileError> {
-    // The file behind a symbolic link, not the link, is replaced.
-    let target = std::fs::canonicalize(path);
-    let path = target.as_deref().unwrap_or(path);
     if std::fs::metadata(path).is_ok_and(|of| !of.is_file()) {
         return write(&mut File::options().write(true).open(path)?);
     }
-    let (part, mut file) = temporary_file(path)?;
+    // The file behind a symbolic link, not the link, is replaced.
+    let path = std::fs::canonicalize(path).unwrap_or_else(|_| behind_links(path));
+    let (part, mut file) = temporary_file(&path)?;
     // Without the sync, a machine that stops soon afterwards may have the name and not the contents.
-    let written = write(&mut file).and_then(|()| Ok(file.sync_all().and_then(|()| std::fs::rename(&part, path))?));
+    let written = write(&mut file).and_then(|()| Ok(file.sync_all().and_then(|()| std::fs::rename(&part, &path))?));
     if written.is_err() {
         // An error of the removal matters less than the error of the write.
         let _ = std::fs::remove_file(&part);
     }
     written
+}
+
+/// The path of a file that does not exist yet, behind symbolic links.
+fn behind_links(path: &Path) -> PathBuf {
+    let mut path = path.to_path_buf();
+    // As many as Linux follows: they may lead in a circle.
+    for _ in 0..40 {
+        let Ok(next) = std::fs::read_link(&path) else { break };
+        path.pop();
+        path.push(next);
+    }
+    path
 }
 
 /// Creates a file next to `path` that did not exist: another thread or machine may be saving to the same path.

@@ -249,6 +249,15 @@ fn links_are_followed_and_what_is_no_file_is_written_to() {
     tree.save(&link).unwrap();
     assert!(std::fs::symlink_metadata(&link).unwrap().is_symlink());
     assert_eq!(std::fs::read(&path).unwrap(), file(&tree));
+    // To a file that does not exist yet, by a link that is relative to its folder.
+    let (inner, chain) = (folder.join("inner"), folder.join("chain"));
+    std::fs::create_dir(&inner).unwrap();
+    std::os::unix::fs::symlink("../later", inner.join("link")).unwrap();
+    std::os::unix::fs::symlink("inner/link", &chain).unwrap();
+    tree.save(&chain).unwrap();
+    assert!([&chain, &inner.join("link")].iter().all(|link| std::fs::symlink_metadata(link).unwrap().is_symlink()));
+    assert_eq!(std::fs::read(folder.join("later")).unwrap(), file(&tree));
+    assert_eq!((std::fs::read_dir(&folder).unwrap().count(), std::fs::read_dir(&inner).unwrap().count()), (5, 1));
     assert!(matches!(tree.save(&folder).unwrap_err().cause(), FileError::Io(_)), "a folder");
     let nowhere = Path::new("/dev/null");
     if nowhere.exists() {
