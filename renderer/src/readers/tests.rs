@@ -161,6 +161,23 @@ fn node_trees_strips_and_cameras() {
 }
 
 #[test]
+fn cameras_far_from_zero_look_where_their_nodes_turn_them() {
+    for far in [0.0, 1.0, 5e5, 1e8, 1e20] {
+        let mut glb = Glb::default();
+        glb.floats::<3>(&[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+        // Turned by 60 degrees about y.
+        let bytes = glb.finish(&format!(
+            r#""scenes":[{{"nodes":[0,1]}}],"cameras":[{{"type":"perspective","perspective":{{"yfov":1,"znear":0.1}}}}],
+            "nodes":[{{"mesh":0}},{{"camera":0,"translation":[{far},-3,{far}],"rotation":[0,0.5,0,0.8660254]}}],
+            "meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}}}}]}}]"#
+        ));
+        let view = parse(&bytes).unwrap().pose(None, &[0.0]).unwrap().camera.unwrap().keys[0];
+        let [.., forward] = view.axes(1.0);
+        assert!(forward.distance(Vec3::new(-0.8660254, 0.0, -0.5)) < 1e-5, "{forward} at {far}");
+    }
+}
+
+#[test]
 fn errors_name_the_place() {
     let file = |nodes: &str| {
         let mut glb = Glb::default();

@@ -81,12 +81,14 @@ impl State {
         let camera = |&node: &usize| model.nodes[node].camera.map(|height| (node, height));
         let (node, height) = model.hierarchy.shown.iter().find_map(camera)?;
         let world = self.world[node];
-        let position = world.w_axis.truncate();
+        let position = world.w_axis.truncate().as_vec3();
         // A camera looks along its own -z, with y up.
         let forward = -world.z_axis.truncate().normalize_or_zero();
+        // Far from zero, f32 has no places that are near the camera and in its direction.
+        let reach = f64::from(position.abs().max_element() / 64.0).max(1.0);
         let view = View {
-            position: position.as_vec3(),
-            target: (position + forward).as_vec3(),
+            position,
+            target: (position.as_dvec3() + forward * reach).as_vec3(),
             up: world.y_axis.truncate().normalize_or_zero().as_vec3(),
             height,
         };
