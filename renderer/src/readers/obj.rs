@@ -10,7 +10,7 @@ use std::path::Path;
 
 /// Reads the bytes of a file; its material file is read from the same folder.
 pub fn parse(bytes: &[u8], file: &Path) -> Result<Vec<StillPart>, FormatError> {
-    let bytes = &plain_lines(without_mark(bytes))[..];
+    let bytes = &with_all_colors(plain_lines(without_mark(bytes)))[..];
     let options = tobj::LoadOptions { ignore_points: true, ignore_lines: true, ..Default::default() };
     let folder = file.parent().unwrap_or(Path::new("")).to_path_buf();
     // A missing material file is not an error.
@@ -91,6 +91,21 @@ fn plain_lines(bytes: &[u8]) -> Vec<u8> {
         }
     }
     plain
+}
+
+/// The same with white at vertices without a colour, if others have one: tobj takes the n-th colour for that of the n-th vertex.
+fn with_all_colors(text: Vec<u8>) -> Vec<u8> {
+    let lines = || text.split(|&b| b == b'\n');
+    let numbers = |line: &[u8]| {
+        let mut words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
+        if words.next() == Some(b"v") { words.count() } else { 0 }
+    };
+    let has = |count: usize| lines().any(|line| numbers(line) == count);
+    if !(has(6) && has(3)) {
+        return text;
+    }
+    let white = |line| if numbers(line) == 3 { &b" 1 1 1\n"[..] } else { b"\n" };
+    lines().flat_map(|line| [line, white(line)]).flatten().copied().collect()
 }
 
 /// A material file whose colours have three numbers: tobj panics at fewer. One number is a grey; other colours, as spectral ones,

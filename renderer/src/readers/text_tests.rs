@@ -107,6 +107,22 @@ fn lines_and_points_of_obj_are_no_faces() {
 }
 
 #[test]
+fn some_vertices_of_obj_may_have_colours() {
+    let text = "v 0 0 0\nv 1 0 0 0.25 0.5 0.75\nv 1 1 \\\n 0\nv 0 1 0 1 0 0\nf 4 2 3\nf 1 2 3\n";
+    let part = obj_part(text);
+    let colors: Vec<_> = part.keys[0].iter().copied().zip(part.surface.vertex_colors).collect();
+    let expected = [
+        (Vec3::Y, Vec3::X),
+        (Vec3::X, Vec3::new(0.25, 0.5, 0.75)),
+        (Vec3::new(1.0, 1.0, 0.0), Vec3::ONE),
+        (Vec3::ZERO, Vec3::ONE),
+    ];
+    assert_eq!(colors, expected);
+    assert!(obj_part(&format!("{DART}f 1 2 3 4\n")).surface.vertex_colors.is_empty());
+    assert!(error_of(&text.replace("f 1 2 3", "f 1 2 9")).starts_with("0.obj: line 7: "));
+}
+
+#[test]
 fn colours_of_a_material_file_may_be_of_one_number_or_of_another_kind() {
     let folder = std::env::temp_dir().join(format!("mbkd-materials-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
