@@ -211,7 +211,8 @@ impl Motions {
     /// The scale, the rotation and the translation of interpolated poses at a time.
     #[inline(always)]
     fn pose_at(&self, first: u32, KeyPhase { segment, w }: KeyPhase) -> (DVec3, DMat3, DVec3) {
-        let [a, b] = [0, 1].map(|key| &self.poses[first as usize + segment + key]);
+        let at = first as usize + segment;
+        let (a, b) = (&self.poses[at], &self.poses[at + 1]);
         let rotation = DMat3::from_quat(a.rotation_at(w));
         (lerp(a.scale, b.scale, w), rotation, lerp(a.translation, b.translation, w))
     }

@@ -57,7 +57,10 @@ impl<T: Copy> Stack<'_, T> {
         assert!(n <= M);
         let top: &mut [MaybeUninit<T>; M] =
             (&mut self.items[self.len..self.len + M]).try_into().expect("as many as sliced");
-        *top = items.map(MaybeUninit::new);
+        // A loop: `map` of an array may be a call, in the middle of a traversal.
+        for (to, item) in top.iter_mut().zip(items) {
+            to.write(item);
+        }
         self.len += n;
     }
 

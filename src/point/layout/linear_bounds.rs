@@ -199,7 +199,7 @@ impl LinearBox {
         let mut lanes = [0.0; LANES];
         s.store(greatest_of_each(s, greatest), &mut lanes);
         let [low_begin, low_end, high_begin, high_end] = lanes.as_chunks().0 else { unreachable!("sixteen lanes") };
-        let bound = [lanes[3], lanes[7], lanes[11], 0.0].map(f64::from);
+        let bound = [f64::from(lanes[3]), f64::from(lanes[7]), f64::from(lanes[11]), 0.0];
         let unit = s.splat_d(2.0 * padding.point * UNIT);
         let error = s.load_d(&bound) * unit + s.splat_d(2.0 * padding.point * TINY);
         let least = |greatest: &[f32; 4]| s.splat_d(0.0) - s.widen_four(greatest) - error;

@@ -19,7 +19,8 @@ pub(in crate::point) struct PointPath {
 impl PointPath {
     /// Positions at both keys, of a point that is kept in f32.
     pub(in crate::point) fn ends(&self) -> [[f32; 3]; 2] {
-        [self.open, self.close].map(|p| p.map(|x| x as f32))
+        let ([x, y, z], [u, v, w]) = (self.open, self.close);
+        [[x as f32, y as f32, z as f32], [u as f32, v as f32, w as f32]]
     }
 
     /// The position at a time as queries compute it, of a point that is kept in f32.
@@ -54,7 +55,9 @@ impl<C: Copy + Into<f64>> PathRows<C> {
     #[inline(always)]
     pub(in crate::point) fn point_path(&self, lane: usize) -> Option<PointPath> {
         let active = TimeInterval::half_open(self.begin[lane], self.end[lane])?;
-        let [open, close] = [self.open, self.close].map(|rows| rows.map(|row| row[lane].into()));
+        let PathRows { open: [x, y, z], close: [u, v, w], .. } = self;
+        let open = [x[lane].into(), y[lane].into(), z[lane].into()];
+        let close = [u[lane].into(), v[lane].into(), w[lane].into()];
         (self.id[lane] != u32::MAX).then_some(PointPath { id: self.id[lane], open, close, active })
     }
 }

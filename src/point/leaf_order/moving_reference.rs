@@ -57,7 +57,7 @@ impl SegmentSlice {
     /// The phases that queries compute from the first to the last of two times, and the exact ones.
     #[inline(always)]
     pub(in crate::point) fn range(&self, times: [f32; 2]) -> [f64; 2] {
-        let [begin, end] = times.map(|t| f64::from(self.phase(t)));
+        let (begin, end) = (f64::from(self.phase(times[0])), f64::from(self.phase(times[1])));
         [begin.min(self.exact_phase(times[0])), end.max(self.exact_phase(times[1]))]
     }
 

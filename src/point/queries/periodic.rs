@@ -100,6 +100,8 @@ impl<'a> PeriodicPoints<'a> {
 /// Points are as far away as the nearest image of the query's place, and each is found once. The place is moved by whole periods in
 /// f64, and each image is rounded as the place of any query is. Every run equals brute force over all images.
 ///
+/// Ids tell which points are the same: where a query reaches farther than half a period, of points with one id the nearest counts.
+///
 /// Cost: that of one query where the faces of the box around all points are farther away than the neighbours, otherwise that of a
 /// query for each image within reach of a point.
 #[derive(Clone, Copy)]

@@ -35,7 +35,11 @@ struct Entry {
 /// Lower bound of the squared distances in a subtree with this slack.
 #[inline(always)]
 fn distance(gaps: &[f64; 3], slack: f64) -> f32 {
-    let [x, y, z] = gaps.map(|gap| if gap > slack { (gap - slack) as f32 } else { 0.0 });
+    let mut beyond = [0.0f32; 3];
+    for (beyond, &gap) in beyond.iter_mut().zip(gaps) {
+        *beyond = if gap > slack { (gap - slack) as f32 } else { 0.0 };
+    }
+    let [x, y, z] = beyond;
     (x * x + y * y) + z * z
 }
 

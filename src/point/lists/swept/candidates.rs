@@ -153,7 +153,10 @@ impl<C: SweptCoordinate> Group<C> {
             }
         }
         let count = greater(halved(count, |a, b| a + b), 1.0);
-        let drift = sum.map(|row| halved(row, |a, b| a + b) / count * (phases[1] - phases[0]));
+        let mut drift = [0.0; 3];
+        for (drift, row) in drift.iter_mut().zip(sum) {
+            *drift = halved(row, |a, b| a + b) / count * (phases[1] - phases[0]);
+        }
         self.frame = Frame { center: tree.center(node, phases[0]), drift };
         (self.times, self.early) = (times, early(tree, phases, times[0]));
         self.blocks.clear();

@@ -207,7 +207,7 @@ struct Overlap<S: Simd> {
 impl<S: Simd> Overlap<S> {
     #[inline(always)]
     fn of(s: S, window: &Window, own: &PointPath, [begins, ends]: [[f32; WIDTH]; 2]) -> Overlap<S> {
-        let [own_begin, own_end] = [own.active.begin(), own.active.end_bound()].map(f64::from);
+        let (own_begin, own_end) = (f64::from(own.active.begin()), f64::from(own.active.end_bound()));
         let begin = s.max_d(s.splat_d(greater(window.times[0], own_begin)), s.widen_four(&begins));
         // Active intervals that reach the end of the shutter have an end beyond it.
         let last = lesser(lesser(window.times[1], 1.0), own_end);
@@ -374,7 +374,8 @@ impl<C: SweptCoordinate> FourPoints<'_, C> {
     /// Where they are at both keys.
     #[inline(always)]
     fn ends<S: Simd>(&self, s: S) -> [[S::D; 3]; 2] {
-        let [a, b, c, d] = self.points.map(|point| &point.keys);
+        let [a, b, c, d] = &self.points;
+        let (a, b, c, d) = (&a.keys, &b.keys, &c.keys, &d.keys);
         let [x, y, z, u] = s.transpose_d([
             C::load_four(s, &[a[0], a[1], a[2], a[3]]),
             C::load_four(s, &[b[0], b[1], b[2], b[3]]),
@@ -393,7 +394,11 @@ impl<C: SweptCoordinate> FourPoints<'_, C> {
     /// Begins and end bounds of their active intervals.
     #[inline(always)]
     fn active(&self) -> [[f32; WIDTH]; 2] {
-        [0, 1].map(|end| self.at.map(|i| self.others.active[i as usize][end]))
+        let (mut begins, mut ends) = ([0.0; WIDTH], [0.0; WIDTH]);
+        for (lane, &i) in self.at.iter().enumerate() {
+            [begins[lane], ends[lane]] = self.others.active[i as usize];
+        }
+        [begins, ends]
     }
 
     /// One of the points.
