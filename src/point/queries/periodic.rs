@@ -62,8 +62,8 @@ impl PointTree {
     /// use mbkd::{PointParams, PointTree};
     /// let tree = PointTree::build(&[[0.1f32, 0.5, 0.5], [0.7, 0.5, 0.5]], &PointParams::default())?;
     /// let periodic = tree.periodic([Some(1.0); 3])?;
-    /// // Across the face: the first point is 0.2 away, the second 0.3.
-    /// let near = periodic.query([0.9f32, 0.5, 0.5], 0.0).radius(0.25).nearest_n(8);
+    /// // Across the face: the first point is 0.15 away, the second 0.25.
+    /// let near = periodic.query([0.95f32, 0.5, 0.5], 0.0).radius(0.2).nearest_n(8);
     /// assert_eq!(near.iter().map(|n| n.id).collect::<Vec<_>>(), [0]);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
