@@ -106,7 +106,7 @@ impl Member {
         };
         let mut any = false;
         for lane in 0..LANES {
-            let at = [points.at[0][lane], points.at[1][lane], points.at[2][lane]];
+            let at = points.at.map(|row| row[lane]);
             if at[0] == f32::INFINITY {
                 continue;
             }
