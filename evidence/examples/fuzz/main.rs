@@ -17,6 +17,7 @@ mod gather;
 mod gather_case;
 mod instances;
 mod lists;
+mod periodic;
 mod points;
 mod random;
 mod rays;

@@ -3,6 +3,7 @@
 
 use crate::clouds::{Cloud, params};
 use crate::compare::Outcome;
+use crate::periodic;
 use crate::random::Random;
 use core::ops::ControlFlow;
 use mbkd::glam::DVec3;
@@ -161,7 +162,8 @@ pub fn case(random: &mut Random) -> Outcome {
     let double = random.one_in(3);
     let mut cloud = Cloud::random(random, 20_000, double);
     // Several points may have the same id.
-    if random.one_in(8) {
+    let distinct = !random.one_in(8);
+    if !distinct {
         cloud.ids.iter_mut().for_each(|id| *id = 7 * random.below(1 + *id as usize) as u32);
     }
     let rounded = double && random.one_in(3);
@@ -202,6 +204,9 @@ pub fn case(random: &mut Random) -> Outcome {
             check(random, tree, &all, q + shift, time, &what)?;
             if (0.0..=1.0).contains(&time) {
                 check_visitor(tree, &cloud, time, &what)?;
+                if distinct && !rounded {
+                    periodic::check(random, tree, &cloud, (q, time), &what)?;
+                }
             }
         }
         queries.push((q + shift, time));
