@@ -20,7 +20,7 @@ use super::traversal::interleave::Interleaved;
 use super::traversal::intersect::RaySource;
 use super::traversal::lazy::answer_lazily;
 use super::traversal::query::{
-    AllHits, AnyHit, ClosestHit, QueryArgs, QueryCall, RayQuery, UnorderedHits, WideQuery, WideQueryInto,
+    AllHits, AnyHit, ClosestHit, QueryArgs, QueryCall, RayQuery, UnorderedHits, WideTreeQuery, WideTreeQueryInto,
 };
 use super::traversal::stream::Streams;
 use super::{Everything, Hit, Observer, Ray, Visible};
@@ -325,7 +325,10 @@ impl<G: RaySource> Target<'_, G> {
         match self.layout {
             Layout::Wide(tree) => {
                 let (query, mut collect) = (Some(query), None);
-                dispatch(self.simd, WideQueryInto { tree, outline: self.outline, query, args, collect: &mut collect });
+                dispatch(
+                    self.simd,
+                    WideTreeQueryInto { tree, outline: self.outline, query, args, collect: &mut collect },
+                );
                 collect.map_or(Q::NOTHING, |collect| Q::answer(collect, self.geometry))
             }
             Layout::Kd(tree) => answer_in_kd(QueryCall(query, args), tree),
@@ -346,7 +349,9 @@ impl<G: RaySource> Target<'_, G> {
     {
         match self.layout {
             Layout::Wide(tree) => {
-                dispatch_or(self.simd, WideQuery { tree, outline: self.outline, call: call() }, |it| guarded(it.call.0))
+                dispatch_or(self.simd, WideTreeQuery { tree, outline: self.outline, call: call() }, |it| {
+                    guarded(it.call.0)
+                })
             }
             Layout::Kd(tree) => answer_in_kd(call(), tree),
             Layout::Lazy(_) => guarded(call().0),

@@ -13,7 +13,7 @@ use core::ops::RangeInclusive;
 use glam::DVec3;
 
 /// The greatest extent of the box around all points along a periodic axis, in periods.
-pub(super) const MOST_PERIODS: f64 = 16.0;
+pub(super) const MOST_EXTENT: f64 = 16.0;
 
 /// Space that repeats along some axes, and the box around all points in it.
 #[derive(Clone, Copy, Debug)]

@@ -5,7 +5,7 @@
 
 use super::buffer::NeighborBuffer;
 use super::compiled;
-use super::images::{Image, Images, MOST_PERIODS, is_beyond};
+use super::images::{Image, Images, MOST_EXTENT, is_beyond};
 use super::query::NeighborQuery;
 use crate::geometry::Aabb;
 use crate::point::neighbor::Neighbor;
@@ -24,8 +24,8 @@ pub enum PeriodError {
         /// The axis.
         axis: usize,
     },
-    /// The box around all points is longer than sixteen periods. Move points to their images in one box; of moving points it is
-    /// where they begin that counts, as they may leave it.
+    /// The box around all points over the shutter is longer than sixteen periods, or the period is below the rounding of
+    /// coordinates. Move points by whole periods into one box, with all their keys.
     Extent {
         /// The axis.
         axis: usize,
@@ -37,7 +37,7 @@ impl fmt::Display for PeriodError {
         match self {
             PeriodError::Length { axis } => write!(f, "the period of axis {axis} must be above zero and finite"),
             PeriodError::Extent { axis } => {
-                write!(f, "points are more than {MOST_PERIODS} periods apart along axis {axis}; move them into one box")
+                write!(f, "points are more than {MOST_EXTENT} periods apart along axis {axis}; move them into one box")
             }
         }
     }
@@ -79,7 +79,7 @@ impl PointTree {
             if !(length > 0.0 && length.is_finite()) {
                 return Err(PeriodError::Length { axis });
             }
-            if bounds.max[axis] - bounds.min[axis] > MOST_PERIODS * length {
+            if bounds.max[axis] - bounds.min[axis] > MOST_EXTENT * length {
                 return Err(PeriodError::Extent { axis });
             }
         }

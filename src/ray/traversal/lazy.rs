@@ -6,7 +6,7 @@
 use super::collect::Collect;
 use super::intersect::RaySource;
 use super::object_traversal::{LeafVisitor, ObjectTraversal};
-use super::query::{QueryArgs, QueryCall, RayQuery, WideQueryInto};
+use super::query::{QueryArgs, QueryCall, RayQuery, WideTreeQueryInto};
 use crate::geometry::Ray;
 use crate::layout::{ChildRef, LazyTree};
 use crate::ray::filter::Filter;
@@ -88,7 +88,7 @@ impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> SubtreeVisitor for Subtr
         let args = QueryArgs { set: self.set, ray: self.ray, filter: self.filter, observer: &mut *self.observer };
         let tree = self.tree.subtree(self.set, subtree);
         let collect = &mut self.collect;
-        dispatch(self.simd, WideQueryInto::<_, _, _, Q> { tree, outline: None, query: None, args, collect });
+        dispatch(self.simd, WideTreeQueryInto::<_, _, _, Q> { tree, outline: None, query: None, args, collect });
         match &self.collect {
             Some(collect) if !collect.is_final() => ControlFlow::Continue(collect.limit()),
             _ => ControlFlow::Break(()),

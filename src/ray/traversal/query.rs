@@ -153,7 +153,7 @@ impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> QueryCall<'_, G, F, O, Q
 
 /// A query of the wide layout, or the part of a query of a lazy tree that a subtree answers, to be dispatched to an instruction
 /// set. One form of it is compiled for both.
-pub(in crate::ray) struct WideQueryInto<'a, G, F, O, Q: RayQuery> {
+pub(in crate::ray) struct WideTreeQueryInto<'a, G, F, O, Q: RayQuery> {
     pub tree: &'a WideTree,
     /// `None` if the ray is known not to miss it.
     pub outline: Option<&'a Outline>,
@@ -165,12 +165,12 @@ pub(in crate::ray) struct WideQueryInto<'a, G, F, O, Q: RayQuery> {
     pub collect: &'a mut Option<Q::Collect>,
 }
 
-impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> Kernel for WideQueryInto<'_, G, F, O, Q> {
+impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> Kernel for WideTreeQueryInto<'_, G, F, O, Q> {
     type Output = ();
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let WideQueryInto { tree, outline, query, args: QueryArgs { set, ray, filter, observer }, collect } = self;
+        let WideTreeQueryInto { tree, outline, query, args: QueryArgs { set, ray, filter, observer }, collect } = self;
         if outline.is_some_and(|outline| outline.is_missed(s, ray, set.frame())) {
             return;
         }
@@ -193,14 +193,14 @@ impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> Kernel for WideQueryInto
 }
 
 /// A query of the wide layout, to be dispatched to an instruction set.
-pub(crate) struct WideQuery<'a, G, F, O, Q> {
+pub(crate) struct WideTreeQuery<'a, G, F, O, Q> {
     pub tree: &'a WideTree,
     /// `None` if the ray is known not to miss it.
     pub outline: Option<&'a Outline>,
     pub call: QueryCall<'a, G, F, O, Q>,
 }
 
-impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> Kernel for WideQuery<'_, G, F, O, Q> {
+impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> Kernel for WideTreeQuery<'_, G, F, O, Q> {
     type Output = Q::Answer;
 
     #[inline(always)]
