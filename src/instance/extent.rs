@@ -4,6 +4,7 @@ use crate::geometry::LinearBounds;
 use crate::ray::Outline;
 
 /// The extent of a placed tree in its own space.
+#[derive(Clone)]
 pub(super) struct Extent {
     /// Bounds of its subtrees: boxes around a rotated tree are tighter if they hold the corners of several small boxes
     /// instead of one.

@@ -39,7 +39,7 @@ impl<S: Simd> Inward<S> {
 }
 
 /// The keys of all instances.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(super) struct Motions {
     matrices: Vec<Columns>,
     poses: Vec<PoseKey>,

@@ -13,6 +13,7 @@ use crate::ray::{INNER_ULPS, Outline, TreeRay};
 use glam::DVec3;
 
 /// The data of an instance that queries use, in two cache lines.
+#[derive(Clone)]
 #[repr(align(64))]
 pub(super) struct Placed {
     pub motion: Motion,
@@ -33,6 +34,7 @@ struct Slack {
 }
 
 /// All instances of a tree.
+#[derive(Clone)]
 pub(super) struct Placements {
     pub placed: Vec<Placed>,
     pub motions: Motions,

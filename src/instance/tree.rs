@@ -155,6 +155,7 @@ impl Instance {
 /// assert!(mill.triangle_normal(&turned, 0.5).abs_diff_eq(Vec3::new(0.5, -0.5, 0.0).normalize(), 1e-6));
 /// # Ok::<(), mbkd::InstanceError>(())
 /// ```
+#[derive(Clone)]
 pub struct InstanceTree {
     pub(super) wide: WideTree,
     pub(super) placements: Placements,

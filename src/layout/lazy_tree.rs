@@ -37,6 +37,7 @@ use core::ops::Range;
 use std::sync::OnceLock;
 
 /// The coarse tree, and the subtrees below it.
+#[derive(Clone)]
 pub(crate) struct LazyTree {
     /// The tree above the subtrees: each leaf lists the number of one subtree.
     pub top: WideTree,
@@ -48,6 +49,7 @@ pub(crate) struct LazyTree {
 }
 
 /// Neighbouring subtrees, which are built alike.
+#[derive(Clone)]
 struct Group {
     /// The position of its first id.
     first: u32,
@@ -56,6 +58,7 @@ struct Group {
 }
 
 /// Some primitives, and the tree over them once a query has needed it.
+#[derive(Clone)]
 struct Subtree {
     /// The position of its first id.
     first: u32,

@@ -29,7 +29,7 @@ const OF_WEIGHTS: f32 = 1.0 / (1 << 22) as f32;
 const BESIDE_SLICE: f32 = 1e-6;
 
 /// The parts of split triangles in all leaf blocks of a tree.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(super) struct Parts {
     parts: Vec<Part>,
     /// Of each corner of a polygon, the weights of the triangle's second and third corner.
@@ -39,6 +39,7 @@ pub(super) struct Parts {
 }
 
 /// The part of a triangle that a leaf block holds: a convex polygon.
+#[derive(Clone)]
 struct Part {
     /// The triangle's place in the block.
     lane: usize,

@@ -21,6 +21,7 @@ use core::ops::Range;
 use std::collections::HashMap;
 
 /// A subtree that is contiguous in the arena.
+#[derive(Clone)]
 pub(crate) struct Unit {
     pub root: ChildRef,
     /// Its words in the arena.
@@ -34,6 +35,7 @@ pub(crate) struct Unit {
 }
 
 /// A node above units, or a time node.
+#[derive(Clone)]
 pub(crate) struct Above {
     pub at: ChildRef,
     pub over: TimeInterval,
@@ -50,7 +52,7 @@ pub(crate) struct Slice {
 }
 
 /// The meshes that have primitives in some parts of a tree.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Holders(
     /// The mesh and the index of the part, sorted.
     Vec<(u32, u32)>,
@@ -77,7 +79,7 @@ pub(super) struct Touched {
 }
 
 /// The partition of a tree, made by its first refit.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(crate) struct RefitPlan {
     pub units: Vec<Unit>,
     /// Children before their parents.

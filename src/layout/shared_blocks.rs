@@ -17,6 +17,7 @@ pub(crate) struct SharedLeaf {
 }
 
 /// The leaf blocks that the slices of a time node share, in the order of the arena.
+#[derive(Clone)]
 pub(crate) struct SharedBlocks {
     pub leaves: Vec<SharedLeaf>,
     pub words: Range<usize>,

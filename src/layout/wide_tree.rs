@@ -8,6 +8,7 @@ use crate::geometry::{KeyTime, TimeInterval};
 use crate::simd::{Arena, LANES};
 
 /// A built tree: the arena and the root.
+#[derive(Clone)]
 pub(crate) struct WideTree {
     pub arena: Arena,
     pub root: ChildRef,
@@ -47,6 +48,7 @@ pub(crate) struct Counts {
 }
 
 /// For each block of a tree the union of the visibility masks of all primitives in it.
+#[derive(Clone)]
 pub(crate) struct BlockMasks {
     /// The union for the whole tree.
     pub(super) all: u32,

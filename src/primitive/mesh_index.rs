@@ -3,6 +3,7 @@
 use crate::geometry::{KeyTime, TimeInterval};
 
 /// What is known of a mesh beside its vertices.
+#[derive(Clone)]
 pub(super) struct MeshInfo {
     /// Id of the first triangle.
     pub(super) first: u32,
@@ -29,6 +30,7 @@ impl MeshInfo {
 }
 
 /// The meshes of some triangles, from which that of any triangle is found.
+#[derive(Clone)]
 pub(super) struct MeshIndex {
     /// The mesh of each of these triangles is stored: those whose ids are multiples of this power of two, and the last one.
     shift: u32,

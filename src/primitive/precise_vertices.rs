@@ -9,7 +9,7 @@ use core::ops::Range;
 use glam::DVec3;
 
 /// The vertices of all meshes that are kept in f64, in tree space.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(super) struct PreciseVertices {
     /// Mesh by mesh, vertex by vertex, key by key.
     pub(super) positions: Vec<DVec3>,

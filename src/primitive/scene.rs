@@ -13,6 +13,7 @@ use crate::error::{BuildError, RefitError};
 use crate::geometry::{Box3, CornerBounds, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
 use crate::progress::Progress;
 use glam::DVec3;
+use std::sync::Arc;
 
 /// A shape that shares a tree with meshes ([`RayTree::of_scene`](crate::RayTree::of_scene)).
 ///
@@ -111,6 +112,7 @@ impl Primitive for Shape {
 /// Triangle meshes and other shapes in one tree space, as a [`RayTree`](crate::RayTree) holds them.
 ///
 /// The ids of triangles come first, so that the lowest id is the lowest (mesh, primitive).
+#[derive(Clone)]
 pub struct Scene {
     pub(crate) triangles: Triangles,
     pub(crate) shapes: Shapes<Shape>,
@@ -123,7 +125,7 @@ pub struct Scene {
 
 /// Shapes that a refit puts in the place of others, after checking their bounds.
 pub(crate) struct OtherShapes {
-    shapes: Vec<Shape>,
+    shapes: Arc<Vec<Shape>>,
     extent: ShapesExtent,
 }
 
@@ -146,7 +148,7 @@ impl Scene {
         let all = shapes.len() + meshes.iter().map(TriangleMesh::len).sum::<usize>();
         let extent = ShapesExtent::of(&shapes, &progress.subtask(shapes.len() as f64 / all.max(1) as f64))?;
         let triangles = Triangles::with_bounds(meshes, extent.swept, &progress.rest(1.0))?;
-        Scene::of(triangles, shapes, extent)
+        Scene::of(triangles, shapes.into(), extent)
     }
 
     /// Other shapes for this scene, if they are valid and as many.
@@ -154,16 +156,18 @@ impl Scene {
         let shapes = with_merged_keys(shapes);
         let extent = ShapesExtent::of(&shapes, &Progress::new(None))?;
         let (expected, found) = (self.shapes.len(), shapes.len());
-        if found == expected { Ok(OtherShapes { shapes, extent }) } else { Err(RefitError::Shapes { expected, found }) }
+        if found != expected {
+            return Err(RefitError::Shapes { expected, found });
+        }
+        Ok(OtherShapes { shapes: shapes.into(), extent })
     }
 
-    /// The same scene with other positions of the meshes and, if given, other shapes. After an error this scene is
-    /// unchanged.
-    pub(crate) fn again(&mut self, meshes: &[TriangleMesh], other: Option<OtherShapes>) -> Result<Scene, RefitError> {
+    /// The same scene with other positions of the meshes and, if given, other shapes.
+    pub(crate) fn again(&self, meshes: &[TriangleMesh], other: Option<OtherShapes>) -> Result<Scene, RefitError> {
         let swept = other.as_ref().map_or(self.shapes.swept(), |other| other.extent.swept);
         let triangles = self.triangles.with_positions(meshes, swept)?;
         let OtherShapes { shapes, extent } =
-            other.unwrap_or_else(|| OtherShapes { extent: self.shapes.extent(), shapes: self.shapes.take() });
+            other.unwrap_or_else(|| OtherShapes { extent: self.shapes.extent(), shapes: self.shapes.shared() });
         Ok(Scene::of(triangles, shapes, extent)?)
     }
 
@@ -183,7 +187,7 @@ impl Scene {
         Ok(stays)
     }
 
-    fn of(triangles: Triangles, shapes: Vec<Shape>, extent: ShapesExtent) -> Result<Scene, BuildError> {
+    fn of(triangles: Triangles, shapes: Arc<Vec<Shape>>, extent: ShapesExtent) -> Result<Scene, BuildError> {
         let shapes = Shapes::within(shapes, extent, *triangles.frame());
         Scene::of_sets(triangles, shapes)
     }

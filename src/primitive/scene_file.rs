@@ -68,7 +68,7 @@ impl SceneRecord {
         let wrong = |_: BuildError| FileError::Broken { what: "a sphere has invalid coordinates" };
         let extent = ShapesExtent::of(&shapes, &Progress::new(None)).map_err(wrong)?;
         let wrong = |_: BuildError| FileError::Broken { what: "there are too many primitives" };
-        Scene::of_sets(triangles, Shapes::within(shapes, extent, self.frame)).map_err(wrong)
+        Scene::of_sets(triangles, Shapes::within(shapes.into(), extent, self.frame)).map_err(wrong)
     }
 }
 

@@ -11,10 +11,12 @@ use crate::progress::Progress;
 use crate::simd::prefetch;
 use core::sync::atomic::{AtomicU32, Ordering};
 use glam::DVec3;
+use std::sync::Arc;
 
 /// Custom primitives, as a [`RayTree`](crate::RayTree) holds them.
 pub struct Shapes<P> {
-    shapes: Vec<P>,
+    /// Shared by copies of a tree. They do not change: a refit puts others in their place.
+    shapes: Arc<Vec<P>>,
     /// Active intervals; empty if all shapes exist throughout the shutter.
     active: Vec<TimeInterval>,
     /// Visibility masks; empty if all shapes have all bits.
@@ -112,6 +114,20 @@ pub(super) fn with_merged_keys<P: Primitive>(mut shapes: Vec<P>) -> Vec<P> {
     shapes
 }
 
+/// Not derived, since the shapes themselves are not copied.
+impl<P> Clone for Shapes<P> {
+    fn clone(&self) -> Shapes<P> {
+        Shapes {
+            shapes: self.shapes.clone(),
+            active: self.active.clone(),
+            masks: self.masks.clone(),
+            kinds: self.kinds.clone(),
+            bad: AtomicU32::new(self.bad.load(Ordering::Relaxed)),
+            ..*self
+        }
+    }
+}
+
 impl<P: Primitive> Shapes<P> {
     /// A set of shapes, after checking their bounds over their whole intervals.
     pub(crate) fn new(shapes: Vec<P>) -> Result<Shapes<P>, BuildError> {
@@ -123,11 +139,11 @@ impl<P: Primitive> Shapes<P> {
         let shapes = with_merged_keys(shapes);
         let extent = ShapesExtent::of(&shapes, progress)?;
         let frame = Frame::around(extent.swept);
-        Ok(Shapes::within(shapes, extent, frame))
+        Ok(Shapes::within(shapes.into(), extent, frame))
     }
 
     /// Shapes that were checked, in a tree space that holds them.
-    pub(crate) fn within(shapes: Vec<P>, extent: ShapesExtent, frame: Frame) -> Shapes<P> {
+    pub(crate) fn within(shapes: Arc<Vec<P>>, extent: ShapesExtent, frame: Frame) -> Shapes<P> {
         let keys = shapes.iter().filter_map(|shape| Some(shape.as_sphere()?.keys.len()));
         let key_bytes = keys.sum::<usize>() * SPHERE_KEY_BYTES;
         let mut kinds: Vec<u32> = shapes.iter().map(kind).collect();
@@ -165,9 +181,9 @@ impl<P: Primitive> Shapes<P> {
         self.frame = frame;
     }
 
-    /// Moves the shapes out, for a set that replaces this one.
-    pub(super) fn take(&mut self) -> Vec<P> {
-        core::mem::take(&mut self.shapes)
+    /// The shapes, for a set that replaces this one.
+    pub(super) fn shared(&self) -> Arc<Vec<P>> {
+        self.shapes.clone()
     }
 }
 

@@ -21,6 +21,7 @@ use glam::{DVec3, Vec3};
 ///
 /// A triangle's id counts through the meshes in their order, so that the lowest id is the lowest
 /// (mesh, triangle).
+#[derive(Clone)]
 pub struct Triangles {
     pub(super) frame: Frame,
     pub(super) meshes: Vec<MeshInfo>,
@@ -41,7 +42,7 @@ pub struct Triangles {
 }
 
 /// The vertices of all triangles.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(super) struct Vertices {
     /// The positions of all meshes: mesh by mesh, in each vertex by vertex, since one key of a vertex is usually read together with
     /// all others.

@@ -45,6 +45,7 @@ fn answer_in_kd<G: RaySource, F: Filter, O: Observer, Q: RayQuery>(
 }
 
 /// The arrays that queries traverse.
+#[derive(Clone)]
 pub(crate) enum Layout {
     Wide(WideTree),
     Kd(KdTree),
@@ -178,6 +179,7 @@ type GuardedAll<G> = fn(Target<'_, G>, &Ray, Guards<'_, Offer>, HitVisitor<'_>) 
 pub(crate) type Batched<G, R> = fn(Target<'_, G>, Task<'_, R>);
 
 /// All queries of a geometry.
+#[derive(Clone)]
 pub(crate) struct Queries<G> {
     pub closest: Plain<G, Ray, Option<Hit>>,
     pub closest_guarded: Guarded<G, Ray, Offer, Option<Hit>>,

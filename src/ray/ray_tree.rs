@@ -47,6 +47,10 @@ impl<S: Compiled> Geometry for S {}
 /// assert_eq!(tree.surface_normal(&ray, &hit), Vec3::Z);
 /// # Ok::<(), mbkd::BuildError>(())
 /// ```
+///
+/// A clone is a tree of its own: it copies everything but spheres and custom primitives, which both trees share. So one of them may
+/// be refitted for the next frame while the other still answers.
+#[derive(Clone)]
 pub struct RayTree<G = Scene> {
     pub(super) geometry: G,
     pub(super) layout: Layout,

@@ -13,10 +13,19 @@ struct Line([f32; LANES]);
 /// A growing array of words (f32 or u32, by access) that begins on a cache line.
 ///
 /// Positions are in words; a caller that stores them in fewer bits checks that they fit.
-#[derive(Clone, Default)]
+#[derive(Default)]
 pub(crate) struct Arena {
     lines: Vec<Line>,
     words: usize,
+}
+
+impl Clone for Arena {
+    /// A copy is on huge pages as well, if the system grants them.
+    fn clone(&self) -> Arena {
+        let mut lines = huge_vec(self.lines.len());
+        lines.extend_from_slice(&self.lines);
+        Arena { lines, words: self.words }
+    }
 }
 
 impl Extend<[u32; LANES]> for Arena {

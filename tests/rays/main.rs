@@ -8,6 +8,7 @@ mod active;
 mod bad_input;
 mod batches;
 mod brute_force;
+mod clones;
 mod closest_point;
 mod common;
 mod custom_shapes;
