@@ -99,7 +99,8 @@ pub struct WideParams {
     /// share that the rest of the scene does not need. Without such regions, trees take 35 to 140 bytes whatever the budget.
     /// Default 1024.
     pub bytes_per_primitive: f32,
-    /// The temporal splits. Default [`Division::Automatic`]; the others ignore the budget.
+    /// The temporal splits. Default [`Division::Automatic`]. [`Division::SharedLeaves`] and [`Division::SeparateTrees`] ignore the
+    /// budget.
     pub division: Division,
 }
 
@@ -137,7 +138,7 @@ pub enum Division {
     Automatic,
     /// One hierarchy for the whole shutter everywhere.
     Whole,
-    /// This many hierarchies (2 to 16) over common leaf blocks, for the whole scene: for comparisons.
+    /// This many hierarchies (2 to 16) over common leaf blocks, for the whole scene, whatever their size: for comparisons.
     SharedLeaves(usize),
     /// This many separate trees (2 to 16), for the whole scene, whatever their size: for comparisons.
     SeparateTrees(usize),

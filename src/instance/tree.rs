@@ -303,7 +303,8 @@ impl InstanceTree {
 
     /// A ray mapped into the own space of an instance of the outermost level, at the ray's time and with the same `t`:
     /// the ray that queries use for the placed tree, if the instance's mask and active interval allow. `None` if there
-    /// is no such instance, if it is hidden, or if the direction is shorter than 2^-100 or longer than 2^100 there.
+    /// is no such instance, if it is hidden, if the time lies outside `[0, 1]`, or if the direction there is shorter than
+    /// 2^-100 or longer than 2^100.
     ///
     /// ```
     /// use std::sync::Arc;

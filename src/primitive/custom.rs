@@ -23,9 +23,9 @@ use glam::DVec3;
 ///   subtree, and a thread that waits for its tasks may take up one of those that wait: then none of them goes on.
 ///
 /// A primitive that breaks the contract does not affect others. If its bounds are invalid, the build fails with
-/// [`BuildError::BadBounds`](crate::BuildError::BadBounds). If its bounds do not contain all hits, or change from one call to the
-/// next, hits of this primitive are lost. A tree calls [`active`](Primitive::active) and [`mask`](Primitive::mask) once, when it
-/// takes the primitive.
+/// [`BuildError::BadBounds`](crate::BuildError::BadBounds) (that of a lazy tree only if they are so over the active interval).
+/// If its bounds do not contain all hits, or change from one call to the next, hits of this primitive are lost. A tree calls
+/// [`active`](Primitive::active) and [`mask`](Primitive::mask) once, when it takes the primitive.
 ///
 /// ```
 /// use mbkd::glam::{DVec3, Vec3};

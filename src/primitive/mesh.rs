@@ -25,8 +25,8 @@ pub enum Keys {
     /// Single precision.
     F32(Vec<Vec<Vec3>>),
     /// Double precision, for scenes far from zero; the tree keeps f32 positions relative to the
-    /// scene's centre. (If a tree is built of this and other kinds, relative to zero, so that those
-    /// keep their bits.)
+    /// scene's centre. (If meshes of the other kinds are in the same tree, then relative to zero along each axis on which not all
+    /// coordinates lie within a factor of two of each other, so that those meshes keep their bits.)
     F64(Vec<Vec<DVec3>>),
     /// Double precision, kept to the last bit: see [`TriangleMesh::precise`].
     Precise(Vec<Vec<DVec3>>),
@@ -81,9 +81,9 @@ impl From<Vec<Vec<DVec3>>> for Keys {
 /// One key: a static mesh. Two: every vertex moves on a straight line (the paper's case). More:
 /// piecewise linear motion. Errors in a mesh are reported when a tree is built of it.
 ///
-/// Redundant keys cost nothing: if all vertices stay within 4u (u = 2^-24, relative to the coordinate) of the lines
-/// between every second, third, … key, a tree keeps only those, and a single key if all keys are equal. So a straight motion
-/// may be given with any number of keys. A mesh keeps the same keys for all its vertices; two meshes that
+/// Redundant keys cost only the time to read them: if all vertices stay within 4u (u = 2^-24, relative to the coordinate) of
+/// the lines between every second, third, … key, a tree keeps only those, and a single key if all keys are equal. So a straight
+/// motion may be given with any number of keys. A mesh keeps the same keys for all its vertices; two meshes that
 /// share vertices move identically to the last bit if they keep the same number of keys. A refit needs as many keys as the build
 /// kept, so what will move otherwise in later frames is built with [`TriangleMesh::keep_keys`].
 ///

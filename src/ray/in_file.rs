@@ -102,7 +102,7 @@ impl<G: Geometry> RayTree<G> {
     /// renamed. A symbolic link is followed; a pipe or device is written to directly.
     ///
     /// # Errors
-    /// As [`RayTree::write_to`].
+    /// As [`RayTree::write_to`], with the path ([`FileError::At`]).
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FileError> {
         file::save(path.as_ref(), |sink| self.encode(sink))
     }
@@ -144,7 +144,7 @@ impl RayTree {
     /// ```
     ///
     /// # Errors
-    /// As [`RayTree::read_from`].
+    /// As [`RayTree::read_from`], with the path ([`FileError::At`]).
     pub fn load(path: impl AsRef<Path>) -> Result<RayTree, FileError> {
         file::load(path.as_ref(), Self::decode)
     }
@@ -194,7 +194,7 @@ impl<P: Primitive> RayTree<Shapes<P>> {
     /// ```
     ///
     /// # Errors
-    /// As [`RayTree::read_primitives_from`].
+    /// As [`RayTree::read_primitives_from`], with the path ([`FileError::At`]).
     pub fn load_primitives(path: impl AsRef<Path>, primitives: Vec<P>) -> Result<RayTree<Shapes<P>>, FileError> {
         file::load(path.as_ref(), |source, length| Self::decode(source, length, primitives))
     }

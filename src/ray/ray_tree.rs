@@ -177,10 +177,10 @@ impl<G: Geometry> RayTree<G> {
     /// [`RayTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order. A
     /// caller that reuses it allocates nothing, except for a few megabytes if rays are sorted.
     ///
-    /// Coherent rays, as from a camera, are traversed in streams, which is faster than one by one. For incoherent rays, a
-    /// batch is also faster per thread than single queries if the tree is larger than the processor's caches: the rays are
+    /// In a wide tree, coherent rays, as from a camera, are traversed in streams, which is faster than one by one. For incoherent
+    /// rays, a batch is also faster per thread than single queries if the tree is larger than the processor's caches: the rays are
     /// sorted by origin and direction, and several rays are traversed interleaved while memory is prefetched, if that
-    /// pays.
+    /// pays. In other trees, and with SSE2, rays are traced one by one.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -196,8 +196,9 @@ impl<G: Geometry> RayTree<G> {
         self.closest_batch(rays, None, hits);
     }
 
-    /// [`RayTree::any_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order. All rays are
-    /// traversed in streams, which is faster than one by one if rays that begin near each other come one after the other.
+    /// [`RayTree::any_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order. In a wide tree
+    /// all rays are traversed in streams (with SSE2 one by one), which is faster if rays that begin near each other come one after
+    /// the other.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
