@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 
 /// A ray with a time: `origin + t * dir` for `t` in `[t_min, t_max]`, seeing the scene as it is at `time`.
 ///
-/// The direction may have any length but zero, which is the unit of `t`. An invalid ray (a zero, infinite or NaN direction, a NaN
+/// The length of the direction is the unit of `t`; it may be any but zero. An invalid ray (a zero, infinite or NaN direction, a NaN
 /// anywhere, `t_min > t_max`, a time outside `[0, 1]`, an origin more than 2^32 scene sizes away) hits nothing. (In an instance:
 /// more than 2^32 sizes of what it places, or a direction shorter than 2^-100 or longer than 2^100 there.) The range applies to `t`
 /// as it is returned: rounded to f32 once. If the direction is so small that `t` would be infinite, nothing is hit.

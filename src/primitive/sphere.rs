@@ -14,7 +14,7 @@ pub(crate) const SPHERE_ROUNDING: f64 = 1e-9;
 /// A negative radius counts as its absolute value; a sphere without keys is a point at zero that
 /// nothing hits.
 ///
-/// Redundant keys cost nothing but the time to find them: a tree keeps every second, third, … key if all others lie on the lines
+/// Redundant keys cost only the time to read them: a tree keeps every second, third, … key if all others lie on the lines
 /// between these ([`Primitive::merge_keys`](super::Primitive::merge_keys)): within 2^-50 relative to the coordinate, or within
 /// 2^-22 if f32 has this coordinate at all keys, as it then probably was computed in f32. So a straight motion may be given with
 /// any number of keys. (Of several keys two remain in any case, so that a tree of spheres at rest can be refitted.)
