@@ -65,8 +65,9 @@ class InstanceTree(Traced[InstanceHits]):
     Raises
     ------
     ValueError
-        If transforms are singular (a scale of 0 at some keys or along some axes only) or not finite, quaternions do not have length 1, arrays have wrong shapes or different
-        lengths, or `which` has an index of no tree.
+        If transforms are singular (a scale of 0 at some keys or along some axes only), not finite, or distort too much;
+        quaternions do not have length 1; arrays have wrong shapes or different lengths; `which` has an index of no tree; or
+        trees are nested in more than four levels.
 
     Examples
     --------

@@ -271,6 +271,8 @@ class PointTree:
             The time of each query, in [0, 1].
         output_type : {'csr', 'object'}
             'object' gives lists as scipy does: convenient for few queries, slow and large for many.
+        workers, progress
+            As for `query`.
 
         Returns
         -------
@@ -365,6 +367,8 @@ class PointTree:
             The position of each query at the begin and at the end of `between`; it moves linearly in between.
         between : (begin, end)
             The part of the shutter that is searched.
+        workers, progress
+            As for `query`.
 
         Returns
         -------
@@ -406,6 +410,8 @@ class PointTree:
         ----------
         r : float or (n,)
             One radius, or one for each point.
+        time : float
+            The time of all lists, in [0, 1].
         larger : bool
             Two points are neighbours if they are within the larger of their radii. Otherwise each point lists the points
             within its own radius.
@@ -425,6 +431,8 @@ class PointTree:
             the point of each list. This saves a copy of all lists.
         max_neighbors : int, optional
             A list with more neighbours raises a ValueError, before memory runs out where points clump. Default: no limit.
+        workers : int
+            Threads; -1 for all processors.
         """
         if rows not in ("points", "tree"):
             raise ValueError(f"rows must be 'points' or 'tree', not {rows!r}")
