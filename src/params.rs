@@ -178,8 +178,8 @@ impl Division {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LazyParams {
-    /// How subtrees are built. [`Division::Automatic`] chooses one division for each of them, by a sample of it; with
-    /// [`Division::Whole`] they are built fastest, and rays take several times as long if motion is incoherent.
+    /// How subtrees are built. [`Division::Automatic`] chooses one division for neighbouring subtrees together, by samples of
+    /// them; with [`Division::Whole`] they are built fastest, and rays take several times as long if motion is incoherent.
     /// [`WideParams::bytes_per_primitive`] is the budget of each of them; a subtree that cannot
     /// be made as small is larger, since a query has no error to return.
     pub wide: WideParams,
