@@ -104,7 +104,7 @@ pub struct Options {
     /// Draw a heat map of the cost of camera rays instead of a picture
     #[arg(long, help_heading = "Picture", conflicts_with_all = LIGHT)]
     pub heatmap: Option<Heat>,
-    /// Draw heat maps of these policies side by side, on one scale
+    /// Draw heat maps of these policies (names as for --policy) side by side, on one scale; without --heatmap, of steps
     #[arg(long, conflicts_with_all = LIGHT, conflicts_with = "policy", value_name = "POLICY,POLICY", value_delimiter = ',', value_parser = policy, num_args = 1.., help_heading = "Picture")]
     pub compare: Vec<Policy>,
 
