@@ -1,4 +1,4 @@
-//! Leaves that list shapes: spheres, custom primitives, and triangles in f64.
+//! Leaves that list shapes: spheres and custom primitives.
 //!
 //! Spheres are tested sixteen at a time in f32, which rules out most of them and knows of many that they are hit. The others are
 //! decided one by one in f64, with the arithmetic of [`MovingSphere`]. Other primitives are tested one by one by their own
