@@ -1,10 +1,10 @@
 """Measures mbkd against other packages from Python, on one thread; those that are not installed are left out.
 
-    python benchmarks/compare.py [points | periodic | lists | rays ...] [--n 1000000] [--repeat 5]
+    python python/benchmarks/compare.py [points | periodic | lists | rays ...] [--n 1000000] [--repeat 5]
 
-All contestants of a row run in turn in one process; the table has the medians in seconds of processor time, which leaves out what other
-programs take on a busy machine, and how many times the time of mbkd they take. Trees are built before queries are timed, and their builds are rows of their own; packages without trees are
-compared with build and query together.
+All contestants of a row run in turn in one process. The table has the medians in seconds of processor time, which leaves out what
+other programs take on a busy machine, and how many times the time of mbkd they take. Trees are built before queries are timed, and
+their builds are rows of their own; packages without trees are compared with build and query together.
 """
 
 import argparse

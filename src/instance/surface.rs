@@ -10,7 +10,7 @@ use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 impl InstanceTree {
     /// The corners of the triangle that was hit, at any time of the shutter, as the instance places it then. NaN for a
-    /// hit on another shape and for a hit that is not of this tree. Outside the active interval of its mesh: see
+    /// hit on another shape and for indices that this tree does not have. Outside the active interval of its mesh: see
     /// [`RayTree::triangle`](crate::RayTree::triangle).
     ///
     /// ```
@@ -35,7 +35,7 @@ impl InstanceTree {
 
     /// The unit normal of the triangle that was hit, at any time of the shutter, on the side of the triangle on which
     /// it is in the placed tree (a mirroring transform changes the order of corners, but not the side). Zero for
-    /// another shape or a degenerate triangle, and for a hit that is not of this tree.
+    /// another shape or a degenerate triangle, and for indices that this tree does not have.
     pub fn triangle_normal(&self, hit: &InstanceHit, time: f32) -> Vec3 {
         match (self.tree(&hit.path), self.matrix(&hit.path, time)) {
             (Some(tree), Some(matrix)) => placed_normal(tree.normal_of_triangle(&hit.hit, time), &matrix).as_vec3(),
@@ -45,7 +45,7 @@ impl InstanceTree {
 
     /// The unit normal of the surface at the point that `ray` hit, at its time, as the instance places it then: as
     /// [`RayTree::surface_normal`](crate::RayTree::surface_normal), so also of spheres, which a scale may have made ellipsoids.
-    /// Zero for a hit that is not of this tree as well.
+    /// Zero for indices that this tree does not have as well.
     ///
     /// ```
     /// use std::sync::Arc;
@@ -89,7 +89,7 @@ impl InstanceTree {
     }
 
     /// Where the point of the surface that `ray` hit is at another time of the shutter, as the instance places it then: for motion
-    /// vectors. As [`RayTree::point_at`](crate::RayTree::point_at); `None` for a hit that is not of this tree and for a time
+    /// vectors. As [`RayTree::point_at`](crate::RayTree::point_at); `None` for indices that this tree does not have and for a time
     /// outside of [0, 1], too.
     ///
     /// ```
@@ -147,7 +147,7 @@ impl InstanceTree {
         self.interaction(ray, hit).secondary_ray(dir)
     }
 
-    /// What a ray hit at the end of a path; `None` for a hit that is not of this tree.
+    /// What a ray hit at the end of a path; `None` for indices that this tree does not have.
     fn interaction_in(&self, ray: &Ray, path: &[u32], hit: &Hit) -> Option<SurfaceInteraction> {
         let (&first, rest) = path.split_first()?;
         let (local, matrix) = (self.local_ray(first, ray)?, self.matrix(&[first], ray.time)?);

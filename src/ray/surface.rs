@@ -35,8 +35,8 @@ impl RayTree {
     }
 
     /// The unit normal of the triangle that was hit, at any time. Seen from the side that it points to, the corners are in
-    /// counter-clockwise order. Zero for a degenerate triangle, for a hit of another tree and for one on a shape, whose normal
-    /// depends on the point: see [`RayTree::surface_normal`].
+    /// counter-clockwise order. Zero for a degenerate triangle, for indices that this tree does not have, and for a hit on a shape,
+    /// whose normal depends on the point: see [`RayTree::surface_normal`].
     pub fn triangle_normal(&self, hit: &Hit, time: f32) -> Vec3 {
         self.normal_of_triangle(hit, time).as_vec3()
     }
@@ -65,7 +65,8 @@ impl RayTree {
 
     /// The point of the surface that `ray` hit, its normal and rays that leave from there, all at once: where more than one of
     /// them is needed, this takes less time than [`RayTree::surface_normal`], [`RayTree::point_at`] and
-    /// [`RayTree::secondary_ray`], which each look the triangle or shape up. Where `hit` is not of this tree, there is no normal.
+    /// [`RayTree::secondary_ray`], which each look the triangle or shape up. Where this tree does not have the indices of `hit`,
+    /// there is no normal.
     ///
     /// ```
     /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree, glam::{DVec3, Vec3}};
@@ -85,8 +86,8 @@ impl RayTree {
 
     /// Where the point of the surface that `ray` hit is at another time: for motion vectors. A point of a triangle keeps its
     /// weights, a point of a sphere its direction from the centre, and a custom shape says it itself ([`Primitive::point_at`]).
-    /// `None` where it does not, for a hit of another tree, and for a time that is NaN. Outside of [0, 1], and outside the active
-    /// interval of a mesh, the motion is extrapolated as by [`RayTree::triangle`].
+    /// `None` where it does not, for indices that this tree does not have, and for a time that is NaN. Outside of [0, 1], and
+    /// outside the active interval of a mesh, the motion is extrapolated as by [`RayTree::triangle`].
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::{DVec3, Vec3}};
@@ -177,7 +178,7 @@ impl<P: Primitive> RayTree<Shapes<P>> {
     }
 
     /// Where the point of the surface that `ray` hit is at another time, as [`RayTree::point_at`] gives it. `None` on a primitive
-    /// that does not say so ([`Primitive::point_at`]), and for a hit of another tree.
+    /// that does not say so ([`Primitive::point_at`]), and for an index that this tree does not have.
     pub fn point_at(&self, ray: &Ray, hit: &Hit, time: f32) -> Option<DVec3> {
         point_of_shape(self.primitives().get(hit.primitive as usize)?, ray, hit, time)
     }
