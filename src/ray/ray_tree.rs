@@ -174,8 +174,8 @@ impl<G: Geometry> RayTree<G> {
         (self.queries.all)(self.target(), ray, &mut visitor)
     }
 
-    /// [`RayTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order. A
-    /// caller that reuses it allocates nothing, except for a few megabytes if rays are sorted.
+    /// [`RayTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order. If
+    /// the caller reuses it, little else is allocated: a list of tasks, and a few megabytes if rays are sorted.
     ///
     /// In a wide tree, coherent rays, as from a camera, are traversed in streams, which is faster than one by one. For incoherent
     /// rays, a batch is also faster per thread than single queries if the tree is larger than the processor's caches: the rays are
