@@ -159,6 +159,20 @@ fn what_is_no_length_and_points_too_far_apart_are_errors() {
     assert_eq!(tree.periodic([Some(1.0), None, None]).unwrap_err(), PeriodError::Extent { axis: 0 });
     assert_eq!(tree.periodic([Some(1e-300), None, None]).unwrap_err(), PeriodError::Extent { axis: 0 });
     assert!(tree.periodic([Some(2.0), None, Some(1e300)]).is_ok());
+    // Not only of points that are apart.
+    let far = PointTree::build(&[Vec3::splat(1e6)], &PointParams::default()).unwrap();
+    for (length, right) in [(1e-20, false), (0.9e-6, false), (1e-6, true), (1e-3, true)] {
+        let periodic = far.periodic([None, Some(length), None]);
+        assert_eq!(periodic.is_ok(), right, "{length}");
+        match periodic {
+            Err(error) => assert_eq!(error, PeriodError::Extent { axis: 1 }),
+            // At most half a period away, and the rounding of a coordinate.
+            Ok(periodic) => {
+                let near = periodic.query(DVec3::new(1e6, 0.3 * length, 1e6), 0.0).nearest().unwrap();
+                assert!(f64::from(near.distance_squared).sqrt() <= 0.5 * length + 0.0625, "{length}");
+            }
+        }
+    }
     // Nothing is found where nothing would be found in open space.
     let periodic = tree.periodic([Some(2.0), None, None]).unwrap();
     let nowhere = [(Vec3::NAN, 0.5), (Vec3::ZERO, 1.5), (Vec3::ZERO, f32::NAN), (Vec3::splat(1e30), 0.5)];

@@ -15,6 +15,9 @@ use glam::DVec3;
 /// The greatest extent of the box around all points along a periodic axis, in periods.
 pub(super) const MOST_EXTENT: f64 = 16.0;
 
+/// The greatest distance of that box from zero, in periods: images of a place are right to 2^-12 of a period.
+pub(super) const FARTHEST: f64 = (1u64 << 40) as f64;
+
 /// Space that repeats along some axes, and the box around all points in it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Images {

@@ -5,7 +5,7 @@
 
 use super::buffer::NeighborBuffer;
 use super::compiled;
-use super::images::{Image, Images, MOST_EXTENT, is_beyond};
+use super::images::{FARTHEST, Image, Images, MOST_EXTENT, is_beyond};
 use super::query::NeighborQuery;
 use crate::geometry::Aabb;
 use crate::point::neighbor::Neighbor;
@@ -24,8 +24,8 @@ pub enum PeriodError {
         /// The axis.
         axis: usize,
     },
-    /// The box around all points over the shutter is longer than sixteen periods, or the period is below the rounding of
-    /// coordinates. Move points by whole periods into one box, with all their keys.
+    /// The box around all points over the shutter is longer than sixteen periods, or farther than 2^40 periods from zero, where
+    /// images would be rounded. Move points by whole periods into one box, with all their keys.
     Extent {
         /// The axis.
         axis: usize,
@@ -37,7 +37,10 @@ impl fmt::Display for PeriodError {
         match self {
             PeriodError::Length { axis } => write!(f, "the period of axis {axis} must be above zero and finite"),
             PeriodError::Extent { axis } => {
-                write!(f, "points are more than {MOST_EXTENT} periods apart along axis {axis}; move them into one box")
+                write!(
+                    f,
+                    "points are more than {MOST_EXTENT} periods apart, or too many from zero, along axis {axis}; move them into one box"
+                )
             }
         }
     }
@@ -69,7 +72,7 @@ impl PointTree {
     /// ```
     ///
     /// # Errors
-    /// A length that is not above zero or not finite; points that are more than sixteen periods apart.
+    /// A length that is not above zero or not finite; points that are more than sixteen periods apart, or 2^40 from zero.
     pub fn periodic<L: Into<f64>>(&self, lengths: [Option<L>; 3]) -> Result<PeriodicPoints<'_>, PeriodError> {
         let lengths = lengths.map(|length| length.map(Into::into));
         let bounds = self.bounds().unwrap_or(Aabb { min: DVec3::ZERO, max: DVec3::ZERO });
@@ -79,7 +82,8 @@ impl PointTree {
             if !(length > 0.0 && length.is_finite()) {
                 return Err(PeriodError::Length { axis });
             }
-            if bounds.max[axis] - bounds.min[axis] > MOST_EXTENT * length {
+            let (low, high) = (bounds.min[axis], bounds.max[axis]);
+            if high - low > MOST_EXTENT * length || low.abs().max(high.abs()) > FARTHEST * length {
                 return Err(PeriodError::Extent { axis });
             }
         }
