@@ -69,11 +69,6 @@ pub(in crate::point) trait View: LeafView {
     /// Squared distances to the child boxes, infinite if there is no child at this time; and which of them hold the
     /// point, which is known much earlier.
     fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask);
-    /// The distances alone.
-    #[inline(always)]
-    fn box_distances<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F {
-        self.boxes(s, target, node).0
-    }
     /// Squared diagonals of the child boxes.
     fn box_sizes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F;
     /// Prefetches a node that will probably be visited soon.

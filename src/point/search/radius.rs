@@ -8,9 +8,7 @@ use core::ops::{ControlFlow, Range};
 
 /// Consumes the points of a block that lie within the radius.
 pub(in crate::point) trait Sink<S: Simd> {
-    /// Whether it takes blocks without hits too: if that costs less than a branch.
-    const TAKES_NONE: bool;
-    /// Takes the lanes of `hits`.
+    /// Takes the lanes of `hits`. (Also if there are none: that costs less than a branch.)
     fn take<V: LeafView>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()>;
 }
 
@@ -46,13 +44,13 @@ impl Front {
         loop {
             if fresh {
                 if self.level == 0 {
-                    let within = s.le(view.box_distances(s, target, self.node), bound);
+                    let within = s.le(view.boxes(s, target, self.node).0, bound);
                     self.level = 1;
                     if within != 0 {
                         return Some((self.node, within));
                     }
                 } else {
-                    self.rest[self.level] = s.le(view.box_distances(s, target, self.node), bound);
+                    self.rest[self.level] = s.le(view.boxes(s, target, self.node).0, bound);
                     self.first[self.level] = view.first_child(self.level, self.node);
                 }
             }
@@ -84,9 +82,7 @@ pub(in crate::point) fn search_blocks<S: Simd, V: LeafView, T: Sink<S>>(
     for block in blocks {
         let distance = view.point_distances(s, target, block);
         let hits = s.le(distance, bound);
-        if T::TAKES_NONE || hits != 0 {
-            sink.take(s, view, block, distance, hits)?;
-        }
+        sink.take(s, view, block, distance, hits)?;
     }
     ControlFlow::Continue(())
 }

@@ -14,7 +14,6 @@ pub(in crate::point) struct Gather<'a, K> {
 }
 
 impl<S: Simd, K: Keep> Sink<S> for Gather<'_, K> {
-    const TAKES_NONE: bool = true;
     #[inline(always)]
     fn take<V: LeafView>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
         let ids = view.ids(block);
@@ -56,7 +55,6 @@ impl<'v> Visit<'v> {
 }
 
 impl<S: Simd> Sink<S> for Visit<'_> {
-    const TAKES_NONE: bool = true;
     #[inline(always)]
     fn take<V: LeafView>(&mut self, s: S, view: &V, block: usize, distance: S::F, hits: Mask) -> ControlFlow<()> {
         let id = s.load_u(view.ids(block));
@@ -72,7 +70,6 @@ pub(in crate::point) struct Count<'a, K> {
 }
 
 impl<S: Simd, K: Keep> Sink<S> for Count<'_, K> {
-    const TAKES_NONE: bool = true;
     #[inline(always)]
     fn take<V: LeafView>(&mut self, _: S, view: &V, block: usize, _: S::F, hits: Mask) -> ControlFlow<()> {
         self.count += self.keep.kept(view.ids(block), hits).count_ones() as usize;

@@ -31,7 +31,7 @@ pub(in crate::point) fn walk<S: Simd, V: View, K: Keep, O: Observe>(
         let (mut left, mut key);
         let (mut over, mut look) = (false, false);
         if level == 0 {
-            let boxes = view.box_distances(s, target, node);
+            let (boxes, _) = view.boxes(s, target, node);
             look = search.push_leaves(s, view, target, node, boxes);
             let again = search.has_waiting_leaves();
             over = top == 0 && !again;
