@@ -8,8 +8,9 @@
 //! searches begin in boxes that are much larger than others.
 
 use super::cost::{Visits, memory_cost};
+use crate::point::layout::moving_leaf;
 use crate::point::leaf_order::divide::least_lane;
-use crate::point::leaf_order::moving_reference::{MovingReference, References};
+use crate::point::leaf_order::moving_reference::References;
 use crate::point::leaf_order::spread::spread;
 use crate::simd::{Kernel, LANES, MovingPointBlock, Simd, SimdLevel, dispatch};
 use crate::tuning::points::{MAX_COST, MOST_AT_REST};
@@ -55,11 +56,7 @@ pub(in crate::point) fn leaves_of<R: References + ?Sized>(references: &R, order:
     let leaf = |numbers: &[u32]| {
         let mut block = MovingPointBlock::EMPTY;
         for (lane, &number) in numbers.iter().enumerate() {
-            let MovingReference { open, close, id, .. } = references.reference(number);
-            for axis in 0..3 {
-                (block.open[axis][lane], block.close[axis][lane]) = (open[axis], close[axis]);
-            }
-            block.id[lane] = id;
+            moving_leaf::set(&mut block, lane, &references.reference(number));
         }
         block
     };

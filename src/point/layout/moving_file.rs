@@ -1,16 +1,16 @@
 //! Moving point trees in files.
 
 use super::linear_bounds::LinearBoxes;
-use super::moving_leaf::{Block, LaneIntervals, MovingLeaves};
+use super::moving_leaf::{LaneIntervals, MovingLeaves};
 use super::moving_tree::{MovingTree, first_children};
 use super::static_tree::Shape;
 use crate::file::{Decoder, Encoder, FileError, record_fields, require};
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::parallel;
 use crate::point::leaf_order::moving_reference::SegmentSlice;
-use crate::simd::{LANES, Lanes};
+use crate::simd::{LANES, Lanes, MovingPointBlock};
 
-record_fields!(Block { open: [Lanes<f32>; 3], close: [Lanes<f32>; 3], id: Lanes<u32> });
+record_fields!(MovingPointBlock { open: [Lanes<f32>; 3], close: [Lanes<f32>; 3], id: Lanes<u32> });
 record_fields!(LaneIntervals { begin: Lanes<f32>, end: Lanes<f32> });
 record_fields!(LinearBoxes {
     lo: [Lanes<f32>; 3],
@@ -58,7 +58,7 @@ impl MovingLeaves {
 
 /// Whether each lane of a block is a point or absent; if `count` is given, exactly the first lanes are points. Row by
 /// row, without branches: there are many blocks.
-fn is_fine(block: &Block, count: Option<usize>) -> bool {
+fn is_fine(block: &MovingPointBlock, count: Option<usize>) -> bool {
     const MOST: f32 = MAX_POINT_COORDINATE as f32;
     let exists = block.id.map(|id| id != u32::MAX);
     let mut fine = [true; LANES];

@@ -4,13 +4,12 @@ use super::over_interval::{PathRows, PointPath};
 use super::snapshot::{Target, rows, squared};
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::point::leaf_order::moving_reference::MovingReference;
-pub(in crate::point) use crate::simd::MovingPointBlock as Block;
-use crate::simd::{LANES, Lanes, Mask, Simd, huge_vec_of, prefetch};
+use crate::simd::{LANES, Lanes, Mask, MovingPointBlock, Simd, prefetch};
 use glam::Vec3;
 
 /// Sets the point of a lane.
 #[inline(always)]
-fn set(block: &mut Block, lane: usize, reference: &MovingReference) {
+pub(in crate::point) fn set(block: &mut MovingPointBlock, lane: usize, reference: &MovingReference) {
     for axis in 0..3 {
         block.open[axis][lane] = reference.open[axis];
         block.close[axis][lane] = reference.close[axis];
@@ -44,36 +43,10 @@ impl LaneIntervals {
     }
 }
 
-/// A block under construction: its rows, the active intervals of its lanes, and the whole intervals of the points.
-#[derive(Clone, Copy)]
-pub(in crate::point) struct Leaf {
-    block: Block,
-    times: LaneIntervals,
-    active: LaneIntervals,
-}
-
-impl Leaf {
-    /// A block without points.
-    pub(in crate::point) const EMPTY: Leaf =
-        Leaf { block: Block::EMPTY, times: LaneIntervals::NEVER, active: LaneIntervals::NEVER };
-
-    /// Sets the point of a lane.
-    pub(in crate::point) fn set(&mut self, lane: usize, reference: &MovingReference) {
-        set(&mut self.block, lane, reference);
-    }
-
-    /// Sets the active interval of a lane, and the whole interval of its point. Leaves whose points are active throughout
-    /// have neither.
-    pub(in crate::point) fn set_times(&mut self, lane: usize, times: [f32; 2], active: TimeInterval) {
-        self.times.set(lane, times);
-        self.active.set(lane, [active.begin(), active.end_bound()]);
-    }
-}
-
 /// The leaves of a tree, one block each.
 #[derive(Clone)]
 pub(in crate::point) struct MovingLeaves {
-    pub(in crate::point) blocks: Vec<Block>,
+    pub(in crate::point) blocks: Vec<MovingPointBlock>,
     /// Active intervals of the lanes; empty if all are active throughout.
     pub(in crate::point) times: Vec<LaneIntervals>,
     /// Whole intervals of the points; empty if all points exist throughout the shutter.
@@ -81,14 +54,9 @@ pub(in crate::point) struct MovingLeaves {
 }
 
 impl MovingLeaves {
-    /// `count` empty leaves; `timed` if not all lanes are active throughout, `has_active_intervals` if not all points exist
-    /// throughout the shutter.
-    pub(in crate::point) fn empty(count: usize, timed: bool, has_active_intervals: bool) -> MovingLeaves {
-        MovingLeaves::of(huge_vec_of(Block::EMPTY, count), timed, has_active_intervals)
-    }
-
-    /// The same with these blocks, whatever they hold.
-    pub(in crate::point) fn of(blocks: Vec<Block>, timed: bool, has_active_intervals: bool) -> MovingLeaves {
+    /// Leaves with these blocks, whatever they hold; `timed` if not all lanes are active throughout, `has_active_intervals` if not
+    /// all points exist throughout the shutter.
+    pub(in crate::point) fn of(blocks: Vec<MovingPointBlock>, timed: bool, has_active_intervals: bool) -> MovingLeaves {
         let count = blocks.len();
         MovingLeaves {
             blocks,
@@ -104,14 +72,14 @@ impl MovingLeaves {
 
     /// Bytes allocated.
     pub(in crate::point) fn bytes(&self) -> usize {
-        self.blocks.capacity() * size_of::<Block>()
+        self.blocks.capacity() * size_of::<MovingPointBlock>()
             + (self.times.capacity() + self.active.capacity()) * size_of::<LaneIntervals>()
     }
 
     /// Bytes of the blocks.
     #[inline(always)]
     pub(in crate::point) fn block_bytes(&self) -> usize {
-        self.blocks.len() * size_of::<Block>()
+        self.blocks.len() * size_of::<MovingPointBlock>()
     }
 
     /// Ids of a block's points.
@@ -141,7 +109,7 @@ impl MovingLeaves {
     /// Positions of the points of a block, whether they are active at this time or not.
     #[inline(always)]
     fn interpolated<S: Simd>(&self, s: S, at: KeyTime, target: &Target<S>, block: usize) -> [S::F; 3] {
-        let Block { open, close, .. } = &self.blocks[block];
+        let MovingPointBlock { open, close, .. } = &self.blocks[block];
         let base = rows(s, if at.from_end { close } else { open });
         let ([ax, ay, az], [bx, by, bz]) = (rows(s, open), rows(s, close));
         [base[0] + (bx - ax) * target.step, base[1] + (by - ay) * target.step, base[2] + (bz - az) * target.step]
@@ -173,7 +141,7 @@ impl MovingLeaves {
     pub(in crate::point) fn active_points(&self, at: KeyTime, time: f32) -> impl Iterator<Item = (u32, Vec3)> + '_ {
         let lanes = (0..self.blocks.len()).flat_map(|block| (0..LANES).map(move |lane| (block, lane)));
         lanes.filter_map(move |(block, lane)| {
-            let Block { open, close, id } = &self.blocks[block];
+            let MovingPointBlock { open, close, id } = &self.blocks[block];
             let [open, close] = [open, close].map(|rows| Vec3::from_array(rows.map(|row| row[lane])));
             (self.is_active(block, lane, time) && id[lane] != u32::MAX).then(|| (id[lane], at.position(open, close)))
         })
@@ -216,7 +184,7 @@ impl MovingLeaves {
     /// The points of a block between its keys.
     #[inline(always)]
     pub(in crate::point) fn path_rows(&self, block: usize) -> PathRows<f32> {
-        let Block { open, close, id } = &self.blocks[block];
+        let MovingPointBlock { open, close, id } = &self.blocks[block];
         let rows = PathRows::always_active(open, close, id);
         match self.active.get(block) {
             Some(active) => PathRows { begin: active.begin, end: active.end, ..rows },
@@ -236,7 +204,7 @@ impl MovingLeaves {
 
 /// Some of the leaves of a tree, to be filled.
 pub(in crate::point) struct LeafRows<'a> {
-    blocks: &'a mut [Block],
+    blocks: &'a mut [MovingPointBlock],
     times: &'a mut [LaneIntervals],
     active: &'a mut [LaneIntervals],
 }
@@ -253,17 +221,6 @@ impl<'a> LeafRows<'a> {
         let (times, more_times) = self.times.split_at_mut(count.min(self.times.len()));
         let (active, more_active) = self.active.split_at_mut(count.min(self.active.len()));
         [LeafRows { blocks, times, active }, LeafRows { blocks: more_blocks, times: more_times, active: more_active }]
-    }
-
-    /// Fills a leaf.
-    pub(in crate::point) fn fill(&mut self, i: usize, leaf: &Leaf) {
-        self.blocks[i] = leaf.block;
-        if let Some(times) = self.times.get_mut(i) {
-            *times = leaf.times;
-        }
-        if let Some(active) = self.active.get_mut(i) {
-            *active = leaf.active;
-        }
     }
 
     /// Sets the point of a lane of a leaf.
@@ -284,7 +241,7 @@ impl<'a> LeafRows<'a> {
     /// Makes a lane of a leaf absent, which has no interval either.
     #[inline(always)]
     pub(in crate::point) fn clear(&mut self, i: usize, lane: usize) {
-        let Block { open, close, id } = &mut self.blocks[i];
+        let MovingPointBlock { open, close, id } = &mut self.blocks[i];
         for row in open.iter_mut().chain(close) {
             row[lane] = f32::MAX;
         }

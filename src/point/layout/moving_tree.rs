@@ -5,7 +5,7 @@
 
 use super::fill_moving_leaves::{MovingBottomNodes, Ordered, fill};
 use super::linear_bounds::{LinearBox, LinearBoxes};
-use super::moving_leaf::{Block, LaneIntervals, MovingLeaves};
+use super::moving_leaf::{LaneIntervals, MovingLeaves};
 use super::moving_view::{AtTime, HasLeaves};
 use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath, throughout};
 use super::slice_tree::SliceTree;
@@ -15,7 +15,7 @@ use crate::point::leaf_order::moving_reference::{MovingReference, References, Se
 use crate::point::leaf_order::order::{Displacements, ORDERING, order_rows};
 use crate::point::leaf_order::point_rows::{NO_POINT, PointRows};
 use crate::progress::Progress;
-use crate::simd::{LANES, Lanes, Mask, PointBlock, Simd, WordBlock, huge_vec_of, prefetch};
+use crate::simd::{LANES, Lanes, Mask, MovingPointBlock, PointBlock, Simd, WordBlock, huge_vec_of, prefetch};
 
 /// Points that move or have an active interval, in a 16-ary tree for one time slice.
 #[derive(Clone)]
@@ -42,14 +42,14 @@ pub(in crate::point) struct WithoutFast {
 
 /// References where they are in the middle of a time slice, in the memory that the leaves of their tree will have.
 pub(in crate::point) struct Placed {
-    blocks: Vec<Block>,
+    blocks: Vec<MovingPointBlock>,
     count: usize,
 }
 
 impl Placed {
     pub(in crate::point) fn new<R: References + ?Sized>(references: &R, slice: &SegmentSlice) -> Placed {
         let count = references.len();
-        let mut placed = Placed { blocks: Block::zeroed(count.div_ceil(LANES)), count };
+        let mut placed = Placed { blocks: MovingPointBlock::zeroed(count.div_ceil(LANES)), count };
         take_positions(placed.rows(), references, slice.middle_phase());
         placed
     }

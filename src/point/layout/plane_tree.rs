@@ -19,7 +19,7 @@
 //! distant point affects only those searches that come near its own leaves. The last depends on the plane.
 
 use super::linear_face::UNIT;
-use super::moving_leaf::{Leaf, MovingLeaves};
+use super::moving_leaf::MovingLeaves;
 use super::moving_tree::MovingTree;
 use super::moving_view::{AtTime, HasLeaves};
 use super::over_interval::PointPath;
@@ -29,7 +29,7 @@ use crate::geometry::{Box3, KeyTime, Plane};
 use crate::kd::{KdNode, KdView, PointReference, Trajectories, Trajectory, build_kd_over_points};
 use crate::point::leaf_order::moving_reference::{MovingReference, SegmentSlice};
 use crate::progress::Progress;
-use crate::simd::{Item, LANES};
+use crate::simd::{Item, LANES, MovingPointBlock, huge_vec_of};
 use glam::Vec3;
 
 /// Points between two keys in the k-d layout.
@@ -71,7 +71,11 @@ impl PlaneTree {
             KdView::Leaf { count, .. } => (count as usize).div_ceil(LANES),
             KdView::Inner { .. } => 0,
         };
-        let mut leaves = MovingLeaves::empty(nodes.iter().map(blocks).sum(), true, has_active_intervals);
+        let mut leaves = MovingLeaves::of(
+            huge_vec_of(MovingPointBlock::EMPTY, nodes.iter().map(blocks).sum()),
+            true,
+            has_active_intervals,
+        );
         let (mut rows, mut next) = (leaves.rows(), 0);
         let mut slack = vec![0.0; nodes.len()];
         for (node, slack) in nodes.iter_mut().zip(&mut slack) {
@@ -79,13 +83,11 @@ impl PlaneTree {
             let own = &stored[first as usize..][..count as usize];
             let begin = next;
             for lanes in own.chunks(LANES) {
-                let mut leaf = Leaf::EMPTY;
                 for (lane, r) in lanes.iter().enumerate() {
                     let reference = &references[r.id as usize];
-                    leaf.set(lane, reference);
-                    leaf.set_times(lane, [r.begin, r.end], reference.active);
+                    rows.set(next, lane, reference);
+                    rows.set_times(next, lane, [r.begin, r.end], reference.active);
                 }
-                rows.fill(next, &leaf);
                 next += 1;
             }
             *slack = own.iter().map(|r| error(&references[r.id as usize], segments)).fold(0.0, f32::max);
