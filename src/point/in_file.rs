@@ -8,7 +8,7 @@ use super::layout::plane_tree::PlaneTree;
 use super::layout::slice_tree::SliceTree;
 use super::layout::static_file::StaticRecord;
 use super::layout::static_tree::StaticTree;
-use super::leaf_order::moving_reference::SegmentSlice;
+use super::leaf_order::moving_reference::{SegmentSlice, segments};
 use super::precise::{PreciseRecord, PreciseTree};
 use super::search::layers::Layer;
 use super::statistics::{PointLayerKind, PointLayerStatistics, PointStatistics};
@@ -252,7 +252,7 @@ fn checked_slices(
 ) -> Result<Vec<SegmentSlice>, FileError> {
     let known = (1..=MAX_KEYS).contains(&keys) && (1..=MAX_POINT_TIME_SLICES).contains(&per_segment);
     // Some slices are so short that they contain no time.
-    let few = known && (keys - 1).max(1) * per_segment <= 8 * trees;
+    let few = known && segments(keys) * per_segment <= 8 * trees;
     let slices = if few { slices_of(keys, per_segment) } else { Vec::new() };
     require(few && slices.len() == trees, "the number of trees does not match the time slices")?;
     Ok(slices)

@@ -74,10 +74,9 @@ impl Visits {
         slice: &SegmentSlice,
         simd: SimdLevel,
     ) -> Visits {
-        let (count, later) = (searches(points.len()), (slice.segment + 1).min(slice.keys - 1));
-        let place = |point: u32, interval: TimeInterval| {
-            ([slice.segment, later].map(|key| source.at(point as usize, key)), interval)
-        };
+        let count = searches(points.len());
+        let place =
+            |point: u32, interval: TimeInterval| (slice.ends().map(|key| source.at(point as usize, key)), interval);
         let all = || (0..points.len()).map(|i| points[spread(i, points.len())]);
         let existing = |point: u32| Some(place(point, source.active(point as usize).intersect(slice.interval)?));
         let mut places: Vec<_> = all().filter_map(existing).take(count).collect();

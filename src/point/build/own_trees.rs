@@ -8,11 +8,12 @@
 use super::cost::{ReferenceCounts, Visits, memory_cost};
 use super::excess::{excess, leaves_of};
 use super::partial_layer::{PartialLayer, name};
-use super::plan::{Plan, linear_tree, middle_slice, segments};
+use super::plan::{Plan, linear_tree, middle_slice};
 use super::slice_points::SlicePoints;
 use super::source::Source;
 use crate::point::layout::moving_tree::WithoutFast;
 use crate::point::leaf_order::fast_points::order_at;
+use crate::point::leaf_order::moving_reference::segments;
 use crate::progress::Progress;
 use crate::simd::{MovingPointBlock, SimdLevel};
 use crate::tuning::points::{MAX_COST, NEARLY, OVERESTIMATED, OWN_TREES};

@@ -5,7 +5,7 @@ use super::source::Source;
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::point::layout::moving_tree::{MovingTree, Placed, WithoutFast};
 use crate::point::layout::plane_tree::PlaneTree;
-use crate::point::leaf_order::moving_reference::{SegmentSlice, exact_phase};
+use crate::point::leaf_order::moving_reference::{SegmentSlice, exact_phase, segments};
 use crate::point::search::layers::Layer;
 use crate::progress::Progress;
 use crate::simd::PointBlock;
@@ -30,30 +30,20 @@ impl Plan {
     }
 }
 
-/// How many segments between keys there are; at least one.
-pub(in crate::point) fn segments(keys: usize) -> usize {
-    keys.max(2) - 1
-}
-
-/// The segment between keys that stands for all of them where one has to.
-pub(in crate::point) fn middle_segment(keys: usize) -> usize {
-    segments(keys) / 2
-}
-
-/// The time slice between the keys in the middle.
+/// The time slice between the keys in the middle. It stands for all segments where one has to.
 pub(in crate::point) fn middle_slice(keys: usize) -> SegmentSlice {
-    time_slices(keys, 1)[middle_segment(keys)]
+    time_slices(keys, 1)[segments(keys) / 2]
 }
 
 /// The time slices of the shutter: `per_segment` for each segment between keys.
 pub(in crate::point) fn time_slices(keys: usize, per_segment: usize) -> Vec<SegmentSlice> {
-    (0..(keys - 1).max(1)).flat_map(|segment| time_slices_of(segment, keys, per_segment)).collect()
+    (0..segments(keys)).flat_map(|segment| time_slices_of(segment, keys, per_segment)).collect()
 }
 
 /// The same for points in f64, whose positions at a time are exact: no slice contains a time before its segment or after it.
 pub(in crate::point) fn precise_time_slices(keys: usize, per_segment: usize) -> Vec<SegmentSlice> {
     let of = |segment| slices_between(segment, keys, per_segment, KeyTime::not_before);
-    (0..(keys - 1).max(1)).flat_map(of).collect()
+    (0..segments(keys)).flat_map(of).collect()
 }
 
 /// The time slices of one segment. It begins and ends where queries that multiply in f32 find it to.
@@ -73,7 +63,7 @@ fn slices_between(
     first_time: fn(usize, usize) -> f32,
 ) -> impl Iterator<Item = SegmentSlice> {
     let (begin, end) = (segment * per_segment, (segment + 1) * per_segment);
-    let count = (keys - 1).max(1) * per_segment;
+    let count = segments(keys) * per_segment;
     let bound = move |i: usize| match i {
         _ if i == count => 2.0,
         _ if i.is_multiple_of(per_segment) => first_time(i / per_segment, keys),
@@ -169,7 +159,7 @@ mod tests {
         for keys in [1, 2, 3, 4, 8, 11, 26] {
             for per_segment in [1, 2, 3, 8] {
                 let slices = time_slices(keys, per_segment);
-                assert_eq!(slices.len(), (keys - 1).max(1) * per_segment);
+                assert_eq!(slices.len(), segments(keys) * per_segment);
                 let bounds = slices.iter().flat_map(|p| [p.interval.begin(), p.interval.end()]);
                 let near = bounds.flat_map(|t| [t.next_down(), t, t.next_up()]);
                 for t in near.chain((0..=997).map(|i| i as f32 / 997.0)).filter(|t| (0.0..=1.0).contains(t)) {

@@ -7,7 +7,7 @@
 //! A sample is located by a subset of all points, drawn evenly: repeatedly split at the median of the widest axis, the
 //! subset yields a box that holds the wanted share of all points. One pass over all points then finds those inside.
 
-use super::plan::{middle_segment, middle_slice, time_slices_of};
+use super::plan::{middle_slice, time_slices_of};
 use super::slice_points::SlicePoints;
 use super::source::Source;
 use crate::geometry::TimeInterval;
@@ -89,7 +89,7 @@ impl<'a> Sampler<'a> {
         let [least, most] = SAMPLE;
         // Only some of the short active intervals intersect a time slice.
         let wanted = (points.len() / SAMPLED).clamp(least, most) as f32 / (durations / count as f32).max(0.125);
-        let keys = middle_keys(source);
+        let keys = middle_slice(source.keys).ends();
         let drawn = drawn().map(|point| keys.map(|key| source.at(point, key))).collect();
         Sampler { source, points, simd, drawn, wanted }
     }
@@ -110,8 +110,8 @@ impl<'a> Sampler<'a> {
         marked: bool,
     ) -> Vec<Sample> {
         let (source, points) = (self.source, self.points);
-        let segment = middle_segment(source.keys);
-        let finer: Vec<SegmentSlice> = time_slices_of(segment, source.keys, per_segment).collect();
+        let whole = middle_slice(source.keys);
+        let finer: Vec<SegmentSlice> = time_slices_of(whole.segment, source.keys, per_segment).collect();
         let slices: [SegmentSlice; SAMPLES] = core::array::from_fn(|i| finer[spread(i, finer.len())]);
         let cells = self.cells(&slices.map(|slice| slice.middle_phase() as f32));
         let mut inside: [Vec<u32>; SAMPLES] = Default::default();
@@ -124,7 +124,6 @@ impl<'a> Sampler<'a> {
             }
             None => dispatch(self.simd, Scan { source, points, cells: &cells, inside: &mut inside, most }),
         }
-        let whole = middle_slice(source.keys);
         let sample = |(slice, inside): (&SegmentSlice, &Vec<u32>)| {
             let mut references = source.references(&whole, inside.iter().map(|&i| i as usize), |i| i as u32);
             let (mut leaf_size, mut order) = (0.0, Vec::new());
@@ -185,12 +184,6 @@ fn divide(items: &mut [Item], wanted: &mut [(usize, usize)], runs: usize, cells:
     divide(high, behind, runs - left, cells);
 }
 
-/// The keys of the segment that represents all.
-fn middle_keys(source: &Source) -> [usize; 2] {
-    let segment = middle_segment(source.keys);
-    [segment, (segment + 1).min(source.keys - 1)]
-}
-
 /// A box, and the phase at which points are in it.
 #[derive(Clone, Copy)]
 struct Cell {
@@ -216,7 +209,7 @@ impl Kernel for Scan<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let Scan { source, points, cells, inside, most } = self;
-        let [earlier, later] = middle_keys(source);
+        let [earlier, later] = middle_slice(source.keys).ends();
         let (mut open, mut close) = ([[0.0; TILE]; 3], [[0.0; TILE]; 3]);
         for points in points.chunks(TILE) {
             for (i, &point) in points.iter().enumerate() {

@@ -17,8 +17,7 @@ pub(in crate::point) struct SlicePoints<'a, const ACTIVE: bool> {
 
 impl<'a, const ACTIVE: bool> SlicePoints<'a, ACTIVE> {
     pub(in crate::point) fn new(source: &'a Source, points: &'a [u32], slice: &SegmentSlice) -> Self {
-        let keys = [slice.segment, (slice.segment + 1).min(slice.keys - 1)];
-        SlicePoints { source, points, interval: slice.interval, keys }
+        SlicePoints { source, points, interval: slice.interval, keys: slice.ends() }
     }
 
     /// The active interval of a point, and its intersection with the time slice.

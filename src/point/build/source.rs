@@ -229,13 +229,13 @@ impl Source {
         select: impl Iterator<Item = usize>,
         id: impl Fn(usize) -> u32,
     ) -> Vec<MovingReference> {
-        let later = (slice.segment + 1).min(slice.keys - 1);
+        let [earlier, later] = slice.ends();
         // Room for all: what is not used is never touched.
         let mut references = huge_vec(select.size_hint().1.unwrap_or(0));
         references.extend(select.filter_map(|i| {
             let active = self.active(i);
             let interval = active.intersect(slice.interval)?;
-            let (open, close) = (self.at(i, slice.segment), self.at(i, later));
+            let (open, close) = (self.at(i, earlier), self.at(i, later));
             Some(MovingReference { open, close, interval, active, id: id(i), fast: false })
         }));
         references

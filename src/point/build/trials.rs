@@ -8,13 +8,13 @@
 
 use super::cost::{FINEST, ReferenceCounts, Visits, memory_cost, searches, trees_of};
 use super::excess::{excess, leaves_of};
-use super::plan::{Plan, segments, time_slices_of};
+use super::plan::{Plan, time_slices_of};
 use super::sample::{Sample, Sampler};
 use super::source::Source;
 use crate::point::layout::moving_tree::{MovingTree, Placed};
 use crate::point::layout::static_tree::Shape;
 use crate::point::leaf_order::motion_groups::{Displaced, MotionDivision, SAMPLE, cost_of_slices};
-use crate::point::leaf_order::moving_reference::{MovingReference, SegmentSlice, positions_at};
+use crate::point::leaf_order::moving_reference::{MovingReference, SegmentSlice, positions_at, segments};
 use crate::point::leaf_order::spread::spread;
 use crate::point::leaf_order::widest_axis::include;
 use crate::point::search::layers::Layer;

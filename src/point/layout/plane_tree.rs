@@ -27,7 +27,7 @@ use super::slice_tree::SliceTree;
 use super::static_tree::StaticTree;
 use crate::geometry::{Box3, KeyTime, Plane};
 use crate::kd::{KdNode, KdView, PointReference, Trajectories, Trajectory, build_kd_over_points};
-use crate::point::leaf_order::moving_reference::{MovingReference, SegmentSlice};
+use crate::point::leaf_order::moving_reference::{MovingReference, SegmentSlice, segments};
 use crate::progress::Progress;
 use crate::simd::{Item, LANES, MovingPointBlock, huge_vec_of};
 use glam::Vec3;
@@ -62,7 +62,7 @@ impl PlaneTree {
             in_sah: true,
         };
         let all: Vec<_> = references.iter().enumerate().map(reference).collect();
-        let segments = slice.keys.max(2) - 1;
+        let segments = segments(slice.keys);
         let points = Trajectories { segments, segment: slice.segment, middle: slice.middle() };
         let tree = build_kd_over_points(points, all, references.len() as f64 * f64::from(most), progress);
         let (mut nodes, stored) = (tree.nodes, tree.references);

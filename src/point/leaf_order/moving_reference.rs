@@ -32,6 +32,12 @@ pub(in crate::point) struct SegmentSlice {
 }
 
 impl SegmentSlice {
+    /// The keys before and behind.
+    #[inline(always)]
+    pub(in crate::point) fn ends(&self) -> [usize; 2] {
+        [self.segment, (self.segment + 1).min(self.keys - 1)]
+    }
+
     /// The phase of time `t` between the keys, without rounding. (Times have 24 bits, and there are at most 2^16 keys.)
     /// At the ends of the slice, it is the phase of that end: at a key, the phase of the nearest float differs from it.
     #[inline]
@@ -72,10 +78,16 @@ impl SegmentSlice {
     }
 }
 
+/// How many segments between keys there are; at least one.
+#[inline(always)]
+pub(in crate::point) fn segments(keys: usize) -> usize {
+    keys.max(2) - 1
+}
+
 /// The phase of a time between the keys of a segment, outside of [0, 1] if it lies outside; exact.
 #[inline]
 pub(in crate::point) fn exact_phase(t: f32, keys: usize, segment: usize) -> f64 {
-    f64::from(t) * (keys.max(2) - 1) as f64 - segment as f64
+    f64::from(t) * segments(keys) as f64 - segment as f64
 }
 
 /// The phase within `segment` of a time that lies in it, or at its ends.

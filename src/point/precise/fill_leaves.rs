@@ -32,8 +32,8 @@ impl PointsOfSlice<'_> {
     /// Positions of a point at the keys of the segment.
     #[inline(always)]
     pub(super) fn keys(&self, point: u32) -> [DVec3; 2] {
-        let (SegmentSlice { segment, keys, .. }, point) = (self.slice, point as usize);
-        [self.source.exact(point, segment), self.source.exact(point, (segment + 1).min(keys - 1))]
+        let [open, close] = self.slice.ends();
+        [self.source.exact(point as usize, open), self.source.exact(point as usize, close)]
     }
 
     /// The position of a point at the earlier key.

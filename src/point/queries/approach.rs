@@ -26,7 +26,7 @@ use crate::limits::MAX_POINT_COORDINATE;
 use crate::point::layout::over_interval::{BoxTree, PointPath, greater, lesser};
 use crate::point::layout::plane_tree::{PlaneTree, plane_error};
 use crate::point::layout::slice_tree::slices_during;
-use crate::point::leaf_order::moving_reference::{SegmentSlice, exact_phase};
+use crate::point::leaf_order::moving_reference::{SegmentSlice, exact_phase, segments};
 use crate::point::search::layers::Layer;
 use crate::point::tree::PointTree;
 use crate::primitive::Position;
@@ -240,7 +240,7 @@ impl QueryPath {
 
     /// The segments between keys that the interval overlaps, if only at an end.
     fn segments(&self) -> Range<usize> {
-        let segments = self.keys.max(2) - 1;
+        let segments = segments(self.keys);
         let [first, last] = self.times.map(|time| time * segments as f64);
         (first.ceil() as usize).saturating_sub(1)..(last as usize + 1).min(segments)
     }
@@ -259,7 +259,7 @@ impl QueryPath {
         if first > last {
             return;
         }
-        let segments = (slice.keys.max(2) - 1) as f64;
+        let segments = segments(slice.keys) as f64;
         let phases: [f64; STEPS + 1] = core::array::from_fn(|i| first + (last - first) * (i as f64 / STEPS as f64));
         let times = phases.map(|phase| (phase + slice.segment as f64) / segments);
         let rate = if stop > start { 1.0 / (stop - start) } else { 0.0 };

@@ -14,6 +14,7 @@
 
 use crate::geometry::DoubleDouble;
 use crate::point::layout::over_interval::PointPath;
+use crate::point::leaf_order::moving_reference::segments;
 use glam::DVec3;
 
 /// The path of a query: positions at the begin and the end of the interval.
@@ -43,7 +44,7 @@ pub(in crate::point) struct Overlap {
 impl Overlap {
     /// The overlap of the query's interval, the point's interval, and a segment; `None` if they do not overlap.
     pub(in crate::point) fn new(path: &QueryPath, point: &PointPath, segment: usize) -> Option<Overlap> {
-        let (segment, segments) = (segment as f64, (path.keys.max(2) - 1) as f64);
+        let (segment, segments) = (segment as f64, segments(path.keys) as f64);
         // Exact: times have 24 bits and there are at most 2^16 keys.
         let begin = (path.times[0].max(point.active.begin().into()) * segments).max(segment);
         let end = (path.times[1].min(point.active.end().into()) * segments).min(segment + 1.0);
