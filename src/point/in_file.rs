@@ -1,6 +1,6 @@
 //! Point trees in files.
 
-use super::build::plan::{precise_time_slices, time_slices};
+use super::build::time_slices::{precise_time_slices, time_slices};
 use super::layout::moving_file::MovingRecord;
 use super::layout::moving_tree::MovingTree;
 use super::layout::plane_file::PlaneRecord;

@@ -1,10 +1,11 @@
 //! The point tree as callers build and query it, and its parameters.
 
-use super::build::automatic::{moving_layers, plan_for_all};
+use super::build::automatic::{moving_layers, slices_for_all};
+use super::build::partial_layer::Chosen;
 use super::build::partition::Partition;
-use super::build::plan::{Plan, moving_layer, precise_time_slices};
 use super::build::source::{Input, Source};
 use super::build::static_apart::static_apart;
+use super::build::time_slices::{moving_layer, plane_layer, precise_time_slices};
 use super::error::PointError;
 use super::layout::plane_tree::PlaneTree;
 use super::layout::static_tree::StaticTree;
@@ -143,9 +144,6 @@ const ALL_STATIC_IN_F64: &str = "all points are static; positions in f64";
 /// The most trees, one for each time slice of each segment between keys, unless there is one per segment.
 const MAX_POINT_TREES: usize = 1 << 14;
 
-/// The plan if no trials were made.
-const SIMPLE: Plan = Plan::Boxes(1);
-
 impl PointTree {
     /// Selects another instruction set of this CPU for queries, as [`PointParams::simd`] does for a build: of a tree from a file,
     /// which has the widest, or for tests and measurements. Answers do not change.
@@ -270,14 +268,18 @@ impl PointTree {
             let layer = Layer::Static(source.static_tree(count, partition.static_points(), &progress));
             tree.add(layer, PointLayerKind::Static, count, why);
         }
-        if let Some(plan) = forced(params) {
-            let all: Vec<u32> = (0..len as u32).collect();
-            tree.add(moving_layer(source, &all, plan, progress), kind(plan), len, "as requested".into());
-            return Ok(tree);
-        }
         let moving = if separate { partition.moving_points() } else { (0..len as u32).collect() };
-        for chosen in moving_layers(source, &moving, params.max_references, params.simd, &progress.rest(1.0)) {
-            tree.add(chosen.layer, kind(chosen.plan), chosen.points, chosen.why);
+        if params.structure == PointStructure::Kd {
+            let layer = plane_layer(source, &moving, params.max_references, progress);
+            tree.add(layer, PointLayerKind::Kd, len, "as requested".into());
+        } else if let Some(time_slices) = requested_slices(params) {
+            let layer = moving_layer(source, &moving, time_slices, progress);
+            tree.add(layer, PointLayerKind::Linear { time_slices }, len, "as requested".into());
+        } else {
+            let chosen = moving_layers(source, &moving, params.max_references, params.simd, &progress.rest(1.0));
+            for Chosen { layer, time_slices, points, why } in chosen {
+                tree.add(layer, PointLayerKind::Linear { time_slices }, points, why);
+            }
         }
         Ok(tree)
     }
@@ -295,21 +297,21 @@ impl PointTree {
         let (len, keys) = (source.len, source.keys);
         let partition = Partition::of(source);
         let count = partition.count;
-        let (plan, why) = match forced(params) {
-            Some(Plan::Planes(_)) => {
-                let expected = "one without planes where positions are kept in f64 (or ask for `Precision::Single`)";
-                return Err(PointError::Parameter { name: "structure", expected });
-            }
-            Some(plan) => (plan, "as requested; positions in f64".to_string()),
-            None if count == len => (SIMPLE, String::new()),
+        if params.structure == PointStructure::Kd {
+            let expected = "one without planes where positions are kept in f64 (or ask for `Precision::Single`)";
+            return Err(PointError::Parameter { name: "structure", expected });
+        }
+        let requested = requested_slices(params);
+        let (time_slices, why) = match requested {
+            Some(time_slices) => (time_slices, "as requested; positions in f64".to_string()),
+            None if count == len => (1, String::new()),
             None => {
-                let planning = progress.subtask(PLANNING);
-                let (plan, why) =
-                    plan_for_all(source, &partition.moving_points(), params.max_references, params.simd, &planning);
-                (plan, format!("{why}; trials used positions rounded to f32"))
+                let (moving, planning) = (partition.moving_points(), progress.subtask(PLANNING));
+                let (time_slices, why) = slices_for_all(source, &moving, params.max_references, params.simd, &planning);
+                (time_slices, format!("{why}; trials used positions rounded to f32"))
             }
         };
-        let separate = count == len || count as f64 >= MIN_STATIC_SHARE * len as f64 && forced(params).is_none();
+        let separate = count == len || count as f64 >= MIN_STATIC_SHARE * len as f64 && requested.is_none();
         if separate {
             let whole = SegmentSlice { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
             let progress = progress.rest(count as f64 / len as f64);
@@ -326,13 +328,14 @@ impl PointTree {
         }
         if count < len {
             let moving = if separate { partition.moving_points() } else { (0..len as u32).collect() };
-            let (count, slices) = (moving.len(), precise_time_slices(keys, plan.time_slices()));
+            let (count, slices) = (moving.len(), precise_time_slices(keys, time_slices));
             let progress = progress.in_units(slices.len());
             let tree = |slice: SegmentSlice| {
                 let points = if progress.cancelled() { Vec::new() } else { moving.clone() };
                 PreciseTree::build(source, slice, points, true, &progress.subtask(1.0))
             };
-            self.add_precise_layer(slices.into_iter().map(tree).collect(), kind(plan), count, why);
+            let kind = PointLayerKind::Linear { time_slices };
+            self.add_precise_layer(slices.into_iter().map(tree).collect(), kind, count, why);
         }
         Ok(())
     }
@@ -449,20 +452,11 @@ pub(super) fn work_of<P: PointSet + ?Sized>(points: &P) -> usize {
     if points.keys() == 1 { points.len() / 8 } else { points.len() }
 }
 
-/// The kind of layer that a plan makes.
-fn kind(plan: Plan) -> PointLayerKind {
-    match plan {
-        Plan::Boxes(time_slices) => PointLayerKind::Linear { time_slices },
-        Plan::Planes(_) => PointLayerKind::Kd,
-    }
-}
-
-/// The plan that the caller requested; `None` if the choice is automatic.
-fn forced(params: &PointParams) -> Option<Plan> {
+/// The number of time slices that the caller requested; `None` if the choice is automatic, or there is none.
+fn requested_slices(params: &PointParams) -> Option<usize> {
     match params.structure {
-        PointStructure::Automatic => None,
-        PointStructure::Linear => Some(Plan::Boxes(1)),
-        PointStructure::TimeSlices(slices) => Some(Plan::Boxes(slices)),
-        PointStructure::Kd => Some(Plan::Planes(params.max_references)),
+        PointStructure::Automatic | PointStructure::Kd => None,
+        PointStructure::Linear => Some(1),
+        PointStructure::TimeSlices(slices) => Some(slices),
     }
 }

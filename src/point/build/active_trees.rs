@@ -9,7 +9,6 @@
 use super::cost::{ReferenceCounts, Visits, memory_cost};
 use super::excess::{Excess, excess, leaves_of};
 use super::partial_layer::{PartialLayer, name};
-use super::plan::Plan;
 use super::slice_points::{SlicePoints, points_of_slice};
 use super::source::Source;
 use crate::point::leaf_order::fast_points::order_at;
@@ -30,7 +29,7 @@ pub(in crate::point) fn by_active_trees(source: &Source, points: &[u32], max_ref
     points.len() <= *OWN_TREES.end() || affordable
 }
 
-/// Begins the cheapest layer for all points; and the reason for its plan.
+/// Begins the cheapest layer for all points; and the reason for its number of time slices.
 pub(in crate::point) fn layer_by_active_trees<'a>(
     source: &'a Source,
     points: &'a [u32],
@@ -41,7 +40,7 @@ pub(in crate::point) fn layer_by_active_trees<'a>(
     let counts = ReferenceCounts::of(source, points);
     let slices = counts.affordable(max_references);
     let quarters = counts.quarters;
-    let begin = |slices: usize, time: f32| PartialLayer::at(source, points, Plan::Boxes(slices), time, progress);
+    let begin = |slices: usize, time: f32| PartialLayer::at(source, points, slices, time, progress);
     let mut next = slices.last().copied();
     let mut trees = Trees { counts, slices, simd, tried: Vec::new() };
     while let Some(slices) = next {
@@ -51,10 +50,10 @@ pub(in crate::point) fn layer_by_active_trees<'a>(
         trees.measure(source, layer, other);
         next = trees.next().filter(|_| !progress.cancelled());
     }
-    let costs = trees.tried.iter().map(|tried| format!("{} {:.1}", name(tried.layer.plan), tried.cost));
+    let costs = trees.tried.iter().map(|tried| format!("{} {:.1}", name(tried.layer.per_segment), tried.cost));
     let costs = costs.collect::<Vec<_>>().join(", ");
     let layer = trees.chosen().unwrap_or_else(|| begin(1, 0.5));
-    let why = format!("chosen from searches in the whole set: {} (costs: {costs})", name(layer.plan));
+    let why = format!("chosen from searches in the whole set: {} (costs: {costs})", name(layer.per_segment));
     (layer, why)
 }
 
@@ -83,7 +82,7 @@ struct Measured {
 
 impl Tried<'_> {
     fn slices(&self) -> usize {
-        self.layer.plan.time_slices()
+        self.layer.per_segment
     }
 }
 
@@ -91,7 +90,7 @@ impl<'a> Trees<'a> {
     /// Counts the work of searches in the tree of a layer, and in that of another time slice.
     fn measure(&mut self, source: &'a Source, layer: PartialLayer<'a>, other: Option<PartialLayer<'a>>) {
         let trees: Vec<Measured> = [&layer].into_iter().chain(&other).map(|of| self.measured(source, of)).collect();
-        let cost = mean(trees.iter().map(|tree| tree.visits)) + self.memory_cost(layer.plan.time_slices());
+        let cost = mean(trees.iter().map(|tree| tree.visits)) + self.memory_cost(layer.per_segment);
         let layer = match other {
             Some(other) => layer.and(other),
             None => layer,

@@ -13,8 +13,8 @@ use super::cost::ReferenceCounts;
 use super::excess::excess;
 use super::own_trees::{by_own_trees, layer_by_own_trees};
 use super::partial_layer::{Chosen, PartialLayer, name};
-use super::plan::{Plan, linear_tree};
 use super::source::Source;
+use super::time_slices::linear_tree;
 use super::trials::{Trial, Trials};
 use crate::point::layout::moving_tree::{MovingTree, WithoutFast};
 use crate::point::leaf_order::moving_reference::segments;
@@ -39,7 +39,7 @@ pub(in crate::point) fn moving_layers(
         return vec![layer.finish(why, progress)];
     }
     if points.len() <= FEW {
-        let layer = PartialLayer::new(source, points, Plan::Boxes(1), progress);
+        let layer = PartialLayer::new(source, points, 1, progress);
         return vec![layer.finish(WHY_FEW.to_string(), progress)];
     }
     let mut trials = Trials::new(source, points, max_references, simd, progress);
@@ -48,7 +48,7 @@ pub(in crate::point) fn moving_layers(
         let WithoutFast { tree, by_motion, .. } = linear_tree(source, points, trials.placed.take(), None, progress);
         let size = excess(&tree.leaves.blocks, 0.5, &[1], simd)[0];
         if size.is_small(points.len() * segments(source.keys)) && !by_motion {
-            let layer = PartialLayer::with(source, points, Plan::Boxes(1), tree);
+            let layer = PartialLayer::linear(source, points, tree);
             return vec![layer.finish(size.why(), progress)];
         }
         ready = Some(tree);
@@ -83,38 +83,38 @@ pub(in crate::point) fn moving_layers(
     match separated {
         Some(separated) if separated.cost * MAX_COST <= cost => separated.finish(why, progress),
         Some(separated) => {
-            let why =
-                format!("{why}; {measured}, fast points apart in {} {:.1}", name(separated.fast.plan), separated.cost);
+            let Separated { fast, cost, .. } = separated;
+            let why = format!("{why}; {measured}, fast points apart in {} {cost:.1}", name(fast.per_segment));
             vec![whole.finish(why, progress)]
         }
         None => vec![whole.finish(format!("{why}; {measured}"), progress)],
     }
 }
 
-/// The plan of one layer for some points, at least one, and the reason for it.
-pub(in crate::point) fn plan_for_all(
+/// The number of time slices of each segment in one layer for some points, at least one, and the reason for it.
+pub(in crate::point) fn slices_for_all(
     source: &Source,
     points: &[u32],
     max_references: f32,
     simd: SimdLevel,
     progress: &Progress,
-) -> (Plan, String) {
+) -> (usize, String) {
     if let Some((layer, why)) = by_whole_trees(source, points, max_references, simd, progress) {
-        return (layer.plan, why);
+        return (layer.per_segment, why);
     }
     if points.len() <= FEW {
-        return (Plan::Boxes(1), WHY_FEW.to_string());
+        return (1, WHY_FEW.to_string());
     }
     let mut trials = Trials::new(source, points, max_references, simd, progress);
     trials.try_one_tree();
     trials.try_slices(false);
     let why = explain(&trials);
     let (whole, _, measured) = one_layer(source, points, &mut trials, None, progress);
-    (whole.plan, format!("{why}; {measured}"))
+    (whole.per_segment, format!("{why}; {measured}"))
 }
 
 /// Begins the cheapest layer for all points by trees of the whole set, if that takes less time than samples; and the reason for its
-/// plan.
+/// number of time slices.
 fn by_whole_trees<'a>(
     source: &'a Source,
     points: &'a [u32],
@@ -139,33 +139,33 @@ fn one_layer<'a>(
     progress: &Progress,
 ) -> (PartialLayer<'a>, f64, String) {
     let placed = trials.placed.take();
-    let mut layer = match trials.best(false).plan {
-        plan @ Plan::Boxes(1) => {
+    let mut layer = match trials.best(false).slices {
+        1 => {
             let tree = ready.unwrap_or_else(|| linear_tree(source, points, placed, None, progress).tree);
-            PartialLayer::with(source, points, plan, tree)
+            PartialLayer::linear(source, points, tree)
         }
-        plan => {
+        slices => {
             // Other trees have no use for this memory.
             drop(placed);
-            PartialLayer::new(source, points, plan, progress)
+            PartialLayer::new(source, points, slices, progress)
         }
     };
     let cost_of = |layer: &PartialLayer, trials: &Trials| {
-        layer.visits(trials.simd).cost() + trials.memory_cost(layer.plan.time_slices())
+        layer.visits(trials.simd).cost() + trials.memory_cost(layer.per_segment)
     };
     let mut cost = cost_of(&layer, trials);
-    let mut measured = vec![format!("in the whole set {} {cost:.1}", name(layer.plan))];
-    while let Some(finer) = trials.finer(layer.plan, cost).filter(|_| !progress.cancelled()) {
+    let mut measured = vec![format!("in the whole set {} {cost:.1}", name(layer.per_segment))];
+    while let Some(finer) = trials.finer(layer.per_segment, cost).filter(|_| !progress.cancelled()) {
         let next = PartialLayer::new(source, points, finer, progress);
         let of_next = cost_of(&next, trials);
-        measured.push(format!("{} {of_next:.1}", name(next.plan)));
+        measured.push(format!("{} {of_next:.1}", name(next.per_segment)));
         if of_next >= cost * MAX_COST {
             break;
         }
-        trials.learn((layer.plan, cost), (next.plan, of_next));
+        trials.learn((layer.per_segment, cost), (next.per_segment, of_next));
         (layer, cost) = (next, of_next);
     }
-    let measured = format!("{}: {}", measured.join(", "), name(layer.plan));
+    let measured = format!("{}: {}", measured.join(", "), name(layer.per_segment));
     (layer, cost, measured)
 }
 
@@ -201,10 +201,10 @@ impl<'a> Separated<'a> {
     ) -> Separated<'a> {
         let [of_slow, of_fast] = [slow, fast].map(|points| ReferenceCounts::of(source, points));
         let references = |slices: usize| of_slow.with(1) + of_fast.with(slices);
-        let slow = PartialLayer::with(source, slow, Plan::Boxes(1), tree);
-        let begin = |plan: Plan| {
-            let fast = PartialLayer::new(source, fast, plan, progress);
-            let cost = trials.measured(&[&slow.tree, &fast.tree], references(plan.time_slices()), fast.slice());
+        let slow = PartialLayer::linear(source, slow, tree);
+        let begin = |slices: usize| {
+            let fast = PartialLayer::new(source, fast, slices, progress);
+            let cost = trials.measured(&[&slow.tree, &fast.tree], references(slices), fast.slice());
             (fast, cost)
         };
         let affordable = |slices: usize| trials.may_have(slices, references(slices) as f64);
@@ -213,10 +213,10 @@ impl<'a> Separated<'a> {
         while slices > 1 && !affordable(slices) {
             slices /= 2;
         }
-        let (mut of_fast, mut cost) = begin(Plan::Boxes(slices));
+        let (mut of_fast, mut cost) = begin(slices);
         // Trees over a few points are built quickly and take little memory.
-        while !progress.cancelled() && affordable(2 * of_fast.plan.time_slices()) {
-            let finer = begin(Plan::Boxes(2 * of_fast.plan.time_slices()));
+        while !progress.cancelled() && affordable(2 * of_fast.per_segment) {
+            let finer = begin(2 * of_fast.per_segment);
             if finer.1 > cost * MAX_REFINED_COST {
                 break;
             }
@@ -229,7 +229,7 @@ impl<'a> Separated<'a> {
         let Separated { slow, fast, cost } = self;
         let all = (slow.points.len() + fast.points.len()) as f64;
         let of_slow = progress.rest(slow.points.len() as f64 / all);
-        let why = format!("{why}; in the whole set fast points apart in {} {cost:.1}", name(fast.plan));
+        let why = format!("{why}; in the whole set fast points apart in {} {cost:.1}", name(fast.per_segment));
         let slow = slow.finish(why, &of_slow);
         drop(of_slow);
         vec![slow, fast.finish("fast points, apart from the others".to_string(), progress)]
@@ -240,7 +240,7 @@ impl<'a> Separated<'a> {
 fn explain(trials: &Trials) -> String {
     let name = |trial: &Trial| match trial.fast {
         Some(fast) => format!("fast points apart in {}", name(fast)),
-        None => name(trial.plan),
+        None => name(trial.slices),
     };
     let costs: Vec<String> = trials.all.iter().map(|t| format!("{} {:.1}", name(t), t.cost)).collect();
     format!("chosen from trial searches: {} (costs: {})", name(&trials.best(true)), costs.join(", "))

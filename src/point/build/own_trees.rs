@@ -8,9 +8,9 @@
 use super::cost::{ReferenceCounts, Visits, memory_cost};
 use super::excess::{excess, leaves_of};
 use super::partial_layer::{PartialLayer, name};
-use super::plan::{Plan, linear_tree, middle_slice};
 use super::slice_points::SlicePoints;
 use super::source::Source;
+use super::time_slices::{linear_tree, middle_slice};
 use crate::point::layout::moving_tree::WithoutFast;
 use crate::point::leaf_order::fast_points::order_at;
 use crate::point::leaf_order::moving_reference::segments;
@@ -24,7 +24,7 @@ pub(in crate::point) fn by_own_trees(source: &Source, points: &[u32]) -> bool {
     source.all_persist() && OWN_TREES.contains(&points.len())
 }
 
-/// Begins the cheapest layer for all points; and the reason for its plan.
+/// Begins the cheapest layer for all points; and the reason for its number of time slices.
 pub(in crate::point) fn layer_by_own_trees<'a>(
     source: &'a Source,
     points: &'a [u32],
@@ -39,20 +39,20 @@ pub(in crate::point) fn layer_by_own_trees<'a>(
     let slices = ReferenceCounts::of(source, points).affordable(max_references);
     let references = points.len() * segments(source.keys);
     if of_one.is_small(references) || slices.len() == 1 {
-        return (PartialLayer::with(source, points, Plan::Boxes(1), tree), of_one.why());
+        return (PartialLayer::linear(source, points, tree), of_one.why());
     }
     let sizes = excess(leaves, 0.5, &slices, simd);
     let mut measured = Vec::new();
     let mut measure = |layer: PartialLayer<'a>| {
         let visits = layer.visits(simd);
-        let cost = visits.cost() + memory_cost(references * layer.plan.time_slices());
-        measured.push(format!("{} {cost:.1}", name(layer.plan)));
+        let cost = visits.cost() + memory_cost(references * layer.per_segment);
+        measured.push(format!("{} {cost:.1}", name(layer.per_segment)));
         Measured { layer, visits, cost }
     };
-    let mut best = measure(PartialLayer::with(source, points, Plan::Boxes(1), tree));
+    let mut best = measure(PartialLayer::linear(source, points, tree));
     let mut limit = MAX_COST;
     while !progress.cancelled() {
-        let now = best.layer.plan.time_slices();
+        let now = best.layer.per_segment;
         let size_of = |slices: usize| sizes[slices.ilog2() as usize];
         let predicted = |slices: usize| {
             size_of(slices).visits(&size_of(now), best.visits).cost() + memory_cost(references * slices)
@@ -64,7 +64,7 @@ pub(in crate::point) fn layer_by_own_trees<'a>(
             break;
         };
         let most = predicted(slices) * OVERESTIMATED;
-        let mut begin = |slices: usize| measure(PartialLayer::new(source, points, Plan::Boxes(slices), progress));
+        let mut begin = |slices: usize| measure(PartialLayer::new(source, points, slices, progress));
         let mut next = begin(slices);
         // Where points meet in the middle of the shutter, it is only certain that one slice is too few.
         let meet = next.cost > most;
@@ -85,7 +85,7 @@ pub(in crate::point) fn layer_by_own_trees<'a>(
         }
     }
     let measured = measured.join(", ");
-    let why = format!("chosen from searches in the whole set: {} (costs: {measured})", name(best.layer.plan));
+    let why = format!("chosen from searches in the whole set: {} (costs: {measured})", name(best.layer.per_segment));
     (best.layer, why)
 }
 

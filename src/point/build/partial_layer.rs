@@ -1,9 +1,9 @@
 //! Layers of which one tree or two are built, for their searches to be counted before the others are.
 
 use super::cost::Visits;
-use super::plan::{PROBABLE, Plan, time_slices, tree};
 use super::slice_points::{points_of_slice, points_of_slices};
 use super::source::Source;
+use super::time_slices::{PROBABLE, time_slices, tree};
 use crate::point::layout::moving_tree::{MovingTree, WithoutFast};
 use crate::point::leaf_order::moving_reference::SegmentSlice;
 use crate::point::search::layers::Layer;
@@ -11,10 +11,11 @@ use crate::progress::Progress;
 use crate::simd::SimdLevel;
 use std::borrow::Cow;
 
-/// A layer, and the reason for its plan.
+/// A layer, and the reason for its number of time slices.
 pub(in crate::point) struct Chosen {
     pub(in crate::point) layer: Layer,
-    pub(in crate::point) plan: Plan,
+    /// Of each segment between keys.
+    pub(in crate::point) time_slices: usize,
     /// Number of points.
     pub(in crate::point) points: usize,
     pub(in crate::point) why: String,
@@ -24,7 +25,8 @@ pub(in crate::point) struct Chosen {
 pub(in crate::point) struct PartialLayer<'a> {
     source: &'a Source,
     pub(in crate::point) points: &'a [u32],
-    pub(in crate::point) plan: Plan,
+    /// Time slices of each segment between keys, a tree for each.
+    pub(in crate::point) per_segment: usize,
     slices: Vec<SegmentSlice>,
     /// The index of the time slice of that tree.
     at: usize,
@@ -40,47 +42,34 @@ impl<'a> PartialLayer<'a> {
     pub(in crate::point) fn new(
         source: &'a Source,
         points: &'a [u32],
-        plan: Plan,
+        per_segment: usize,
         progress: &Progress,
     ) -> PartialLayer<'a> {
-        PartialLayer::at(source, points, plan, 0.5, progress)
+        PartialLayer::at(source, points, per_segment, 0.5, progress)
     }
 
     /// Builds the tree of the time slice that holds a time.
     pub(in crate::point) fn at(
         source: &'a Source,
         points: &'a [u32],
-        plan: Plan,
+        per_segment: usize,
         time: f32,
         progress: &Progress,
     ) -> PartialLayer<'a> {
-        let slices = time_slices(source.keys, plan.time_slices());
+        let slices = time_slices(source.keys, per_segment);
         let at = index_of(&slices, time);
         let existing = points_of_slice(source, points, &slices[at]);
         let progress = progress.rest(PROBABLE / slices.len() as f64);
         let WithoutFast { tree, by_motion, .. } = tree(source, &existing, &slices[at], &mut Vec::new(), &progress);
-        PartialLayer { source, points, plan, slices, at, tree: Layer::Moving(vec![tree]), by_motion, other: None }
+        let tree = Layer::Moving(vec![tree]);
+        PartialLayer { source, points, per_segment, slices, at, tree, by_motion, other: None }
     }
 
-    /// The same as [`PartialLayer::new`] with that tree.
-    pub(in crate::point) fn with(
-        source: &'a Source,
-        points: &'a [u32],
-        plan: Plan,
-        tree: MovingTree,
-    ) -> PartialLayer<'a> {
-        let slices = time_slices(source.keys, plan.time_slices());
-        let at = slices.len() / 2;
-        PartialLayer {
-            source,
-            points,
-            plan,
-            slices,
-            at,
-            tree: Layer::Moving(vec![tree]),
-            by_motion: false,
-            other: None,
-        }
+    /// One time slice for each segment, where the tree between the keys in the middle is ready.
+    pub(in crate::point) fn linear(source: &'a Source, points: &'a [u32], tree: MovingTree) -> PartialLayer<'a> {
+        let slices = time_slices(source.keys, 1);
+        let (at, tree) = (slices.len() / 2, Layer::Moving(vec![tree]));
+        PartialLayer { source, points, per_segment: 1, slices, at, tree, by_motion: false, other: None }
     }
 
     /// Whether the tree that is built is that of the time slice that holds a time.
@@ -88,7 +77,7 @@ impl<'a> PartialLayer<'a> {
         self.at == index_of(&self.slices, time)
     }
 
-    /// Adds the tree of another one with the same plan for the same points.
+    /// Adds the tree of another one with as many slices for the same points.
     pub(in crate::point) fn and(mut self, other: PartialLayer<'a>) -> PartialLayer<'a> {
         self.other = Some((other.at, other.tree));
         self
@@ -106,7 +95,7 @@ impl<'a> PartialLayer<'a> {
     /// Builds the other trees.
     pub(in crate::point) fn finish(self, why: String, progress: &Progress) -> Chosen {
         if self.slices.len() == 1 {
-            return Chosen { layer: self.tree, plan: self.plan, points: self.points.len(), why };
+            return Chosen { layer: self.tree, time_slices: self.per_segment, points: self.points.len(), why };
         }
         let mut ready: Vec<(usize, MovingTree)> = Vec::new();
         for (at, tree) in [(self.at, self.tree)].into_iter().chain(self.other) {
@@ -125,7 +114,7 @@ impl<'a> PartialLayer<'a> {
             None => tree(self.source, &existing, slice, &mut more, &progress.subtask(1.0)).tree,
         };
         let layer = Layer::Moving(self.slices.iter().zip(existing).enumerate().map(tree_of).collect());
-        Chosen { layer, plan: self.plan, points: self.points.len(), why }
+        Chosen { layer, time_slices: self.per_segment, points: self.points.len(), why }
     }
 }
 
@@ -134,10 +123,10 @@ fn index_of(slices: &[SegmentSlice], time: f32) -> usize {
     slices.partition_point(|slice| slice.interval.end_bound() <= time)
 }
 
-pub(in crate::point) fn name(plan: Plan) -> String {
-    match plan {
-        Plan::Boxes(1) => "one linear tree".to_string(),
-        Plan::Boxes(slices) => format!("{slices} time slices"),
-        Plan::Planes(_) => "one k-d tree".to_string(),
+/// What so many time slices of each segment are called.
+pub(in crate::point) fn name(per_segment: usize) -> String {
+    match per_segment {
+        1 => "one linear tree".to_string(),
+        slices => format!("{slices} time slices"),
     }
 }

@@ -7,9 +7,9 @@
 //! A sample is located by a subset of all points, drawn evenly: repeatedly split at the median of the widest axis, the
 //! subset yields a box that holds the wanted share of all points. One pass over all points then finds those inside.
 
-use super::plan::{middle_slice, time_slices_of};
 use super::slice_points::SlicePoints;
 use super::source::Source;
+use super::time_slices::{middle_slice, time_slices_of};
 use crate::geometry::TimeInterval;
 use crate::point::layout::moving_tree::Placed;
 use crate::point::leaf_order::fast_points::Fast;

@@ -112,7 +112,7 @@ pub(in crate::point) fn points_of_slices<'a>(
 mod tests {
     use super::*;
     use crate::point::build::cost::{FINEST, ReferenceCounts};
-    use crate::point::build::plan::time_slices;
+    use crate::point::build::time_slices::time_slices;
     use crate::random::Random;
     use crate::{MovingPoint, Precision};
 

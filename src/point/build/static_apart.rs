@@ -5,10 +5,10 @@
 //! which all points are nearly at rest. Then it is only done if motion makes the boxes of all points together clearly larger.
 
 use super::excess::{Excess, excess, leaves_of};
-use super::plan::middle_slice;
 use super::sample::Sampler;
 use super::slice_points::SlicePoints;
 use super::source::Source;
+use super::time_slices::middle_slice;
 use crate::point::leaf_order::fast_points::order_at;
 use crate::point::leaf_order::moving_reference::References;
 use crate::simd::SimdLevel;

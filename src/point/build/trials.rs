@@ -8,9 +8,9 @@
 
 use super::cost::{FINEST, ReferenceCounts, Visits, memory_cost, searches, trees_of};
 use super::excess::{excess, leaves_of};
-use super::plan::{Plan, time_slices_of};
 use super::sample::{Sample, Sampler};
 use super::source::Source;
+use super::time_slices::time_slices_of;
 use crate::point::layout::moving_tree::{MovingTree, Placed};
 use crate::point::layout::static_tree::Shape;
 use crate::point::leaf_order::motion_groups::{Displaced, MotionDivision, SAMPLE, cost_of_slices};
@@ -27,9 +27,10 @@ use std::borrow::Cow;
 /// A structure that was tried, and its cost per search, in node visits of a small tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::point) struct Trial {
-    pub(in crate::point) plan: Plan,
-    /// Plan of the fast points if they have a layer of their own.
-    pub(in crate::point) fast: Option<Plan>,
+    /// Time slices of each segment between keys.
+    pub(in crate::point) slices: usize,
+    /// Those of the fast points if they have a layer of their own.
+    pub(in crate::point) fast: Option<usize>,
     pub(in crate::point) cost: f64,
     /// References of the sampled points: a measure of its memory.
     references: usize,
@@ -64,7 +65,8 @@ pub(in crate::point) struct Trials<'a> {
 /// The share of each trial in the rest of the build, about.
 const TRIAL: f64 = 0.05;
 
-const LINEAR: Plan = Plan::Boxes(1);
+/// One tree for each segment.
+const LINEAR: usize = 1;
 
 /// Of the searches of a trial, one in so many is made among points at rest: they differ little from each other.
 const BOUNDED: usize = 2;
@@ -117,7 +119,7 @@ impl<'a> Trials<'a> {
     /// Tries one tree for all points, and counts the work at rest.
     pub(in crate::point) fn try_one_tree(&mut self) {
         let linear = self.work(&self.whole, (LINEAR, None), self.searches());
-        self.all.push(Trial { plan: LINEAR, fast: None, cost: linear.cost, references: linear.references });
+        self.all.push(Trial { slices: LINEAR, fast: None, cost: linear.cost, references: linear.references });
         self.at_rest = self.work_at_rest(&self.whole);
         self.fast_at_rest = self.cost_with_fast_at_rest();
     }
@@ -155,9 +157,9 @@ impl<'a> Trials<'a> {
             if goes_on == [false; 2] || self.progress.cancelled() {
                 break;
             }
-            let (samples, plan) = (self.sampler.samples(slices, None, goes_on[1]), Plan::Boxes(slices));
+            let samples = self.sampler.samples(slices, None, goes_on[1]);
             if goes_on[0] {
-                let cost = self.add(&samples, plan, None);
+                let cost = self.add(&samples, slices, None);
                 if slices == guess && guess > 2 {
                     // Points may meet in the middle of the shutter, which is not the middle of these slices.
                     self.at_rest = self.work_at_rest(&samples);
@@ -166,7 +168,7 @@ impl<'a> Trials<'a> {
                 before[0] = cost;
             }
             if goes_on[1] {
-                let cost = self.add(&samples, LINEAR, Some(plan));
+                let cost = self.add(&samples, LINEAR, Some(slices));
                 // How finely they are divided is found out in the set itself.
                 goes_on[1] = cost <= before[1] * MAX_REFINED_COST && self.best(true).fast.is_none();
                 before[1] = cost;
@@ -178,7 +180,7 @@ impl<'a> Trials<'a> {
         let mut slices = if self.tried(guess).is_some_and(|cost| cost < limit) { guess / 2 } else { 1 };
         while slices > 1 && !self.progress.cancelled() {
             let samples = self.sampler.samples(slices, None, false);
-            let cost = self.add(&samples, Plan::Boxes(slices), None);
+            let cost = self.add(&samples, slices, None);
             slices = if cost * MAX_COST <= self.least() { slices / 2 } else { 1 };
         }
     }
@@ -221,8 +223,7 @@ impl<'a> Trials<'a> {
 
     /// The least cost of one layer for all points that was tried, or is expected by what was tried.
     pub(in crate::point) fn least_of_one_layer(&self) -> f64 {
-        let Trial { plan, cost, .. } = self.best(false);
-        let slices = plan.time_slices();
+        let Trial { slices, cost, .. } = self.best(false);
         self.expected(slices, cost)(self.guess(slices, cost))
     }
 
@@ -257,7 +258,7 @@ impl<'a> Trials<'a> {
 
     /// The cost of so many time slices of all points, if they were tried.
     fn tried(&self, slices: usize) -> Option<f64> {
-        let same = |trial: &&Trial| (trial.plan, trial.fast) == (Plan::Boxes(slices), None);
+        let same = |trial: &&Trial| (trial.slices, trial.fast) == (slices, None);
         self.all.iter().find(same).map(|trial| trial.cost)
     }
 
@@ -270,31 +271,28 @@ impl<'a> Trials<'a> {
         *cheap.min_by_key(|trial| trial.references).unwrap_or(&self.all[0])
     }
 
-    /// The plan with shorter time slices whose measurement in the whole set is worth its tree, given the cost of one there.
-    pub(in crate::point) fn finer(&mut self, plan: Plan, cost: f64) -> Option<Plan> {
-        let (slices, limit) = (plan.time_slices(), cost * MAX_PREDICTED_COST);
-        let halved = 2 * slices;
+    /// The greater number of time slices whose measurement in the whole set is worth its tree, given the cost of one number there.
+    pub(in crate::point) fn finer(&mut self, slices: usize, cost: f64) -> Option<usize> {
+        let (halved, limit) = (2 * slices, cost * MAX_PREDICTED_COST);
         if !self.may_gain(halved, limit) || self.flows_exceed(halved, limit) {
             return None;
         }
         let predicted = self.tried(halved).unwrap_or_else(|| {
             let samples = self.sampler.samples(halved, None, false);
-            self.add(&samples, Plan::Boxes(halved), None)
+            self.add(&samples, halved, None)
         });
         // Samples did not see what makes this one expensive, so they may not see what makes the next one expensive either. Where
         // points meet in the middle of this slice, half of it costs less than the shortest ones are expected to.
         let (guess, expected) = (self.guess(slices, cost).max(halved), self.expected(slices, cost));
         let meet = predicted < expected(guess) * MAX_COST;
-        (predicted < limit).then_some(Plan::Boxes(if meet { halved } else { guess }))
+        (predicted < limit).then_some(if meet { halved } else { guess })
     }
 
     /// Raises the work at rest to what follows from the costs of longer and shorter time slices in the whole set, if trees are not
     /// divided by motion: the third root of the work is a line over the duration of a slice.
-    pub(in crate::point) fn learn(&mut self, longer: (Plan, f64), shorter: (Plan, f64)) {
-        let [(longer, of_longer), (shorter, of_shorter)] = [longer, shorter].map(|(plan, cost)| {
-            let slices = plan.time_slices();
-            (1.0 / slices as f64, (cost - self.memory_cost(slices)).cbrt())
-        });
+    pub(in crate::point) fn learn(&mut self, longer: (usize, f64), shorter: (usize, f64)) {
+        let [(longer, of_longer), (shorter, of_shorter)] =
+            [longer, shorter].map(|(slices, cost)| (1.0 / slices as f64, (cost - self.memory_cost(slices)).cbrt()));
         if self.flows.iter().all(|&flows| flows == 1.0) {
             let at_rest = of_shorter - shorter * (of_longer - of_shorter) / (longer - shorter);
             self.at_rest = self.at_rest.max(at_rest.powi(3));
@@ -308,20 +306,20 @@ impl<'a> Trials<'a> {
     }
 
     /// Tries a structure and returns its cost.
-    fn add(&mut self, samples: &[Sample], plan: Plan, fast: Option<Plan>) -> f64 {
-        let Work { cost, references, .. } = self.work(samples, (plan, fast), self.searches());
-        self.all.push(Trial { plan, fast, cost, references });
+    fn add(&mut self, samples: &[Sample], slices: usize, fast: Option<usize>) -> f64 {
+        let Work { cost, references, .. } = self.work(samples, (slices, fast), self.searches());
+        self.all.push(Trial { slices, fast, cost, references });
         cost
     }
 
     /// The work of searches in samples, on average. Those without active points in their time slice are skipped.
-    fn work(&self, samples: &[Sample], plans: (Plan, Option<Plan>), searches: usize) -> Work {
+    fn work(&self, samples: &[Sample], slices: (usize, Option<usize>), searches: usize) -> Work {
         let _reported = self.progress.rest(TRIAL);
         let non_empty = samples.iter().filter(|sample| !sample.references.is_empty());
         let count = non_empty.clone().count().max(1);
         let searches = searches.div_ceil(count);
         let mut sum = Work { visited: 0.0, cost: 0.0, references: 0 };
-        for own in non_empty.map(|sample| work(sample, searches, plans, self.simd)) {
+        for own in non_empty.map(|sample| work(sample, searches, slices, self.simd)) {
             sum.visited += own.visited / count as f64;
             sum.cost += own.cost / count as f64;
             sum.references += own.references;
@@ -373,27 +371,26 @@ struct Work {
 }
 
 /// The work of searches during the time slice that a sample represents.
-fn work(sample: &Sample, searches: usize, (plan, fast): (Plan, Option<Plan>), simd: SimdLevel) -> Work {
+fn work(sample: &Sample, searches: usize, (slices, fast): (usize, Option<usize>), simd: SimdLevel) -> Work {
     let Sample { references, slice, scale, .. } = sample;
     let SegmentSlice { keys, segment, interval, .. } = slice;
-    let group = |plan: Plan, keep: &dyn Fn(&MovingReference) -> bool| {
-        let count = plan.time_slices();
+    let group = |slices: usize, keep: &dyn Fn(&MovingReference) -> bool| {
         let answers = |slice: &SegmentSlice| slice.interval.contains(interval.begin());
-        let slice = time_slices_of(*segment, *keys, count).find(answers).unwrap_or(*slice);
+        let slice = time_slices_of(*segment, *keys, slices).find(answers).unwrap_or(*slice);
         let inside =
             |m: &MovingReference| Some(MovingReference { interval: m.active.intersect(slice.interval)?, ..*m });
-        let inside: Cow<[MovingReference]> = match (fast, count) {
+        let inside: Cow<[MovingReference]> = match (fast, slices) {
             (None, 1) => Cow::Borrowed(references),
             _ => references.iter().filter(|m| keep(m)).filter_map(inside).collect(),
         };
         let layer = Layer::Moving(vec![MovingTree::build(&inside[..], slice, &Progress::new(None))]);
         let kept = references.iter().filter(|m| keep(m));
-        let count: usize = kept.map(|m| trees_of(m.active, count, *keys)).sum();
+        let count: usize = kept.map(|m| trees_of(m.active, slices, *keys)).sum();
         (layer, count)
     };
     let groups = match fast {
-        Some(fast) => vec![group(plan, &|m| !m.fast), group(fast, &|m| m.fast)],
-        None => vec![group(plan, &|_| true)],
+        Some(fast) => vec![group(slices, &|m| !m.fast), group(fast, &|m| m.fast)],
+        None => vec![group(slices, &|_| true)],
     };
     let layers: Vec<&Layer> = groups.iter().map(|(layer, _)| layer).collect();
     let points: Vec<_> =

@@ -202,7 +202,7 @@ pub(in crate::point) type PlaneView<'a> = AtTime<'a, PlaneTree, true>;
 mod tests {
     use super::*;
     use crate::geometry::TimeInterval;
-    use crate::point::build::plan::time_slices;
+    use crate::point::build::time_slices::time_slices;
     use crate::random::Random;
 
     /// Calls `visit` with the planes above each leaf, the sides it lies on (-1 below) with their slack, and its blocks.

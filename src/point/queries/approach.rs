@@ -412,7 +412,7 @@ impl PointTree {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::point::build::plan::time_slices;
+    use crate::point::build::time_slices::time_slices;
     use crate::point::leaf_order::moving_reference::MovingReference;
     use crate::progress::Progress;
     use crate::random::Random;

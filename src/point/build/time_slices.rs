@@ -1,4 +1,4 @@
-//! From moving points to layers: the shutter is divided into time slices, each with a tree of its own.
+//! The time slices of the shutter, and the trees and layers of moving points over them.
 
 use super::slice_points::{SlicePoints, points_of_slice, points_of_slices};
 use super::source::Source;
@@ -10,25 +10,6 @@ use crate::point::search::layers::Layer;
 use crate::progress::Progress;
 use crate::simd::PointBlock;
 use std::borrow::Cow;
-
-/// How moving points are put into trees.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::point) enum Plan {
-    /// Trees of boxes, so many side by side in time for each segment between keys.
-    Boxes(usize),
-    /// One k-d tree for each segment, with at most so many references for each point.
-    Planes(f32),
-}
-
-impl Plan {
-    /// Trees for each segment between keys.
-    pub(in crate::point) fn time_slices(self) -> usize {
-        match self {
-            Plan::Boxes(slices) => slices,
-            Plan::Planes(_) => 1,
-        }
-    }
-}
 
 /// The time slice between the keys in the middle. It stands for all segments where one has to.
 pub(in crate::point) fn middle_slice(keys: usize) -> SegmentSlice {
@@ -126,28 +107,32 @@ pub(in crate::point) fn linear_tree(
     tree_without_fast(source, &existing, &slice, (placed, &mut Vec::new()), leaf_size, &progress)
 }
 
-/// Builds a moving layer of some of the points.
-pub(in crate::point) fn moving_layer(source: &Source, points: &[u32], plan: Plan, progress: &Progress) -> Layer {
-    let slices = time_slices(source.keys, plan.time_slices());
+/// Builds a layer of some of the points: trees of boxes, so many side by side in time for each segment between keys.
+pub(in crate::point) fn moving_layer(
+    source: &Source,
+    points: &[u32],
+    per_segment: usize,
+    progress: &Progress,
+) -> Layer {
+    let slices = time_slices(source.keys, per_segment);
+    let (progress, mut more) = (progress.in_units(slices.len()), Vec::new());
+    let existing = points_of_slices(source, points, &slices);
+    let tree = |(slice, points): (&SegmentSlice, Cow<[u32]>)| {
+        tree(source, &points, slice, &mut more, &progress.subtask(1.0)).tree
+    };
+    Layer::Moving(slices.iter().zip(existing).map(tree).collect())
+}
+
+/// Builds a layer of some of the points: one k-d tree for each segment, with at most `most` references for each point.
+pub(in crate::point) fn plane_layer(source: &Source, points: &[u32], most: f32, progress: &Progress) -> Layer {
+    let slices = time_slices(source.keys, 1);
     let progress = progress.in_units(slices.len());
-    match plan {
-        Plan::Boxes(_) => {
-            let existing = points_of_slices(source, points, &slices);
-            let mut more = Vec::new();
-            let tree = |(slice, points): (&SegmentSlice, Cow<[u32]>)| {
-                tree(source, &points, slice, &mut more, &progress.subtask(1.0)).tree
-            };
-            Layer::Moving(slices.iter().zip(existing).map(tree).collect())
-        }
-        Plan::Planes(most) => {
-            let planes = |slice: &SegmentSlice| {
-                let points = if progress.cancelled() { &[] } else { points };
-                let references = source.references(slice, points.iter().map(|&i| i as usize), |i| source.id(i));
-                PlaneTree::build(&references, *slice, most, &progress.subtask(1.0))
-            };
-            Layer::Planes(slices.iter().map(planes).collect())
-        }
-    }
+    let tree = |slice: &SegmentSlice| {
+        let points = if progress.cancelled() { &[] } else { points };
+        let references = source.references(slice, points.iter().map(|&i| i as usize), |i| source.id(i));
+        PlaneTree::build(&references, *slice, most, &progress.subtask(1.0))
+    };
+    Layer::Planes(slices.iter().map(tree).collect())
 }
 
 #[cfg(test)]
