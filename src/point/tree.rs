@@ -1,7 +1,7 @@
 //! The point tree as callers build and query it, and its parameters.
 
 use super::build::automatic::{moving_layers, slices_for_all};
-use super::build::partial_layer::Chosen;
+use super::build::choice::{Choice, Chosen};
 use super::build::partition::Partition;
 use super::build::source::{Input, Source};
 use super::build::static_apart::static_apart;
@@ -276,7 +276,8 @@ impl PointTree {
             let layer = moving_layer(source, &moving, time_slices, progress);
             tree.add(layer, PointLayerKind::Linear { time_slices }, len, "as requested".into());
         } else {
-            let chosen = moving_layers(source, &moving, params.max_references, params.simd, &progress.rest(1.0));
+            let progress = progress.rest(1.0);
+            let chosen = moving_layers(choice_for(source, &moving, params, &progress));
             for Chosen { layer, time_slices, points, why } in chosen {
                 tree.add(layer, PointLayerKind::Linear { time_slices }, points, why);
             }
@@ -307,7 +308,7 @@ impl PointTree {
             None if count == len => (1, String::new()),
             None => {
                 let (moving, planning) = (partition.moving_points(), progress.subtask(PLANNING));
-                let (time_slices, why) = slices_for_all(source, &moving, params.max_references, params.simd, &planning);
+                let (time_slices, why) = slices_for_all(choice_for(source, &moving, params, &planning));
                 (time_slices, format!("{why}; trials used positions rounded to f32"))
             }
         };
@@ -450,6 +451,16 @@ impl core::fmt::Debug for PointTree {
 /// The work of building a tree, in triangles: a static point takes less than an eighth of the time of one.
 pub(super) fn work_of<P: PointSet + ?Sized>(points: &P) -> usize {
     if points.keys() == 1 { points.len() / 8 } else { points.len() }
+}
+
+/// The choice of a structure for some points of a set.
+fn choice_for<'a>(
+    source: &'a Source,
+    points: &'a [u32],
+    params: &PointParams,
+    progress: &'a Progress<'a>,
+) -> Choice<'a> {
+    Choice { source, points, max_references: params.max_references, simd: params.simd, progress }
 }
 
 /// The number of time slices that the caller requested; `None` if the choice is automatic, or there is none.

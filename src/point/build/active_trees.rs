@@ -6,19 +6,19 @@
 //! is expected by the numbers of their points, and by how much larger the boxes of these trees would be ([`super::excess`]). Of
 //! those that promise to be chosen such trees are built and measured, too.
 
+use super::choice::{Choice, name};
 use super::cost::{ReferenceCounts, Visits, memory_cost};
 use super::excess::{Excess, excess, leaves_of};
-use super::partial_layer::{PartialLayer, name};
+use super::partial_layer::PartialLayer;
 use super::slice_points::{SlicePoints, points_of_slice};
-use super::source::Source;
 use crate::point::leaf_order::fast_points::order_at;
 use crate::point::search::layers::Layer;
-use crate::progress::Progress;
-use crate::simd::{LANES, MovingPointBlock, SimdLevel};
+use crate::simd::{LANES, MovingPointBlock};
 use crate::tuning::points::{MAX_COST, MOST_ALIKE, OWN_TREES, SHORT_SLICES, VISITED};
 
-/// Whether the structure for so many points, at least one, is chosen by trees of slices.
-pub(in crate::point) fn by_active_trees(source: &Source, points: &[u32], max_references: f32) -> bool {
+/// Whether trees of slices take less time than another way to choose.
+fn takes_less_time(choice: Choice<'_>) -> bool {
+    let Choice { source, points, max_references, .. } = choice;
     // Between several keys, the number of references does not say how many points exist.
     if source.all_persist() || source.keys > 2 || points.len() <= LANES {
         return false;
@@ -29,32 +29,30 @@ pub(in crate::point) fn by_active_trees(source: &Source, points: &[u32], max_ref
     points.len() <= *OWN_TREES.end() || affordable
 }
 
-/// Begins the cheapest layer for all points; and the reason for its number of time slices.
-pub(in crate::point) fn layer_by_active_trees<'a>(
-    source: &'a Source,
-    points: &'a [u32],
-    max_references: f32,
-    simd: SimdLevel,
-    progress: &Progress,
-) -> (PartialLayer<'a>, String) {
-    let counts = ReferenceCounts::of(source, points);
-    let slices = counts.affordable(max_references);
+/// Begins the cheapest layer for all points, and gives the reason for its number of time slices; `None` where another way to choose
+/// takes less time.
+pub(in crate::point) fn by_active_trees(choice: Choice<'_>) -> Option<(PartialLayer<'_>, String)> {
+    if !takes_less_time(choice) {
+        return None;
+    }
+    let counts = ReferenceCounts::of(choice.source, choice.points);
+    let slices = counts.affordable(choice.max_references);
     let quarters = counts.quarters;
-    let begin = |slices: usize, time: f32| PartialLayer::at(source, points, slices, time, progress);
+    let begin = |slices: usize, time: f32| PartialLayer::at(choice, slices, time);
     let mut next = slices.last().copied();
-    let mut trees = Trees { counts, slices, simd, tried: Vec::new() };
+    let mut trees = Trees { counts, slices, tried: Vec::new() };
     while let Some(slices) = next {
         let [time, later] = quarters;
         let layer = begin(slices, time);
         let other = (!layer.holds(later) && trees.may_differ(slices)).then(|| begin(slices, later));
-        trees.measure(source, layer, other);
-        next = trees.next().filter(|_| !progress.cancelled());
+        trees.measure(layer, other);
+        next = trees.next().filter(|_| !choice.progress.cancelled());
     }
     let costs = trees.tried.iter().map(|tried| format!("{} {:.1}", name(tried.layer.per_segment), tried.cost));
     let costs = costs.collect::<Vec<_>>().join(", ");
     let layer = trees.chosen().unwrap_or_else(|| begin(1, 0.5));
     let why = format!("chosen from searches in the whole set: {} (costs: {costs})", name(layer.per_segment));
-    (layer, why)
+    Some((layer, why))
 }
 
 /// The layers of which one tree is built.
@@ -62,7 +60,6 @@ struct Trees<'a> {
     counts: ReferenceCounts,
     /// The numbers of time slices that are affordable: powers of two.
     slices: Vec<usize>,
-    simd: SimdLevel,
     tried: Vec<Tried<'a>>,
 }
 
@@ -88,8 +85,8 @@ impl Tried<'_> {
 
 impl<'a> Trees<'a> {
     /// Counts the work of searches in the tree of a layer, and in that of another time slice.
-    fn measure(&mut self, source: &'a Source, layer: PartialLayer<'a>, other: Option<PartialLayer<'a>>) {
-        let trees: Vec<Measured> = [&layer].into_iter().chain(&other).map(|of| self.measured(source, of)).collect();
+    fn measure(&mut self, layer: PartialLayer<'a>, other: Option<PartialLayer<'a>>) {
+        let trees: Vec<Measured> = [&layer].into_iter().chain(&other).map(|of| self.measured(of)).collect();
         let cost = mean(trees.iter().map(|tree| tree.visits)) + self.memory_cost(layer.per_segment);
         let layer = match other {
             Some(other) => layer.and(other),
@@ -98,19 +95,20 @@ impl<'a> Trees<'a> {
         self.tried.push(Tried { layer, trees, cost });
     }
 
-    fn measured(&self, source: &Source, layer: &PartialLayer) -> Measured {
+    fn measured(&self, layer: &PartialLayer) -> Measured {
+        let Choice { source, points, simd, .. } = layer.choice;
         let slice = *layer.slice();
         let middle = slice.middle_phase();
-        let sizes = |leaves: &[MovingPointBlock]| excess(leaves, middle as f32, &self.slices, self.simd);
+        let sizes = |leaves: &[MovingPointBlock]| excess(leaves, middle as f32, &self.slices, simd);
         let sizes = match &layer.tree {
             Layer::Moving(trees) if !layer.by_motion => sizes(&trees[0].leaves.blocks),
             _ => {
-                let existing = points_of_slice(source, layer.points, &slice);
+                let existing = points_of_slice(source, points, &slice);
                 let references = SlicePoints::<true>::new(source, &existing, &slice);
                 sizes(&leaves_of(&references, &order_at(&references, middle)))
             }
         };
-        Measured { visits: layer.visits(self.simd), sizes }
+        Measured { visits: layer.visits(), sizes }
     }
 
     /// The cost of the memory of so many time slices: beside a reference there are its interval and that of its point.

@@ -8,18 +8,18 @@
 //! tree of one time slice is built over the whole set, and the work of searches in it is counted. If shorter slices promise to cost
 //! less, the tree of one of those is built as well. The trees of the structure that is finally chosen are reused.
 
-use super::active_trees::{by_active_trees, layer_by_active_trees};
+use super::active_trees::by_active_trees;
+use super::choice::{Choice, Chosen, name};
 use super::cost::ReferenceCounts;
 use super::excess::excess;
-use super::own_trees::{by_own_trees, layer_by_own_trees};
-use super::partial_layer::{Chosen, PartialLayer, name};
-use super::source::Source;
+use super::own_trees::by_own_trees;
+use super::partial_layer::PartialLayer;
 use super::time_slices::linear_tree;
 use super::trials::{Trial, Trials};
 use crate::point::layout::moving_tree::{MovingTree, WithoutFast};
 use crate::point::leaf_order::moving_reference::segments;
 use crate::progress::Progress;
-use crate::simd::{LANES, SimdLevel};
+use crate::simd::LANES;
 use crate::tuning::points::{MAX_COST, MAX_PREDICTED_COST, MAX_REFINED_COST};
 
 /// So many points fit below one bottom node. Trials would cost many times as much as the tree.
@@ -27,28 +27,23 @@ const FEW: usize = LANES * LANES;
 
 const WHY_FEW: &str = "so few points fit below one node";
 
-/// The layers of some points of a set, at least one, with at most `max_references` per point.
-pub(in crate::point) fn moving_layers(
-    source: &Source,
-    points: &[u32],
-    max_references: f32,
-    simd: SimdLevel,
-    progress: &Progress,
-) -> Vec<Chosen> {
-    if let Some((layer, why)) = by_whole_trees(source, points, max_references, simd, progress) {
+/// The layers of the points.
+pub(in crate::point) fn moving_layers(choice: Choice<'_>) -> Vec<Chosen> {
+    let Choice { source, points, simd, progress, .. } = choice;
+    if let Some((layer, why)) = by_whole_trees(choice) {
         return vec![layer.finish(why, progress)];
     }
     if points.len() <= FEW {
-        let layer = PartialLayer::new(source, points, 1, progress);
+        let layer = PartialLayer::new(choice, 1);
         return vec![layer.finish(WHY_FEW.to_string(), progress)];
     }
-    let mut trials = Trials::new(source, points, max_references, simd, progress);
+    let mut trials = Trials::new(choice);
     let (mut fast, mut slow, mut ready) = (Vec::new(), Vec::new(), None);
     if trials.stay_together() {
         let WithoutFast { tree, by_motion, .. } = linear_tree(source, points, trials.placed.take(), None, progress);
         let size = excess(&tree.leaves.blocks, 0.5, &[1], simd)[0];
         if size.is_small(points.len() * segments(source.keys)) && !by_motion {
-            let layer = PartialLayer::linear(source, points, tree);
+            let layer = PartialLayer::linear(choice, tree);
             return vec![layer.finish(size.why(), progress)];
         }
         ready = Some(tree);
@@ -59,13 +54,13 @@ pub(in crate::point) fn moving_layers(
         trials.try_slices(true);
     }
     if fast_first || trials.best(true).fast.is_some() {
-        (fast, slow, ready) = split_fast(source, points, &mut trials, progress);
+        (fast, slow, ready) = split_fast(&mut trials);
     }
     let mut separated = None;
     if !fast.is_empty()
         && let Some(tree) = ready.take()
     {
-        separated = Some(Separated::new(source, (&slow, tree), &fast, &trials, progress));
+        separated = Some(Separated::new((&slow, tree), &fast, &trials));
     }
     let costs_less = |trials: &Trials, separated: &Option<Separated>, factor: f64| {
         separated.as_ref().is_some_and(|separated| separated.cost * factor <= trials.least_of_one_layer())
@@ -79,7 +74,7 @@ pub(in crate::point) fn moving_layers(
         return separated.finish(explain(&trials), progress);
     }
     let why = explain(&trials);
-    let (whole, cost, measured) = one_layer(source, points, &mut trials, ready, progress);
+    let (whole, cost, measured) = one_layer(&mut trials, ready);
     match separated {
         Some(separated) if separated.cost * MAX_COST <= cost => separated.finish(why, progress),
         Some(separated) => {
@@ -91,72 +86,48 @@ pub(in crate::point) fn moving_layers(
     }
 }
 
-/// The number of time slices of each segment in one layer for some points, at least one, and the reason for it.
-pub(in crate::point) fn slices_for_all(
-    source: &Source,
-    points: &[u32],
-    max_references: f32,
-    simd: SimdLevel,
-    progress: &Progress,
-) -> (usize, String) {
-    if let Some((layer, why)) = by_whole_trees(source, points, max_references, simd, progress) {
+/// The number of time slices of each segment in one layer for all points, and the reason for it.
+pub(in crate::point) fn slices_for_all(choice: Choice<'_>) -> (usize, String) {
+    if let Some((layer, why)) = by_whole_trees(choice) {
         return (layer.per_segment, why);
     }
-    if points.len() <= FEW {
+    if choice.points.len() <= FEW {
         return (1, WHY_FEW.to_string());
     }
-    let mut trials = Trials::new(source, points, max_references, simd, progress);
+    let mut trials = Trials::new(choice);
     trials.try_one_tree();
     trials.try_slices(false);
     let why = explain(&trials);
-    let (whole, _, measured) = one_layer(source, points, &mut trials, None, progress);
+    let (whole, _, measured) = one_layer(&mut trials, None);
     (whole.per_segment, format!("{why}; {measured}"))
 }
 
 /// Begins the cheapest layer for all points by trees of the whole set, if that takes less time than samples; and the reason for its
 /// number of time slices.
-fn by_whole_trees<'a>(
-    source: &'a Source,
-    points: &'a [u32],
-    max_references: f32,
-    simd: SimdLevel,
-    progress: &Progress,
-) -> Option<(PartialLayer<'a>, String)> {
-    if by_own_trees(source, points) {
-        return Some(layer_by_own_trees(source, points, max_references, simd, progress));
-    }
-    by_active_trees(source, points, max_references)
-        .then(|| layer_by_active_trees(source, points, max_references, simd, progress))
+fn by_whole_trees(choice: Choice<'_>) -> Option<(PartialLayer<'_>, String)> {
+    by_own_trees(choice).or_else(|| by_active_trees(choice))
 }
 
 /// Begins the cheapest layer for all points; returns it, its cost, and a description of the measurements. The linear tree of all
 /// points between the keys in the middle may be `ready`.
-fn one_layer<'a>(
-    source: &'a Source,
-    points: &'a [u32],
-    trials: &mut Trials,
-    ready: Option<MovingTree>,
-    progress: &Progress,
-) -> (PartialLayer<'a>, f64, String) {
-    let placed = trials.placed.take();
+fn one_layer<'a>(trials: &mut Trials<'a>, ready: Option<MovingTree>) -> (PartialLayer<'a>, f64, String) {
+    let (choice @ Choice { source, points, progress, .. }, placed) = (trials.choice, trials.placed.take());
     let mut layer = match trials.best(false).slices {
         1 => {
             let tree = ready.unwrap_or_else(|| linear_tree(source, points, placed, None, progress).tree);
-            PartialLayer::linear(source, points, tree)
+            PartialLayer::linear(choice, tree)
         }
         slices => {
             // Other trees have no use for this memory.
             drop(placed);
-            PartialLayer::new(source, points, slices, progress)
+            PartialLayer::new(choice, slices)
         }
     };
-    let cost_of = |layer: &PartialLayer, trials: &Trials| {
-        layer.visits(trials.simd).cost() + trials.memory_cost(layer.per_segment)
-    };
+    let cost_of = |layer: &PartialLayer, trials: &Trials| layer.visits().cost() + trials.memory_cost(layer.per_segment);
     let mut cost = cost_of(&layer, trials);
     let mut measured = vec![format!("in the whole set {} {cost:.1}", name(layer.per_segment))];
     while let Some(finer) = trials.finer(layer.per_segment, cost).filter(|_| !progress.cancelled()) {
-        let next = PartialLayer::new(source, points, finer, progress);
+        let next = PartialLayer::new(choice, finer);
         let of_next = cost_of(&next, trials);
         measured.push(format!("{} {of_next:.1}", name(next.per_segment)));
         if of_next >= cost * MAX_COST {
@@ -170,12 +141,8 @@ fn one_layer<'a>(
 }
 
 /// The fast points, the others, and the linear tree of those between the keys in the middle.
-fn split_fast(
-    source: &Source,
-    points: &[u32],
-    trials: &mut Trials,
-    progress: &Progress,
-) -> (Vec<u32>, Vec<u32>, Option<MovingTree>) {
+fn split_fast(trials: &mut Trials) -> (Vec<u32>, Vec<u32>, Option<MovingTree>) {
+    let Choice { source, points, progress, .. } = trials.choice;
     let leaf_size = Some(trials.leaf_size);
     let WithoutFast { tree, fast, .. } = linear_tree(source, points, trials.placed.take(), leaf_size, progress);
     let mut is_fast = vec![false; source.len];
@@ -192,18 +159,13 @@ struct Separated<'a> {
 }
 
 impl<'a> Separated<'a> {
-    fn new(
-        source: &'a Source,
-        (slow, tree): (&'a [u32], MovingTree),
-        fast: &'a [u32],
-        trials: &Trials,
-        progress: &Progress,
-    ) -> Separated<'a> {
-        let [of_slow, of_fast] = [slow, fast].map(|points| ReferenceCounts::of(source, points));
+    fn new((slow, tree): (&'a [u32], MovingTree), fast: &'a [u32], trials: &Trials<'a>) -> Separated<'a> {
+        let [slow, fast] = [slow, fast].map(|points| Choice { points, ..trials.choice });
+        let [of_slow, of_fast] = [slow, fast].map(|choice| ReferenceCounts::of(choice.source, choice.points));
         let references = |slices: usize| of_slow.with(1) + of_fast.with(slices);
-        let slow = PartialLayer::linear(source, slow, tree);
+        let slow = PartialLayer::linear(slow, tree);
         let begin = |slices: usize| {
-            let fast = PartialLayer::new(source, fast, slices, progress);
+            let fast = PartialLayer::new(fast, slices);
             let cost = trials.measured(&[&slow.tree, &fast.tree], references(slices), fast.slice());
             (fast, cost)
         };
@@ -215,7 +177,7 @@ impl<'a> Separated<'a> {
         }
         let (mut of_fast, mut cost) = begin(slices);
         // Trees over a few points are built quickly and take little memory.
-        while !progress.cancelled() && affordable(2 * of_fast.per_segment) {
+        while !trials.choice.progress.cancelled() && affordable(2 * of_fast.per_segment) {
             let finer = begin(2 * of_fast.per_segment);
             if finer.1 > cost * MAX_REFINED_COST {
                 break;
@@ -227,8 +189,8 @@ impl<'a> Separated<'a> {
 
     fn finish(self, why: String, progress: &Progress) -> Vec<Chosen> {
         let Separated { slow, fast, cost } = self;
-        let all = (slow.points.len() + fast.points.len()) as f64;
-        let of_slow = progress.rest(slow.points.len() as f64 / all);
+        let [of_slow, of_fast] = [&slow, &fast].map(|layer| layer.choice.points.len() as f64);
+        let of_slow = progress.rest(of_slow / (of_slow + of_fast));
         let why = format!("{why}; in the whole set fast points apart in {} {cost:.1}", name(fast.per_segment));
         let slow = slow.finish(why, &of_slow);
         drop(of_slow);

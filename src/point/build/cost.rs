@@ -2,6 +2,7 @@
 //!
 //! Counting instead of timing makes the choice of a structure the same on every machine.
 
+use super::choice::Choice;
 use super::source::Source;
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::point::leaf_order::moving_reference::SegmentSlice;
@@ -66,14 +67,9 @@ impl Visits {
         Visits { nodes: visited.nodes / done, blocks: visited.blocks / done }
     }
 
-    /// Those of searches at some of the points of a set that exist in a time slice, while they do.
-    pub(in crate::point) fn among(
-        source: &Source,
-        points: &[u32],
-        layers: &[&Layer],
-        slice: &SegmentSlice,
-        simd: SimdLevel,
-    ) -> Visits {
+    /// Those of searches at some of the points of a choice that exist in a time slice, while they do.
+    pub(in crate::point) fn among(choice: Choice<'_>, layers: &[&Layer], slice: &SegmentSlice) -> Visits {
+        let Choice { source, points, simd, .. } = choice;
         let count = searches(points.len());
         let place =
             |point: u32, interval: TimeInterval| (slice.ends().map(|key| source.at(point as usize, key)), interval);

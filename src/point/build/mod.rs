@@ -2,10 +2,11 @@
 
 mod active_trees;
 pub(super) mod automatic;
+pub(super) mod choice;
 mod cost;
 mod excess;
 mod own_trees;
-pub(super) mod partial_layer;
+mod partial_layer;
 pub(super) mod partition;
 mod sample;
 mod slice_points;

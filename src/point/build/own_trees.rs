@@ -5,33 +5,27 @@
 //! gain anything ([`super::excess`]). If so, the work of searches in it is counted, and that of shorter slices is predicted by
 //! their boxes. The first tree of those that promise most is built, and its searches are counted, as long as that gains.
 
+use super::choice::{Choice, name};
 use super::cost::{ReferenceCounts, Visits, memory_cost};
 use super::excess::{excess, leaves_of};
-use super::partial_layer::{PartialLayer, name};
+use super::partial_layer::PartialLayer;
 use super::slice_points::SlicePoints;
 use super::source::Source;
 use super::time_slices::{linear_tree, middle_slice};
 use crate::point::layout::moving_tree::WithoutFast;
 use crate::point::leaf_order::fast_points::order_at;
 use crate::point::leaf_order::moving_reference::segments;
-use crate::progress::Progress;
-use crate::simd::{MovingPointBlock, SimdLevel};
+use crate::simd::MovingPointBlock;
 use crate::tuning::points::{MAX_COST, NEARLY, OVERESTIMATED, OWN_TREES};
 use core::iter;
 
-/// Whether the structure for so many points is chosen by their own trees.
-pub(in crate::point) fn by_own_trees(source: &Source, points: &[u32]) -> bool {
-    source.all_persist() && OWN_TREES.contains(&points.len())
-}
-
-/// Begins the cheapest layer for all points; and the reason for its number of time slices.
-pub(in crate::point) fn layer_by_own_trees<'a>(
-    source: &'a Source,
-    points: &'a [u32],
-    max_references: f32,
-    simd: SimdLevel,
-    progress: &Progress,
-) -> (PartialLayer<'a>, String) {
+/// Begins the cheapest layer for all points, and gives the reason for its number of time slices; `None` where another way to choose
+/// takes less time.
+pub(in crate::point) fn by_own_trees<'a>(choice: Choice<'a>) -> Option<(PartialLayer<'a>, String)> {
+    let Choice { source, points, max_references, simd, progress } = choice;
+    if !source.all_persist() || !OWN_TREES.contains(&points.len()) {
+        return None;
+    }
     let WithoutFast { tree, by_motion, .. } = linear_tree(source, points, None, None, progress);
     let by_position = by_motion.then(|| by_position(source, points));
     let leaves = by_position.as_ref().unwrap_or(&tree.leaves.blocks);
@@ -39,17 +33,17 @@ pub(in crate::point) fn layer_by_own_trees<'a>(
     let slices = ReferenceCounts::of(source, points).affordable(max_references);
     let references = points.len() * segments(source.keys);
     if of_one.is_small(references) || slices.len() == 1 {
-        return (PartialLayer::linear(source, points, tree), of_one.why());
+        return Some((PartialLayer::linear(choice, tree), of_one.why()));
     }
     let sizes = excess(leaves, 0.5, &slices, simd);
     let mut measured = Vec::new();
     let mut measure = |layer: PartialLayer<'a>| {
-        let visits = layer.visits(simd);
+        let visits = layer.visits();
         let cost = visits.cost() + memory_cost(references * layer.per_segment);
         measured.push(format!("{} {cost:.1}", name(layer.per_segment)));
         Measured { layer, visits, cost }
     };
-    let mut best = measure(PartialLayer::linear(source, points, tree));
+    let mut best = measure(PartialLayer::linear(choice, tree));
     let mut limit = MAX_COST;
     while !progress.cancelled() {
         let now = best.layer.per_segment;
@@ -64,7 +58,7 @@ pub(in crate::point) fn layer_by_own_trees<'a>(
             break;
         };
         let most = predicted(slices) * OVERESTIMATED;
-        let mut begin = |slices: usize| measure(PartialLayer::new(source, points, slices, progress));
+        let mut begin = |slices: usize| measure(PartialLayer::new(choice, slices));
         let mut next = begin(slices);
         // Where points meet in the middle of the shutter, it is only certain that one slice is too few.
         let meet = next.cost > most;
@@ -86,7 +80,7 @@ pub(in crate::point) fn layer_by_own_trees<'a>(
     }
     let measured = measured.join(", ");
     let why = format!("chosen from searches in the whole set: {} (costs: {measured})", name(best.layer.per_segment));
-    (best.layer, why)
+    Some((best.layer, why))
 }
 
 /// A layer of which one tree is built, what searches in it visit, and their cost.
