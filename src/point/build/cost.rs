@@ -41,18 +41,18 @@ impl Visits {
     ) -> Visits {
         let mut candidates = Candidates::default();
         let (mut visited, mut done) = (Visits { nodes: 0.0, blocks: 0.0 }, 0);
-        let count = points.len();
+        let (layers, count) =
+            (layers.iter().map(|&layer| core::slice::from_ref(layer)).collect::<Vec<_>>(), points.len());
         for part in 0..PARTS {
             for (i, (ends, interval)) in points.iter().enumerate().skip(part).step_by(PARTS) {
                 // Times in an order that is independent of the positions.
                 let fraction = ((i * 89) % count) as f32 / count as f32;
                 let time = interval.begin() + interval.duration() * fraction;
-                let layers: Vec<_> = layers.iter().map(|layer| (core::slice::from_ref(*layer), time)).collect();
                 let [open, close] = ends.map(Vec3::from_array);
                 let point = KeyTime::new(time, slice.keys).position(open, close);
                 let all = |_: &Lanes<u32>, mask: Mask| mask;
-                let search =
-                    CountedSearch { layers: &layers, point, k: 8, bound: f32::MAX, shrink: 1.0, keep: KeepLanes(&all) };
+                let (layers, keep) = (&layers[..], KeepLanes(&all));
+                let search = CountedSearch { layers, point, time, k: 8, bound: f32::MAX, shrink: 1.0, keep };
                 let work = search_counted(simd, &search, &mut candidates);
                 visited.nodes += work.nodes as f64;
                 visited.blocks += work.blocks as f64;

@@ -172,7 +172,7 @@ pub(in crate::point) fn nearest_n(
 /// The same with a filter, not yet in order.
 fn filtered(query: &PreparedQuery<'_, KeepLanes<'_>>, k: usize, candidates: &mut Candidates) -> NeighborWork {
     let &PreparedQuery { tree, point, time, bound, shrink, keep, .. } = query;
-    let search = CountedSearch { layers: &[(&tree.layers, time)], point, k, bound, shrink, keep };
+    let search = CountedSearch { layers: &[&tree.layers], point, time, k, bound, shrink, keep };
     search_counted(tree.simd, &search, candidates)
 }
 

@@ -13,9 +13,9 @@ use glam::Vec3;
 
 /// A search, and the layers to be searched.
 pub(in crate::point) struct CountedSearch<'a> {
-    /// Layers, each at its own time.
-    pub layers: &'a [(&'a [Layer], f32)],
+    pub layers: &'a [&'a [Layer]],
     pub point: Vec3,
+    pub time: f32,
     pub k: usize,
     /// As in [`KNearest::within`].
     pub bound: f32,
@@ -29,12 +29,12 @@ pub(in crate::point) fn search_counted(
     search: &CountedSearch<'_>,
     candidates: &mut Candidates,
 ) -> NeighborWork {
-    let CountedSearch { layers, point, k, bound, shrink, keep } = search;
+    let CountedSearch { layers, point, time, k, bound, shrink, keep } = search;
     let mut work = NeighborWork::default();
     let mut search = KNearest::within(*k, *bound, *shrink, candidates, keep, &mut work);
     loop {
-        for &(layers, time) in *layers {
-            walk_counted(simd, QueriedLayers { layers, point: *point, time }, &mut search);
+        for layers in *layers {
+            walk_counted(simd, QueriedLayers { layers, point: *point, time: *time }, &mut search);
         }
         if !search.retry() {
             return work;
