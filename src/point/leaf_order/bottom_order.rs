@@ -8,7 +8,7 @@ use super::complete_tree::left_part;
 use super::divide::{counted, extremes, guess, lowest_lanes, next_key};
 use super::point_rows::{NO_POINT, PointRows, PointVector, item, set_item, store_compressed, vector};
 use super::widest_axis::longest;
-use crate::simd::{Item, Kernel, LANES, Lanes, Mask, Simd, lanes_at, lanes_at_mut};
+use crate::simd::{Item, Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch, lanes_at, lanes_at_mut};
 
 /// Most points that are ordered here: those below a bottom node whose leaves have two vectors.
 pub(in crate::point) const MOST: usize = 2 * LANES * LANES;
@@ -157,6 +157,65 @@ impl Kernel for Order<'_> {
     }
 }
 
+/// Orders the first `count` points, which are in the order of bottom nodes, so that leaf i holds the i-th run of `leaf` of them.
+pub(in crate::point) fn order_bottoms(rows: &mut PointRows, count: usize, leaf: usize) {
+    dispatch(SimdLevel::best(), Bottoms { rows, count, leaf });
+}
+
+/// The largest extent of each run of so many points.
+pub(in crate::point) fn extents(rows: &PointRows, run: usize) -> Vec<f32> {
+    dispatch(SimdLevel::best(), Extents { rows, run })
+}
+
+/// See [`order_bottoms`].
+struct Bottoms<'a, 'b> {
+    rows: &'a mut PointRows<'b>,
+    count: usize,
+    leaf: usize,
+}
+
+impl Kernel for Bottoms<'_, '_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Bottoms { rows, count, leaf } = self;
+        let (mut bottom, mut spare) = (Rows::<MOST>::EMPTY, Rows::<SPARE>::EMPTY);
+        for first in (0..count).step_by(leaf * LANES) {
+            let count = (count - first).min(leaf * LANES);
+            bottom.take(rows, first, count);
+            bottom.order(s, count, leaf, &mut spare);
+            for (to, from) in rows.at.iter_mut().zip(&bottom.at) {
+                to[first..first + count].copy_from_slice(&from[..count]);
+            }
+            rows.index[first..first + count].copy_from_slice(&bottom.index[..count]);
+        }
+    }
+}
+
+/// See [`extents`].
+struct Extents<'a, 'b> {
+    rows: &'a PointRows<'b>,
+    run: usize,
+}
+
+impl Kernel for Extents<'_, '_> {
+    type Output = Vec<f32>;
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> Vec<f32> {
+        let Extents { rows, run } = self;
+        let mut extents = Vec::with_capacity(rows.len().div_ceil(run));
+        for first in (0..rows.len()).step_by(run) {
+            let mut extent = 0.0f32;
+            for row in &rows.at {
+                let (lo, hi) = extremes(s, row[first..rows.len().min(first + run)].as_chunks().0);
+                extent = extent.max(hi - lo);
+            }
+            extents.push(extent);
+        }
+        extents
+    }
+}
+
 /// What divides the `count` lowest keys from the others: those below a bound, and so many of those equal to it. `least`
 /// and `most` are the least and the greatest key, which must be numbers.
 #[inline(always)]
@@ -180,7 +239,6 @@ fn threshold<S: Simd>(s: S, keys: &[Lanes<f32>], count: usize, (least, most): (f
 mod tests {
     use super::*;
     use crate::random::Random;
-    use crate::simd::{SimdLevel, dispatch};
 
     /// Orders at most [`MOST`] points.
     struct Bottom<'a> {

@@ -1,6 +1,6 @@
 //! Detecting points that move far relative to their neighbours.
 
-use super::bottom_order::{MOST, Rows, SPARE};
+use super::bottom_order::{MOST, Rows, SPARE, extents, order_bottoms};
 use super::divide::{extremes, least_lane};
 use super::moving_reference::{References, SegmentSlice, take_positions};
 use super::order::order_rows;
@@ -45,8 +45,8 @@ fn ordered<R: References + ?Sized>(references: &R, phase: f64) -> (Vec<u32>, Vec
     take_positions(from.borrow(), references, phase);
     let mut rows = PointRows::in_blocks(&mut more, count);
     order_rows(from, &mut rows, LANES, None, &Progress::new(None));
-    let sizes = dispatch(SimdLevel::best(), OrderLeaves { rows: &mut rows, count });
-    (rows.index[..count].to_vec(), sizes)
+    order_bottoms(&mut rows, count, LANES);
+    (rows.index[..count].to_vec(), extents(&rows, LANES))
 }
 
 /// Where at most so many of the references of sixteen leaves are fast, the others stay in their leaves: a thirtieth of the lanes
@@ -192,32 +192,6 @@ fn size<S: Simd>(s: S, rows: &Rows<MOST>, leaf: usize) -> f32 {
         size = if most - least > size { most - least } else { size };
     }
     size
-}
-
-/// Puts references in order below bottom nodes as well; returns the longest side of each leaf.
-struct OrderLeaves<'a, 'b> {
-    rows: &'a mut PointRows<'b>,
-    count: usize,
-}
-
-impl Kernel for OrderLeaves<'_, '_> {
-    type Output = Vec<f32>;
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> Vec<f32> {
-        let OrderLeaves { rows: all, count } = self;
-        let (mut rows, mut spare) = (Rows::<MOST>::EMPTY, Rows::<SPARE>::EMPTY);
-        let mut sizes = Vec::with_capacity(count.div_ceil(LANES));
-        for begin in (0..count).step_by(LANES * LANES) {
-            let below = (count - begin).min(LANES * LANES);
-            rows.take(all, begin, below);
-            rows.order(s, below, LANES, &mut spare);
-            all.index[begin..begin + below].copy_from_slice(&rows.index[..below]);
-            for leaf in 0..below.div_ceil(LANES) {
-                sizes.push(size(s, &rows, leaf));
-            }
-        }
-        sizes
-    }
 }
 
 /// Finds fast references among those of all leaves.

@@ -5,13 +5,12 @@
 //! left to the caller, to be ordered by coordinates relative to its own middle.
 
 use crate::parallel::{self, CHUNK};
-use crate::point::leaf_order::bottom_order::{MOST, Rows, SPARE};
-use crate::point::leaf_order::divide::extremes;
+use crate::point::leaf_order::bottom_order::{extents, order_bottoms};
 use crate::point::leaf_order::order::{Displacements, order_rows};
 use crate::point::leaf_order::point_rows::{NO_POINT, PointRows};
 use crate::point::leaf_order::widest_axis::include;
 use crate::progress::Progress;
-use crate::simd::{Item, Kernel, LANES, Simd, SimdLevel, dispatch};
+use crate::simd::{Item, LANES};
 use glam::DVec3;
 
 /// Points to be ordered, by their numbers in the set.
@@ -61,7 +60,7 @@ pub(super) fn order_in_f32<P: Points>(
         return done;
     }
     order_rows(from.borrow(), &mut to, part / LANES, None, &progress.subtask(count as f64));
-    let sizes = dispatch(SimdLevel::best(), Sizes { rows: &to, run: part });
+    let sizes = extents(&to, part);
     if !well_separated(&to.index[..count], part, (&sizes, least), points) {
         return false;
     }
@@ -121,58 +120,9 @@ impl Part<'_, '_> {
         };
         let motion = by_motion.then_some(&displacements as Displacements<'_>);
         order_rows(rows.borrow(), more, leaf, motion, &Progress::new(None));
-        dispatch(SimdLevel::best(), Bottoms { rows: more, count, leaf });
+        order_bottoms(more, count, leaf);
         numbers.copy_from_slice(&more.index[..count]);
-        let sizes = dispatch(SimdLevel::best(), Sizes { rows: more, run: leaf });
+        let sizes = extents(more, leaf);
         well_separated(numbers, leaf, (&sizes, least), points)
-    }
-}
-
-/// Orders the points below each bottom node.
-struct Bottoms<'a, 'b> {
-    rows: &'a mut PointRows<'b>,
-    count: usize,
-    leaf: usize,
-}
-
-impl Kernel for Bottoms<'_, '_> {
-    type Output = ();
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let Bottoms { rows, count, leaf } = self;
-        let (mut bottom, mut spare) = (Rows::<MOST>::EMPTY, Rows::<SPARE>::EMPTY);
-        for first in (0..count).step_by(leaf * LANES) {
-            let count = (count - first).min(leaf * LANES);
-            bottom.take(rows, first, count);
-            bottom.order(s, count, leaf, &mut spare);
-            for (to, from) in rows.at.iter_mut().zip(&bottom.at) {
-                to[first..first + count].copy_from_slice(&from[..count]);
-            }
-            rows.index[first..first + count].copy_from_slice(&bottom.index[..count]);
-        }
-    }
-}
-
-/// Finds the largest extent of each run of points.
-struct Sizes<'a, 'b> {
-    rows: &'a PointRows<'b>,
-    run: usize,
-}
-
-impl Kernel for Sizes<'_, '_> {
-    type Output = Vec<f32>;
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> Vec<f32> {
-        let Sizes { rows, run } = self;
-        let mut sizes = Vec::with_capacity(rows.len().div_ceil(run));
-        for first in (0..rows.len()).step_by(run) {
-            let mut size = 0.0f32;
-            for row in &rows.at {
-                let (lo, hi) = extremes(s, row[first..rows.len().min(first + run)].as_chunks().0);
-                size = size.max(hi - lo);
-            }
-            sizes.push(size);
-        }
-        sizes
     }
 }
