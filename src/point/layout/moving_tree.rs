@@ -6,7 +6,7 @@
 use super::fill_moving_leaves::{MovingBottomNodes, Ordered, fill};
 use super::linear_bounds::{LinearBox, LinearBoxes};
 use super::moving_leaf::{LaneIntervals, MovingLeaves};
-use super::moving_view::{AtTime, HasLeaves};
+use super::moving_view::{HasLeaves, TreeAtTime};
 use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath, throughout};
 use super::slice_tree::SliceTree;
 use super::snapshot::{CoordinateView, Target, View, diagonal, outside, rows};
@@ -137,7 +137,7 @@ impl MovingTree {
     /// The tree at a time, which lies in its slice.
     #[inline(always)]
     pub(in crate::point) fn at<const TIMED: bool>(&self, time: f32) -> MovingView<'_, TIMED> {
-        AtTime::new(self, &self.slice, time)
+        TreeAtTime::new(self, &self.slice, time)
     }
 }
 
@@ -180,7 +180,7 @@ impl HasLeaves for MovingTree {
 }
 
 /// A moving tree at a time.
-pub(in crate::point) type MovingView<'a, const TIMED: bool> = AtTime<'a, MovingTree, TIMED>;
+pub(in crate::point) type MovingView<'a, const TIMED: bool> = TreeAtTime<'a, MovingTree, TIMED>;
 
 /// Three rows of lines at a phase.
 #[inline(always)]

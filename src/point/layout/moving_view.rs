@@ -14,27 +14,27 @@ pub(in crate::point) trait HasLeaves {
 }
 
 /// A tree of moving points at a time; `TIMED` if not all references are active throughout.
-pub(in crate::point) struct AtTime<'a, T, const TIMED: bool> {
+pub(in crate::point) struct TreeAtTime<'a, T, const TIMED: bool> {
     pub(in crate::point) tree: &'a T,
     at: KeyTime,
     phase: f32,
     pub(in crate::point) time: f32,
 }
 
-impl<T, const TIMED: bool> Clone for AtTime<'_, T, TIMED> {
+impl<T, const TIMED: bool> Clone for TreeAtTime<'_, T, TIMED> {
     fn clone(&self) -> Self {
         *self
     }
 }
 
-impl<T, const TIMED: bool> Copy for AtTime<'_, T, TIMED> {}
+impl<T, const TIMED: bool> Copy for TreeAtTime<'_, T, TIMED> {}
 
-impl<'a, T: HasLeaves, const TIMED: bool> AtTime<'a, T, TIMED> {
+impl<'a, T: HasLeaves, const TIMED: bool> TreeAtTime<'a, T, TIMED> {
     /// A view of a tree whose time slice contains the time.
     #[inline(always)]
     pub(in crate::point) fn new(tree: &'a T, slice: &SegmentSlice, time: f32) -> Self {
         let at = KeyTime::new(time, slice.keys);
-        AtTime { tree, at, phase: phase(at, slice.segment), time }
+        TreeAtTime { tree, at, phase: phase(at, slice.segment), time }
     }
 
     /// Positions of the points of a block; the first coordinate is infinite if a point is not active at the time.
@@ -44,7 +44,7 @@ impl<'a, T: HasLeaves, const TIMED: bool> AtTime<'a, T, TIMED> {
     }
 }
 
-impl<T: HasLeaves, const TIMED: bool> LeafView for AtTime<'_, T, TIMED> {
+impl<T: HasLeaves, const TIMED: bool> LeafView for TreeAtTime<'_, T, TIMED> {
     #[inline(always)]
     fn leaf_blocks(&self) -> usize {
         1

@@ -21,7 +21,7 @@
 use super::linear_face::UNIT;
 use super::moving_leaf::MovingLeaves;
 use super::moving_tree::MovingTree;
-use super::moving_view::{AtTime, HasLeaves};
+use super::moving_view::{HasLeaves, TreeAtTime};
 use super::over_interval::PointPath;
 use super::slice_tree::SliceTree;
 use super::static_tree::StaticTree;
@@ -144,7 +144,7 @@ impl PlaneTree {
     /// The tree at a time, which lies in its slice.
     #[inline(always)]
     pub(in crate::point) fn at(&self, time: f32) -> PlaneView<'_> {
-        AtTime::new(self, &self.slice, time)
+        TreeAtTime::new(self, &self.slice, time)
     }
 }
 
@@ -196,7 +196,7 @@ impl HasLeaves for PlaneTree {
 }
 
 /// A k-d tree over points at a time.
-pub(in crate::point) type PlaneView<'a> = AtTime<'a, PlaneTree, true>;
+pub(in crate::point) type PlaneView<'a> = TreeAtTime<'a, PlaneTree, true>;
 
 #[cfg(test)]
 mod tests {

@@ -62,21 +62,6 @@ impl PreciseLayer {
         let tree = self.tree_at(time);
         if tree.moves() { AtTime::Moving(tree.at(point, time)) } else { AtTime::Static(tree.at(point, time)) }
     }
-
-    /// Passes every point within the bound of a query point to the sink.
-    #[inline(always)]
-    fn within<S: Simd>(
-        &self,
-        s: S,
-        (point, time): (DVec3, f32),
-        bound: f32,
-        sink: &mut impl Sink<S>,
-    ) -> ControlFlow<()> {
-        match self.at(point, time) {
-            AtTime::Static(view) => within(s, &view, &view.target(s, Vec3::ZERO), bound, sink),
-            AtTime::Moving(view) => within(s, &view, &view.target(s, Vec3::ZERO), bound, sink),
-        }
-    }
 }
 
 /// A predicate on ids, if there is one. (Searches among f64 points are compiled once, here, not for each predicate.)
@@ -124,6 +109,13 @@ macro_rules! for_each_layer {
 }
 
 impl PreciseQuery<'_> {
+    /// Passes every point within the bound to the sink.
+    #[inline(always)]
+    fn within<S: Simd>(&self, s: S, sink: &mut impl Sink<S>) -> ControlFlow<()> {
+        for_each_layer!(self, view => within(s, &view, &view.target(s, Vec3::ZERO), self.bound, sink)?);
+        ControlFlow::Continue(())
+    }
+
     /// Id and squared distance of the nearest point.
     pub(super) fn nearest(&self) -> Option<(u32, f32)> {
         dispatch(self.simd, Nearest(self))
@@ -209,11 +201,8 @@ impl Kernel for Collecting<'_, '_> {
     fn run<S: Simd>(self, s: S) {
         let Collecting { query, candidates } = self;
         candidates.count = 0;
-        let mut sink = Gather { candidates, keep: &query.keep };
-        for layer in query.layers {
-            // A sink that never breaks.
-            let _ = layer.within(s, (query.point, query.time), query.bound, &mut sink);
-        }
+        // A sink that never breaks.
+        let _ = query.within(s, &mut Gather { candidates, keep: &query.keep });
     }
 }
 
@@ -223,12 +212,9 @@ impl Kernel for Counting<'_> {
     type Output = usize;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> usize {
-        let query = self.0;
-        let mut sink = Count { count: 0, keep: &query.keep };
-        for layer in query.layers {
-            // A sink that never breaks.
-            let _ = layer.within(s, (query.point, query.time), query.bound, &mut sink);
-        }
+        let mut sink = Count { count: 0, keep: &self.0.keep };
+        // A sink that never breaks.
+        let _ = self.0.within(s, &mut sink);
         sink.count
     }
 }
@@ -244,9 +230,7 @@ impl Kernel for Visiting<'_, '_> {
     fn run<S: Simd>(self, s: S) -> ControlFlow<()> {
         let Visiting { query, visit } = self;
         let mut sink = Visit::new(visit);
-        for layer in query.layers {
-            layer.within(s, (query.point, query.time), query.bound, &mut sink)?;
-        }
+        query.within(s, &mut sink)?;
         sink.finish()
     }
 }
