@@ -161,7 +161,7 @@ impl Index {
     /// How the photon at a slot is weighted in time.
     #[inline(always)]
     pub(super) fn time_weight(&self, slot: u32) -> TimeWeight {
-        match (slot as usize).checked_sub(self.stamped.len()) {
+        match (slot as usize).checked_sub(self.stamped.count) {
             None => TimeWeight::Stamp(self.stamped.stamp(slot)),
             Some(photon_at) => self.unstamped[photon_at].time_weight,
         }
@@ -171,7 +171,7 @@ impl Index {
     /// already, and photons that exist for a while do not depend on it.
     #[inline(always)]
     pub(super) fn in_window(&self, slot: u32, time: f32, window: f32) -> bool {
-        match (slot as usize).checked_sub(self.stamped.len()).map(|photon_at| self.unstamped[photon_at].time_weight) {
+        match (slot as usize).checked_sub(self.stamped.count).map(|photon_at| self.unstamped[photon_at].time_weight) {
             Some(TimeWeight::Stamp(stamp)) => (stamp - time).abs() <= window,
             _ => true,
         }
@@ -179,7 +179,7 @@ impl Index {
 
     /// The position of the photon at a slot, at a time.
     pub(super) fn position(&self, slot: u32, at: KeyTime) -> Vec3 {
-        match (slot as usize).checked_sub(self.stamped.len()) {
+        match (slot as usize).checked_sub(self.stamped.count) {
             None => self.stamped.position(slot),
             Some(photon_at) => at.position(self.unstamped[photon_at].open, self.unstamped[photon_at].close),
         }

@@ -130,8 +130,10 @@ impl<'f> GatherQuery<'f> {
     pub(super) fn check(&self) -> Result<(), GatherError> {
         let fine = |fine: bool, error| if fine { Ok(()) } else { Err(error) };
         check_position(self.position, self.time)?;
-        fine(self.window.is_none_or(|window| window > 0.0), GatherError::Window)?;
-        fine(valid_radius(self.radius), GatherError::Radius)?;
+        self.window.map_or(Ok(()), check_window)?;
+        if self.radius != f32::INFINITY {
+            check_radius(self.radius)?;
+        }
         fine(self.neighbors != Some(0), GatherError::NoNeighbors)?;
         fine(self.neighbors.is_some() || self.radius < f32::INFINITY, GatherError::Unbounded)?;
         fine(self.cosine.is_none_or(|c| !c.is_nan()), GatherError::Cutoff)?;
@@ -153,9 +155,14 @@ impl<'f> GatherQuery<'f> {
     }
 }
 
-/// Whether a search may have this radius.
-pub(super) fn valid_radius(radius: f32) -> bool {
-    (0.0..=MAX_POINT_COORDINATE as f32).contains(&radius) || radius == f32::INFINITY
+/// An error if a radius is negative, NaN or too large.
+pub(super) fn check_radius(radius: f32) -> Result<(), GatherError> {
+    if (0.0..=MAX_POINT_COORDINATE as f32).contains(&radius) { Ok(()) } else { Err(GatherError::Radius) }
+}
+
+/// An error unless the half width of a window is greater than 0.
+pub(super) fn check_window(window: f32) -> Result<(), GatherError> {
+    if window > 0.0 { Ok(()) } else { Err(GatherError::Window) }
 }
 
 /// An error if a position is too far away or a time outside the shutter.

@@ -129,7 +129,7 @@ impl<K: Keep, const METRIC: bool> Kernel for Nearest<'_, '_, K, METRIC> {
         let mut search = KNearest::within(k, bound, 1.0, candidates, of.keep, observe);
         let view = of.view();
         loop {
-            if of.index.stamped.len() > 0 {
+            if of.index.stamped.count > 0 {
                 walk(s, &view, &view.target(s, of.point), &mut search);
             }
             if let Some(tree) = of.others() {

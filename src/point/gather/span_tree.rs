@@ -88,10 +88,11 @@ pub(super) fn around(lanes: impl Iterator<Item = Span>) -> Span {
 /// Blocks in a complete tree.
 #[derive(Clone)]
 pub(super) struct SpanTree<B> {
-    nodes: Vec<SpanNode>,
-    blocks: Vec<B>,
-    shape: Shape,
-    count: usize,
+    pub(super) nodes: Vec<SpanNode>,
+    pub(super) blocks: Vec<B>,
+    pub(super) shape: Shape,
+    /// Number of items.
+    pub(super) count: usize,
 }
 
 /// Number of bottom nodes that one thread fits at a time.
@@ -127,16 +128,11 @@ impl<B: SpanBlock> SpanTree<B> {
         });
         let nodes = huge_vec_of(SpanNode::NONE, shape.nodes());
         let mut tree = SpanTree { nodes, blocks, shape, count: items.len() };
-        tree.fit();
+        tree.change(|_| ());
         tree
     }
 
-    /// Fits the boxes to the blocks: O(n), without reordering.
-    pub(super) fn fit(&mut self) {
-        self.change(|_| ());
-    }
-
-    /// Changes blocks, and refits the boxes.
+    /// Changes blocks, and fits the boxes to them: O(n), without reordering.
     pub(super) fn change(&mut self, change: impl Fn(&mut B) + Sync) {
         let SpanTree { nodes, blocks, shape, .. } = self;
         let bottom = &mut nodes[..shape.begin[1]];
@@ -160,34 +156,9 @@ impl<B: SpanBlock> SpanTree<B> {
             }
         }
     }
-}
-
-impl<B> SpanTree<B> {
-    /// Number of items.
-    pub(super) fn len(&self) -> usize {
-        self.count
-    }
 
     /// Bytes allocated.
     pub(super) fn bytes(&self) -> usize {
         self.nodes.capacity() * size_of::<SpanNode>() + self.blocks.capacity() * size_of::<B>()
-    }
-
-    /// The number and arrangement of nodes.
-    #[inline(always)]
-    pub(super) fn shape(&self) -> &Shape {
-        &self.shape
-    }
-
-    /// A node.
-    #[inline(always)]
-    pub(super) fn node(&self, node: usize) -> &SpanNode {
-        &self.nodes[node]
-    }
-
-    /// All blocks.
-    #[inline(always)]
-    pub(super) fn blocks(&self) -> &[B] {
-        &self.blocks
     }
 }

@@ -36,21 +36,21 @@ impl<B: SpanBlock, L: Measure<B>> LeafView for SpanView<'_, B, L> {
     }
     #[inline(always)]
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
-        self.measure.distances(s, target, &self.tree.blocks()[block])
+        self.measure.distances(s, target, &self.tree.blocks[block])
     }
     #[inline(always)]
     fn prefetch_leaf(&self, block: usize) {
-        if let Some(block) = self.tree.blocks().get(block) {
+        if let Some(block) = self.tree.blocks.get(block) {
             prefetch(block);
         }
     }
     #[inline(always)]
     fn leaf_bytes(&self) -> usize {
-        size_of_val(self.tree.blocks())
+        size_of_val(&self.tree.blocks[..])
     }
     #[inline(always)]
     fn ids(&self, block: usize) -> &Lanes<u32> {
-        self.tree.blocks()[block].ids()
+        self.tree.blocks[block].ids()
     }
 }
 
@@ -59,11 +59,11 @@ impl<B: SpanBlock, L: Measure<B>> View for SpanView<'_, B, L> {
 
     #[inline(always)]
     fn root(&self) -> (usize, usize) {
-        self.tree.shape().root()
+        self.tree.shape.root()
     }
     #[inline(always)]
     fn first_child(&self, level: usize, node: usize) -> usize {
-        self.tree.shape().first_child(level, node)
+        self.tree.shape.first_child(level, node)
     }
     #[inline(always)]
     fn first_block(&self, node: usize) -> usize {
@@ -71,16 +71,16 @@ impl<B: SpanBlock, L: Measure<B>> View for SpanView<'_, B, L> {
     }
     #[inline(always)]
     fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask) {
-        self.measure.boxes(s, target, self.tree.node(node))
+        self.measure.boxes(s, target, &self.tree.nodes[node])
     }
     #[inline(always)]
     fn box_sizes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> S::F {
-        let node = self.tree.node(node);
+        let node = &self.tree.nodes[node];
         let (lo, hi) = node.in_space(s);
         self.measure.sizes(s, target, node, diagonal::<S>(lo, hi))
     }
     #[inline(always)]
     fn prefetch_node(&self, node: usize) {
-        prefetch(self.tree.node(node));
+        prefetch(&self.tree.nodes[node]);
     }
 }

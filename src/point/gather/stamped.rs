@@ -53,14 +53,14 @@ pub(super) type StampedTree = SpanTree<StampedBlock>;
 impl StampedTree {
     /// The position of the photon at a slot.
     pub(super) fn position(&self, slot: u32) -> Vec3 {
-        let (block, lane) = (&self.blocks()[slot as usize / LANES], slot as usize % LANES);
+        let (block, lane) = (&self.blocks[slot as usize / LANES], slot as usize % LANES);
         Vec3::new(block.at[0][lane], block.at[1][lane], block.at[2][lane])
     }
 
     /// The time stamp of the photon at a slot.
     #[inline(always)]
     pub(super) fn stamp(&self, slot: u32) -> f32 {
-        self.blocks()[slot as usize / LANES].time[slot as usize % LANES]
+        self.blocks[slot as usize / LANES].time[slot as usize % LANES]
     }
 }
 

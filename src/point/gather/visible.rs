@@ -14,11 +14,10 @@
 
 use super::error::GatherError;
 use super::params::GatherParams;
-use super::query::check_position;
+use super::query::{check_position, check_radius, check_window};
 use super::span_order::{Item, Queries, RADIUS, TIME};
 use super::span_tree::{Span, SpanBlock, SpanNode, SpanTree, around};
 use super::span_view::{Measure, SpanView};
-use crate::limits::MAX_POINT_COORDINATE;
 use crate::parallel;
 use crate::point::layout::snapshot::{LeafView, Target, outside, rows, squared};
 use crate::point::queries::batch::morton_order;
@@ -188,12 +187,12 @@ impl VisiblePoints {
 
     /// Number of points.
     pub fn len(&self) -> usize {
-        self.tree.len()
+        self.tree.count
     }
 
     /// Whether there are no points.
     pub fn is_empty(&self) -> bool {
-        self.tree.len() == 0
+        self.tree.count == 0
     }
 
     /// Bytes allocated.
@@ -253,9 +252,7 @@ impl VisiblePoints {
         check_window(window)?;
         let NeighborBuffer { candidates, .. } = buffer;
         self.find(position, time, window, candidates);
-        for (&id, &distance) in candidates.ids[..candidates.count].iter().zip(&candidates.distances) {
-            visit(id, distance);
-        }
+        candidates.pairs().for_each(|(id, distance)| visit(id, distance));
         Ok(())
     }
 
@@ -300,7 +297,7 @@ impl VisiblePoints {
             for &photon in &order {
                 let (position, time) = at(&photons[photon]);
                 self.find(position, time, window, candidates);
-                for (&id, &distance) in candidates.ids[..candidates.count].iter().zip(&candidates.distances) {
+                for (id, distance) in candidates.pairs() {
                     deposit(&mut states[id as usize], &photons[photon], distance);
                 }
             }
@@ -334,12 +331,8 @@ impl VisiblePoints {
         for &photon in some {
             let (position, time) = at(&photons[photon]);
             self.find(position, time, window, candidates);
-            let pairs = candidates.ids[..candidates.count].iter().zip(&candidates.distances);
-            hits.extend(pairs.map(|(&point, &distance_squared)| Hit {
-                point,
-                photon: photon as u32,
-                distance_squared,
-            }));
+            let photon = photon as u32;
+            hits.extend(candidates.pairs().map(|(point, distance_squared)| Hit { point, photon, distance_squared }));
         }
         hits
     }
@@ -357,15 +350,6 @@ impl core::fmt::Debug for VisiblePoints {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.debug_struct("VisiblePoints").field("len", &self.len()).finish_non_exhaustive()
     }
-}
-
-fn check_radius(radius: f32) -> Result<(), GatherError> {
-    let fine = (0.0..=MAX_POINT_COORDINATE as f32).contains(&radius);
-    if fine { Ok(()) } else { Err(GatherError::Radius) }
-}
-
-fn check_window(window: f32) -> Result<(), GatherError> {
-    if window > 0.0 { Ok(()) } else { Err(GatherError::Window) }
 }
 
 struct Found<'a, 'b> {

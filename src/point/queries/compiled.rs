@@ -214,8 +214,7 @@ pub(in crate::point) fn append(query: &PreparedQuery<'_, KeepLanes<'_>>, candida
 /// All points within the radius in any order, into an empty list.
 pub(in crate::point) fn collect(query: MaybeFiltered<'_, '_>, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
     gather(query, candidates);
-    let pairs = candidates.ids[..candidates.count].iter().zip(&candidates.distances);
-    found.extend(pairs.map(|(&id, &distance_squared)| Neighbor { id, distance_squared }));
+    found.extend(candidates.pairs().map(|(id, distance_squared)| Neighbor { id, distance_squared }));
 }
 
 /// All points within the radius in order, into an empty list.

@@ -35,6 +35,12 @@ impl Candidates {
         4 * (self.distances.capacity() + self.ids.capacity() + self.raw.capacity()) + 8 * self.packed.capacity()
     }
 
+    /// Ids and squared distances.
+    #[inline(always)]
+    pub(in crate::point) fn pairs(&self) -> impl Iterator<Item = (u32, f32)> {
+        self.ids[..self.count].iter().copied().zip(self.distances.iter().copied())
+    }
+
     /// Appends the lanes of a mask; the room must have been reserved.
     #[inline(always)]
     pub(in crate::point) fn push<S: Simd>(&mut self, s: S, distance: S::F, id: S::U, mask: u16) {
