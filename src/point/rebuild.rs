@@ -3,6 +3,7 @@
 use super::build::source::Source;
 use super::error::PointError;
 use super::layout::static_tree::StaticTree;
+use super::precise::PreciseTree;
 use super::search::layers::Layer;
 use super::statistics::PointLayerKind;
 use super::tree::{ALL_STATIC, PointParams, PointTree, work_of};
@@ -101,7 +102,7 @@ impl PointTree {
             at_rest.into_iter().flat_map(StaticTree::all_ids).chain(moving).chain(planes)
         });
         let precise = self.precise.iter().flat_map(|layer| &layer.trees);
-        of_layers.chain(precise.flat_map(|tree| tree.ids()))
+        of_layers.chain(precise.flat_map(PreciseTree::all_ids))
     }
 
     /// Hands out the order of the tree, in which points that are close in space are close together, and numbers the points by it:
@@ -124,7 +125,7 @@ impl PointTree {
         let mut order = Vec::with_capacity(self.len());
         if let [Layer::Static(tree)] = &mut self.layers[..] {
             // Each point is in the tree once.
-            for id in tree.ids_in_order() {
+            for id in tree.ids_mut() {
                 order.push(core::mem::replace(id, order.len() as u32));
             }
             return order;
@@ -138,17 +139,13 @@ impl PointTree {
         };
         for layer in &mut self.layers {
             match layer {
-                Layer::Static(tree) => tree.ids_in_order().for_each(&mut renumber),
-                Layer::Moving(trees) => {
-                    trees.iter_mut().flat_map(|tree| tree.leaves.ids_in_order()).for_each(&mut renumber)
-                }
-                Layer::Planes(trees) => {
-                    trees.iter_mut().flat_map(|tree| tree.leaves.ids_in_order()).for_each(&mut renumber)
-                }
+                Layer::Static(tree) => tree.ids_mut().for_each(&mut renumber),
+                Layer::Moving(trees) => trees.iter_mut().flat_map(|tree| tree.leaves.ids_mut()).for_each(&mut renumber),
+                Layer::Planes(trees) => trees.iter_mut().flat_map(|tree| tree.leaves.ids_mut()).for_each(&mut renumber),
             }
         }
         let precise = self.precise.iter_mut().flat_map(|layer| &mut layer.trees);
-        precise.flat_map(|tree| tree.ids_in_order()).for_each(&mut renumber);
+        precise.flat_map(|tree| tree.ids_mut()).for_each(&mut renumber);
         order
     }
 }

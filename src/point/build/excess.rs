@@ -2,12 +2,13 @@
 //!
 //! A search visits the boxes that a ball meets, and their number is proportional to the volume of the boxes, each enlarged by the
 //! ball. So boxes of points that are close together in the middle of the shutter are compared with boxes of the same points at
-//! rest. Boxes of shorter time slices in the middle follow from the same points. The levels of a tree are compared separately.
+//! rest. BoxesAt of shorter time slices in the middle follow from the same points. The levels of a tree are compared separately.
 //!
 //! The average is exact to a tenth where motion is of one kind. Where a few points are fast, more is visited than this says, since
 //! searches begin in boxes that are much larger than others.
 
 use super::cost::{Visits, memory_cost};
+use crate::geometry::Box3;
 use crate::point::layout::moving_leaf;
 use crate::point::leaf_order::divide::least_lane;
 use crate::point::leaf_order::moving_reference::References;
@@ -81,13 +82,13 @@ pub(in crate::point) fn excess(
     // Leaves that are full are all of the same kind.
     let full = |leaf: &&MovingPointBlock| leaf.id.iter().all(|&id| id != u32::MAX);
     for above in some(leaves, LANES * LANES, EXAMINED[0]) {
-        let mut of_above = (vec![Extent::EMPTY; phases.len()], 0);
+        let mut of_above = (vec![Box3::EMPTY; phases.len()], 0);
         for node in some(above, LANES, EXAMINED[1]) {
-            let mut of_node = (vec![Extent::EMPTY; phases.len()], 0);
+            let mut of_node = (vec![Box3::EMPTY; phases.len()], 0);
             for leaf in node.iter().filter(full) {
-                let extents = dispatch(simd, Extents { leaf, phases: &phases });
-                add(&mut sums, &mut counts, 0, &extents, 1);
-                include(&mut of_node, &extents, 1);
+                let boxes = dispatch(simd, BoxesAt { leaf, phases: &phases });
+                add(&mut sums, &mut counts, 0, &boxes, 1);
+                include(&mut of_node, &boxes, 1);
             }
             if of_node.1 > LANES / 2 {
                 add(&mut sums, &mut counts, 1, &of_node.0, of_node.1);
@@ -111,25 +112,25 @@ fn some(leaves: &[MovingPointBlock], len: usize, most: usize) -> impl Iterator<I
 }
 
 /// Includes boxes of `more` leaves in those of others.
-fn include((around, leaves): &mut (Vec<Extent>, usize), own: &[Extent], more: usize) {
-    around.iter_mut().zip(own).for_each(|(around, own)| *around = around.with(own));
+fn include((around, leaves): &mut (Vec<Box3>, usize), own: &[Box3], more: usize) {
+    around.iter_mut().zip(own).for_each(|(around, own)| *around = around.union(*own));
     *leaves += more;
 }
 
 /// Adds what boxes around so many leaves exceed those at rest by, which come first, each number of slices with boxes at its two
 /// ends.
-fn add(sums: &mut [[f64; 3]], counts: &mut [f64; 3], level: usize, extents: &[Extent], leaves: usize) {
+fn add(sums: &mut [[f64; 3]], counts: &mut [f64; 3], level: usize, boxes: &[Box3], leaves: usize) {
     counts[level] += 1.0;
     let leaf = (leaves as f64).cbrt().recip();
-    let rest = extents[0].size();
+    let rest = sides(boxes[0]);
     let [x, y, z] = rest;
     // As large as a leaf: of points on a surface, leaves are flat, and of points on a line thin.
     let ball = leaf * x.max(y).min(y.max(z)).min(x.max(z)).max(LEAST_BALL * x.max(y).max(z));
     let volume = |size: [f64; 3]| size.map(|side| side + ball).iter().product::<f64>();
     // Of points in one place, boxes at rest have no volume.
     let at_rest = volume(rest).max(1e-200);
-    for (sum, ends) in sums.iter_mut().zip(extents[1..].chunks(2)) {
-        let [begin, end] = [ends[0].size(), ends[1].size()];
+    for (sum, ends) in sums.iter_mut().zip(boxes[1..].chunks(2)) {
+        let [begin, end] = [sides(ends[0]), sides(ends[1])];
         // Sides are linear in time, so two places of the Gaussian quadrature give the mean volume.
         let places = [0.5 - GAUSS, 0.5 + GAUSS];
         let at = |place: f64| volume(core::array::from_fn(|axis| begin[axis] + (end[axis] - begin[axis]) * place));
@@ -143,49 +144,32 @@ const LEAST_BALL: f64 = 0.02;
 /// Half the root of a third.
 const GAUSS: f64 = 0.288_675_134_594_812_9;
 
-/// A box at one phase.
-#[derive(Clone, Copy)]
-struct Extent {
-    lo: [f32; 3],
-    hi: [f32; 3],
-}
-
-impl Extent {
-    const EMPTY: Extent = Extent { lo: [f32::INFINITY; 3], hi: [f32::NEG_INFINITY; 3] };
-
-    fn with(&self, other: &Extent) -> Extent {
-        Extent {
-            lo: core::array::from_fn(|axis| self.lo[axis].min(other.lo[axis])),
-            hi: core::array::from_fn(|axis| self.hi[axis].max(other.hi[axis])),
-        }
-    }
-
-    fn size(&self) -> [f64; 3] {
-        core::array::from_fn(|axis| f64::from(self.hi[axis]) - f64::from(self.lo[axis]))
-    }
+/// The sides of a box.
+fn sides(of: Box3) -> [f64; 3] {
+    (of.max.as_dvec3() - of.min.as_dvec3()).to_array()
 }
 
 /// The boxes around the points of a full leaf at some phases.
-struct Extents<'a> {
+struct BoxesAt<'a> {
     leaf: &'a MovingPointBlock,
     phases: &'a [f32],
 }
 
-impl Kernel for Extents<'_> {
-    type Output = Vec<Extent>;
+impl Kernel for BoxesAt<'_> {
+    type Output = Vec<Box3>;
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> Vec<Extent> {
-        let Extents { leaf, phases } = self;
-        let mut extents = vec![Extent::EMPTY; phases.len()];
+    fn run<S: Simd>(self, s: S) -> Vec<Box3> {
+        let BoxesAt { leaf, phases } = self;
+        let mut boxes = vec![Box3::EMPTY; phases.len()];
         for axis in 0..3 {
             let (open, close) = (s.load(&leaf.open[axis]), s.load(&leaf.close[axis]));
-            for (extent, &phase) in extents.iter_mut().zip(phases) {
+            for (around, &phase) in boxes.iter_mut().zip(phases) {
                 let at = open + (close - open) * s.splat(phase);
-                extent.lo[axis] = least_lane(s, at);
-                extent.hi[axis] = -least_lane(s, s.splat(0.0) - at);
+                around.min[axis] = least_lane(s, at);
+                around.max[axis] = -least_lane(s, s.splat(0.0) - at);
             }
         }
-        extents
+        boxes
     }
 }
 

@@ -20,11 +20,6 @@ record_fields!(LinearBoxes {
 });
 
 impl MovingLeaves {
-    /// Number of points in all leaves.
-    pub(in crate::point) fn count(&self) -> usize {
-        self.blocks.iter().flat_map(|block| block.id).filter(|&id| id != u32::MAX).count()
-    }
-
     /// Writes everything.
     pub(in crate::point) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
         to.array(&self.blocks)?;
@@ -101,7 +96,7 @@ impl MovingRecord {
     pub(in crate::point) fn checked(self, slice: SegmentSlice) -> Result<MovingTree, FileError> {
         let MovingRecord { count, nodes, node_times, leaves } = self;
         let blocks = leaves.blocks.len();
-        require(leaves.count() as u64 == count, "the number of leaves does not match its points")?;
+        require(leaves.all_ids().count() as u64 == count, "the number of leaves does not match its points")?;
         // Lanes may be empty where fast points were left out.
         let (count, shape) = (count as usize, Shape::with_leaf(blocks * LANES, 1));
         let timed = !node_times.is_empty();

@@ -89,7 +89,7 @@ impl MovingLeaves {
     }
 
     /// The ids of all points, block after block.
-    pub(in crate::point) fn ids_in_order(&mut self) -> impl Iterator<Item = &mut u32> {
+    pub(in crate::point) fn ids_mut(&mut self) -> impl Iterator<Item = &mut u32> {
         self.blocks.iter_mut().flat_map(|block| &mut block.id).filter(|id| **id != u32::MAX)
     }
 

@@ -42,7 +42,7 @@ impl PlaneRecord {
         let Ok(depth) = check_links(&nodes, leaves.blocks.len()) else {
             return broken("a node is reached twice, never, or has a link outside the tree");
         };
-        let references = leaves.count();
+        let references = leaves.all_ids().count();
         Ok(PlaneTree { slice, root, nodes, slack, leaves, depth, references })
     }
 }

@@ -36,14 +36,9 @@ pub(in crate::point) struct StaticRecord {
 }
 
 impl StaticTree {
-    /// Number of points.
-    fn count(&self) -> usize {
-        self.blocks.iter().flat_map(|block| block.id).filter(|&id| id != u32::MAX).count()
-    }
-
     /// Writes everything.
     pub(in crate::point) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
-        to.put(self.count() as u64)?;
+        to.put(self.all_ids().count() as u64)?;
         let ordered = self.ordered.map(|ordered| [ordered.spread, ordered.excess]);
         to.array(ordered.as_slice())?;
         to.array(&self.nodes)?;

@@ -210,8 +210,8 @@ impl StaticTree {
         (0..self.shape.begin[1]).map(of_node).sum()
     }
 
-    /// The ids in the order of the tree.
-    pub(in crate::point) fn ids_in_order(&mut self) -> impl Iterator<Item = &mut u32> {
+    /// The ids of all points in the order of the tree.
+    pub(in crate::point) fn ids_mut(&mut self) -> impl Iterator<Item = &mut u32> {
         self.blocks.iter_mut().flat_map(|block| &mut block.id).filter(|id| **id != u32::MAX)
     }
 

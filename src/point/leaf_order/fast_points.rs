@@ -255,7 +255,7 @@ mod tests {
         let (placed, progress) = (Placed::new(references, slice), Progress::new(None));
         let built = MovingTree::build_without_fast(references, placed, *slice, leaf_size, &mut Vec::new(), &progress);
         let WithoutFast { mut tree, mut fast, .. } = built;
-        let mut left: Vec<u32> = tree.leaves.ids_in_order().map(|id| *id).collect();
+        let mut left: Vec<u32> = tree.leaves.ids_mut().map(|id| *id).collect();
         left.sort_unstable();
         fast.sort_unstable();
         (tree, fast, left)

@@ -95,12 +95,12 @@ impl PreciseTree {
     }
 
     /// The ids of all points, in the order of the tree.
-    pub(in crate::point) fn ids_in_order(&mut self) -> impl Iterator<Item = &mut u32> {
+    pub(in crate::point) fn ids_mut(&mut self) -> impl Iterator<Item = &mut u32> {
         self.blocks.iter_mut().flat_map(|block| &mut block.id).filter(|id| **id != u32::MAX)
     }
 
-    /// The ids of all points.
-    pub(in crate::point) fn ids(&self) -> impl Iterator<Item = u32> {
+    /// The same to read.
+    pub(in crate::point) fn all_ids(&self) -> impl Iterator<Item = u32> {
         self.blocks.iter().flat_map(|block| block.id).filter(|&id| id != u32::MAX)
     }
 
