@@ -21,8 +21,9 @@
 //! products that underflow. They hold per axis, and depend on the contents of the box: a distant point pads the boxes that hold it
 //! and no others.
 
-use super::linear_face::{Face, FaceFit, FacesFit, TINY, UNIT, VECTORS};
-use super::linear_face::{least, load_row, magnitude, negated, sum};
+use super::linear_face::{
+    Face, OwnRangesFit, SharedRangeFit, TINY, UNIT, VECTORS, least, load_row, magnitude, negated, sum,
+};
 use crate::point::leaf_order::divide::least_lane;
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch, greatest_of_each};
 
@@ -204,8 +205,8 @@ impl LinearBox {
         let error = s.load_d(&bound) * unit + s.splat_d(2.0 * padding.point * TINY);
         let least = |greatest: &[f32; 4]| s.splat_d(0.0) - s.widen_four(greatest) - error;
         let slope = s.load_d(&slope);
-        let lo = FacesFit { least: [least(low_begin), least(low_end)], range, pad: padding.face };
-        let hi = FacesFit { least: [least(high_begin), least(high_end)], range, pad: padding.face };
+        let lo = SharedRangeFit { least: [least(low_begin), least(low_end)], range, pad: padding.face };
+        let hi = SharedRangeFit { least: [least(high_begin), least(high_end)], range, pad: padding.face };
         let (lo, hi) = (lo.faces(s, slope), above(hi.faces(s, s.splat_d(0.0) - slope)));
         LinearBox { lo, hi, range, times: extreme_times(s, times) }
     }
@@ -291,11 +292,11 @@ impl Spans {
         let range = [least(s, begins), -least(s, negated(s, ends))];
         let mut linear_box = LinearBox { range, times: extreme_times(s, &self.times), ..LinearBox::EMPTY };
         if self.whole {
-            linear_box.lo = FacesFit::of_spans(s, &self.lo, false, range, pad);
-            linear_box.hi = above(FacesFit::of_spans(s, &self.hi, true, range, pad));
+            linear_box.lo = SharedRangeFit::of_spans(s, &self.lo, false, range, pad);
+            linear_box.hi = above(SharedRangeFit::of_spans(s, &self.hi, true, range, pad));
             return linear_box;
         }
-        let around = FaceFit { begins, ends, duration: sum(s, ends, begins), pad };
+        let around = OwnRangesFit { begins, ends, duration: sum(s, ends, begins), pad };
         for axis in 0..3 {
             let [at_begin, at_end] = &self.lo[axis];
             linear_box.lo[axis] = around.below(s, load_row(s, at_begin), load_row(s, at_end));

@@ -75,7 +75,7 @@ pub(in crate::point) fn sum<S: Simd>(s: S, [a, b, c, d]: Row<S>, [e, f, g, h]: R
 ///
 /// The lowest of those at both ends are all that matters, because rounding keeps the order: subtracting the same number from
 /// each and taking the least is taking the least and subtracting.
-pub(in crate::point) struct FacesFit<S: Simd> {
+pub(in crate::point) struct SharedRangeFit<S: Simd> {
     /// The lowest at both ends.
     pub(in crate::point) least: [S::D; 2],
     /// First and last phase.
@@ -84,7 +84,7 @@ pub(in crate::point) struct FacesFit<S: Simd> {
     pub(in crate::point) pad: f64,
 }
 
-impl<S: Simd> FacesFit<S> {
+impl<S: Simd> SharedRangeFit<S> {
     /// Lines that are computed below all the given ones, or, if `above`, below them negated.
     #[inline(always)]
     pub(in crate::point) fn of_spans(
@@ -108,7 +108,7 @@ impl<S: Simd> FacesFit<S> {
         let least = [least_of_each(s, at_begin), least_of_each(s, at_end)];
         let length = range[1] - range[0];
         let mean = if length > 0.0 { sum_of_each(s, rise) / s.splat_d(LANES as f64 * length) } else { zero };
-        FacesFit { least, range, pad }.faces(s, mean)
+        SharedRangeFit { least, range, pad }.faces(s, mean)
     }
 
     /// The higher ones of the lines with these slopes and of those between the lowest at both ends.
@@ -164,7 +164,7 @@ fn least_of_each<S: Simd>(s: S, rows: Row<S>) -> S::D {
 }
 
 /// The inputs that the faces of a box have in common, around spans whose phases differ.
-pub(in crate::point) struct FaceFit<S: Simd> {
+pub(in crate::point) struct OwnRangesFit<S: Simd> {
     /// First and last phase of each span.
     pub(in crate::point) begins: Row<S>,
     pub(in crate::point) ends: Row<S>,
@@ -174,7 +174,7 @@ pub(in crate::point) struct FaceFit<S: Simd> {
     pub(in crate::point) pad: f64,
 }
 
-impl<S: Simd> FaceFit<S> {
+impl<S: Simd> OwnRangesFit<S> {
     /// The highest line with the mean slope that is computed below all the given ones.
     #[inline(always)]
     pub(in crate::point) fn below(&self, s: S, at_begin: Row<S>, at_end: Row<S>) -> Face {
