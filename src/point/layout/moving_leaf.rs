@@ -1,6 +1,6 @@
 //! Leaves of moving points: blocks of sixteen in rows, with active intervals.
 
-use super::over_interval::{PathRows, PointPath};
+use super::over_interval::{PathRows, PointPath, all_lanes};
 use super::snapshot::{Target, rows, squared};
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::point::leaf_order::moving_reference::MovingReference;
@@ -139,8 +139,7 @@ impl MovingLeaves {
 
     /// The points that are active at a time, with their ids.
     pub(in crate::point) fn active_points(&self, at: KeyTime, time: f32) -> impl Iterator<Item = (u32, Vec3)> + '_ {
-        let lanes = (0..self.blocks.len()).flat_map(|block| (0..LANES).map(move |lane| (block, lane)));
-        lanes.filter_map(move |(block, lane)| {
+        all_lanes(0..self.blocks.len()).filter_map(move |(block, lane)| {
             let MovingPointBlock { open, close, id } = &self.blocks[block];
             let [open, close] = [open, close].map(|rows| Vec3::from_array(rows.map(|row| row[lane])));
             (self.is_active(block, lane, time) && id[lane] != u32::MAX).then(|| (id[lane], at.position(open, close)))

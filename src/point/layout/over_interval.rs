@@ -4,6 +4,7 @@ use crate::geometry::{KeyTime, TimeInterval};
 use crate::parallel;
 use crate::point::leaf_order::moving_reference::SegmentSlice;
 use crate::simd::{LANES, Lanes};
+use core::ops::Range;
 use glam::{DVec3, Vec3};
 
 /// The trajectory of a point between two keys, for searches over a range of times.
@@ -145,6 +146,12 @@ pub(in crate::point) fn throughout(lowest: &Lanes<f32>) -> [Lanes<f32>; 2] {
         *begin = if x < f32::INFINITY { 0.0 } else { f32::INFINITY };
     }
     [begins, [1.0; LANES]]
+}
+
+/// All lanes of some blocks.
+#[inline(always)]
+pub(in crate::point) fn all_lanes(blocks: Range<usize>) -> impl Iterator<Item = (usize, usize)> {
+    blocks.flat_map(|block| (0..LANES).map(move |lane| (block, lane)))
 }
 
 /// The greater; one instruction, which takes no care of NaN.

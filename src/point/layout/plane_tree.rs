@@ -22,7 +22,7 @@ use super::linear_face::UNIT;
 use super::moving_leaf::MovingLeaves;
 use super::moving_tree::MovingTree;
 use super::moving_view::{HasLeaves, TreeAtTime};
-use super::over_interval::PointPath;
+use super::over_interval::{PointPath, all_lanes};
 use super::slice_tree::SliceTree;
 use super::static_tree::StaticTree;
 use crate::geometry::{Box3, KeyTime, Plane};
@@ -129,8 +129,7 @@ impl PlaneTree {
 
     /// A tree of moving boxes over the same points.
     pub(in crate::point) fn box_tree(&self) -> MovingTree {
-        let lanes = (0..self.leaves.len()).flat_map(|block| (0..LANES).map(move |lane| (block, lane)));
-        let references = lanes.filter_map(|(block, lane)| {
+        let references = all_lanes(0..self.leaves.len()).filter_map(|(block, lane)| {
             let point = self.leaves.point_path(block, lane)?;
             let (PointPath { id, active, .. }, [open, close]) = (point, point.ends());
             let interval = active.intersect(self.slice.interval)?;

@@ -23,7 +23,7 @@ use super::pair_approach::{Overlap, QueryPath};
 use crate::geometry::{Plane, TimeInterval};
 use crate::kd::KdView;
 use crate::limits::MAX_POINT_COORDINATE;
-use crate::point::layout::over_interval::{BoxTree, PointPath, greater, lesser};
+use crate::point::layout::over_interval::{BoxTree, PointPath, all_lanes, greater, lesser};
 use crate::point::layout::plane_tree::{PlaneTree, plane_error};
 use crate::point::layout::slice_tree::slices_during;
 use crate::point::leaf_order::moving_reference::{SegmentSlice, exact_phase, segments};
@@ -230,8 +230,8 @@ impl QueryPath {
                     open.push(Reverse((bound.to_bits(), level - 1, child)));
                     continue;
                 }
-                for point in (child..child + stride).flat_map(|b| (0..LANES).map(move |l| (b, l))) {
-                    let Some(point) = tree.point_path(point.0, point.1) else { continue };
+                for (block, lane) in all_lanes(child..child + stride) {
+                    let Some(point) = tree.point_path(block, lane) else { continue };
                     self.visit_point(point, segments.clone(), keep, search);
                 }
             }
@@ -271,8 +271,7 @@ impl QueryPath {
             }
             match tree.node(node) {
                 KdView::Leaf { first, count } => {
-                    let blocks = first as usize..(first + count) as usize;
-                    for (block, lane) in blocks.flat_map(|b| (0..LANES).map(move |l| (b, l))) {
+                    for (block, lane) in all_lanes(first as usize..(first + count) as usize) {
                         let Some(point) = tree.leaves.point_path(block, lane) else { continue };
                         self.visit_point(point, slice.segment..slice.segment + 1, keep, search);
                     }

@@ -2,14 +2,14 @@
 
 use crate::geometry::{Aabb, KeyTime};
 use crate::kd::KdView;
-use crate::point::layout::over_interval::{BoxTree, PointPath};
+use crate::point::layout::over_interval::{BoxTree, PointPath, all_lanes};
 use crate::point::layout::plane_tree::PlaneTree;
 use crate::point::search::layers::Layer;
 use crate::point::tree::PointTree;
 use crate::simd::LANES;
 use crate::traverse::{Hierarchy, Visitor, traverse};
-use core::ops::{ControlFlow, Range};
-use glam::{DVec3, Vec3};
+use core::ops::ControlFlow;
+use glam::DVec3;
 
 /// A point in a leaf of a [`PointTree`], as a [`Visitor`] gets it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,18 +41,6 @@ struct LayersAt<'a> {
 }
 
 impl LayersAt<'_> {
-    fn bounds(&self, min: [f32; 3], max: [f32; 3]) -> Aabb {
-        Aabb { min: self.to_world(min), max: self.to_world(max) }
-    }
-
-    fn to_world(&self, p: [f32; 3]) -> DVec3 {
-        Vec3::from(p).as_dvec3() + self.tree.origin
-    }
-
-    fn point(&self, point: &PointPath, at: KeyTime) -> TreePoint {
-        TreePoint { id: point.id, position: self.to_world(point.position(at).to_array()) }
-    }
-
     /// Children or points of an entry in a tree whose positions are relative to `origin`.
     fn expand_in(
         &self,
@@ -63,7 +51,7 @@ impl LayersAt<'_> {
         items: &mut Vec<TreePoint>,
     ) {
         let Some(level) = entry.level else {
-            for (block, lane) in lanes(entry.at..entry.at + entry.blocks) {
+            for (block, lane) in all_lanes(entry.at..entry.at + entry.blocks) {
                 if tree.is_active(block, lane, self.time) {
                     let at = |point: &PointPath| tree.position(point, self.time) + origin;
                     items.extend(tree.point_path(block, lane).map(|f| TreePoint { id: f.id, position: at(&f) }));
@@ -93,9 +81,11 @@ impl LayersAt<'_> {
         match tree.node(entry.at as u32) {
             KdView::Leaf { first, count } => {
                 let at = KeyTime::new(self.time, tree.slice.keys);
-                for (block, lane) in lanes(first as usize..(first + count) as usize) {
+                for (block, lane) in all_lanes(first as usize..(first + count) as usize) {
                     if tree.leaves.is_active(block, lane, self.time) {
-                        items.extend(tree.leaves.point_path(block, lane).map(|point| self.point(&point, at)));
+                        let position = |point: &PointPath| point.position(at).as_dvec3() + self.tree.origin;
+                        let point = tree.leaves.point_path(block, lane);
+                        items.extend(point.map(|f| TreePoint { id: f.id, position: position(&f) }));
                     }
                 }
             }
@@ -113,11 +103,6 @@ impl LayersAt<'_> {
     }
 }
 
-/// All lanes of some blocks.
-fn lanes(blocks: Range<usize>) -> impl Iterator<Item = (usize, usize)> {
-    blocks.flat_map(|block| (0..LANES).map(move |lane| (block, lane)))
-}
-
 impl Hierarchy for LayersAt<'_> {
     type Node = Entry;
     type Item = TreePoint;
@@ -132,7 +117,8 @@ impl Hierarchy for LayersAt<'_> {
                 Layer::Moving(trees) => top(trees[slice].root_node()),
                 Layer::Planes(trees) => {
                     let (root, slack) = (trees[slice].root, trees[slice].slack(0));
-                    Entry { cell: self.bounds(root.min.to_array(), root.max.to_array()).pad(slack), ..entry }
+                    let [min, max] = [root.min, root.max].map(|corner| corner.as_dvec3() + self.tree.origin);
+                    Entry { cell: Aabb { min, max }.pad(slack), ..entry }
                 }
             });
         }
@@ -166,7 +152,7 @@ impl PointTree {
     /// other, which is much slower than the queries of the library: it is meant for occasional use.
     ///
     /// ```
-    /// use core::ops::{ControlFlow, Range};
+    /// use core::ops::ControlFlow;
     /// use mbkd::{Aabb, MovingPoint, PointParams, PointTree, TreePoint, Visitor, glam::{DVec3, Vec3}};
     ///
     /// /// Finds the points that are above a plane, whose normal is `normal`.
