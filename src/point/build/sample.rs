@@ -16,11 +16,11 @@ use crate::point::leaf_order::fast_points::Fast;
 use crate::point::leaf_order::motion_groups::Displaced;
 use crate::point::leaf_order::moving_reference::{MovingReference, SegmentSlice};
 use crate::point::leaf_order::point_rows::PointRows;
-use crate::point::leaf_order::select::select;
 use crate::point::leaf_order::spread::spread;
 use crate::point::leaf_order::widest_axis::widest_axis;
 use crate::simd::{Item, Kernel, LANES, Mask, Simd, SimdLevel, dispatch, lanes_at};
 use crate::tuning::points::{SAMPLE, SAMPLED, SAMPLES};
+use core::cmp::Ordering;
 use glam::DVec3;
 
 /// Takes samples of some points of a set, between the keys in the middle.
@@ -171,7 +171,7 @@ fn divide(items: &mut [Item], wanted: &mut [(usize, usize)], runs: usize, cells:
     let left = runs.div_ceil(2);
     let axis = widest_axis(items.len(), |i| items[i].at);
     let cut = (items.len() * left / runs).clamp(1, items.len() - 1);
-    select(items, cut, axis);
+    items.select_nth_unstable_by(cut, |a, b| a.at[axis].partial_cmp(&b.at[axis]).unwrap_or(Ordering::Equal));
     let border = items[cut].at[axis];
     let (low, high) = items.split_at_mut(cut);
     let (before, behind) = wanted.split_at_mut(wanted.partition_point(|(_, number)| *number < left));

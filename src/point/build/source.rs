@@ -200,9 +200,6 @@ impl Source {
 
     /// Which points are static.
     pub(in crate::point) fn static_points(&self) -> Vec<bool> {
-        if self.all_static() {
-            return vec![true; self.len];
-        }
         // The most common case, in a loop without branches.
         if self.keys == 2 && self.all_persist() && !self.is_precise() {
             let (pairs, _) = self.positions.as_chunks();

@@ -14,12 +14,12 @@ use super::time_slices::time_slices_of;
 use crate::point::layout::moving_tree::{MovingTree, Placed};
 use crate::point::layout::static_tree::Shape;
 use crate::point::leaf_order::motion_groups::{Displaced, MotionDivision, SAMPLE, cost_of_slices};
-use crate::point::leaf_order::moving_reference::{MovingReference, SegmentSlice, positions_at, segments};
+use crate::point::leaf_order::moving_reference::{MovingReference, SegmentSlice, segments};
 use crate::point::leaf_order::spread::spread;
 use crate::point::leaf_order::widest_axis::include;
 use crate::point::search::layers::Layer;
 use crate::progress::Progress;
-use crate::simd::{Item, LANES, SimdLevel};
+use crate::simd::{LANES, SimdLevel};
 use crate::tuning::points::{MAX_COST, MAX_PREDICTED_COST, MAX_REFINED_COST};
 use core::iter;
 use std::borrow::Cow;
@@ -383,18 +383,18 @@ fn work(sample: &Sample, searches: usize, (slices, fast): (usize, Option<usize>)
 /// The references nearest to the middle of a sample in the middle of its time slice. Points that come among
 /// them at other times are in the sample as well, unless they come from far away.
 fn central<'a>(references: &'a [MovingReference], slice: &SegmentSlice, count: usize) -> Vec<&'a MovingReference> {
-    let items = positions_at(references, slice.middle_phase());
+    let positions: Vec<[f32; 3]> = references.iter().map(|m| m.position(slice.middle_phase())).collect();
     let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-    items.iter().for_each(|item| include(&mut lo, &mut hi, item.at));
+    positions.iter().for_each(|&at| include(&mut lo, &mut hi, at));
     let off = |axis: usize, x: f32| {
         let size = hi[axis] - lo[axis];
         if size > 0.0 { ((x - lo[axis]) / size - 0.5).abs() } else { 0.0 }
     };
-    let off = |item: &Item| (0..3).map(|axis| off(axis, item.at[axis])).fold(0.0, f32::max);
-    let mut all: Vec<(f32, u32)> = items.iter().map(|item| (off(item), item.index)).collect();
+    let off = |at: &[f32; 3]| (0..3).map(|axis| off(axis, at[axis])).fold(0.0, f32::max);
+    let mut all: Vec<(f32, usize)> = positions.iter().map(off).zip(0..).collect();
     if count < all.len() {
         all.select_nth_unstable_by(count, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         all.truncate(count);
     }
-    all.into_iter().map(|(_, index)| &references[index as usize]).collect()
+    all.into_iter().map(|(_, index)| &references[index]).collect()
 }

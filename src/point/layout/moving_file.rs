@@ -33,27 +33,21 @@ impl MovingLeaves {
     }
 
     /// Validates that points have valid positions and other lanes are absent, and that there are times for all or for
-    /// none. `counts` is the number of points, if the first lanes must hold them.
-    pub(in crate::point) fn check(&self, timed: bool, counts: Option<usize>) -> Result<(), FileError> {
+    /// none.
+    pub(in crate::point) fn check(&self, timed: bool) -> Result<(), FileError> {
         let blocks = self.blocks.len();
         let fits = self.times.len() == if timed { blocks } else { 0 };
         require(
             fits && (self.active.is_empty() || self.active.len() == blocks),
             "the number of active intervals does not match its leaves",
         )?;
-        let fine = parallel::chunks(blocks, |range| {
-            range.into_iter().all(|block| {
-                let count = counts.map(|count| count.saturating_sub(block * LANES));
-                is_fine(&self.blocks[block], count)
-            })
-        });
+        let fine = parallel::chunks(blocks, |range| range.into_iter().all(|block| is_fine(&self.blocks[block])));
         require(fine.into_iter().all(|fine| fine), "a leaf holds invalid points")
     }
 }
 
-/// Whether each lane of a block is a point or absent; if `count` is given, exactly the first lanes are points. Row by
-/// row, without branches: there are many blocks.
-fn is_fine(block: &MovingPointBlock, count: Option<usize>) -> bool {
+/// Whether each lane of a block is a point or absent. Row by row, without branches: there are many blocks.
+fn is_fine(block: &MovingPointBlock) -> bool {
     const MOST: f32 = MAX_POINT_COORDINATE as f32;
     let exists = block.id.map(|id| id != u32::MAX);
     let mut fine = [true; LANES];
@@ -63,8 +57,7 @@ fn is_fine(block: &MovingPointBlock, count: Option<usize>) -> bool {
             *fine &= (exists[lane] & (x.abs() <= MOST)) | (!exists[lane] & (x == f32::MAX));
         }
     }
-    let counted = count.is_none_or(|count| (0..LANES).all(|lane| exists[lane] == (lane < count)));
-    counted && fine == [true; LANES]
+    fine == [true; LANES]
 }
 
 /// The contents of a file for one tree, not validated yet.
@@ -102,7 +95,7 @@ impl MovingRecord {
         let timed = !node_times.is_empty();
         let fits = nodes.len() == shape.nodes() && (!timed || node_times.len() == nodes.len());
         require(fits, "the number of nodes does not match its points")?;
-        leaves.check(timed, None)?;
+        leaves.check(timed)?;
         for (node, lanes) in shape.lanes(blocks) {
             let times = node_times.get(node);
             let fine = (0..LANES).all(|lane| is_child(&nodes[node], times, lane, lane < lanes));

@@ -38,7 +38,7 @@ impl PlaneRecord {
         require(!root.min.is_nan() && !root.max.is_nan(), "its bounds are not a box")?;
         let fine = slack.len() == nodes.len() && slack.iter().all(|slack| (0.0..=f32::MAX).contains(slack));
         require(fine, "the number of slacks does not match its nodes")?;
-        leaves.check(true, None)?;
+        leaves.check(true)?;
         let Ok(depth) = check_links(&nodes, leaves.blocks.len()) else {
             return broken("a node is reached twice, never, or has a link outside the tree");
         };

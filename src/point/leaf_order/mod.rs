@@ -8,6 +8,5 @@ pub(super) mod motion_groups;
 pub(super) mod moving_reference;
 pub(super) mod order;
 pub(super) mod point_rows;
-pub(super) mod select;
 pub(super) mod spread;
 pub(super) mod widest_axis;

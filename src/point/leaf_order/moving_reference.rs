@@ -3,7 +3,7 @@
 use super::point_rows::{NO_POINT, PointRows};
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::parallel::{self, CHUNK};
-use crate::simd::{Item, Kernel, Simd, SimdLevel, dispatch, huge_vec, prefetch};
+use crate::simd::{Kernel, Simd, SimdLevel, dispatch, prefetch};
 
 /// A reference to a point that moves linearly between two keys, active during `interval`.
 #[derive(Clone, Copy, Debug)]
@@ -213,14 +213,6 @@ impl<R: References + ?Sized> Kernel for TakePositions<'_, R> {
             rows.set(i, &NO_POINT);
         }
     }
-}
-
-/// Positions of references at a phase between their keys.
-pub(in crate::point) fn positions_at(references: &[MovingReference], phase: f64) -> Vec<Item> {
-    let item = |(index, m): (usize, &MovingReference)| Item { at: m.position(phase), index: index as u32 };
-    let mut items = huge_vec(references.len());
-    items.extend(references.iter().enumerate().map(item));
-    items
 }
 
 #[cfg(test)]
