@@ -39,8 +39,8 @@ pub(super) struct Index {
 /// A photon that exists for a while or moves with its surface.
 #[derive(Clone, Copy)]
 struct UnstampedPhoton {
-    open: Vec3,
-    close: Vec3,
+    /// Where it is when the shutter opens and closes.
+    ends: [Vec3; 2],
     time_weight: TimeWeight,
 }
 
@@ -73,8 +73,7 @@ impl PointSet for UnstampedPhotons<'_> {
         2
     }
     fn position(&self, point: usize, key: usize) -> DVec3 {
-        let photon_at = &self.unstamped[point];
-        (if key == 0 { photon_at.open } else { photon_at.close }).as_dvec3()
+        self.unstamped[point].ends[key].as_dvec3()
     }
     fn active(&self, point: usize) -> TimeInterval {
         self.active[point]
@@ -95,13 +94,12 @@ impl Index {
         if photons.len() >= u32::MAX as usize {
             return Err(GatherError::TooMany { found: photons.len() });
         }
-        let (mut items, mut unstamped, mut active, mut unstamped_ids) =
-            (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let mut carried = false;
+        let (mut items, mut carried) = (Vec::new(), false);
+        let (mut unstamped, mut active, mut unstamped_ids) = (Vec::new(), Vec::new(), Vec::new());
         for (number, photon) in photons.iter().enumerate() {
             check(photon).map_err(|error| error.at(number))?;
             let at = photon.position;
-            let photon_at = match photon.time {
+            let other = match photon.time {
                 PhotonTime::At(time) => {
                     items.push(Item { at: [at.x, at.y, at.z, time, 0.0], index: number as u32 });
                     continue;
@@ -110,18 +108,17 @@ impl Index {
                     active.push(interval);
                     // Intervals may be so short that 1 / duration overflows in f32.
                     let even = 1.0 / interval.duration().max(f32::MIN_POSITIVE);
-                    UnstampedPhoton { open: at, close: at, time_weight: TimeWeight::Even(even) }
+                    UnstampedPhoton { ends: [at; 2], time_weight: TimeWeight::Even(even) }
                 }
                 PhotonTime::Carried { time, velocity } => {
                     carried = true;
                     // A little longer than the window; the exact test comes with the query.
                     let reach = params.window + 1e-6 * (1.0 + params.window);
                     active.push(TimeInterval::half_open(time - reach, time + reach).unwrap_or(TimeInterval::FULL));
-                    let [open, close] = ends(at, time, velocity);
-                    UnstampedPhoton { open, close, time_weight: TimeWeight::Stamp(time) }
+                    UnstampedPhoton { ends: ends(at, time, velocity), time_weight: TimeWeight::Stamp(time) }
                 }
             };
-            unstamped.push(photon_at);
+            unstamped.push(other);
             unstamped_ids.push(number as u32);
         }
         progress.finished(READING);
@@ -158,20 +155,23 @@ impl Index {
         })
     }
 
+    /// The photon at a slot, unless it is in the tree of stamps.
+    #[inline(always)]
+    fn unstamped(&self, slot: u32) -> Option<&UnstampedPhoton> {
+        (slot as usize).checked_sub(self.stamped.count).map(|number| &self.unstamped[number])
+    }
+
     /// How the photon at a slot is weighted in time.
     #[inline(always)]
     pub(super) fn time_weight(&self, slot: u32) -> TimeWeight {
-        match (slot as usize).checked_sub(self.stamped.count) {
-            None => TimeWeight::Stamp(self.stamped.stamp(slot)),
-            Some(photon_at) => self.unstamped[photon_at].time_weight,
-        }
+        self.unstamped(slot).map_or_else(|| TimeWeight::Stamp(self.stamped.stamp(slot)), |photon| photon.time_weight)
     }
 
     /// Whether a window reaches the time of the photon at a slot. The search of the tree of stamps has tested that
     /// already, and photons that exist for a while do not depend on it.
     #[inline(always)]
     pub(super) fn in_window(&self, slot: u32, time: f32, window: f32) -> bool {
-        match (slot as usize).checked_sub(self.stamped.count).map(|photon_at| self.unstamped[photon_at].time_weight) {
+        match self.unstamped(slot).map(|photon| photon.time_weight) {
             Some(TimeWeight::Stamp(stamp)) => (stamp - time).abs() <= window,
             _ => true,
         }
@@ -179,9 +179,9 @@ impl Index {
 
     /// The position of the photon at a slot, at a time.
     pub(super) fn position(&self, slot: u32, at: KeyTime) -> Vec3 {
-        match (slot as usize).checked_sub(self.stamped.count) {
+        match self.unstamped(slot) {
             None => self.stamped.position(slot),
-            Some(photon_at) => at.position(self.unstamped[photon_at].open, self.unstamped[photon_at].close),
+            Some(UnstampedPhoton { ends: [open, close], .. }) => at.position(*open, *close),
         }
     }
 
