@@ -7,7 +7,7 @@ use super::random::Random;
 use super::tally::OrderTally;
 use crate::oracle::{ExactDistance, Given, Moving, ulp32};
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{Neighbor, PointArrays, PointError, PointParams, PointStructure, PointTree, TimeInterval};
+use mbkd::{Neighbor, NeighborQuery, PointArrays, PointError, PointParams, PointStructure, PointTree, TimeInterval};
 
 /// Points of a set.
 const POINTS: usize = 200;
@@ -89,6 +89,11 @@ impl Points {
         self.query_near(point, case, time, random)
     }
 
+    /// A query of a tree in the precision of the set.
+    fn query_of<'t>(&self, tree: &'t PointTree, query: DVec3, time: f32) -> NeighborQuery<'t> {
+        if self.given == Given::F64 { tree.query(query, time) } else { tree.query(query.as_vec3(), time) }
+    }
+
     /// A query near a point at a time.
     fn query_near(&self, point: usize, case: &PointCase, time: f32, random: &mut Random) -> DVec3 {
         let near = self.at(point, time).near;
@@ -122,6 +127,11 @@ impl Exact {
         (count(-1.0), count(1.0))
     }
 
+    /// Whether a point is certainly not within a squared radius.
+    fn is_outside(&self, id: u32, squared: f64) -> bool {
+        self.of(id).is_none_or(|d| d.near > squared + DOUBT * (d.unit() + ulp32(squared)))
+    }
+
     /// How much farther, in units, the answers are than the exact ones at their ranks times `stretch`.
     fn worst_order(&self, found: &[Neighbor], stretch: f64) -> f64 {
         let excess = |(place, n): (usize, &Neighbor)| {
@@ -136,15 +146,11 @@ impl Exact {
     }
 }
 
-/// Runs a query in the precision of the set.
-fn run_query<R>(set: &Points, query: DVec3, in_f32: impl FnOnce(Vec3) -> R, in_f64: impl FnOnce(DVec3) -> R) -> R {
-    if set.given == Given::F64 { in_f64(query) } else { in_f32(query.as_vec3()) }
-}
-
 /// Compares trees, one per structure, with the exact answers to `count` queries. `tamper` may change the answers before
 /// they are checked, to test that errors are noticed.
 ///
-/// # Errors If a tree cannot be built.
+/// # Errors
+/// If a tree cannot be built.
 pub fn compare_neighbors(
     case: &PointCase,
     structures: &[PointStructure],
@@ -173,62 +179,58 @@ pub fn compare_neighbors(
             exact.0.get(random.below(40)).map_or(0.0, |(_, d)| (d.near.sqrt() * (0.9 + 0.2 * random.unit())) as f32);
         let epsilon = [0.1, 1.0, 10.0, 1e20, f32::INFINITY][random.below(5)];
         for (tree, tally) in trees.iter().zip(&mut tallies) {
-            tally.queries += 1;
-            let nearest =
-                |k: usize| run_query(&set, query, |q| tree.nearest_n(q, time, k), |q| tree.nearest_n(q, time, k));
-            let mut found = nearest(k);
-            tamper(&mut found);
-            tally.wrong_count += usize::from(found.len() != k.min(exact.0.len()));
-            order(&exact, &found, tally);
-            for n in &found {
-                if let Some(d) = exact.of(n.id) {
-                    tally.distance.add(d.error_of(n.distance_squared), d.near, d.doubt);
-                }
-            }
-            let first = run_query(&set, query, |q| tree.nearest(q, time), |q| tree.nearest(q, time));
-            tally.wrong_count += usize::from(first != nearest(1).first().copied());
-
-            // Within a radius: all of them, and the nearest of them.
-            let squared = f64::from(radius) * f64::from(radius);
-            let (least, most) = exact.within(squared);
-            let within = run_query(&set, query, |q| tree.within(q, time, radius), |q| tree.within(q, time, radius));
-            let mut found: Vec<u32> = within.iter().map(|n| n.id).collect();
-            found.sort_unstable();
-            found.dedup();
-            let outside = |d: &ExactDistance| d.near > squared + DOUBT * (d.unit() + ulp32(squared));
-            let wrong = !(least..=most).contains(&found.len())
-                || found.len() != within.len()
-                || found.iter().any(|&id| exact.of(id).is_none_or(outside));
-            tally.wrong_count += usize::from(wrong);
-            let both = run_query(
-                &set,
-                query,
-                |q| tree.nearest_n_within(q, time, k, radius),
-                |q| tree.nearest_n_within(q, time, k, radius),
-            );
-            tally.wrong_count += usize::from(both.len() < k.min(least) || both.len() > k.min(most));
-            order(&exact, &both, tally);
-
-            // Approximate queries, with and without a radius.
-            let stretch = (1.0 + f64::from(epsilon)).powi(2);
-            for radius in [f32::INFINITY, radius] {
-                let found = run_query(
-                    &set,
-                    query,
-                    |q| tree.query(q, time).radius(radius).approximate(epsilon).nearest_n(k),
-                    |q| tree.query(q, time).radius(radius).approximate(epsilon).nearest_n(k),
-                );
-                let squared = f64::from(radius) * f64::from(radius);
-                let promised = if radius == f32::INFINITY { exact.0.len() } else { exact.within(squared / stretch).0 };
-                let outside = |d: &ExactDistance| d.near > squared + DOUBT * (d.unit() + ulp32(squared));
-                let broken = found.len() < k.min(promised)
-                    || exact.worst_order(&found, stretch) > DOUBT
-                    || found.iter().any(|n| exact.of(n.id).is_none_or(outside));
-                tally.broken_promises += usize::from(broken);
-            }
+            compare(set.query_of(tree, query, time), &exact, (k, radius, epsilon), tally, &tamper);
         }
     }
     Ok(tallies)
+}
+
+/// Compares the runs of a query, for `k` neighbours, within a radius, and with an allowed error, with the exact answers.
+fn compare(
+    query: NeighborQuery<'_>,
+    exact: &Exact,
+    (k, radius, epsilon): (usize, f32, f32),
+    tally: &mut OrderTally,
+    tamper: &impl Fn(&mut Vec<Neighbor>),
+) {
+    tally.queries += 1;
+    let mut found = query.nearest_n(k);
+    tamper(&mut found);
+    tally.wrong_count += usize::from(found.len() != k.min(exact.0.len()));
+    order(exact, &found, tally);
+    for n in &found {
+        if let Some(d) = exact.of(n.id) {
+            tally.distance.add(d.error_of(n.distance_squared), d.near, d.doubt);
+        }
+    }
+    tally.wrong_count += usize::from(query.nearest() != query.nearest_n(1).first().copied());
+
+    // Within a radius: all of them, and the nearest of them.
+    let squared = f64::from(radius) * f64::from(radius);
+    let (least, most) = exact.within(squared);
+    let within = query.radius(radius).collect();
+    let mut found: Vec<u32> = within.iter().map(|n| n.id).collect();
+    found.sort_unstable();
+    found.dedup();
+    let wrong = !(least..=most).contains(&found.len())
+        || found.len() != within.len()
+        || found.iter().any(|&id| exact.is_outside(id, squared));
+    tally.wrong_count += usize::from(wrong);
+    let both = query.radius(radius).nearest_n(k);
+    tally.wrong_count += usize::from(both.len() < k.min(least) || both.len() > k.min(most));
+    order(exact, &both, tally);
+
+    // Approximate queries, with and without a radius.
+    let stretch = (1.0 + f64::from(epsilon)).powi(2);
+    for radius in [f32::INFINITY, radius] {
+        let found = query.radius(radius).approximate(epsilon).nearest_n(k);
+        let squared = f64::from(radius) * f64::from(radius);
+        let promised = if radius == f32::INFINITY { exact.0.len() } else { exact.within(squared / stretch).0 };
+        let broken = found.len() < k.min(promised)
+            || exact.worst_order(&found, stretch) > DOUBT
+            || found.iter().any(|n| exact.is_outside(n.id, squared));
+        tally.broken_promises += usize::from(broken);
+    }
 }
 
 fn order(exact: &Exact, found: &[Neighbor], tally: &mut OrderTally) {
