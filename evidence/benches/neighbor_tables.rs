@@ -177,59 +177,34 @@ fn static_tables(args: &Args) {
                 tree.statistics().bytes() as f64 / n as f64
             );
             let radius = radius_for(&tree, &at, 40);
-            let mut peers = Vec::new();
-            for order in ["random", "morton"] {
-                if order == "morton" {
-                    at.sort_by_key(|(q, _)| morton(*q));
-                }
-                print!("  {order:7}");
-                for (k, wanted) in WANTED {
-                    let mut buffer = NeighborBuffer::new();
-                    let times = race(
-                        args.repeat,
-                        at.len(),
-                        &mut [
-                            &mut || match k {
-                                0 => in_radius(&tree, &at, radius, &mut buffer),
-                                k => k_nearest(&tree, &at, k, &mut buffer),
-                            },
-                            &mut || kiddo_queries!(arena, &at, k, radius),
-                            &mut || kiddo_queries!(flat, &at, k, radius),
-                        ],
-                    );
+            let row = |label: &str, at: &[(Vec3, f32)], wanted: &[(usize, f64)]| {
+                print!("  {label:7}");
+                let mut peers = Vec::new();
+                for &(k, wanted) in wanted {
+                    let (arena, flat) = (&arena, &flat);
+                    let by_arena = Box::new(move || kiddo_queries!(arena, at, k, radius));
+                    let by_flat = Box::new(move || kiddo_queries!(flat, at, k, radius));
+                    let times = race_trees(args.repeat, &[&tree], at, k, radius, vec![by_arena, by_flat]);
                     let peer = times[1].min(times[2]);
                     print!("  {} {:.0}/{peer:.0} = {:.2} ({wanted})", name(k), times[0], peer / times[0]);
                     peers.push(peer);
                 }
                 println!();
-                if order == "random" {
-                    batches(&tree, &at, &peers, args.repeat);
-                }
-            }
+                peers
+            };
+            let peers = row("random", &at, &WANTED);
+            batches(&tree, &at, &peers, args.repeat);
+            at.sort_by_key(|(q, _)| morton(*q));
+            row("morton", &at, &WANTED);
             // Beyond a corner of the set. Few queries: kiddo takes a hundred times as long for them.
             let far: Vec<(Vec3, f32)> =
                 at.iter().step_by(200).map(|(q, t)| (*q * 3.0 + Vec3::new(4.0, -2.0, 1.0), *t)).collect();
-            print!("  far    ");
-            for (k, wanted) in WANTED.into_iter().filter(|(k, _)| *k > 0) {
-                let mut buffer = NeighborBuffer::new();
-                let times = race(
-                    args.repeat,
-                    far.len(),
-                    &mut [
-                        &mut || k_nearest(&tree, &far, k, &mut buffer),
-                        &mut || kiddo_queries!(arena, &far, k, radius),
-                        &mut || kiddo_queries!(flat, &far, k, radius),
-                    ],
-                );
-                let peer = times[1].min(times[2]);
-                print!("  {} {:.0}/{peer:.0} = {:.2} ({wanted})", name(k), times[0], peer / times[0]);
-            }
-            println!();
+            row("far", &far, &WANTED[..4]);
         }
     }
 }
 
-/// Numbers of neighbours (0: all within a radius) and required ratios.
+/// Numbers of neighbours (0, the last: all within a radius) and required ratios.
 const WANTED: [(usize, f64); 5] = [(1, 2.0), (8, 3.0), (32, 3.5), (64, 4.5), (0, 3.5)];
 
 fn name(k: usize) -> String {
@@ -302,6 +277,13 @@ fn moving_set(row: &str, n: usize) -> Vec<MovingPoint> {
         .collect()
 }
 
+/// Queries among snapshots, each in that of the nearest time.
+fn kiddo_at_times(snapshots: &[Arena; 16], at: &[(Vec3, f32)], k: usize, radius: f32) {
+    for pair in at {
+        kiddo_queries!(snapshots[((pair.1 * 16.0) as usize).min(15)], core::slice::from_ref(pair), k, radius);
+    }
+}
+
 fn moving_tables(args: &Args) {
     let n = *args.points.last().unwrap();
     println!("\nMoving points, {n} of them, every query its own time: ns per query");
@@ -317,13 +299,11 @@ fn moving_tables(args: &Args) {
         at.sort_by_key(|(q, _)| morton(*q));
         let still: Vec<Vec3> = points.iter().map(|p| p.open.lerp(p.close, 0.5)).collect();
         let still = PointTree::build(&still, &PointParams::default()).unwrap();
-        let snapshots: Vec<Arena> = (0..16)
-            .map(|i| {
-                let t = (i as f32 + 0.5) / 16.0;
-                let at: Vec<[f32; 3]> = points.iter().map(|p| p.open.lerp(p.close, t).to_array()).collect();
-                Arena::new_from_slice(&at).unwrap()
-            })
-            .collect();
+        let snapshots: [Arena; 16] = core::array::from_fn(|i| {
+            let t = (i as f32 + 0.5) / 16.0;
+            let at: Vec<[f32; 3]> = points.iter().map(|p| p.open.lerp(p.close, t).to_array()).collect();
+            Arena::new_from_slice(&at).unwrap()
+        });
         use PointStructure::{Automatic, Kd, Linear, TimeSlices};
         let forced = [Linear, TimeSlices(2), TimeSlices(4), TimeSlices(8), TimeSlices(16)];
         let structures = [&[Automatic][..], if args.structures { &forced } else { &[] }].concat();
@@ -332,16 +312,10 @@ fn moving_tables(args: &Args) {
         let mut table = vec![String::new(); trees.len()];
         let mut rivals = String::new();
         for k in [8, 0] {
-            let snapshot = |t: f32| &snapshots[((t * 16.0) as usize).min(15)];
-            let mut kiddo = || {
-                for pair in &at {
-                    kiddo_queries!(snapshot(pair.1), core::slice::from_ref(pair), k, radius);
-                }
-            };
             let all: Vec<&PointTree> = trees.iter().map(|t| &t.0).chain([&still]).collect();
-            let times = race_trees(args.repeat, &all, &at, k, radius, &mut kiddo);
-            let (own, peer) = (times[trees.len()], times[trees.len() + 1]);
-            let name = if k == 0 { "radius" } else { "k=8" };
+            let kiddo = Box::new(|| kiddo_at_times(&snapshots, &at, k, radius));
+            let times = race_trees(args.repeat, &all, &at, k, radius, vec![kiddo]);
+            let (own, peer, name) = (times[trees.len()], times[trees.len() + 1], name(k));
             for (text, time) in table.iter_mut().zip(&times) {
                 *text += &format!("  {name} {time:.0} ({:.2} x static, snapshots {:.2})", time / own, peer / time);
             }
@@ -364,17 +338,8 @@ fn moving_tables(args: &Args) {
             let some = &at[..at.len() / 10];
             drop(trees);
             let kd = built(&points, &[Kd]).remove(0).0;
-            let mut kiddo = || {
-                for pair in some {
-                    kiddo_queries!(
-                        &snapshots[((pair.1 * 16.0) as usize).min(15)],
-                        core::slice::from_ref(pair),
-                        8,
-                        radius
-                    );
-                }
-            };
-            let times = race_trees(1, &[&kd, &still], some, 8, radius, &mut kiddo);
+            let kiddo = Box::new(|| kiddo_at_times(&snapshots, some, 8, radius));
+            let times = race_trees(1, &[&kd, &still], some, 8, radius, vec![kiddo]);
             println!(
                 "  Kd:  k=8 {:.0} ({:.2} x static, snapshots {:.2})",
                 times[0],
@@ -446,27 +411,24 @@ fn built(points: &[MovingPoint], structures: &[PointStructure]) -> Vec<(PointTre
     structures.iter().map(build).collect()
 }
 
-/// Times of all trees and, last, of a peer. `k` = 0: within the radius.
-fn race_trees(
+/// Times of all trees and, last, of rivals. `k` = 0: within the radius.
+fn race_trees<'a>(
     repeat: usize,
-    trees: &[&PointTree],
-    at: &[(Vec3, f32)],
+    trees: &[&'a PointTree],
+    at: &'a [(Vec3, f32)],
     k: usize,
     radius: f32,
-    rival: &mut dyn FnMut(),
+    rivals: Vec<Box<dyn FnMut() + 'a>>,
 ) -> Vec<f64> {
-    let run = |tree: &PointTree, buffer: &mut NeighborBuffer| match k {
-        0 => in_radius(tree, at, radius, buffer),
-        k => k_nearest(tree, at, k, buffer),
-    };
-    let mut runs: Vec<Box<dyn FnMut() + '_>> = Vec::new();
-    for &tree in trees {
+    let run = |&tree: &&'a PointTree| -> Box<dyn FnMut() + 'a> {
         let mut buffer = NeighborBuffer::new();
-        runs.push(Box::new(move || run(tree, &mut buffer)));
-    }
-    let mut contestants: Vec<&mut dyn FnMut()> = runs.iter_mut().map(|r| r.as_mut() as &mut dyn FnMut()).collect();
-    contestants.push(rival);
-    race(repeat, at.len(), &mut contestants)
+        Box::new(move || match k {
+            0 => in_radius(tree, at, radius, &mut buffer),
+            k => k_nearest(tree, at, k, &mut buffer),
+        })
+    };
+    let mut runs: Vec<_> = trees.iter().map(run).chain(rivals).collect();
+    race(repeat, at.len(), &mut runs.iter_mut().map(|run| run.as_mut() as &mut dyn FnMut()).collect::<Vec<_>>())
 }
 
 fn active_tables(args: &Args) {
@@ -492,7 +454,7 @@ fn active_tables(args: &Args) {
     let mut table = vec![String::new(); trees.len()];
     for k in [8, 0] {
         let mut buffer = NeighborBuffer::new();
-        let mut filtered = || {
+        let filtered = || {
             for (q, t) in &at {
                 let query = all.query(*q, *t).filter(|id| points[id as usize].active.contains(*t));
                 black_box(match k {
@@ -502,8 +464,7 @@ fn active_tables(args: &Args) {
             }
         };
         let every: Vec<&PointTree> = trees.iter().map(|t| &t.0).collect();
-        let times = race_trees(args.repeat, &every, &at, k, radius, &mut filtered);
-        let name = if k == 0 { "radius" } else { "k=8" };
+        let (times, name) = (race_trees(args.repeat, &every, &at, k, radius, vec![Box::new(filtered)]), name(k));
         for (text, time) in table.iter_mut().zip(&times) {
             *text += &format!("  {name} {time:.0} (filtering {:.2})", times[trees.len()] / time);
         }
