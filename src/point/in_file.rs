@@ -11,7 +11,7 @@ use super::layout::static_tree::StaticTree;
 use super::leaf_order::moving_reference::{SegmentSlice, segments};
 use super::precise::{PreciseRecord, PreciseTree};
 use super::search::layers::Layer;
-use super::statistics::{PointLayerKind, PointLayerStatistics, PointStatistics};
+use super::statistics::{PointLayerKind, PointLayerStatistics};
 use super::tree::PointTree;
 use crate::file::{self, Decoder, Encoder, FileError, FileKind, broken, require};
 use crate::limits::{MAX_KEYS, MAX_POINT_TIME_SLICES};
@@ -141,12 +141,8 @@ impl PointTree {
         require(all == Some(len) && len < u64::from(u32::MAX), "the number of points does not match its layers")?;
         let precise = layers.iter().filter(|layer| matches!(layer.trees, Trees::Precise(_))).count();
         require(precise == 0 || precise == layers.len(), "it has points in f32 and in f64")?;
-        let (layers_read, statistics, simd) = (layers, PointStatistics::default(), SimdLevel::best());
-        let (layers, precise, len) = (Vec::new(), Vec::new(), len as usize);
-        let mut tree = PointTree { origin, simd, layers, precise, statistics, len, distinct: false };
-        for layer in layers_read {
-            layer.checked(&mut tree)?;
-        }
+        let mut tree = PointTree::without_layers(len as usize, origin, SimdLevel::best(), false);
+        layers.into_iter().try_for_each(|layer| layer.checked(&mut tree))?;
         Ok(tree)
     }
 }

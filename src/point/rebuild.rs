@@ -57,11 +57,9 @@ impl PointTree {
         if !kept {
             tree = source.static_tree(source.len, 0..source.len, &Progress::new(None));
         }
-        let (len, origin) = (source.len, source.origin);
-        self.renew(origin, params.simd);
-        self.distinct = true;
+        *self = PointTree::without_layers(source.len, source.origin, params.simd, true);
         let why = if kept { "all points are static; the order of the last step" } else { ALL_STATIC };
-        self.add(Layer::Static(tree), PointLayerKind::Static, len, why.into());
+        self.add(Layer::Static(tree), PointLayerKind::Static, source.len, why.into());
         Ok(kept)
     }
 

@@ -227,7 +227,7 @@ impl PointTree {
     }
 
     /// A tree without layers.
-    fn without_layers(len: usize, origin: DVec3, simd: SimdLevel, distinct: bool) -> PointTree {
+    pub(super) fn without_layers(len: usize, origin: DVec3, simd: SimdLevel, distinct: bool) -> PointTree {
         let statistics = PointStatistics::default();
         PointTree { origin, simd, layers: Vec::new(), precise: Vec::new(), statistics, len, distinct }
     }
@@ -283,14 +283,6 @@ impl PointTree {
             }
         }
         Ok(tree)
-    }
-
-    /// Removes all layers, so that the tree can be filled again.
-    pub(super) fn renew(&mut self, origin: DVec3, simd: SimdLevel) {
-        (self.origin, self.simd, self.statistics) = (origin, simd, PointStatistics::default());
-        self.distinct = false;
-        self.layers.clear();
-        self.precise.clear();
     }
 
     /// Adds layers of points in f64: static ones, and moving ones.

@@ -353,7 +353,7 @@ impl core::fmt::Debug for VisiblePoints {
 }
 
 struct Found<'a, 'b> {
-    view: VisibleView<'a>,
+    view: SpanView<'a, VisibleBlock, Contribution>,
     position: Vec3,
     candidates: &'b mut Candidates,
 }
@@ -368,9 +368,6 @@ impl Kernel for Found<'_, '_> {
         let _: ControlFlow<()> = within(s, &view, &view.target(s, position), f32::MAX, &mut sink);
     }
 }
-
-/// The view of the tree for a photon.
-type VisibleView<'a> = SpanView<'a, VisibleBlock, Contribution>;
 
 /// The measure of a photon with half the width of its window: points that it does not contribute to are infinitely far
 /// away.

@@ -76,12 +76,6 @@ impl MovingLeaves {
             + (self.times.capacity() + self.active.capacity()) * size_of::<LaneIntervals>()
     }
 
-    /// Bytes of the blocks.
-    #[inline(always)]
-    pub(in crate::point) fn block_bytes(&self) -> usize {
-        self.blocks.len() * size_of::<MovingPointBlock>()
-    }
-
     /// Ids of a block's points.
     #[inline(always)]
     pub(in crate::point) fn ids(&self, block: usize) -> &Lanes<u32> {
@@ -162,11 +156,6 @@ impl MovingLeaves {
         }
         let active = self.times[block].active_at(s, target.time);
         s.select(active, distances, s.splat(f32::INFINITY))
-    }
-
-    /// Number of blocks.
-    pub(in crate::point) fn len(&self) -> usize {
-        self.blocks.len()
     }
 
     /// The active interval of a lane of a block.

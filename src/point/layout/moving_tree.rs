@@ -243,7 +243,7 @@ impl<const TIMED: bool> CoordinateView for MovingView<'_, TIMED> {
     }
     #[inline(always)]
     fn positions<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> [S::F; 3] {
-        self.point_positions(s, target, block)
+        self.tree.leaves.positions::<S, TIMED>(s, self.at, target, block)
     }
 }
 

@@ -16,7 +16,7 @@ pub(in crate::point) trait HasLeaves {
 /// A tree of moving points at a time; `TIMED` if not all references are active throughout.
 pub(in crate::point) struct TreeAtTime<'a, T, const TIMED: bool> {
     pub(in crate::point) tree: &'a T,
-    at: KeyTime,
+    pub(super) at: KeyTime,
     phase: f32,
     pub(in crate::point) time: f32,
 }
@@ -35,12 +35,6 @@ impl<'a, T: HasLeaves, const TIMED: bool> TreeAtTime<'a, T, TIMED> {
     pub(in crate::point) fn new(tree: &'a T, slice: &SegmentSlice, time: f32) -> Self {
         let at = KeyTime::new(time, slice.keys);
         TreeAtTime { tree, at, phase: phase(at, slice.segment), time }
-    }
-
-    /// Positions of the points of a block; the first coordinate is infinite if a point is not active at the time.
-    #[inline(always)]
-    pub(in crate::point) fn point_positions<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> [S::F; 3] {
-        self.tree.leaves().positions::<S, TIMED>(s, self.at, target, block)
     }
 }
 
@@ -64,7 +58,7 @@ impl<T: HasLeaves, const TIMED: bool> LeafView for TreeAtTime<'_, T, TIMED> {
     }
     #[inline(always)]
     fn leaf_bytes(&self) -> usize {
-        self.tree.leaves().block_bytes()
+        size_of_val(&self.tree.leaves().blocks[..])
     }
     #[inline(always)]
     fn ids(&self, block: usize) -> &Lanes<u32> {

@@ -129,7 +129,7 @@ impl PlaneTree {
 
     /// A tree of moving boxes over the same points.
     pub(in crate::point) fn box_tree(&self) -> MovingTree {
-        let references = all_lanes(0..self.leaves.len()).filter_map(|(block, lane)| {
+        let references = all_lanes(0..self.leaves.blocks.len()).filter_map(|(block, lane)| {
             let point = self.leaves.point_path(block, lane)?;
             let (PointPath { id, active, .. }, [open, close]) = (point, point.ends());
             let interval = active.intersect(self.slice.interval)?;
