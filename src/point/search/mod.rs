@@ -14,6 +14,7 @@ pub(super) mod planes;
 pub(super) mod radius;
 pub(super) mod sinks;
 pub(super) mod sort;
+mod threshold;
 pub(super) mod walk;
 
 use crate::simd::{LANES, Lanes, Mask};
