@@ -58,6 +58,13 @@ pub(super) struct Placements {
 /// Distances within which origins count as near, in sizes of the scene.
 const NEAR: f64 = 3.0;
 
+/// Rays that begin farther away than this, in sizes of the scene, hit nothing: 2^96. Their slack might not be finite.
+///
+/// A placed tree reports no hits of origins farther away than 2^32 times its reach. Boxes are padded by more than 2^-14 of the image
+/// of that reach ([`Slack::fixed`]), so the scene is at least that large, and what is hit is nearer than 2^47 sizes of it. With each
+/// further level of instances it may be 2^14 times as far away: less than 2^90.
+const FARTHEST: f64 = (1u128 << 96) as f64;
+
 impl Placements {
     /// Takes instances of trees with these extents, each with its motion's [`Distortion`], or none if it is hidden. `padding`
     /// scales the padding of boxes and rays for rounding: 1, or less in tests.
@@ -176,6 +183,10 @@ impl Placements {
         }
         let [x, y, z, _] = ray.from;
         let away = DVec3::new(x, y, z).abs().max_element();
+        if away > FARTHEST * f64::from(frame.reach) {
+            (ray.begin, ray.end) = (1.0, 0.0);
+            return;
+        }
         let more = (self.deviation * away * (2.0 * f64::from(ULP) + ROUNDING)) as f32;
         match TreeRay::with_slack(ray.original, &Frame { reach: frame.reach + 2.0 * more, ..*frame }, more) {
             Some(of) => *ray = of,

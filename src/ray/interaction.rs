@@ -61,8 +61,8 @@ pub(crate) const OF_COORDINATE: f64 = 1.0 / (1u64 << 48) as f64;
 const OF_DISTANCE: f64 = 1.0 / (1u64 << 22) as f64;
 
 impl SurfaceInteraction {
-    /// The point of the triangle with the weights of the hit, or the point of the sphere. Of a custom primitive that is no sphere
-    /// it is `origin + t * dir`.
+    /// The point of the triangle with the weights of the hit, or the point of the sphere. Of a custom primitive that is no sphere,
+    /// and of a triangle whose corners are in a line, it is `origin + t * dir`.
     pub fn point(&self) -> DVec3 {
         self.point
     }

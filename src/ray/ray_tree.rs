@@ -353,7 +353,7 @@ impl RayTree {
     ///
     /// # Errors
     /// A [`BuildError`] that names the invalid mesh or parameter. An empty tree is valid, and no ray hits anything.
-    /// Degenerate triangles are kept and never hit.
+    /// Degenerate triangles are kept. Those with two equal corners are never hit; others only by rays that meet their line.
     pub fn build(meshes: &[TriangleMesh], params: &BuildParams) -> Result<RayTree, BuildError> {
         RayTree::of_scene(meshes, Vec::new(), params)
     }

@@ -568,6 +568,47 @@ fn poses_may_grow_at_all_levels_and_queries_equal_those_of_the_local_rays() {
     assert!(hits > 20, "{hits}");
 }
 
+/// However far away a ray begins: what it hits is decided in the space of each instance.
+#[test]
+fn rays_from_any_distance_hit_what_their_local_rays_hit() {
+    let mut random = Random(12);
+    let leaf = Arc::new(RayTree::build(&[soup(60, 1, 0.5, 0.0, 5)], &BuildParams::default()).unwrap());
+    let place = |of: InstanceOf, x: f64| Instance::new(of, DAffine3::from_translation(DVec3::X * x));
+    let group = |of: &dyn Fn() -> InstanceOf| {
+        let instances = (0..5).map(|i| place(of(), f64::from(i))).collect();
+        Arc::new(InstanceTree::build(instances, &WideParams::default()).unwrap())
+    };
+    let flat = group(&|| leaf.clone().into());
+    let nested = group(&|| flat.clone().into());
+    let closest = |tree: &InstanceTree, ray: &Ray| {
+        let hits = (0..5).filter_map(|i| {
+            let local = tree.local_ray(i, ray)?;
+            match tree.placed(i)? {
+                InstanceOf::Tree(of) => of.closest_hit(&local).map(|hit| hit.t),
+                InstanceOf::Instances(of) => of.closest_hit(&local).map(|found| found.hit.t),
+            }
+        });
+        hits.min_by(f32::total_cmp)
+    };
+    let mut hits = 0;
+    for power in (0..308).step_by(3) {
+        for round in 0..24 {
+            let away = 10f64.powi(power) * DVec3::AXES[round % 3];
+            let dir = if round % 4 == 0 { Vec3::ONE } else { DVec3::AXES[round % 3].as_vec3() };
+            let origin = dvec(&mut random) * 0.5 + if round % 2 == 0 { away } else { -away };
+            let ray = Ray::new(origin, if round % 2 == 0 { -dir } else { dir });
+            let ray = if round % 8 < 3 { ray.between(f32::NEG_INFINITY, f32::INFINITY) } else { ray };
+            for tree in [&flat, &nested] {
+                let expected = closest(tree, &ray);
+                assert_eq!(tree.closest_hit(&ray).map(|found| found.hit.t), expected, "{ray:?}");
+                assert_eq!(tree.any_hit(&ray), expected.is_some(), "{ray:?}");
+                hits += usize::from(expected.is_some());
+            }
+        }
+    }
+    assert!(hits > 50, "{hits}");
+}
+
 #[test]
 fn bounds_hold_what_exists_and_nothing_else() {
     let of = |meshes: &[TriangleMesh]| Arc::new(RayTree::build(meshes, &BuildParams::default()).unwrap());
