@@ -18,7 +18,7 @@ pub(crate) struct CornerLanes<S: Simd> {
 }
 
 impl<S: Simd> CornerLanes<S> {
-    /// The corners in a leaf block of triangles at a time, bit for bit as `KeyTime::position` computes them.
+    /// The corners in a leaf block of triangles at a time, bit for bit as `KeyTime::position` computes them, up to signs of zeros.
     #[inline(always)]
     pub fn of(s: S, arena: &Arena, leaf: ChildRef, time: f32) -> CornerLanes<S> {
         let (at, n) = (leaf.at(), leaf.len());
@@ -98,7 +98,8 @@ impl<S: Simd> CornerLanes<S> {
 /// A time between two keys, as leaf blocks use it: from the nearer key towards the other.
 ///
 /// `b + s (b - a)` with negative `s` is `b + (-s) (a - b)` bit for bit, since changing both signs of a product changes
-/// nothing. So both halves of a segment read two rows, in one order or the other.
+/// nothing. (Of two keys at -0 the first sum is -0 and the second is not.) So both halves of a segment read two rows, in one order
+/// or the other.
 #[derive(Clone, Copy)]
 pub(crate) struct Between {
     /// Whether the later key is the nearer one.

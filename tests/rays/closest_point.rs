@@ -294,3 +294,24 @@ fn masks_filters_and_batches() {
         }
     }
 }
+
+/// Keys at -0 are +0 in between or not, as a layout interpolates them, which answers do not show.
+#[test]
+fn signs_of_zeros_do_not_reach_the_answers() {
+    let mut random = Random(23);
+    for _ in 0..300 {
+        let mut corner = || Vec3::from([0; 3].map(|_| [0.0, -0.0, -0.0, 0.7, -0.3][random.below(5)]));
+        let first: Vec<Vec3> = (0..9).map(|_| corner()).collect();
+        let last: Vec<Vec3> = first.iter().enumerate().map(|(i, &p)| if i % 3 == 0 { corner() } else { p }).collect();
+        let mesh = TriangleMesh::new(vec![[0, 1, 2], [3, 4, 5], [6, 7, 8], [1, 4, 7]], vec![first.clone(), last]);
+        let oracle = BruteForce::new(std::slice::from_ref(&mesh)).unwrap();
+        let trees: Vec<RayTree> =
+            variants().iter().map(|params| RayTree::build(std::slice::from_ref(&mesh), params).unwrap()).collect();
+        // Above edges, where a weight is zero.
+        for _ in 0..60 {
+            let [a, b] = [0; 2].map(|_| first[random.below(9)]);
+            let point = a + (b - a) * random.unit() + Vec3::AXES[random.below(3)] * random.signed();
+            agree(&trees, &oracle, ClosestPointQuery::new(point, 0.75));
+        }
+    }
+}

@@ -4,7 +4,7 @@
 //! The `closest_point` module proves that no closest point is lost.
 
 use super::triangle_bound::FARTHEST;
-use crate::geometry::{Frame, Placement, ULP, closest_on_triangle};
+use crate::geometry::{Frame, OnTriangle, Placement, ULP, closest_on_triangle};
 use crate::layout::ChildRef;
 use crate::limits::MAX_COORDINATE;
 use crate::simd::{LANES, Mask, Simd};
@@ -65,6 +65,13 @@ pub(crate) struct Candidate {
     pub point: DVec3,
     pub u: f32,
     pub v: f32,
+}
+
+/// The weights of the second and the third corner. Zero is added so that none is -0: leaf blocks have zeros of corners with either
+/// sign.
+#[inline(always)]
+fn weights(found: OnTriangle) -> [f32; 2] {
+    [found.u as f32 + 0.0, found.v as f32 + 0.0]
 }
 
 /// A query in the outer space, and in tree space.
@@ -129,11 +136,12 @@ impl<'a> QueryInTree<'a> {
             return self.on_placed_triangle(placed, corners);
         }
         let found = closest_on_triangle(self.inside, corners);
+        let [u, v] = weights(found);
         Candidate {
             distance: (found.distance_squared.sqrt() / self.frame.scale) as f32,
             point: found.point / self.frame.scale + self.frame.origin,
-            u: found.u as f32,
-            v: found.v as f32,
+            u,
+            v,
         }
     }
 
@@ -142,12 +150,8 @@ impl<'a> QueryInTree<'a> {
     fn on_placed_triangle(&self, placed: &Placement, corners: [DVec3; 3]) -> Candidate {
         let corners = corners.map(|p| placed.matrix.transform_point3(self.frame.fine_to_world(p)));
         let found = closest_on_triangle(self.point, corners);
-        Candidate {
-            distance: found.distance_squared.sqrt() as f32,
-            point: found.point,
-            u: found.u as f32,
-            v: found.v as f32,
-        }
+        let [u, v] = weights(found);
+        Candidate { distance: found.distance_squared.sqrt() as f32, point: found.point, u, v }
     }
 
     /// The greatest distance in tree space of a point whose outer distance rounds to at most `limit`.
