@@ -13,6 +13,9 @@ use glam::Vec3;
 /// Times at which a tree is checked; the odd values fall into every time slice and on no boundary.
 pub(super) const TIMES: [f32; 9] = [0.0, 0.03, 0.17, 0.29, 0.43, 0.61, 0.79, 0.97, 1.0];
 
+/// By how much queries enlarge boxes at least.
+const LEAST_PADDING: f64 = f32::MIN_POSITIVE as f64;
+
 /// The whole space.
 const UNBOUNDED: Box3 = Box3 { min: Vec3::NEG_INFINITY, max: Vec3::INFINITY };
 
@@ -107,13 +110,13 @@ impl WideTree {
         }
     }
 
-    /// Whether a box holds the corners of a triangle at a time.
+    /// Whether a box holds the corners of a triangle at a time. The padding of coordinates that are nearly denormal is zero: of
+    /// those, queries enlarge boxes by more than the least normal number.
     fn holds(&self, set: &Triangles, id: u32, time: f32, bounds: Box3) -> bool {
         // A tree without recorded blocks belongs to a set that has its vertices.
         let of_tree = || if self.blocks.is_empty() { set.fine_corners(id, time) } else { self.corners(set, id, time) };
         let corners = set.precise_corners(id, time).unwrap_or_else(of_tree);
-        corners
-            .into_iter()
-            .all(|corner| (corner.cmpge(bounds.min.as_dvec3()) & corner.cmple(bounds.max.as_dvec3())).all())
+        let (min, max) = (bounds.min.as_dvec3() - LEAST_PADDING, bounds.max.as_dvec3() + LEAST_PADDING);
+        corners.into_iter().all(|corner| (corner.cmpge(min) & corner.cmple(max)).all())
     }
 }

@@ -6,8 +6,8 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    Aabb, BuildError, BuildParams, Intersection, KdParams, LinearBounds, MovingSphere, Policy, Primitive, Ray, RayTree,
-    Shape, TimeInterval, TriangleMesh, WideParams,
+    Aabb, BuildError, BuildParams, Division, Intersection, KdParams, LinearBounds, MovingSphere, Policy, Primitive,
+    Ray, RayTree, Shape, TimeInterval, TriangleMesh, WideParams,
 };
 
 fn build(mesh: TriangleMesh) -> Result<RayTree, BuildError> {
@@ -208,6 +208,29 @@ fn huge_tiny_and_far_away() {
                 hits += u32::from(tree.any_hit(&ray));
             }
             assert!(hits > 50 || scale < 1e-9, "{hits} hits at scale {scale}, {away}");
+        }
+    }
+}
+
+/// Beside something of size 1 these are denormal numbers, whose boxes cannot be padded.
+#[test]
+fn next_to_nothing_beside_the_rest_is_in_its_boxes() {
+    for seed in 0..60 {
+        let mut random = Random(seed);
+        let mut key = || -> Vec<Vec3> { (0..6).map(|_| random.vec() * 1e-40).collect() };
+        let tiny = TriangleMesh::new(vec![[0, 1, 2], [3, 4, 5]], vec![key(), key(), key()]);
+        let meshes = [tiny, TriangleMesh::fixed(vec![[0, 1, 2]], corners())];
+        let oracle = BruteForce::new(&meshes).unwrap();
+        for division in [Division::Whole, Division::SharedLeaves(8), Division::SeparateTrees(8)] {
+            let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
+            let tree = RayTree::build(&meshes, &params).unwrap();
+            assert_eq!(tree.validate(), Ok(()), "{division:?}, seed {seed}");
+            let mut random = Random(seed);
+            for _ in 0..10 {
+                let ray = random_ray(&mut random, 1.0);
+                let ray = Ray { dir: -ray.origin.as_vec3(), ..ray };
+                assert_eq!(difference(&tree, &oracle, &ray), None, "{division:?}, seed {seed}");
+            }
         }
     }
 }
