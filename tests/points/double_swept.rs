@@ -15,6 +15,7 @@ fn meet(cloud: &Cloud, (i, j): (usize, usize), times: [f64; 2], square: f64) -> 
         segments: cloud.keys.len().max(2) - 1,
         keys: &|number| [i, j].map(|k| key(number)[k]),
         active: [i, j].map(|k| cloud.active[k]),
+        images: &[DVec3::ZERO],
     };
     pair.meet(times, square)
 }

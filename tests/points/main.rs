@@ -25,6 +25,8 @@ mod lists;
 mod lists_skin;
 #[cfg(feature = "rayon")]
 mod lists_swept;
+#[cfg(feature = "rayon")]
+mod lists_swept_periodic;
 mod outliers;
 #[cfg(feature = "rayon")]
 mod paddings;

@@ -10,14 +10,32 @@ pub struct Pair<'a> {
     /// Their positions at a key.
     pub keys: &'a dyn Fn(usize) -> [DVec3; 2],
     pub active: [TimeInterval; 2],
+    /// By how much the second one is moved to each of its images.
+    pub images: &'a [DVec3],
+}
+
+/// By how much points are moved to their images up to so many periods away.
+pub fn images(periods: [Option<f64>; 3], most: i32) -> Vec<DVec3> {
+    let along = |axis: usize| match periods[axis] {
+        Some(length) => (-most..=most).map(|periods| f64::from(periods) * length).collect(),
+        None => vec![0.0],
+    };
+    let [xs, ys, zs]: [Vec<f64>; 3] = [0, 1, 2].map(along);
+    let of_x = |x: f64| {
+        ys.iter().flat_map({
+            let zs = &zs;
+            move |&y| zs.iter().map(move |&z| DVec3::new(x, y, z))
+        })
+    };
+    xs.iter().copied().flat_map(of_x).collect()
 }
 
 impl Pair<'_> {
-    /// The encounter within an interval and the root of `square`, one segment between keys after the other, in f64.
+    /// The encounter within an interval and the root of `square`, one image and segment between keys after the other, in f64.
     pub fn meet(&self, times: [f64; 2], square: f64) -> Option<Encounter> {
         let segments = self.segments as f64;
         let mut all: Option<Encounter> = None;
-        for segment in 0..self.segments {
+        for (&image, segment) in self.images.iter().flat_map(|image| (0..self.segments).map(move |s| (image, s))) {
             let ends = [segment as f64 / segments, (segment + 1) as f64 / segments];
             let begin = self.active.iter().fold(times[0].max(ends[0]), |t, active| t.max(active.begin().into()));
             let end = self.active.iter().fold(times[1].min(ends[1]), |t, active| t.min(active.end().into()));
@@ -33,7 +51,8 @@ impl Pair<'_> {
                 keys[0][k] + (keys[1][k] - keys[0][k]) * phase
             };
             let dot = |a: DVec3, b: DVec3| (a.x * b.x + a.y * b.y) + a.z * b.z;
-            let (first, last) = (place(1, begin) - place(0, begin), place(1, end) - place(0, end));
+            let apart = |time: f64| (place(1, time) - place(0, time)) + image;
+            let (first, last) = (apart(begin), apart(end));
             let displacement = last - first;
             let (speed, approach) = (dot(displacement, displacement), -dot(first, displacement));
             let w = if speed > 0.0 { (approach / speed).clamp(0.0, 1.0) } else { 0.0 };

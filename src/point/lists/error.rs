@@ -1,5 +1,6 @@
 //! Errors of requests for neighbour lists.
 
+use crate::point::queries::images::MOST_EXTENT;
 use core::fmt;
 
 /// Whose radius an error is about.
@@ -64,6 +65,12 @@ pub enum ListError {
         /// The axis.
         axis: usize,
     },
+    /// For lists over an interval, or until when lists hold: the box around all points over the shutter is longer than sixteen
+    /// periods. Move points by whole periods into one box, with all their keys.
+    Extent {
+        /// The axis.
+        axis: usize,
+    },
     /// A query is not finite or its coordinates are too large.
     Query {
         /// Its index.
@@ -105,6 +112,9 @@ impl fmt::Display for ListError {
             ListError::Period { axis } => write!(f, "the period of axis {axis} must be above zero, and neither denormal nor infinite in f32"),
             ListError::FarFromPeriod { axis } => {
                 write!(f, "points are more than a million periods from zero along axis {axis}; move them into the box")
+            }
+            ListError::Extent { axis } => {
+                write!(f, "points are more than {MOST_EXTENT} periods apart along axis {axis}; move them into one box")
             }
             ListError::Query { query } => write!(f, "query {query} is not finite or its coordinates are too large"),
             ListError::TooManyQueries => {

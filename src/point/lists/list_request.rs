@@ -1,7 +1,7 @@
 //! A request for neighbour lists, and its validation.
 
 use super::error::ListError;
-use super::periodic_box::PeriodicBox;
+use super::periodic_box::{PeriodicBox, check_periods};
 use super::radii::Radii;
 use crate::point::tree::PointTree;
 
@@ -57,11 +57,7 @@ impl ListRequest<'_> {
         } else if self.tree.origin() != self.among.origin() && both {
             return Err(ListError::Origins);
         }
-        let good = |length: f64| (length as f32).is_normal() && length > 0.0;
-        let bad = |axis: &usize| self.periods[*axis].is_some_and(|length| !good(length));
-        if let Some(axis) = (0..3).find(bad) {
-            return Err(ListError::Period { axis });
-        }
+        check_periods(self.periods)?;
         self.listing.radii.check()
     }
 }

@@ -26,6 +26,7 @@
 //! the box are wrong by another 5Mu and (M + L)u: about 20Mu together, and with the 8Mu of differences less than 32Mu. Here the
 //! slack is 32u of the sum of two coordinates and L.
 
+use super::error::ListError;
 use crate::simd::{LANES, Lanes, Mask, Simd};
 
 /// The periodic box: lengths of the periodic axes, and zero along those that are not periodic.
@@ -35,7 +36,7 @@ pub(super) struct PeriodicBox {
     /// 1/L, or zero.
     pub(super) inverse: [f32; 3],
     /// The lengths as they were given, for positions in f64.
-    exact_period: [f64; 3],
+    pub(super) exact_period: [f64; 3],
     /// Whether any axis is periodic.
     pub(super) any: bool,
 }
@@ -47,6 +48,13 @@ pub(super) const MOST_PERIODS: f64 = 1e6;
 /// How much wrapped boxes are widened, and the required margin to half a period, relative to the magnitude of the
 /// coordinates: 32u.
 const SLACK: f32 = 32.0 / 16_777_216.0;
+
+/// An error for the first that is no period.
+pub(super) fn check_periods(periods: [Option<f64>; 3]) -> Result<(), ListError> {
+    let good = |length: f64| (length as f32).is_normal() && length > 0.0;
+    let bad = |axis: &usize| periods[*axis].is_some_and(|length| !good(length));
+    (0..3).find(bad).map_or(Ok(()), |axis| Err(ListError::Period { axis }))
+}
 
 impl PeriodicBox {
     /// The box with these periods; `None` along axes that are not periodic.

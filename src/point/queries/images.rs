@@ -13,7 +13,7 @@ use core::ops::RangeInclusive;
 use glam::DVec3;
 
 /// The greatest extent of the box around all points along a periodic axis, in periods.
-pub(super) const MOST_EXTENT: f64 = 16.0;
+pub(in crate::point) const MOST_EXTENT: f64 = 16.0;
 
 /// The greatest distance of that box from zero, in periods: images of a place are right to 2^-12 of a period.
 pub(super) const FARTHEST: f64 = (1u64 << 40) as f64;

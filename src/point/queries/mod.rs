@@ -5,7 +5,7 @@ pub(super) mod batch;
 mod bounds;
 pub(super) mod buffer;
 pub(super) mod compiled;
-mod images;
+pub(super) mod images;
 pub(super) mod iter;
 mod pair_approach;
 pub(super) mod periodic;

@@ -42,6 +42,15 @@ struct Frame {
     drift: [f64; 3],
 }
 
+impl Frame {
+    /// The frame in which things are where their images are in this one.
+    #[inline(always)]
+    fn of_image(self, shift: [f64; 3]) -> Frame {
+        let [x, y, z] = self.center;
+        Frame { center: [x - shift[0], y - shift[1], z - shift[2]], ..self }
+    }
+}
+
 /// The motion of sixteen points during a range of times relative to the group's [`Frame`], in rows. Without a
 /// point, the start is infinite.
 #[derive(Clone, Copy, Debug)]
@@ -54,7 +63,11 @@ pub(super) struct RelativePaths {
 impl RelativePaths {
     /// The motion of points between two phases of their segment.
     #[inline(always)]
-    fn new<C: SweptCoordinate>(points: &PathRows<C>, phases: [f64; 2], frame: &Frame) -> RelativePaths {
+    fn new<C: SweptCoordinate, const IMAGES: bool>(
+        points: &PathRows<C>,
+        phases: [f64; 2],
+        frame: &Frame,
+    ) -> RelativePaths {
         let mut paths = RelativePaths { start: [[f32::INFINITY; LANES]; 3], displacement: [[0.0; LANES]; 3] };
         for axis in 0..3 {
             let (center, drift) = (frame.center[axis], frame.drift[axis]);
@@ -62,7 +75,8 @@ impl RelativePaths {
                 let open: f64 = points.open[axis][lane].into();
                 let displacement = points.close[axis][lane].into() - open;
                 let (first, last) = (open + displacement * phases[0], open + displacement * phases[1]);
-                let (from, to) = (C::relative(first, center) as f32, (C::relative(last, center) - drift) as f32);
+                let from = C::relative::<IMAGES>(first, center) as f32;
+                let to = (C::relative::<IMAGES>(last, center) - drift) as f32;
                 let exists = points.id[lane] != u32::MAX;
                 paths.start[axis][lane] = if exists { from } else { f32::INFINITY };
                 paths.displacement[axis][lane] = if exists { to - from } else { 0.0 };
@@ -86,7 +100,7 @@ pub(super) struct Block<C> {
 impl<C: SweptCoordinate> Block<C> {
     #[inline(always)]
     fn new(points: PathRows<C>, phases: [f64; 2], frame: &Frame) -> Block<C> {
-        let (paths, drift) = (RelativePaths::new(&points, phases, frame), frame.drift);
+        let (paths, drift) = (RelativePaths::new::<C, false>(&points, phases, frame), frame.drift);
         let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
         let mut magnitude = drift.iter().fold(0.0f64, |most, x| greater(most, x.abs()));
         for axis in 0..3 {
@@ -172,16 +186,26 @@ impl<C: SweptCoordinate> Group<C> {
         self.slack = self.magnitude * SLACK + excess;
     }
 
-    /// The boxes of a node, swept between two phases, in the group's frame, and the magnitudes of what is in them.
+    /// The boxes of a node, swept between two phases, in the group's frame or an image of it, and the magnitudes of what is in
+    /// them.
     #[inline(always)]
-    fn swept<S: Simd, T: BoxTree>(&self, s: S, tree: &T, phases: [f64; 2], node: usize) -> (BoxVector<S>, Lanes<f64>) {
+    fn swept<S: Simd, T: BoxTree, const IMAGES: bool>(
+        &self,
+        s: S,
+        tree: &T,
+        frame: &Frame,
+        phases: [f64; 2],
+        node: usize,
+    ) -> (BoxVector<S>, Lanes<f64>) {
         let [begin, end] = [tree.faces(node, &[phases[0]; LANES]), tree.faces(node, &[phases[1]; LANES])];
         let (mut lo, mut hi, mut magnitude) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3], [0.0; LANES]);
         for axis in 0..3 {
-            let (center, drift) = (self.frame.center[axis], self.frame.drift[axis]);
+            let (center, drift) = (frame.center[axis], frame.drift[axis]);
             for lane in 0..LANES {
-                let first = [C::relative(begin[0][axis][lane], center), C::relative(begin[1][axis][lane], center)];
-                let last = [C::relative(end[0][axis][lane], center), C::relative(end[1][axis][lane], center)];
+                let (begin, end) =
+                    ([begin[0][axis][lane], begin[1][axis][lane]], [end[0][axis][lane], end[1][axis][lane]]);
+                let first = [C::relative::<IMAGES>(begin[0], center), C::relative::<IMAGES>(begin[1], center)];
+                let last = [C::relative::<IMAGES>(end[0], center), C::relative::<IMAGES>(end[1], center)];
                 let most = greater(greater(first[0].abs(), first[1].abs()), greater(last[0].abs(), last[1].abs()));
                 // Faces and positions may be much smaller than at a key; see `super` for why that needs nothing more.
                 let slack = most * SLACK + self.slack;
@@ -192,6 +216,24 @@ impl<C: SweptCoordinate> Group<C> {
         }
         let (lo, hi) = (rows(s, &lo), rows(s, &hi));
         (BoxVector { lo, hi, reach: s.splat(0.0), candidate: s.splat_u(0) }, magnitude)
+    }
+
+    /// The box around all of a tree, swept, in the group's frame; infinite and reversed if nothing exists then.
+    #[inline(always)]
+    fn swept_root<S: Simd, T: BoxTree>(&self, s: S, tree: &T) -> ([f32; 3], [f32; 3]) {
+        let root = tree.root_node().1;
+        let (boxes, _) = self.swept::<S, T, true>(s, tree, &self.frame, phases(tree, self.times), root);
+        let active = active_lanes(tree, root, self.times);
+        let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+        let (mut lower, mut upper) = ([0.0; LANES], [0.0; LANES]);
+        for axis in 0..3 {
+            s.store(boxes.lo[axis], &mut lower);
+            s.store(boxes.hi[axis], &mut upper);
+            for lane in (0..LANES).filter(|lane| active >> lane & 1 != 0) {
+                (lo[axis], hi[axis]) = (lo[axis].min(lower[lane]), hi[axis].max(upper[lane]));
+            }
+        }
+        (lo, hi)
     }
 }
 
@@ -246,11 +288,37 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
         self.windows.clear();
     }
 
-    /// Adds the blocks of a tree that the group can come within a radius of during `window`. Behind lane l of node i, no radius is
-    /// greater than `reach[i][l]`, where the radii of others count. Pairs nearer than `excluded_within` at the group's first time
-    /// are excluded, if both points exist then.
+    /// Adds the blocks of all images of a tree that the group can come within a radius of: as [`SweptCandidates::add`].
     #[inline(always)]
-    pub(super) fn add<S: Simd, T: BlockTree<Coordinate = C>>(
+    pub(super) fn add_images<S: Simd, T: BlockTree<Coordinate = C>>(
+        &mut self,
+        s: S,
+        tree: &T,
+        group: &Group<C>,
+        (window, reach): (Window, &[Lanes<f32>]),
+        (criteria, excluded_within): (&Criteria<'_>, Option<f64>),
+    ) {
+        let (lo, hi) = group.swept_root(s, tree);
+        let root = reach.get(tree.root_node().1).unwrap_or(&[0.0; LANES]);
+        let within = criteria.radius_within(root.iter().fold(0.0, |most, &radius| f32::max(most, radius)));
+        let along =
+            |axis: usize| criteria.images.reached(axis, [group.lo[axis], group.hi[axis]], [lo[axis], hi[axis]], within);
+        let (ys, zs) = (along(1), along(2));
+        for x in along(0) {
+            for y in ys.clone() {
+                for z in zs.clone() {
+                    let window = window.at_image(criteria.images.shift([x, y, z]));
+                    self.add::<S, T, true>(s, tree, group, (window, reach), (criteria, excluded_within));
+                }
+            }
+        }
+    }
+
+    /// Adds the blocks of a tree that the group can come within a radius of during `window`; if `IMAGES`, at the window's image.
+    /// Behind lane l of node i, no radius is greater than `reach[i][l]`, where the radii of others count. Pairs nearer than
+    /// `excluded_within` at the group's first time are excluded, if both points exist then.
+    #[inline(always)]
+    pub(super) fn add<S: Simd, T: BlockTree<Coordinate = C>, const IMAGES: bool>(
         &mut self,
         s: S,
         tree: &T,
@@ -259,12 +327,13 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
         (criteria, excluded_within): (&Criteria<'_>, Option<f64>),
     ) {
         let phases = phases(tree, group.times);
+        let frame = if IMAGES { group.frame.of_image(window.shift) } else { group.frame };
         let within = criteria.within(criteria.own);
         let early = greater(group.early, early(tree, phases, group.times[0]));
         self.open.clear();
         self.open.push(tree.root_node());
         while let Some((level, node)) = self.open.pop() {
-            let (mut boxes, magnitude) = group.swept(s, tree, phases, node);
+            let (mut boxes, magnitude) = group.swept::<S, T, IMAGES>(s, tree, &frame, phases, node);
             let reach = reach.get(node).unwrap_or(&[0.0; LANES]);
             boxes.reach = s.load(reach);
             let mut near = boxes.near(s, group.lo, group.hi, within) & active_lanes(tree, node, group.times);
@@ -281,7 +350,7 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
                 for lane in (0..LANES).filter(|lane| near >> lane & 1 != 0) {
                     number[lane] = self.blocks.len() as u32;
                     let points = tree.rows(first + lane * stride + part);
-                    let paths = RelativePaths::new(&points, phases, &group.frame);
+                    let paths = RelativePaths::new::<C, IMAGES>(&points, phases, &frame);
                     let slack = SLACK * magnitude[lane] + group.slack;
                     let bound = squared_up(criteria.radius + slack + UNDERFLOW);
                     // The radius has been lowered by more than f32 adds here, rounding of its square included:

@@ -7,6 +7,7 @@ use crate::point::layout::over_interval::{BlockTree, PointPath};
 use crate::point::layout::slice_tree::SliceTree;
 use crate::point::layout::static_tree::StaticTree;
 use crate::point::leaf_order::moving_reference::exact_phase;
+use crate::point::lists::periodic_box::PeriodicBox;
 use crate::point::precise::{PreciseTree, between};
 use crate::point::search::layers::Layer;
 use crate::point::tree::PointTree;
@@ -29,8 +30,10 @@ pub(super) trait SweptCoordinate: Copy + Default + Into<f64> + Send + Sync {
 
     /// The layers of a tree.
     fn layers(tree: &PointTree) -> Vec<SweptLayer<'_, Self>>;
-    /// A coordinate relative to the centre of a group.
-    fn relative(x: f64, center: f64) -> f64;
+    /// A coordinate relative to the centre of a group. If `IMAGES`, the centre is that of an image of the group, in f32 as well.
+    fn relative<const IMAGES: bool>(x: f64, center: f64) -> f64;
+    /// The lengths of a periodic box, zero along axes that are not periodic.
+    fn lengths(periodic_box: &PeriodicBox) -> [f64; 3];
     /// The displacement between two keys.
     fn displacement(open: Self, close: Self) -> f64;
     /// Four of them side by side.
@@ -68,8 +71,11 @@ impl SweptCoordinate for f32 {
         layers.collect()
     }
     #[inline(always)]
-    fn relative(x: f64, _center: f64) -> f64 {
-        x
+    fn relative<const IMAGES: bool>(x: f64, center: f64) -> f64 {
+        if IMAGES { x - center } else { x }
+    }
+    fn lengths(periodic_box: &PeriodicBox) -> [f64; 3] {
+        periodic_box.period.map(f64::from)
     }
     #[inline(always)]
     fn displacement(open: f32, close: f32) -> f64 {
@@ -118,8 +124,11 @@ impl SweptCoordinate for f64 {
         layers.collect()
     }
     #[inline(always)]
-    fn relative(x: f64, center: f64) -> f64 {
+    fn relative<const IMAGES: bool>(x: f64, center: f64) -> f64 {
         x - center
+    }
+    fn lengths(periodic_box: &PeriodicBox) -> [f64; 3] {
+        periodic_box.exact_period
     }
     #[inline(always)]
     fn displacement(open: f64, close: f64) -> f64 {

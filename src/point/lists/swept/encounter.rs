@@ -1,6 +1,7 @@
 //! Encounters: pairs of moving points that come within a radius of each other, evaluated four at a time.
 
 use super::coordinate::SweptCoordinate;
+use super::images::Images;
 use crate::geometry::TimeInterval;
 use crate::point::layout::over_interval::{PathRows, PointPath, greater, lesser};
 use crate::point::lists::candidates::Within;
@@ -51,6 +52,9 @@ pub(super) trait EncounterVisitor {
     fn begin(&mut self, own: &PointPath);
     /// The encounters of that point with four others.
     fn visit<C: SweptCoordinate>(&mut self, own: &PointPath, others: &FourPoints<C>, encounters: &EncounterLanes);
+    /// Ends a point that the same others may have come up for several times, in different images.
+    #[inline(always)]
+    fn end_of_several_images(&mut self) {}
 }
 
 /// The criteria of an encounter, the same for all points of a group.
@@ -67,6 +71,7 @@ pub(super) struct Criteria<'a> {
     pub(super) first_time: f32,
     /// Whether some points do not exist throughout the shutter.
     pub(super) has_active_intervals: bool,
+    pub(super) images: Images,
 }
 
 impl Criteria<'_> {
@@ -76,6 +81,14 @@ impl Criteria<'_> {
         match self.radii {
             Radii::Equal(_) => Within::Squared(squared_up(self.radius)),
             _ => Within::Radius(&self.radii, own, Margin::of_rounding(0.0)),
+        }
+    }
+
+    /// How far points of the group reach at most, among others with radii up to `others` where these count.
+    pub(super) fn radius_within(&self, others: f32) -> f64 {
+        match self.radii {
+            Radii::Equal(_) => self.radius,
+            radii => radii.of_pair(self.own, others).into(),
         }
     }
 
@@ -119,6 +132,8 @@ pub(super) struct Window {
     times: [f64; 2],
     /// Encounters that begin from the first of these times to before the second are reported.
     reported: [f64; 2],
+    /// By how much the other points are moved to an image of them.
+    pub(super) shift: [f64; 3],
 }
 
 /// Points that are evaluated side by side.
@@ -130,13 +145,18 @@ impl Window {
         let segments = (keys.max(2) - 1) as f64;
         let ends = [segment as f64 / segments, (segment + 1) as f64 / segments];
         let times = [begin.max(ends[0]), end.min(ends[1])];
-        Window { keys, segment, times, reported: [f64::NEG_INFINITY, f64::INFINITY] }
+        Window { keys, segment, times, reported: [f64::NEG_INFINITY, f64::INFINITY], shift: [0.0; 3] }
     }
 
     /// The same times, but only encounters that begin in the time slices of both points are reported. A slice contains
     /// its begin and not its end.
     pub(super) fn reported_by(self, [own, other]: [[f64; 2]; 2]) -> Window {
         Window { reported: [own[0].max(other[0]), own[1].min(other[1])], ..self }
+    }
+
+    /// The same with an image of the other points.
+    pub(super) fn at_image(self, shift: [f64; 3]) -> Window {
+        Window { shift, ..self }
     }
 
     /// Where in the segment a time lies, in [0, 1].
@@ -154,13 +174,13 @@ impl Window {
     }
 
     /// Shows a visitor the encounters of a point with the `count` others whose numbers are in `hits`, which holds at least
-    /// three more numbers.
+    /// three more numbers. If `IMAGES`, the others are moved to the window's image.
     ///
     /// Relative to the point, another moves along `first + w·displacement`, w in [0, 1]: its squared distance is a parabola. Every
     /// step is symmetric, so both points see the same if they have the same radius for each other. Times are where the parabola is
     /// at its lowest and where it crosses the squared radius.
     #[inline(always)]
-    pub(super) fn encounters<S: Simd, V: EncounterVisitor, C: SweptCoordinate>(
+    pub(super) fn encounters<S: Simd, V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool>(
         &self,
         s: S,
         own: &PointPath,
@@ -172,6 +192,7 @@ impl Window {
         let active = TimeInterval::FULL;
         let mut overlap = Overlap::of(s, self, own, [[active.begin(); WIDTH], [active.end_bound(); WIDTH]]);
         let (others_radii, square) = (criteria.radii.others(), s.splat_d(criteria.square(own.id)));
+        let shift = [s.splat_d(self.shift[0]), s.splat_d(self.shift[1]), s.splat_d(self.shift[2])];
         // The point itself, or all with ids up to its own.
         let (first, span) = if criteria.pairs_once { (0, own.id) } else { (own.id, 0) };
         for at in (0..count).step_by(WIDTH) {
@@ -181,7 +202,7 @@ impl Window {
             }
             let ids = [four.points[0].id, four.points[1].id, four.points[2].id, four.points[3].id];
             let squares = others_radii.map_or(square, |radii| criteria.squares(s, own.id, radii, ids));
-            let mut encounters = overlap.encounters_with(s, &four, squares);
+            let mut encounters = overlap.encounters_with::<C, IMAGES>(s, &four, shift, squares);
             if count - at < WIDTH {
                 encounters.valid &= (1 << (count - at)) - 1;
             }
@@ -220,23 +241,28 @@ impl<S: Simd> Overlap<S> {
         Overlap { times, phases, own: [own_at(s, own, phases[0]), own_at(s, own, phases[1])], reported }
     }
 
-    /// Positions of others relative to the point at begin or end.
+    /// Positions of others relative to the point at begin or end; if `IMAGES`, moved to an image.
     #[inline(always)]
-    fn relative(&self, end: usize, open: [S::D; 3], close: [S::D; 3]) -> [S::D; 3] {
+    fn relative<const IMAGES: bool>(&self, end: usize, [open, close]: [[S::D; 3]; 2], shift: [S::D; 3]) -> [S::D; 3] {
         let (phase, own) = (self.phases[end], self.own[end]);
-        [
-            (open[0] + (close[0] - open[0]) * phase) - own[0],
-            (open[1] + (close[1] - open[1]) * phase) - own[1],
-            (open[2] + (close[2] - open[2]) * phase) - own[2],
-        ]
+        let x = (open[0] + (close[0] - open[0]) * phase) - own[0];
+        let y = (open[1] + (close[1] - open[1]) * phase) - own[1];
+        let z = (open[2] + (close[2] - open[2]) * phase) - own[2];
+        if IMAGES { [x + shift[0], y + shift[1], z + shift[2]] } else { [x, y, z] }
     }
 
     /// The encounters with four others.
     #[inline(always)]
-    fn encounters_with<C: SweptCoordinate>(&self, s: S, others: &FourPoints<C>, square: S::D) -> EncounterLanes {
-        let [open, close] = others.ends(s);
-        let first = self.relative(0, open, close);
-        let last = self.relative(1, open, close);
+    fn encounters_with<C: SweptCoordinate, const IMAGES: bool>(
+        &self,
+        s: S,
+        others: &FourPoints<C>,
+        shift: [S::D; 3],
+        square: S::D,
+    ) -> EncounterLanes {
+        let ends = others.ends(s);
+        let first = self.relative::<IMAGES>(0, ends, shift);
+        let last = self.relative::<IMAGES>(1, ends, shift);
         let displacement = [last[0] - first[0], last[1] - first[1], last[2] - first[2]];
         let (zero, one) = (s.splat_d(0.0), s.splat_d(1.0));
         let (speed, approach) = (dot::<S>(displacement, displacement), zero - dot::<S>(first, displacement));

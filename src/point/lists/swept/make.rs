@@ -3,6 +3,7 @@
 use super::coordinate::SweptCoordinate;
 use super::encounter::{Encounter, EncounterLanes, EncounterVisitor, FourPoints, WIDTH};
 use super::lists::EncounterLists;
+use super::merge::unite;
 use super::sweep::{Sweep, Worker};
 use crate::parallel;
 use crate::point::layout::over_interval::PointPath;
@@ -61,6 +62,13 @@ impl EncounterVisitor for Maker {
         }
         let to: &mut [Encounter; WIDTH] = (&mut written[*end..*end + WIDTH]).try_into().expect("four");
         *end += encounters.write(others, to);
+    }
+
+    fn end_of_several_images(&mut self) {
+        let EncounterLists { offsets, encounters, .. } = &mut self.lists;
+        if let [.., begin, end] = &mut offsets[..] {
+            *end = *begin + unite(&mut encounters[*begin..*end]);
+        }
     }
 }
 

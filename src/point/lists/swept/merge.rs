@@ -102,7 +102,7 @@ impl Points<'_> {
 }
 
 /// Puts the encounters of a point in order of ids, and those with the same id together; how many are left.
-fn unite(encounters: &mut [Encounter]) -> usize {
+pub(super) fn unite(encounters: &mut [Encounter]) -> usize {
     encounters.sort_unstable_by_key(|encounter| encounter.id);
     let mut end = 0;
     for from in 0..encounters.len() {

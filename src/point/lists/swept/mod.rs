@@ -57,6 +57,7 @@ mod candidates;
 mod certify;
 mod coordinate;
 mod encounter;
+mod images;
 mod lists;
 mod make;
 mod merge;

@@ -54,9 +54,9 @@ impl Default for PairFilter {
 const LANE: Lanes<u32> = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
 impl PairFilter {
-    /// Passes all encounters of the points of a block to a visitor.
+    /// Passes all encounters of the points of a block to a visitor; if `IMAGES`, candidates are images of points.
     #[inline(always)]
-    pub(super) fn visit<S: Simd, V: EncounterVisitor, C: SweptCoordinate>(
+    pub(super) fn visit<S: Simd, V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool>(
         &mut self,
         s: S,
         (block, candidates): (&Block<C>, &SweptCandidates<C>),
@@ -96,11 +96,22 @@ impl PairFilter {
                     count = rows.pairs_within::<S, V>(s, (from, displacement), exclude, points, (hits, count));
                 }
             }
-            let mut begin = 0;
+            let (mut begin, mut image, mut several) = (0, None, false);
             for &(window, end) in &candidates.windows {
                 let before = hits[begin..count].partition_point(|&index| (index as usize) < end * LANES);
-                window.encounters(s, &own, &candidates.others, (&hits[begin..], before), criteria, visitor);
+                if IMAGES {
+                    if before == 0 {
+                        continue;
+                    }
+                    several |= image.is_some_and(|image| image != window.shift);
+                    image = Some(window.shift);
+                }
+                let hits = (&hits[begin..], before);
+                window.encounters::<S, V, C, IMAGES>(s, &own, &candidates.others, hits, criteria, visitor);
                 begin += before;
+            }
+            if IMAGES && several {
+                visitor.end_of_several_images();
             }
         }
     }

@@ -1,6 +1,7 @@
 //! The public interface of lists over an interval.
 
 use super::coordinate::SweptCoordinate;
+use super::images::Images;
 use super::lists::EncounterLists;
 use super::make;
 use super::sweep::Sweep;
@@ -17,6 +18,7 @@ pub struct SweptQuery<'a> {
     tree: &'a PointTree,
     interval: TimeInterval,
     radii: Radii<'a>,
+    periods: [Option<f64>; 3],
     once: bool,
     most: usize,
     sorted: bool,
@@ -63,7 +65,8 @@ impl PointTree {
     /// [`Encounter::leave`]: super::Encounter::leave
     pub fn neighbor_lists_swept<'a>(&'a self, interval: TimeInterval, radii: impl Into<Radii<'a>>) -> SweptQuery<'a> {
         let radii = radii.into();
-        SweptQuery { tree: self, interval, radii, once: false, most: usize::MAX, sorted: false, by_id: false }
+        let periods = [None; 3];
+        SweptQuery { tree: self, interval, radii, periods, once: false, most: usize::MAX, sorted: false, by_id: false }
     }
 }
 
@@ -84,6 +87,45 @@ impl SweptQuery<'_> {
     /// ```
     pub fn pairs_once(mut self) -> Self {
         self.once = true;
+        self
+    }
+
+    /// Makes axes periodic with these lengths: at every time, points are as far apart as their nearest images. Lengths are rounded to
+    /// f32, unless positions are kept in f64.
+    ///
+    /// A pair has one encounter, whatever images it meets in: [`Encounter::enter`] is when the first of them comes within the radius,
+    /// [`Encounter::leave`] when the last one leaves, and [`Encounter::closest`] when any is nearest; ties go to the earlier time. The
+    /// two may part in between, where different images meet. A radius may be more than half a period; as in
+    /// [`ListQuery::periodic`](crate::ListQuery::periodic), further images that lie within it make no further encounters. A point does
+    /// not meet its own images.
+    ///
+    /// Relative to a point, another is at `(b - a) + k * L`, with a whole number k of periods along each axis and every step in f64.
+    /// Lists equal a comparison of all pairs in all images.
+    ///
+    /// Positions may be anywhere, but with all their keys in a box not longer than sixteen periods. A point that leaves the box
+    /// moves on outside of it during the shutter: its last key must not be moved back into the box without the first.
+    ///
+    /// Cost: among groups of points that reach no face of the box around all points as without periods; near faces that of copies.
+    /// The number of images grows with the extent of the set over the shutter, in periods, along each axis.
+    ///
+    /// ```
+    /// use mbkd::{MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
+    /// // In a box of length 1, the first point leaves across the face and meets the other one there.
+    /// let points = [MovingPoint::new(Vec3::X * 0.7, Vec3::X * 1.3), MovingPoint::fixed(Vec3::new(0.1, 0.2, 0.0))];
+    /// let tree = PointTree::build(&points, &PointParams::default())?;
+    /// let swept = tree.neighbor_lists_swept(TimeInterval::FULL, 0.25);
+    /// assert_eq!(swept.collect()?.encounters().len(), 0);
+    /// let lists = swept.periodic([Some(1.0), None, None]).in_order().collect()?;
+    /// let [first] = lists.row(0) else { panic!("one encounter") };
+    /// assert!(first.id == 1 && (first.closest - 2.0 / 3.0).abs() < 1e-6 && (first.enter - 0.25 / 0.6).abs() < 1e-6);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// [`Encounter::enter`]: super::Encounter::enter
+    /// [`Encounter::closest`]: super::Encounter::closest
+    /// [`Encounter::leave`]: super::Encounter::leave
+    pub fn periodic<L: Into<f64>>(mut self, lengths: [Option<L>; 3]) -> Self {
+        self.periods = lengths.map(|length| length.map(Into::into));
         self
     }
 
@@ -132,6 +174,8 @@ impl SweptQuery<'_> {
     /// # Errors
     /// - [`ListError::Radius`] for a radius that is negative or NaN, [`ListError::MissingRadius`] for a point without one.
     /// - [`ListError::TooManyNeighbors`] for a list that is too long ([`SweptQuery::max_neighbors`]).
+    /// - [`ListError::Period`] for a period that is not above zero or not a normal f32, [`ListError::FarFromPeriod`] for points
+    ///   more than a million periods from zero, [`ListError::Extent`] for points more than sixteen periods apart.
     /// - [`ListError::Ids`] if lists in the order of ids are requested, and ids are not 0, 1, 2, … ([`SweptQuery::in_order`]).
     pub fn run(self, lists: &mut EncounterLists) -> Result<(), ListError> {
         parallel::entered(self.tree.len(), || self.checked_run(lists))
@@ -169,7 +213,8 @@ impl SweptQuery<'_> {
         times: [f32; 2],
         lists: &mut EncounterLists,
     ) -> Result<Option<u32>, ListError> {
-        let sweep = Sweep::<C>::new(tree, times, self.radii, None).pairs_once(self.once);
+        let images = Images::new::<C>(self.periods, tree.bounds(), tree.origin())?;
+        let sweep = Sweep::<C>::new(tree, times, self.radii, None).pairs_once(self.once).in_box(images);
         match sweep.lowest_without_radius() {
             Some(of) => Err(ListError::MissingRadius { of }),
             None => Ok(make::lists(lists, &sweep, self.most)),

@@ -3,6 +3,7 @@
 use super::candidates::{Group, SweptCandidates};
 use super::coordinate::SweptCoordinate;
 use super::encounter::{Criteria, EncounterVisitor, Window};
+use super::images::Images;
 use super::pair_filter::PairFilter;
 use super::time_slices::{Pairing, Slice, Tree, begins_with_a_slice, pairings, time_slices_of};
 use crate::parallel;
@@ -39,6 +40,7 @@ pub(super) struct Sweep<'a, C: SweptCoordinate> {
     pub(super) points_once: bool,
     /// Whether some points do not exist throughout the shutter.
     has_active_intervals: bool,
+    images: Images,
 }
 
 /// Groups that one task processes.
@@ -91,7 +93,18 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
             excluded_within: None,
             points_once,
             has_active_intervals,
+            images: Images::default(),
         }
+    }
+
+    /// With images in a periodic box.
+    pub(super) fn in_box(mut self, images: Images) -> Sweep<'a, C> {
+        self.images = images;
+        if images.any() {
+            let magnitude = || magnitude(&self.slices) + images.longest();
+            self.excess = f64::excess(self.segments, magnitude, self.motion);
+        }
+        self
     }
 
     /// Widens the radius by what the positions, distances and bounds of queries at a time, which are computed in f32, may differ
@@ -147,7 +160,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         parallel::map(self.groups.len().div_ceil(SHARE), |share| {
             let groups = &self.groups[share * SHARE..self.groups.len().min((share + 1) * SHARE)];
             let mut worker = Worker::new(start());
-            dispatch(self.tree.simd, Share { sweep: self, groups, worker: &mut worker });
+            self.work(groups, &mut worker);
             worker.visitor
         })
     }
@@ -164,12 +177,20 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
 
     /// Shows the points of one group to a visitor.
     pub(super) fn run_group<V: EncounterVisitor>(&self, group: usize, worker: &mut Worker<V, C>) {
-        dispatch(self.tree.simd, Share { sweep: self, groups: &self.groups[group..=group], worker });
+        self.work(&self.groups[group..=group], worker);
     }
 
     /// Shows them all to one visitor, in the same order.
     pub(super) fn run_on_one_thread<V: EncounterVisitor>(&self, worker: &mut Worker<V, C>) {
-        dispatch(self.tree.simd, Share { sweep: self, groups: &self.groups, worker });
+        self.work(&self.groups, worker);
+    }
+
+    fn work<V: EncounterVisitor>(&self, groups: &[(usize, usize)], worker: &mut Worker<V, C>) {
+        if self.images.any() {
+            dispatch(self.tree.simd, Share::<_, _, true> { sweep: self, groups, worker });
+        } else {
+            dispatch(self.tree.simd, Share::<_, _, false> { sweep: self, groups, worker });
+        }
     }
 
     /// The times during which points of two slices are compared. The slices are not in different segments.
@@ -214,8 +235,8 @@ impl<V, C: SweptCoordinate> Worker<V, C> {
     }
 }
 
-/// A share of the groups.
-struct Share<'a, V, C: SweptCoordinate> {
+/// A share of the groups; with images of the other points if `IMAGES`.
+struct Share<'a, V, C: SweptCoordinate, const IMAGES: bool> {
     sweep: &'a Sweep<'a, C>,
     groups: &'a [(usize, usize)],
     worker: &'a mut Worker<V, C>,
@@ -240,8 +261,8 @@ impl<C: SweptCoordinate, T: BlockTree<Coordinate = C>> Kernel for TakeGroup<'_, 
     }
 }
 
-/// See [`SweptCandidates::add`].
-struct AddCandidates<'a, T: BlockTree> {
+/// See [`SweptCandidates::add`], and [`SweptCandidates::add_images`] if `IMAGES`.
+struct AddCandidates<'a, T: BlockTree, const IMAGES: bool> {
     candidates: &'a mut SweptCandidates<T::Coordinate>,
     tree: &'a T,
     group: &'a Group<T::Coordinate>,
@@ -249,15 +270,20 @@ struct AddCandidates<'a, T: BlockTree> {
     criteria: (&'a Criteria<'a>, Option<f64>),
 }
 
-impl<C: SweptCoordinate, T: BlockTree<Coordinate = C>> Kernel for AddCandidates<'_, T> {
+impl<C: SweptCoordinate, T: BlockTree<Coordinate = C>, const IMAGES: bool> Kernel for AddCandidates<'_, T, IMAGES> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        self.candidates.add(s, self.tree, self.group, self.window, self.criteria);
+        let AddCandidates { candidates, tree, group, window, criteria } = self;
+        if IMAGES {
+            candidates.add_images(s, tree, group, window, criteria);
+        } else {
+            candidates.add::<S, T, false>(s, tree, group, window, criteria);
+        }
     }
 }
 
-impl<V: EncounterVisitor, C: SweptCoordinate> Kernel for Share<'_, V, C> {
+impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for Share<'_, V, C, IMAGES> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
@@ -284,6 +310,7 @@ impl<V: EncounterVisitor, C: SweptCoordinate> Kernel for Share<'_, V, C> {
                 pairs_once: sweep.pairs_once,
                 first_time,
                 has_active_intervals: sweep.has_active_intervals,
+                images: sweep.images,
             };
             for block in &group.blocks {
                 criteria.own = criteria.own.max(criteria.greatest(&block.points.id));
@@ -294,13 +321,17 @@ impl<V: EncounterVisitor, C: SweptCoordinate> Kernel for Share<'_, V, C> {
                 let other = &sweep.slices[other];
                 let (window, criteria) = ((sweep.window(slice, other), reach), (&criteria, excluded_within));
                 match other.tree {
-                    Tree::Static(tree) => s.call(AddCandidates { candidates, tree, group, window, criteria }),
-                    Tree::Moving(tree) => s.call(AddCandidates { candidates, tree, group, window, criteria }),
+                    Tree::Static(tree) => {
+                        s.call(AddCandidates::<_, IMAGES> { candidates, tree, group, window, criteria });
+                    }
+                    Tree::Moving(tree) => {
+                        s.call(AddCandidates::<_, IMAGES> { candidates, tree, group, window, criteria });
+                    }
                 }
             }
             for block in &group.blocks {
                 if block.points.id.iter().any(|&id| visitor.wants(id)) {
-                    filter.visit(s, (block, candidates), &criteria, visitor);
+                    filter.visit::<S, V, C, IMAGES>(s, (block, candidates), &criteria, visitor);
                 }
             }
         }

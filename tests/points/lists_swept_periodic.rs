@@ -1,0 +1,345 @@
+//! Lists over an interval in periodic boxes against comparing all pairs in all images.
+
+use crate::double::vec;
+use crate::encounter::{Pair, images};
+use crate::lists_swept::check;
+use crate::support::Rng;
+use mbkd::{
+    Encounter, EncounterLists, ListError, MovingPoint, PointArrays, PointParams, PointStructure, PointTree, Precision,
+    Radii, RadiusOf, SimdLevel, TimeInterval,
+    glam::{DVec3, Vec3},
+};
+
+/// Points in f64, or in f32 if `single`.
+pub struct Set {
+    pub keys: Vec<Vec<DVec3>>,
+    pub active: Vec<TimeInterval>,
+    pub single: bool,
+}
+
+pub const LENGTHS: [f64; 3] = [1.0, 0.7, 1.9];
+
+/// The kinds of places and motions that images are tested on.
+const KINDS: [&str; 7] =
+    ["in the box", "at the faces", "half a period apart", "periods away", "drifting", "far and fast", "some at rest"];
+
+impl Set {
+    /// Points of a kind around a box with these lengths.
+    fn of_kind(kind: &str, count: usize, keys: usize, single: bool, rng: &mut Rng) -> Set {
+        let lengths = DVec3::from_array(LENGTHS);
+        let mut set = Set { keys: vec![Vec::new(); keys], active: Vec::new(), single };
+        for i in 0..count {
+            let unit = (vec(rng) + 1.0) * 0.5;
+            let mut whole = |most: u32| DVec3::from_array([0; 3].map(|_| f64::from(rng.bits() % most)));
+            let off = [0.0, 1e-16, -1e-16, 6e-8, -6e-8, 1e-3];
+            let at = lengths
+                * match kind {
+                    "at the faces" => whole(2) + off[i % 6],
+                    "half a period apart" => whole(4) * 0.5 + off[i % 6],
+                    "periods away" => unit + whole(4) - 1.0,
+                    _ => unit,
+                };
+            let speed = match kind {
+                "drifting" | "in the box" => 0.05,
+                "far and fast" => 1.5,
+                "half a period apart" | "at the faces" if i % 2 == 0 => 1e-3,
+                "some at rest" if i % 2 == 0 => 0.0,
+                _ => 0.3,
+            };
+            let drift = if kind == "drifting" { DVec3::new(2.3, -0.7, 1.1) } else { DVec3::ZERO };
+            let mut place = at;
+            for key in &mut set.keys {
+                key.push(if single { place.as_vec3().as_dvec3() } else { place });
+                place += vec(rng) * speed + drift;
+            }
+            let begin = rng.unit() * 0.8;
+            let part = TimeInterval::new(begin, begin + 0.2).unwrap();
+            set.active.push(if kind == "periods away" && i % 3 == 0 { part } else { TimeInterval::FULL });
+        }
+        set
+    }
+
+    pub fn len(&self) -> usize {
+        self.active.len()
+    }
+
+    pub fn tree(&self, structure: PointStructure, simd: SimdLevel) -> PointTree {
+        let precision = if self.single { Precision::Single } else { Precision::Double };
+        let params = PointParams { structure, simd, precision, max_references: 3.0 };
+        if self.single {
+            let keys: Vec<Vec<Vec3>> = self.keys.iter().map(|key| key.iter().map(|p| p.as_vec3()).collect()).collect();
+            let keys: Vec<&[Vec3]> = keys.iter().map(Vec::as_slice).collect();
+            return PointTree::build(&PointArrays { keys: &keys, active: &self.active, ids: &[] }, &params).unwrap();
+        }
+        let keys: Vec<&[DVec3]> = self.keys.iter().map(Vec::as_slice).collect();
+        PointTree::build(&PointArrays { keys: &keys, active: &self.active, ids: &[] }, &params).unwrap()
+    }
+
+    /// Lengths as lists use them: those of points in f32 are rounded to it.
+    pub fn rounded(&self, periods: [Option<f64>; 3]) -> [Option<f64>; 3] {
+        periods.map(|length| length.map(|length| if self.single { f64::from(length as f32) } else { length }))
+    }
+
+    /// By how much points are moved to all images that may be nearest to another point, and to more.
+    pub fn images(&self, periods: [Option<f64>; 3]) -> Vec<DVec3> {
+        let periods = self.rounded(periods);
+        let all = || self.keys.iter().flatten();
+        let extent = all().copied().fold(DVec3::MIN, DVec3::max) - all().copied().fold(DVec3::MAX, DVec3::min);
+        let most = (0..3).filter_map(|axis| Some((extent[axis] / periods[axis]?) as i32 + 1));
+        images(periods, most.max().unwrap_or(0))
+    }
+
+    /// The encounter of a point and one of another set in any of their images.
+    pub fn meet(
+        &self,
+        (i, other, j): (usize, &Set, usize),
+        images: &[DVec3],
+        times: [f64; 2],
+        square: f64,
+    ) -> Option<Encounter> {
+        let key = |number: usize| [(self, i), (other, j)].map(|(set, k)| set.keys[number.min(set.keys.len() - 1)][k]);
+        let pair = Pair {
+            id: j as u32,
+            segments: self.keys.len().max(other.keys.len()).max(2) - 1,
+            keys: &key,
+            active: [self.active[i], other.active[j]],
+            images,
+        };
+        pair.meet(times, square)
+    }
+
+    fn meet_all(
+        &self,
+        interval: TimeInterval,
+        images: &[DVec3],
+        radius: impl Fn(usize, usize) -> f32,
+    ) -> Vec<Vec<Encounter>> {
+        let times = [interval.begin(), interval.end()].map(f64::from);
+        let row = |i: usize| {
+            let others = (0..self.len()).filter(|&j| j != i);
+            others.filter_map(|j| self.meet((i, self, j), images, times, f64::from(radius(i, j)).powi(2))).collect()
+        };
+        (0..self.len()).map(row).collect()
+    }
+
+    pub fn structures(&self) -> impl Iterator<Item = PointStructure> {
+        let all =
+            [PointStructure::Automatic, PointStructure::Linear, PointStructure::TimeSlices(3), PointStructure::Kd];
+        let single = self.single;
+        all.into_iter().filter(move |structure| single || *structure != PointStructure::Kd)
+    }
+}
+
+/// From small ones, with which most leaves have one image, to several periods.
+const RADII: [f32; 5] = [0.07, 0.2, 0.34, 0.6, 3.0];
+
+const AXES: [[bool; 3]; 4] = [[true; 3], [true, true, false], [false, true, false], [true, false, true]];
+
+fn periods_along(axes: [bool; 3]) -> [Option<f64>; 3] {
+    [0, 1, 2].map(|axis| axes[axis].then_some(LENGTHS[axis]))
+}
+
+#[test]
+fn swept_lists_equal_comparing_all_pairs_in_all_images() {
+    let (mut met, mut lists) = (0, EncounterLists::new());
+    for (number, kind) in KINDS.into_iter().enumerate() {
+        for (turn, (count, keys)) in [(3, 2), (40, 2), (40, 3), (110, 2)].into_iter().enumerate() {
+            for single in [true, false] {
+                let mut rng = Rng(100 * number as u64 + turn as u64);
+                let set = Set::of_kind(kind, count, keys, single, &mut rng);
+                let periods = periods_along(AXES[(turn + number) % AXES.len()]);
+                // The larger the radius, the more images.
+                let radius = RADII[(turn * 2 + number) % RADII.len()];
+                let small: Vec<f32> = (0..count).map(|_| radius * rng.unit()).collect();
+                let (begin, end) = [(0.0, 1.0), (0.25, 0.6), (0.7, 1.0)][(turn + number) % 3];
+                let interval = TimeInterval::new(begin, end).unwrap();
+                let all = set.images(periods);
+                let expected = set.meet_all(interval, &all, |_, _| radius);
+                let of_sum = set.meet_all(interval, &all, |i, j| small[i] + small[j]);
+                met += expected.iter().map(Vec::len).sum::<usize>();
+                for (structure, simd) in
+                    set.structures().flat_map(|s| SimdLevel::available().into_iter().map(move |simd| (s, simd)))
+                {
+                    let tree = set.tree(structure, simd);
+                    let what = format!("{kind}, {count} points, {keys} keys, single {single}, {structure:?}, {simd}");
+                    let query = tree.neighbor_lists_swept(interval, radius).periodic(periods);
+                    query.run(&mut lists).unwrap();
+                    check(&lists, &expected, &format!("{what}, radius {radius}"));
+                    let sum = Radii::Sum { own: &small, others: &small };
+                    tree.neighbor_lists_swept(interval, sum).periodic(periods).run(&mut lists).unwrap();
+                    check(&lists, &of_sum, &format!("{what}, sums"));
+                }
+            }
+        }
+    }
+    assert!(met > 10_000, "{met}");
+}
+
+/// Enough points for several levels, most of which are near no face; some rows are compared with all pairs, on any number of threads.
+#[test]
+fn larger_sets_on_all_numbers_of_threads() {
+    let periods = LENGTHS.map(Some);
+    let interval = TimeInterval::new(0.1, 0.9).unwrap();
+    for (kind, keys, single) in
+        [("in the box", 2, true), ("some at rest", 3, true), ("drifting", 2, false), ("periods away", 2, true)]
+    {
+        let set = Set::of_kind(kind, 3000, keys, single, &mut Rng(8));
+        let (all, radius) = (set.images(periods), 0.12);
+        let times = [interval.begin(), interval.end()].map(f64::from);
+        let expected = |i: usize| -> Vec<Encounter> {
+            let others = (0..set.len()).filter(|&j| j != i);
+            others.filter_map(|j| set.meet((i, &set, j), &all, times, f64::from(radius).powi(2))).collect()
+        };
+        let expected: Vec<_> = (0..set.len()).step_by(211).map(|i| (i, expected(i))).collect();
+        for structure in set.structures() {
+            let tree = set.tree(structure, SimdLevel::best());
+            let query = tree.neighbor_lists_swept(interval, radius).periodic(periods);
+            let [found, other] = [1, 3].map(|threads| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                pool.install(|| query.collect()).unwrap()
+            });
+            assert_eq!(found, other, "{kind}, {structure:?}");
+            let in_order = query.in_order().sorted().collect().unwrap();
+            let once = query.pairs_once().in_order().sorted().collect().unwrap();
+            for (i, expected) in &expected {
+                let i = *i;
+                assert_eq!(in_order.row(i), *expected, "{kind}, {structure:?}, point {i}");
+                let greater: Vec<_> = expected.iter().copied().filter(|e| e.id as usize > i).collect();
+                assert_eq!(once.row(i), greater, "{kind}, {structure:?}, point {i}");
+            }
+        }
+    }
+}
+
+/// Lists do not change if points are moved by whole periods, with all their keys; and each pair is seen alike from both sides.
+#[test]
+fn moving_points_by_whole_periods_changes_nothing() {
+    let mut rng = Rng(31);
+    for single in [true, false] {
+        let mut set = Set::of_kind("some at rest", 300, 3, single, &mut rng);
+        // So that moving them rounds nothing.
+        let exact = |x: f64| (x * 65536.0).round() / 65536.0;
+        set.keys.iter_mut().flatten().for_each(|p| *p = DVec3::new(exact(p.x), exact(p.y), exact(p.z)));
+        let mut moved = Set { keys: set.keys.clone(), active: set.active.clone(), single };
+        let periods = [1.0, 0.75, 1.5];
+        for i in 0..set.len() {
+            let by = DVec3::from_array(periods.map(|length| f64::from(rng.bits() % 5) * length));
+            moved.keys.iter_mut().for_each(|key| key[i] += by);
+        }
+        for radius in [0.1, 0.3, 0.8] {
+            let lists = [&set, &moved].map(|set| {
+                let tree = set.tree(PointStructure::Automatic, SimdLevel::best());
+                let query = tree.neighbor_lists_swept(TimeInterval::FULL, radius).periodic(periods.map(Some));
+                query.in_order().sorted().collect().unwrap()
+            });
+            assert_eq!(lists[0], lists[1], "{single}, {radius}");
+            for (id, row) in lists[0].iter() {
+                for met in row {
+                    let back = lists[0].row(met.id as usize).iter().find(|e| e.id == id).unwrap();
+                    assert_eq!(Encounter { id: met.id, ..*back }, *met);
+                }
+            }
+        }
+    }
+}
+
+/// A pair meets across either face in turn, and both at once where the radius is more than half a period.
+#[test]
+fn encounters_in_several_images_are_one() {
+    // From a quarter of a period to the left of the other to a quarter to the right, and so on through two periods.
+    let points = [MovingPoint::fixed(Vec3::ZERO), MovingPoint::new(Vec3::X * -0.5, Vec3::X * 1.5)];
+    let tree = PointTree::build(&points, &PointParams::default()).unwrap();
+    let row = |begin: f32, end: f32, radius: f32| {
+        let interval = TimeInterval::new(begin, end).unwrap();
+        let lists = tree.neighbor_lists_swept(interval, radius).periodic([Some(1.0), None, None]).in_order().collect();
+        lists.unwrap().row(0).iter().map(|e| (e.enter, e.leave, e.closest, e.distance_squared)).collect::<Vec<_>>()
+    };
+    assert_eq!(row(0.0, 1.0, 0.25), [(0.125, 0.875, 0.25, 0.0)]);
+    assert_eq!(row(0.5, 1.0, 0.25), [(0.625, 0.875, 0.75, 0.0)]);
+    assert_eq!(row(0.0, 1.0, 0.5), [(0.0, 1.0, 0.25, 0.0)]);
+    // Nowhere are they farther apart than half a period.
+    assert_eq!(row(0.0, 1.0, 40.0), [(0.0, 1.0, 0.25, 0.0)]);
+    assert_eq!(row(0.4, 0.6, 0.125), []);
+    // At most one neighbour, whatever the images.
+    let limited = tree.neighbor_lists_swept(TimeInterval::FULL, 3.0).periodic([Some(1.0), None, None]);
+    assert!(limited.max_neighbors(1).collect().is_ok());
+    assert_eq!(limited.max_neighbors(0).collect(), Err(ListError::TooManyNeighbors { id: 0 }));
+}
+
+/// What lists at any time of the interval contain, lists over the interval with a radius that is longer by rounding contain too.
+#[test]
+fn lists_at_a_time_are_among_those_over_the_interval() {
+    for (number, kind) in KINDS.into_iter().enumerate() {
+        for single in [true, false] {
+            let set = Set::of_kind(kind, 200, 2, single, &mut Rng(number as u64));
+            let tree = set.tree(PointStructure::Automatic, SimdLevel::best());
+            let periods = periods_along(AXES[number % AXES.len()]);
+            for radius in RADII {
+                let swept = tree.neighbor_lists_swept(TimeInterval::FULL, radius * (1.0 + 1e-4)).periodic(periods);
+                let swept = swept.in_order().sorted().collect().unwrap();
+                for time in [0.0, 0.3, 0.99] {
+                    let lists = tree.neighbor_lists(time, radius).periodic(periods).collect().unwrap();
+                    for (id, row) in lists.iter() {
+                        let met = swept.row(id as usize);
+                        for other in row {
+                            let met = met.binary_search_by_key(other, |e| e.id).map(|at| met[at]);
+                            let during = met.is_ok_and(|e| e.enter <= time && time <= e.leave);
+                            assert!(during, "{kind}, {radius}, {id} and {other} at {time}: {met:?}");
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Points with the same id are no neighbours of each other, in no image.
+#[test]
+fn equal_ids_do_not_meet() {
+    let set = Set::of_kind("in the box", 150, 2, false, &mut Rng(5));
+    let twice: Vec<Vec<DVec3>> = set.keys.iter().map(|key| key.repeat(2)).collect();
+    let ids: Vec<u32> = (0..150).chain(0..150).collect();
+    let keys: Vec<&[DVec3]> = twice.iter().map(Vec::as_slice).collect();
+    let points = PointArrays { keys: &keys, active: &[], ids: &ids };
+    let [once, twice] = [
+        set.tree(PointStructure::Automatic, SimdLevel::best()),
+        PointTree::build(&points, &PointParams::default()).unwrap(),
+    ];
+    for radius in RADII {
+        let [once, twice] = [&once, &twice].map(|tree| {
+            let query = tree.neighbor_lists_swept(TimeInterval::FULL, radius).periodic(LENGTHS.map(Some));
+            query.sorted().collect().unwrap()
+        });
+        for (id, row) in twice.iter() {
+            let of = once.iter().find(|(other, _)| *other == id).unwrap().1;
+            let mut row = row.to_vec();
+            row.dedup();
+            assert_eq!(row, of, "{radius}, {id}");
+        }
+    }
+}
+
+#[test]
+fn bad_boxes_are_errors() {
+    let points = [MovingPoint::new(Vec3::ZERO, Vec3::X * 20.0), MovingPoint::fixed(Vec3::Y)];
+    let tree = PointTree::build(&points, &PointParams::default()).unwrap();
+    let empty = PointTree::build(&[] as &[Vec3], &PointParams::default()).unwrap();
+    let swept = |tree: &PointTree, periods: [Option<f64>; 3]| {
+        let query = tree.neighbor_lists_swept(TimeInterval::FULL, 0.5).periodic(periods);
+        query.collect().map(|lists| lists.encounters().len())
+    };
+    for bad in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-40, 1e39] {
+        for tree in [&tree, &empty] {
+            assert_eq!(swept(tree, [None, Some(bad), None]), Err(ListError::Period { axis: 1 }), "{bad}");
+        }
+    }
+    assert_eq!(swept(&tree, [Some(1.0), None, None]), Err(ListError::Extent { axis: 0 }));
+    assert_eq!(swept(&tree, [Some(1e-6), None, None]), Err(ListError::FarFromPeriod { axis: 0 }));
+    assert_eq!(swept(&tree, [Some(1.5), Some(0.9), Some(1e30)]), Ok(2));
+    assert_eq!(swept(&empty, [Some(1e-6); 3]), Ok(0));
+    // A radius above half a period is none, nor an infinite one.
+    let all = tree.neighbor_lists_swept(TimeInterval::FULL, f32::INFINITY).periodic([Some(1.5); 3]).collect();
+    assert_eq!(all.unwrap().encounters().len(), 2);
+    let missing = tree.neighbor_lists_swept(TimeInterval::FULL, Radii::Own(&[1.0])).periodic([Some(3.0); 3]).collect();
+    assert_eq!(missing, Err(ListError::MissingRadius { of: RadiusOf::Point(1) }));
+}
