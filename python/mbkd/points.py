@@ -475,7 +475,7 @@ class PointTree:
 
         Every pair within r is in the lists from `time` until just before `NeighborLists.valid_until`. That time follows
         from the exact motion of the points, not from a bound on speeds. It is at most `until`, and at most the time of the
-        next key.
+        next key. In a periodic box, distances are to the nearest image.
         """
         made, valid_until = _mbkd.neighbor_lists_with_skin(self._tree, time, r, skin, until, workers)
         return NeighborLists(made[0], made[1], valid_until=valid_until)
@@ -495,7 +495,8 @@ class PointTree:
 
         This is decided in float64, for exact linear motion between the positions at the keys, in float32 or float64.
         `r`, `larger`, `summed`, `pairs_once` and `max_neighbors` are as for `neighbor_lists`: with `summed`, these are the
-        contacts of spheres that move.
+        contacts of spheres that move. In a periodic box points are as far apart as their nearest images; a pair comes up once,
+        whatever images it meets in.
         """
         most = None if max_neighbors is None else whole(max_neighbors, "max_neighbors", 0, 2**32)
         offsets, ids, columns = _mbkd.neighbor_lists_swept(

@@ -83,17 +83,21 @@ pub fn neighbor_lists_with_skin<'py>(
     until: f32,
     workers: isize,
 ) -> PyResult<(Columns<'py>, f32)> {
-    if points.periods.is_some() {
-        return Err(PyValueError::new_err("lists with a skin are not for periodic boxes"));
-    }
     let mut lists = memory();
-    let made = on(py, workers, || points.tree.neighbor_lists_with_skin(time, radius, skin, until, &mut lists))?;
-    let valid_until = made.map_err(value_error)?;
+    let made = on(py, workers, || {
+        let Some(periods) = points.periods else {
+            return points.tree.neighbor_lists_with_skin(time, radius, skin, until, &mut lists);
+        };
+        let query = points.tree.neighbor_lists(time, radius + skin).periodic(periods);
+        query.run(&mut lists)?;
+        query.certified_until(radius, until)
+    })?;
+    let valid_until = made.map_err(list_error)?;
     Ok((hand_over(py, lists, Some(points.tree.len()), workers)?, valid_until))
 }
 
 /// The error in the words of the arguments here.
-fn list_error(error: ListError) -> PyErr {
+pub fn list_error(error: ListError) -> PyErr {
     match error {
         ListError::Origins => PyValueError::new_err(
             "the two trees have float64 positions that were rounded to float32 relative to different places; build both with \

@@ -1,12 +1,11 @@
 //! Encounters of points during an interval, as compressed sparse rows.
 
 use crate::arrays::{slice, value_error};
-use crate::lists::radii_of;
+use crate::lists::{list_error, radii_of};
 use crate::points::Points;
 use crate::threads::on;
 use mbkd::{Encounter, TimeInterval};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 /// Offsets and ids by point, and for each encounter its begin, its end, the time of closest approach, and the distance then.
@@ -26,13 +25,11 @@ pub fn neighbor_lists_swept<'py>(
     max_neighbors: Option<usize>,
     workers: isize,
 ) -> PyResult<Encounters<'py>> {
-    if points.periods.is_some() {
-        return Err(PyValueError::new_err("swept lists are not for periodic boxes"));
-    }
     let interval = TimeInterval::new(between[0], between[1]).map_err(value_error)?;
     let radii = radii_of(slice(&radii)?, larger, summed);
     let found = on(py, workers, || {
         let query = points.tree.neighbor_lists_swept(interval, radii).in_order().sorted();
+        let query = points.periods.map_or(query, |lengths| query.periodic(lengths));
         let query = if pairs_once { query.pairs_once() } else { query };
         let lists = max_neighbors.map_or(query, |most| query.max_neighbors(most)).collect()?;
         let offsets = lists.offsets().iter().map(|&offset| offset as i64).collect::<Vec<_>>();
@@ -42,7 +39,7 @@ pub fn neighbor_lists_swept<'py>(
             [column(|e| e.enter), column(|e| e.leave), column(|e| e.closest), column(|e| e.distance_squared.sqrt())];
         Ok::<_, mbkd::ListError>((offsets, ids, columns))
     })?;
-    let (offsets, ids, columns) = found.map_err(value_error)?;
+    let (offsets, ids, columns) = found.map_err(list_error)?;
     Ok((offsets.into_pyarray(py), ids.into_pyarray(py), columns.map(|column| column.into_pyarray(py))))
 }
 

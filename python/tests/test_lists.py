@@ -127,6 +127,31 @@ def test_lists_with_a_skin_miss_nothing_until_they_say(keys):
     assert still.valid_until == 1
 
 
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_swept_lists_and_skins_in_periodic_boxes_are_those_of_copies(kind):
+    # Multiples of 1/1024, so that copies of them are exact.
+    first = np.floor(RNG.random((300, 3)) * 1024).astype(kind) / 1024
+    last = first + np.floor(RNG.random((300, 3)) * 256 - 128).astype(kind) / 1024
+    tree = PointTree(first, keys=last, boxsize=1, precision="float64" if kind is np.float64 else "float32")
+    shifts = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)], dtype=kind)
+    shifts = shifts[np.argsort(np.abs(shifts).sum(axis=1), kind="stable")]
+    copies = [(key[None] + shifts[:, None]).reshape(-1, 3) for key in (first, last)]
+    among = PointTree(copies[0], keys=copies[1])
+    met, of_copies = tree.neighbor_lists_swept(0.08), among.neighbor_lists_swept(0.08)
+    for i in range(300):
+        assert met[i].tolist() == sorted(set((of_copies[i] % 300).tolist()) - {i})
+    lists = tree.neighbor_lists_with_skin(0.05, 0.02, time=0.25)
+    assert 0.25 <= lists.valid_until <= 1
+    listed = {(int(p), int(j)) for p, row in enumerate(lists) for j in row}
+    for time in np.linspace(0.25, np.nextafter(np.float32(lists.valid_until), np.float32(0)), 5):
+        pairs = tree.neighbor_lists(0.05, time=time)
+        assert {(p, int(j)) for p, row in enumerate(pairs) for j in row} <= listed
+    far = PointTree(first, keys=last + 20, boxsize=1)
+    for lists in [lambda: far.neighbor_lists_swept(0.1), lambda: far.neighbor_lists_with_skin(0.1, 0.1)]:
+        with pytest.raises(ValueError, match="periods"):
+            lists()
+
+
 def test_lists_of_points_that_do_not_exist_are_empty():
     active = np.tile(np.float32([0, 1]), (400, 1))
     active[::2] = [0, 0.5]

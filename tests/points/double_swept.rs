@@ -9,11 +9,11 @@ use mbkd::{Encounter, EncounterLists, NeighborLists, PointStructure, PointTree, 
 
 /// The encounter of two points, by comparing them.
 fn meet(cloud: &Cloud, (i, j): (usize, usize), times: [f64; 2], square: f64) -> Option<Encounter> {
-    let key = |number: usize| &cloud.keys[number.min(cloud.keys.len() - 1)];
+    let key = |k: usize, number: usize| cloud.keys[number.min(cloud.keys.len() - 1)][[i, j][k]];
     let pair = Pair {
         id: j as u32,
-        segments: cloud.keys.len().max(2) - 1,
-        keys: &|number| [i, j].map(|k| key(number)[k]),
+        segments: [cloud.keys.len().max(2) - 1; 2],
+        keys: &key,
         active: [i, j].map(|k| cloud.active[k]),
         images: &[DVec3::ZERO],
     };

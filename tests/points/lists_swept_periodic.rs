@@ -20,12 +20,12 @@ pub struct Set {
 pub const LENGTHS: [f64; 3] = [1.0, 0.7, 1.9];
 
 /// The kinds of places and motions that images are tested on.
-const KINDS: [&str; 7] =
+pub const KINDS: [&str; 7] =
     ["in the box", "at the faces", "half a period apart", "periods away", "drifting", "far and fast", "some at rest"];
 
 impl Set {
     /// Points of a kind around a box with these lengths.
-    fn of_kind(kind: &str, count: usize, keys: usize, single: bool, rng: &mut Rng) -> Set {
+    pub fn of_kind(kind: &str, count: usize, keys: usize, single: bool, rng: &mut Rng) -> Set {
         let lengths = DVec3::from_array(LENGTHS);
         let mut set = Set { keys: vec![Vec::new(); keys], active: Vec::new(), single };
         for i in 0..count {
@@ -59,6 +59,16 @@ impl Set {
         set
     }
 
+    /// Points in f32 with two keys.
+    pub fn of_points(points: &[MovingPoint]) -> Set {
+        let key = |of: fn(&MovingPoint) -> Vec3| points.iter().map(|point| of(point).as_dvec3()).collect();
+        Set {
+            keys: vec![key(|p| p.open), key(|p| p.close)],
+            active: points.iter().map(|p| p.active).collect(),
+            single: true,
+        }
+    }
+
     pub fn len(&self) -> usize {
         self.active.len()
     }
@@ -82,8 +92,13 @@ impl Set {
 
     /// By how much points are moved to all images that may be nearest to another point, and to more.
     pub fn images(&self, periods: [Option<f64>; 3]) -> Vec<DVec3> {
+        self.images_among(self, periods)
+    }
+
+    /// The same with those of another set.
+    pub fn images_among(&self, other: &Set, periods: [Option<f64>; 3]) -> Vec<DVec3> {
         let periods = self.rounded(periods);
-        let all = || self.keys.iter().flatten();
+        let all = || self.keys.iter().chain(&other.keys).flatten();
         let extent = all().copied().fold(DVec3::MIN, DVec3::max) - all().copied().fold(DVec3::MAX, DVec3::min);
         let most = (0..3).filter_map(|axis| Some((extent[axis] / periods[axis]?) as i32 + 1));
         images(periods, most.max().unwrap_or(0))
@@ -97,10 +112,11 @@ impl Set {
         times: [f64; 2],
         square: f64,
     ) -> Option<Encounter> {
-        let key = |number: usize| [(self, i), (other, j)].map(|(set, k)| set.keys[number.min(set.keys.len() - 1)][k]);
+        let sets = [(self, i), (other, j)];
+        let key = |k: usize, number: usize| sets[k].0.keys[number.min(sets[k].0.keys.len() - 1)][sets[k].1];
         let pair = Pair {
             id: j as u32,
-            segments: self.keys.len().max(other.keys.len()).max(2) - 1,
+            segments: sets.map(|(set, _)| set.keys.len().max(2) - 1),
             keys: &key,
             active: [self.active[i], other.active[j]],
             images,
@@ -135,7 +151,7 @@ const RADII: [f32; 5] = [0.07, 0.2, 0.34, 0.6, 3.0];
 
 const AXES: [[bool; 3]; 4] = [[true; 3], [true, true, false], [false, true, false], [true, false, true]];
 
-fn periods_along(axes: [bool; 3]) -> [Option<f64>; 3] {
+pub fn periods_along(axes: [bool; 3]) -> [Option<f64>; 3] {
     [0, 1, 2].map(|axis| axes[axis].then_some(LENGTHS[axis]))
 }
 
@@ -175,7 +191,8 @@ fn swept_lists_equal_comparing_all_pairs_in_all_images() {
     assert!(met > 10_000, "{met}");
 }
 
-/// Enough points for several levels, most of which are near no face; some rows are compared with all pairs, on any number of threads.
+/// Enough points for several levels, most of which are near no face; some rows are compared with all pairs, on any number of
+/// threads.
 #[test]
 fn larger_sets_on_all_numbers_of_threads() {
     let periods = LENGTHS.map(Some);

@@ -24,7 +24,11 @@ mod lists;
 #[cfg(feature = "rayon")]
 mod lists_skin;
 #[cfg(feature = "rayon")]
+mod lists_skin_periodic;
+#[cfg(feature = "rayon")]
 mod lists_swept;
+#[cfg(feature = "rayon")]
+mod lists_swept_among;
 #[cfg(feature = "rayon")]
 mod lists_swept_periodic;
 mod outliers;

@@ -6,9 +6,10 @@ use mbkd::{Encounter, TimeInterval, glam::DVec3};
 pub struct Pair<'a> {
     /// Of the second one, for the encounter.
     pub id: u32,
-    pub segments: usize,
-    /// Their positions at a key.
-    pub keys: &'a dyn Fn(usize) -> [DVec3; 2],
+    /// The segments between the keys of either.
+    pub segments: [usize; 2],
+    /// The position of one of them at a key.
+    pub keys: &'a dyn Fn(usize, usize) -> DVec3,
     pub active: [TimeInterval; 2],
     /// By how much the second one is moved to each of its images.
     pub images: &'a [DVec3],
@@ -31,24 +32,30 @@ pub fn images(periods: [Option<f64>; 3], most: i32) -> Vec<DVec3> {
 }
 
 impl Pair<'_> {
-    /// The encounter within an interval and the root of `square`, one image and segment between keys after the other, in f64.
+    /// The encounter within an interval and the root of `square`, one image and segment between keys of either after the other,
+    /// in f64.
     pub fn meet(&self, times: [f64; 2], square: f64) -> Option<Encounter> {
-        let segments = self.segments as f64;
         let mut all: Option<Encounter> = None;
-        for (&image, segment) in self.images.iter().flat_map(|image| (0..self.segments).map(move |s| (image, s))) {
-            let ends = [segment as f64 / segments, (segment + 1) as f64 / segments];
+        let both = (0..self.segments[0]).flat_map(|own| (0..self.segments[1]).map(move |other| [own, other]));
+        let both: Vec<[usize; 2]> = both.collect();
+        for (&image, &segment) in self.images.iter().flat_map(|image| both.iter().map(move |s| (image, s))) {
+            let end = |k: usize, after: usize| (segment[k] + after) as f64 / self.segments[k] as f64;
+            let ends = [end(0, 0).max(end(1, 0)), end(0, 1).min(end(1, 1))];
+            if ends[0] >= ends[1] {
+                continue;
+            }
             let begin = self.active.iter().fold(times[0].max(ends[0]), |t, active| t.max(active.begin().into()));
             let end = self.active.iter().fold(times[1].min(ends[1]), |t, active| t.min(active.end().into()));
             // Where something begins at a key, only the motion after it counts.
-            if begin > end || (begin >= ends[1] && segment + 1 < self.segments) {
+            if begin > end || (begin >= ends[1] && ends[1] < 1.0) {
                 continue;
             }
             let over =
                 |time: f64| self.active.iter().any(|active| active.end() < 1.0 && time >= f64::from(active.end()));
-            let keys = [segment, segment + 1].map(self.keys);
             let place = |k: usize, time: f64| {
-                let phase = (time * segments - segment as f64).clamp(0.0, 1.0);
-                keys[0][k] + (keys[1][k] - keys[0][k]) * phase
+                let phase = (time * self.segments[k] as f64 - segment[k] as f64).clamp(0.0, 1.0);
+                let [a, b] = [0, 1].map(|after| (self.keys)(k, segment[k] + after));
+                a + (b - a) * phase
             };
             let dot = |a: DVec3, b: DVec3| (a.x * b.x + a.y * b.y) + a.z * b.z;
             let apart = |time: f64| (place(1, time) - place(0, time)) + image;

@@ -35,6 +35,24 @@ fn radius_of_pair(radii: &Radii<'_>, own: u32, other: u32) -> f32 {
     }
 }
 
+/// The displacement between the nearest images of two positions, and its square, as lists at a time compute them.
+fn squared(double: bool, periods: [Option<f64>; 3], from: DVec3, to: DVec3) -> ([f32; 3], f32) {
+    if double {
+        let near = [0, 1, 2].map(|axis| {
+            let d = to[axis] - from[axis];
+            periods[axis].map_or(d, |length| d - (d * (1.0 / length)).round_ties_even() * length)
+        });
+        let squared = (near[0] * near[0] + near[1] * near[1]) + near[2] * near[2];
+        return (near.map(|x| x as f32), squared as f32);
+    }
+    let d: Vec3 = to.as_vec3() - from.as_vec3();
+    let near = [0, 1, 2].map(|axis| {
+        let length = periods[axis].map(|length| length as f32);
+        length.map_or(d[axis], |length| d[axis] - (d[axis] * (1.0 / length)).round_ties_even() * length)
+    });
+    (near, (near[0] * near[0] + near[1] * near[1]) + near[2] * near[2])
+}
+
 impl Request<'_> {
     fn bound(&self, own: u32, other: u32) -> f32 {
         let radius = radius_of_pair(&self.radii, own, other);
@@ -49,21 +67,7 @@ impl Request<'_> {
             let (p, id) = (own.at(i, self.time), own.ids[i]);
             for (j, place) in places.iter().enumerate().filter(|(j, _)| among.active[*j].contains(self.time)) {
                 let other = among.ids[j];
-                let (near, squared) = if own.double {
-                    let near = [0, 1, 2].map(|axis| {
-                        let d = place[axis] - p[axis];
-                        self.periods[axis].map_or(d, |length| d - (d * (1.0 / length)).round_ties_even() * length)
-                    });
-                    let squared = (near[0] * near[0] + near[1] * near[1]) + near[2] * near[2];
-                    (near.map(|x| x as f32), squared as f32)
-                } else {
-                    let d: Vec3 = place.as_vec3() - p.as_vec3();
-                    let near = [0, 1, 2].map(|axis| {
-                        let length = self.periods[axis].map(|length| length as f32);
-                        length.map_or(d[axis], |length| d[axis] - (d[axis] * (1.0 / length)).round_ties_even() * length)
-                    });
-                    (near, (near[0] * near[0] + near[1] * near[1]) + near[2] * near[2])
-                };
+                let (near, squared) = squared(own.double, self.periods, p, *place);
                 let wanted = if self.once { other > id } else { self.other || other != id };
                 if wanted && squared <= self.bound(id, other) {
                     let near = if self.displacements { near.map(|x| (x + 0.0).to_bits()) } else { [0; 3] };
@@ -140,12 +144,12 @@ fn may_refuse(error: &ListError, cloud: &Cloud, periods: [Option<f64>; 3]) -> bo
 }
 
 /// The encounter of two points in any images, by comparing them.
-fn meet(cloud: &Cloud, [i, j]: [usize; 2], images: &[DVec3], times: [f64; 2], square: f64) -> Option<Encounter> {
+fn meet(clouds: [&Cloud; 2], [i, j]: [usize; 2], images: &[DVec3], times: [f64; 2], square: f64) -> Option<Encounter> {
     let pair = Pair {
-        id: cloud.ids[j],
-        segments: cloud.segments(),
-        keys: &|segment| [i, j].map(|k| cloud.key(segment, k)),
-        active: [i, j].map(|k| cloud.active[k]),
+        id: clouds[1].ids[j],
+        segments: clouds.map(Cloud::segments),
+        keys: &|k, key| clouds[k].key(key, [i, j][k]),
+        active: [0, 1].map(|k| clouds[k].active[[i, j][k]]),
         images,
     };
     pair.meet(times, square)
@@ -176,7 +180,7 @@ fn check_swept(random: &mut Random, trees: &[(PointTree, String)], cloud: &Cloud
     for i in 0..cloud.len() {
         let others = (0..cloud.len()).filter(|&j| if once { cloud.ids[j] > cloud.ids[i] } else { j != i });
         let square = |j: usize| f64::from(radius_of_pair(&radii, cloud.ids[i], cloud.ids[j])).powi(2);
-        let row: Vec<Encounter> = others.filter_map(|j| meet(cloud, [i, j], &images, times, square(j))).collect();
+        let row: Vec<Encounter> = others.filter_map(|j| meet([cloud; 2], [i, j], &images, times, square(j))).collect();
         expected[cloud.ids[i] as usize] = row;
     }
     expected.iter_mut().for_each(|row| row.sort_unstable_by_key(|e| e.id));
@@ -237,7 +241,18 @@ fn check_skin(random: &mut Random, tree: &PointTree, cloud: &Cloud, radius: f32,
     let skin = radius * random.pick(&[0.0, 0.01, 0.3, 2.0]);
     let mut lists = NeighborLists::new();
     let what = format!("{what}: from {time} to {until} within {radius}, skin {skin}");
-    let good = tree.neighbor_lists_with_skin(time, radius, skin, until, &mut lists);
+    let (periods, _) = periodic_box(random, cloud);
+    let what = format!("{what}, periods {periods:?}");
+    let good = match periods {
+        [None, None, None] => tree.neighbor_lists_with_skin(time, radius, skin, until, &mut lists),
+        _ => {
+            let query = tree.neighbor_lists(time, radius + skin).periodic(periods);
+            query.run(&mut lists).and_then(|()| query.certified_until(radius, until))
+        }
+    };
+    if good.as_ref().is_err_and(|error| may_refuse(error, cloud, periods)) {
+        return Ok(());
+    }
     let good = good.map_err(|error| format!("{what}: {error}"))?;
     ensure!((time..=until).contains(&good), "{what}: certified until {good}");
     let mut listed = vec![false; cloud.len() * cloud.len()];
@@ -252,7 +267,7 @@ fn check_skin(random: &mut Random, tree: &PointTree, cloud: &Cloud, radius: f32,
         for i in (0..cloud.len()).filter(|&i| cloud.active[i].contains(at)) {
             for j in (0..i).filter(|&j| cloud.active[j].contains(at)) {
                 let missing = !listed[cloud.ids[i] as usize * cloud.len() + cloud.ids[j] as usize];
-                let near = cloud.squared(cloud.at(i, at), cloud.at(j, at)) <= radius * radius;
+                let near = squared(cloud.double, periods, cloud.at(i, at), cloud.at(j, at)).1 <= radius * radius;
                 ensure!(!(missing && near), "{what}: certified until {good}, {i} and {j} are missing at {at}");
             }
         }

@@ -48,16 +48,24 @@ impl ListRequest<'_> {
         if !(0.0..=1.0).contains(&self.time) {
             return Err(ListError::Time);
         }
-        let both = !self.tree.is_empty() && !self.among.is_empty();
-        let [own, others] = [self.tree, self.among].map(|tree| !tree.precise.is_empty());
-        if own || others {
-            if both && own != others {
-                return Err(ListError::Double);
-            }
-        } else if self.tree.origin() != self.among.origin() && both {
-            return Err(ListError::Origins);
-        }
+        check_sets(self.tree, self.among)?;
         check_periods(self.periods)?;
         self.listing.radii.check()
+    }
+
+    /// Whether positions are kept in f32.
+    pub(super) fn in_single(&self) -> bool {
+        self.tree.precise.is_empty() && self.among.precise.is_empty()
+    }
+}
+
+/// An error if two trees do not keep their positions in the same way.
+pub(super) fn check_sets(tree: &PointTree, among: &PointTree) -> Result<(), ListError> {
+    let both = !tree.is_empty() && !among.is_empty();
+    let [own, others] = [tree, among].map(|tree| !tree.precise.is_empty());
+    match () {
+        _ if both && own != others => Err(ListError::Double),
+        _ if both && !own && tree.origin() != among.origin() => Err(ListError::Origins),
+        _ => Ok(()),
     }
 }

@@ -72,7 +72,22 @@ impl PeriodicBox {
         d - k * s.splat(self.period[axis])
     }
 
-    /// The same of positions in f64, and with the length as it was given.
+    /// The same along all axes, of one pair.
+    pub(super) fn nearest_of_pair(&self, d: [f32; 3]) -> [f32; 3] {
+        let along = |axis: usize| d[axis] - (d[axis] * self.inverse[axis]).round_ties_even() * self.period[axis];
+        [along(0), along(1), along(2)]
+    }
+
+    /// The same in f64, as [`PeriodicBox::nearest_exactly`] has it.
+    pub(super) fn nearest_of_pair_exactly(&self, d: [f64; 3]) -> [f64; 3] {
+        let along = |axis: usize| match self.exact_period[axis] {
+            length if length > 0.0 => d[axis] - (d[axis] * (1.0 / length)).round_ties_even() * length,
+            _ => d[axis],
+        };
+        [along(0), along(1), along(2)]
+    }
+
+    /// The difference to the nearest image of positions in f64, and with the length as it was given.
     #[inline(always)]
     pub(super) fn nearest_exactly<S: Simd>(&self, s: S, d: S::D, axis: usize) -> S::D {
         let length = self.exact_period[axis];

@@ -13,7 +13,7 @@ use crate::point::tree::PointTree;
 #[derive(Clone, Copy, Debug)]
 #[must_use = "a query does nothing until `run` is called"]
 pub struct ListQuery<'a> {
-    request: ListRequest<'a>,
+    pub(super) request: ListRequest<'a>,
 }
 
 impl PointTree {

@@ -1,7 +1,7 @@
 //! Candidates: the blocks of points that a group can come near during a window of time.
 
 use super::coordinate::SweptCoordinate;
-use super::encounter::{CandidatePoints, Criteria, Window};
+use super::encounter::{CandidatePoints, Criteria, Segment, Window};
 use crate::point::layout::over_interval::{BlockTree, BoxTree, PathRows, greater, lesser};
 use crate::point::layout::snapshot::rows;
 use crate::point::lists::candidates::{BoxRows, BoxVector};
@@ -19,18 +19,18 @@ const SLACK: f64 = 64.0 * ROUNDING;
 const UNDERFLOW: f64 = 1e-18;
 
 /// The phases of two times in a tree's segment. They are widened by what a time near a key, rounded to f32, may lie on
-/// the wrong side of it.
+/// the wrong side of it, also beyond the keys: the range of times is the same for all trees that are compared.
 pub(super) fn phases<T: BoxTree>(tree: &T, times: [f32; 2]) -> [f64; 2] {
     let slice = tree.slice();
+    let segment = Segment::new(slice.keys, slice.segment);
     let [begin, end] = times.map(f64::from);
-    let window = Window::of_segment(slice.keys, slice.segment, [begin, end]);
-    [window.phase(begin - ROUNDING), window.phase(end + ROUNDING)]
+    [segment.unlimited_phase(begin - ROUNDING), segment.unlimited_phase(end + ROUNDING)]
 }
 
 /// The share of a range of phases that lies before a time.
 fn early<T: BoxTree>(tree: &T, [first, last]: [f64; 2], time: f32) -> f64 {
     let slice = tree.slice();
-    let phase = Window::of_segment(slice.keys, slice.segment, [0.0, 1.0]).phase(time.into());
+    let phase = Segment::new(slice.keys, slice.segment).phase(time.into());
     if last > first { (phase - first) / (last - first) } else { 0.0 }
 }
 

@@ -6,18 +6,23 @@
 
 use super::coordinate::{SweptCoordinate, SweptLayer};
 use super::encounter::{EncounterLanes, EncounterVisitor, FourPoints};
+use super::images::Images;
 use super::sweep::Sweep;
 use crate::parallel;
 use crate::point::layout::linear_face::rounded_down;
 use crate::point::layout::over_interval::PointPath;
 use crate::point::lists::error::ListError;
+use crate::point::lists::list_request::ListRequest;
 use crate::point::lists::neighbor_lists::NeighborLists;
-use crate::point::lists::radii::{is_bad, squared_radius};
+use crate::point::lists::periodic_box::PeriodicBox;
+use crate::point::lists::query::ListQuery;
+use crate::point::lists::radii::{Radii, is_bad, squared_radius};
 use crate::point::tree::PointTree;
 
 impl PointTree {
     /// The neighbour lists at `time` with a radius of `radius + skin`, and until when they hold every pair within
-    /// `radius`: see [`PointTree::certified_until`], which tells this alone, for lists with other columns or in another order.
+    /// `radius`: see [`ListQuery::certified_until`], which tells this alone, of lists with other options, in periodic
+    /// boxes or among another set.
     ///
     /// ```
     /// use mbkd::{MovingPoint, NeighborLists, PointParams, PointTree, glam::Vec3};
@@ -41,28 +46,13 @@ impl PointTree {
         lists: &mut NeighborLists,
     ) -> Result<f32, ListError> {
         lists.clear();
-        check([time, until], radius, skin)?;
+        let until = self.certified_until(time, radius, skin, until)?;
         self.neighbor_lists(time, radius + skin).run(lists)?;
-        self.certified_until(time, radius, skin, until)
+        Ok(until)
     }
 
-    /// Until when neighbour lists at `time` with a radius of `radius + skin` ([`PointTree::neighbor_lists`], in no periodic box)
-    /// hold every pair within `radius`.
-    ///
-    /// What is certain: at each time from `time` to before the returned one, every pair that [`PointTree::neighbor_lists`] finds
-    /// within `radius` is in these lists, whatever the rounding. The verdict is exact for the linear motion between keys, not a
-    /// bound on speeds, and on the safe side by a few units in the last place of the coordinates in the radius: by 2e-6 of the
-    /// set's largest coordinate with two keys, and by 5e-7 more for each further one. Of points kept in f64 it is 2e-14 and 1e-14
-    /// of the largest coordinate, with 5e-7 of the radius and 3e-7 of the most by which displacements between two keys differ.
-    ///
-    /// If that is more than a third of the skin, two points that are just not in the lists may be near enough already. Then nothing
-    /// is certain, and the answer is `time` itself: a loop that goes on to the answer has to stop there, or use a wider skin. (If
-    /// nothing moves or begins to exist, the lists hold until `until` in any case.)
-    ///
-    /// Looks ahead to `until`, but not beyond the next key. If nothing is missing by then, that is what is returned;
-    /// otherwise just before the first time at which a pair is. Points that begin to exist later count too. Cost: that of
-    /// [`neighbor_lists_swept`](PointTree::neighbor_lists_swept) over the time looked ahead, without writing lists.
-    /// If not the motion but a bound on all speeds is known: [`certified_duration`].
+    /// Until when neighbour lists at `time` with a radius of `radius + skin` hold every pair within `radius`: that of
+    /// [`ListQuery::certified_until`], of one set and in no periodic box.
     ///
     /// ```
     /// use mbkd::{MovingPoint, NeighborLists, PointParams, PointTree, glam::Vec3};
@@ -79,57 +69,115 @@ impl PointTree {
     /// A radius or skin that is negative or NaN, a time outside the shutter ([`ListError::Time`]), and an `until` before it or
     /// beyond the shutter ([`ListError::Until`]).
     pub fn certified_until(&self, time: f32, radius: f32, skin: f32, until: f32) -> Result<f32, ListError> {
-        check([time, until], radius, skin)?;
-        let first_missing =
-            if self.precise.is_empty() { Self::first_missing::<f32> } else { Self::first_missing::<f64> };
-        Ok(parallel::entered(self.len(), || first_missing(self, time, radius, radius + skin, until)))
-    }
-
-    /// The first time until which no pair comes within the radius that is not within `listed_within` at `time`, but at most the
-    /// next key.
-    fn first_missing<C: SweptCoordinate>(&self, time: f32, radius: f32, listed_within: f32, until: f32) -> f32 {
-        // Positions are the same numbers at all times.
-        if C::layers(self).iter().all(|layer| matches!(layer, SweptLayer::Static(_))) {
-            return until;
+        if is_bad(skin) {
+            return Err(ListError::Skin);
         }
-        let keys = self.keys();
-        let segment = C::segment(time, keys);
-        let until = until.min(C::segment_end(segment, keys)).max(time);
-        let bound = squared_radius(listed_within);
-        let listed = |a: &PointPath, b: &PointPath| {
-            let both = a.active.contains(time) && b.active.contains(time);
-            both && C::squared_distance([a, b], time, keys) <= bound
-        };
-        let boxed = self.box_tree([time, until]);
-        let sweep = Sweep::<C>::new(boxed.as_ref().unwrap_or(self), [time, until], radius.into(), Some(segment))
-            .for_certificate(listed_within);
-        let firsts = sweep.run(|| First { time: f32::INFINITY, listed: &listed });
-        let first = firsts.iter().fold(f32::INFINITY, |least, first| least.min(first.time));
-        // No margin is needed. The radius r is widened by Δ, at least 28·2^-24 of the largest coordinate M, and a pair that a query
-        // finds at time t is within r + 0.9 Δ in truth: see `Sweep::for_certificate`. What f64 rounds in the discriminant is a
-        // change of the widened radius, of less than 2^-44 M² in its square, where (r + Δ)² exceeds (r + 0.9 Δ)² by more than 2^-41
-        // M². What it rounds in the quotient is less than 2^-50 of it, in which the two move by less than 2^-47 M. So the computed
-        // time is before t. No f32 lies between a time and the f32 nearest to it, so t is not before that either.
-        //
-        // Of points in f64, with ε, A, R and n as in `super`, what a query finds is nearer here than r + Δ by 29εA + 36nεA + 2^-22
-        // R and 6ur. What f64 rounds in the discriminant changes the square of the widened radius by less than (2^-23 R)² and
-        // 36εr². What it rounds in the quotient and in the time is less than 3ε, in which the two move by less than 21nεA.
-        first.min(until)
+        self.neighbor_lists(time, radius + skin).certified_until(radius, until)
     }
 }
 
-/// Checks the arguments of lists with a skin.
-fn check([time, until]: [f32; 2], radius: f32, skin: f32) -> Result<(), ListError> {
-    if is_bad(skin) {
-        return Err(ListError::Skin);
+impl ListQuery<'_> {
+    /// Until when these lists hold every pair within `radius`, which is less than the radius that they are made with: by the skin.
+    /// In periodic boxes and among another set, too; the columns and the order of the lists make no difference.
+    ///
+    /// What is certain: at each time from that of the lists to before the returned one, every pair that the same request finds
+    /// within `radius` is in these lists, whatever the rounding. The verdict is exact for the linear motion between keys, not a
+    /// bound on speeds, and on the safe side by a few units in the last place of the coordinates in the radius: by 2e-6 of the
+    /// set's largest coordinate with two keys, and by 5e-7 more for each further one. Of points kept in f64 it is 2e-14 and 1e-14
+    /// of the largest coordinate, with 5e-7 of the radius and 3e-7 of the most by which displacements between two keys differ. (In
+    /// a periodic box the greatest period is added to the largest coordinate, and there is another key.)
+    ///
+    /// If that is more than a third of the skin, two points that are just not in the lists may be near enough already. Then nothing
+    /// is certain, and the answer is the time of the lists itself: a loop that goes on to the answer has to stop there, or use a
+    /// wider skin. (If nothing moves or begins to exist, the lists hold until `until` in any case.)
+    ///
+    /// Looks ahead to `until`, but not beyond the next key. If nothing is missing by then, that is what is returned;
+    /// otherwise just before the first time at which a pair is. Points that begin to exist later count too. Cost: that of
+    /// [`neighbor_lists_swept`](PointTree::neighbor_lists_swept) over the time looked ahead, without writing lists.
+    /// If not the motion but a bound on all speeds is known: [`certified_duration`].
+    ///
+    /// ```
+    /// use mbkd::{MovingPoint, PointParams, PointTree, glam::Vec3};
+    /// let points = [MovingPoint::fixed(Vec3::ZERO), MovingPoint::new(Vec3::X * 4.0, Vec3::X * 8.0)];
+    /// let tree = PointTree::build(&points, &PointParams::default())?;
+    /// // In a box of length 10 the second point comes nearer to the first one across the face.
+    /// let (radius, skin) = (3.0, 0.5);
+    /// let query = tree.neighbor_lists(0.0, radius + skin).periodic([Some(10.0), None, None]).in_order();
+    /// let lists = query.collect()?;
+    /// let valid_until = query.certified_until(radius, 1.0)?;
+    /// assert!(lists.neighbors() == 0 && (valid_until - 0.75).abs() < 1e-4 && valid_until <= 0.75);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// - [`ListError::Radius`] for a radius that is negative or NaN, [`ListError::Skin`] if it is greater than that of the lists.
+    /// - [`ListError::Origins`] and [`ListError::Double`] if the two trees keep their positions in different ways
+    ///   ([`ListQuery::among`]).
+    /// - [`ListError::RadiiDiffer`] for lists in which pairs have radii of their own.
+    /// - [`ListError::Time`] for lists at a time outside the shutter, [`ListError::Until`] for an `until` before it or beyond the
+    ///   shutter.
+    /// - [`ListError::Period`], [`ListError::FarFromPeriod`] and [`ListError::Extent`] as
+    ///   [`SweptQuery::run`](super::SweptQuery::run).
+    pub fn certified_until(self, radius: f32, until: f32) -> Result<f32, ListError> {
+        let request = self.request;
+        request.check()?;
+        let Radii::Equal(listed_within) = request.listing.radii else { return Err(ListError::RadiiDiffer) };
+        if is_bad(radius) {
+            return Err(ListError::Radius { of: None });
+        }
+        if radius > listed_within {
+            return Err(ListError::Skin);
+        }
+        if !(request.time..=1.0).contains(&until) {
+            return Err(ListError::Until);
+        }
+        let first_missing = if request.in_single() { first_missing::<f32> } else { first_missing::<f64> };
+        parallel::entered(request.tree.len(), || first_missing(&request, radius, listed_within, until))
     }
-    if is_bad(radius) {
-        return Err(ListError::Radius { of: None });
+}
+
+/// The first time until which no pair comes within the radius that is not within `listed_within` at the time of a request, but at
+/// most the next key.
+fn first_missing<C: SweptCoordinate>(
+    request: &ListRequest<'_>,
+    radius: f32,
+    listed_within: f32,
+    until: f32,
+) -> Result<f32, ListError> {
+    let ListRequest { tree, time, periods, listing, .. } = *request;
+    let among = listing.other_set.then_some(request.among);
+    let sets = [tree, request.among];
+    let images = Images::new::<C>(periods, (tree, among))?;
+    // Positions are the same numbers at all times.
+    if sets.iter().flat_map(|tree| C::layers(tree)).all(|layer| matches!(layer, SweptLayer::Static(_))) {
+        return Ok(until);
     }
-    if !(0.0..=1.0).contains(&time) {
-        return Err(ListError::Time);
-    }
-    if (time..=1.0).contains(&until) { Ok(()) } else { Err(ListError::Until) }
+    let keys = sets.map(PointTree::keys);
+    let segments = keys.map(|keys| C::segment(time, keys));
+    let ends = [0, 1].map(|set| C::segment_end(segments[set], keys[set]));
+    let until = until.min(ends[0]).min(ends[1]).max(time);
+    let (bound, periodic_box) = (squared_radius(listed_within), PeriodicBox::new(periods));
+    let listed = |a: &PointPath, b: &PointPath| {
+        let both = a.active.contains(time) && b.active.contains(time);
+        both && C::squared_distance([a, b], time, keys, &periodic_box) <= bound
+    };
+    let (boxed, boxed_among) = (tree.box_tree([time, until]), among.and_then(|among| among.box_tree([time, until])));
+    let sets = (boxed.as_ref().unwrap_or(tree), boxed_among.as_ref().or(among));
+    let sweep = Sweep::<C>::new(sets, [time, until], radius.into(), segments.map(Some))
+        .in_box(images)
+        .for_certificate(listed_within);
+    let firsts = sweep.run(|| First { time: f32::INFINITY, listed: &listed });
+    let first = firsts.iter().fold(f32::INFINITY, |least, first| least.min(first.time));
+    // No margin is needed. The radius r is widened by Δ, at least 28·2^-24 of the largest coordinate M, and a pair that a query
+    // finds at time t is within r + 0.9 Δ in truth: see `Sweep::for_certificate`. What f64 rounds in the discriminant is a
+    // change of the widened radius, of less than 2^-44 M² in its square, where (r + Δ)² exceeds (r + 0.9 Δ)² by more than 2^-41
+    // M². What it rounds in the quotient is less than 2^-50 of it, in which the two move by less than 2^-47 M. So the computed
+    // time is before t. No f32 lies between a time and the f32 nearest to it, so t is not before that either.
+    //
+    // Of points in f64, with ε, A, R and n as in `super`, what a query finds is nearer here than r + Δ by 29εA + 36nεA + 2^-22
+    // R and 6ur. What f64 rounds in the discriminant changes the square of the widened radius by less than (2^-23 R)² and
+    // 36εr². What it rounds in the quotient and in the time is less than 3ε, in which the two move by less than 21nεA.
+    Ok(first.min(until))
 }
 
 /// Finds the first encounter of a pair that is not listed.

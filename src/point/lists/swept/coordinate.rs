@@ -53,8 +53,8 @@ pub(super) trait SweptCoordinate: Copy + Default + Into<f64> + Send + Sync {
     fn segment(time: f32, keys: usize) -> usize;
     /// A time such that queries find all times before it in this segment or one before, and all these are before the later key.
     fn segment_end(segment: usize, keys: usize) -> f32;
-    /// The squared distance of two points as queries at a time compute it.
-    fn squared_distance(points: [&PointPath; 2], time: f32, keys: usize) -> f32;
+    /// The squared distance of two points, of sets with so many keys, as lists at a time compute it.
+    fn squared_distance(points: [&PointPath; 2], time: f32, keys: [usize; 2], periodic_box: &PeriodicBox) -> f32;
 }
 
 impl SweptCoordinate for f32 {
@@ -105,10 +105,10 @@ impl SweptCoordinate for f32 {
         // less than an integer that it exceeds. So times that are located before the key are before it.
         KeyTime::first_time(segment + 1, keys)
     }
-    fn squared_distance([a, b]: [&PointPath; 2], time: f32, keys: usize) -> f32 {
-        let at = KeyTime::new(time, keys);
-        let d = b.position(at) - a.position(at);
-        (d.x * d.x + d.y * d.y) + d.z * d.z
+    fn squared_distance([a, b]: [&PointPath; 2], time: f32, keys: [usize; 2], periodic_box: &PeriodicBox) -> f32 {
+        let [at, other_at] = keys.map(|keys| KeyTime::new(time, keys));
+        let [x, y, z] = periodic_box.nearest_of_pair((b.position(other_at) - a.position(at)).to_array());
+        (x * x + y * y) + z * z
     }
 }
 
@@ -156,10 +156,13 @@ impl SweptCoordinate for f64 {
     fn segment_end(segment: usize, keys: usize) -> f32 {
         KeyTime::not_before(segment + 1, keys.max(2))
     }
-    fn squared_distance(points: [&PointPath; 2], time: f32, keys: usize) -> f32 {
-        let phase = exact_phase(time, keys, f64::segment(time, keys));
-        let [a, b] = points.map(|point| between([point.open, point.close].map(DVec3::from_array), phase));
-        let d = b - a;
-        ((d.x * d.x + d.y * d.y) + d.z * d.z) as f32
+    fn squared_distance([a, b]: [&PointPath; 2], time: f32, keys: [usize; 2], periodic_box: &PeriodicBox) -> f32 {
+        let place = |point: &PointPath, keys: usize| {
+            let phase = exact_phase(time, keys, f64::segment(time, keys));
+            between([point.open, point.close].map(DVec3::from_array), phase)
+        };
+        let (a, b) = (place(a, keys[0]), place(b, keys[1]));
+        let [x, y, z] = periodic_box.nearest_of_pair_exactly((b - a).to_array());
+        ((x * x + y * y) + z * z) as f32
     }
 }

@@ -16,7 +16,7 @@ pub struct Encounter {
     /// The first time within the radius.
     pub enter: f32,
     /// The last time within the radius. Between keys the two stay within the radius from the first to the last; over
-    /// several keys, or if one of them does not exist for a while, they may part in between.
+    /// several keys, in several images in a periodic box, or if one of them does not exist for a while, they may part in between.
     pub leave: f32,
     /// When they are nearest; the first such time. Over several keys it is the earliest of those with the least `distance_squared`;
     /// where paths cross more than once, rounding in f64 decides which of the crossings has that. If they are still approaching
@@ -67,6 +67,8 @@ pub(super) struct Criteria<'a> {
     pub(super) own: f32,
     /// Whether each pair is reported to the point with the lower id only.
     pub(super) pairs_once: bool,
+    /// Whether the others are another set, whose ids have nothing to do with these.
+    pub(super) other_set: bool,
     /// The group's first time.
     pub(super) first_time: f32,
     /// Whether some points do not exist throughout the shutter.
@@ -122,12 +124,56 @@ impl Criteria<'_> {
     }
 }
 
-/// The times during which points are compared: within a segment between keys.
+/// A segment between keys.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Segment {
+    /// Number of segments.
+    count: f64,
+    number: f64,
+}
+
+impl Segment {
+    /// The segment with this number between so many keys.
+    pub(super) fn new(keys: usize, number: usize) -> Segment {
+        Segment { count: (keys.max(2) - 1) as f64, number: number as f64 }
+    }
+
+    /// The times of its keys.
+    fn ends(&self) -> [f64; 2] {
+        [self.number / self.count, (self.number + 1.0) / self.count]
+    }
+
+    /// Whether they have more than a key in common.
+    pub(super) fn overlaps(&self, other: &Segment) -> bool {
+        let (own, other) = (self.ends(), other.ends());
+        own[0].max(other[0]) < own[1].min(other[1])
+    }
+
+    /// Where in the segment a time lies, in [0, 1].
+    #[inline(always)]
+    pub(super) fn phase(&self, time: f64) -> f64 {
+        lesser(greater(self.unlimited_phase(time), 0.0), 1.0)
+    }
+
+    /// The same along the line through both keys.
+    #[inline(always)]
+    pub(super) fn unlimited_phase(&self, time: f64) -> f64 {
+        time * self.count - self.number
+    }
+
+    /// The phases of four times.
+    #[inline(always)]
+    fn phases<S: Simd>(&self, s: S, times: S::D) -> S::D {
+        let phases = times * s.splat_d(self.count) - s.splat_d(self.number);
+        s.min_d(s.max_d(phases, s.splat_d(0.0)), s.splat_d(1.0))
+    }
+}
+
+/// The times during which points are compared: within a segment between keys of either set.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Window {
-    /// Number of keys, at least 2, and the earlier key of the segment.
-    keys: usize,
-    segment: usize,
+    /// The segments of the points whose encounters are looked for, and of the others.
+    segments: [Segment; 2],
     /// First and last time.
     times: [f64; 2],
     /// Encounters that begin from the first of these times to before the second are reported.
@@ -140,12 +186,11 @@ pub(super) struct Window {
 pub(super) const WIDTH: usize = 4;
 
 impl Window {
-    /// The times of `[begin, end]` that are in a segment.
-    pub(super) fn of_segment(keys: usize, segment: usize, [begin, end]: [f64; 2]) -> Window {
-        let segments = (keys.max(2) - 1) as f64;
-        let ends = [segment as f64 / segments, (segment + 1) as f64 / segments];
-        let times = [begin.max(ends[0]), end.min(ends[1])];
-        Window { keys, segment, times, reported: [f64::NEG_INFINITY, f64::INFINITY], shift: [0.0; 3] }
+    /// The times of `[begin, end]` that are in both segments.
+    pub(super) fn of_segments(segments: [Segment; 2], times: [f64; 2]) -> Window {
+        let within = |[begin, end]: [f64; 2], [first, last]: [f64; 2]| [begin.max(first), end.min(last)];
+        let times = segments.iter().map(Segment::ends).fold(times, within);
+        Window { segments, times, reported: [f64::NEG_INFINITY, f64::INFINITY], shift: [0.0; 3] }
     }
 
     /// The same times, but only encounters that begin in the time slices of both points are reported. A slice contains
@@ -157,20 +202,6 @@ impl Window {
     /// The same with an image of the other points.
     pub(super) fn at_image(self, shift: [f64; 3]) -> Window {
         Window { shift, ..self }
-    }
-
-    /// Where in the segment a time lies, in [0, 1].
-    #[inline(always)]
-    pub(super) fn phase(&self, time: f64) -> f64 {
-        lesser(greater(time * (self.keys.max(2) - 1) as f64 - self.segment as f64, 0.0), 1.0)
-    }
-
-    /// The phases of four times.
-    #[inline(always)]
-    fn phases<S: Simd>(&self, s: S, times: S::D) -> S::D {
-        let segments = s.splat_d((self.keys.max(2) - 1) as f64);
-        let phases = times * segments - s.splat_d(self.segment as f64);
-        s.min_d(s.max_d(phases, s.splat_d(0.0)), s.splat_d(1.0))
     }
 
     /// Shows a visitor the encounters of a point with the `count` others whose numbers are in `hits`, which holds at least
@@ -193,8 +224,13 @@ impl Window {
         let mut overlap = Overlap::of(s, self, own, [[active.begin(); WIDTH], [active.end_bound(); WIDTH]]);
         let (others_radii, square) = (criteria.radii.others(), s.splat_d(criteria.square(own.id)));
         let shift = [s.splat_d(self.shift[0]), s.splat_d(self.shift[1]), s.splat_d(self.shift[2])];
-        // The point itself, or all with ids up to its own.
-        let (first, span) = if criteria.pairs_once { (0, own.id) } else { (own.id, 0) };
+        // The point itself, or all with ids up to its own; of another set none.
+        let (first, span) = match (criteria.pairs_once, criteria.other_set) {
+            (true, _) => (0, own.id),
+            (false, false) => (own.id, 0),
+            // The id of no point.
+            (false, true) => (u32::MAX, 0),
+        };
         for at in (0..count).step_by(WIDTH) {
             let four = others.four([hits[at], hits[at + 1], hits[at + 2], hits[at + 3]]);
             if criteria.has_active_intervals {
@@ -218,6 +254,7 @@ impl Window {
 struct Overlap<S: Simd> {
     /// Begin, and end, which may lie before it.
     times: [S::D; 2],
+    /// Those of the others.
     phases: [S::D; 2],
     /// Where the point is at begin and end.
     own: [[S::D; 3]; 2],
@@ -237,8 +274,11 @@ impl<S: Simd> Overlap<S> {
         // At the end of its active interval, a point does not exist any more.
         let [from, until] = window.reported;
         let reported = [s.splat_d(from), s.min_d(s.splat_d(lesser(until, own_end)), ends)];
-        let phases = [window.phases(s, times[0]), window.phases(s, times[1])];
-        Overlap { times, phases, own: [own_at(s, own, phases[0]), own_at(s, own, phases[1])], reported }
+        let [of_own, of_others] = window.segments;
+        let phases = [of_others.phases(s, times[0]), of_others.phases(s, times[1])];
+        let own_phases =
+            if of_own == of_others { phases } else { [of_own.phases(s, times[0]), of_own.phases(s, times[1])] };
+        Overlap { times, phases, own: [own_at(s, own, own_phases[0]), own_at(s, own, own_phases[1])], reported }
     }
 
     /// Positions of others relative to the point at begin or end; if `IMAGES`, moved to an image.

@@ -6,17 +6,18 @@
 //! several images: its encounters are united, as those in several segments between keys are.
 //!
 //! **Which images count.** Two points are as near as their nearest images. An image that is the nearest at no time of the shutter
-//! changes no encounter: whenever it is within the radius, a nearer one is so too. Where no two points are ever farther apart than E
-//! along an axis of length L, no image more than E/L + 1/2 periods away is the nearest. So the number of images does not grow with
-//! the radius any further. (Which images the nearer ones are may change from time slice to time slice, and encounters are reported
+//! changes no encounter: whenever it is within the radius, a nearer one is so too. Where no two points are ever farther apart
+//! than E along an axis of length L, no image more than E/L + 1/2 periods away is the nearest. So the number of images does not
+//! grow with the radius any further. (Which images the nearer ones are may change from time slice to time slice, and encounters are reported
 //! in the slice in which they begin. So a time slice must not leave out an image because it is not the nearest during that.) Of
 //! these images, only those matter whose boxes the group reaches.
 //!
-//! **Rounding.** In f64 and with ε, n and A as in [`super`], let S be the largest shift along an axis. It is at most 2A + L/2, and
-//! where it is not zero L is at most 4A. The tests compare with `b − (c − s)`, c being the centre or zero: the difference in
-//! parentheses is wrong by ε(A + S), the other by εS more than without s. `(b − a) + s` is wrong by ε(2A + S) more. Together that is
-//! 3ε(A + S) along an axis, below 6ε(A + S) ≤ ε(18A + 3L) altogether. In place of A, [`SweptCoordinate::excess`] gets A + L: it
-//! has 64(n + 1)ε(A + L), of which (56 + 28n)εA are used without images, and n is at least 1. In f32, M counts at the image, so it
+//! **Rounding.** In f64 and with ε, n and A as in [`super`], let S be the largest shift along an axis. Boxes reach at most three
+//! times as far as points, so S is at most 6A + L/2. The tests compare with `b − (c − s)`, c being the centre or zero: the
+//! difference in parentheses is wrong by ε(A + S), the other by εS more than without s. `(b − a) + s` is wrong by ε(2A + S) more.
+//! Together that is 3ε(A + S) along an axis, below 6ε(A + S) ≤ ε(42A + 3L) altogether. In place of A,
+//! [`SweptCoordinate::excess`] gets A + L: it is at least 64(n + 1)ε(A + L), of which (56 + 28n)εA are used without images, and n
+//! is at least 1. In f32, M counts at the image, so it
 //! may be much less than A: the same excess is added there. What else depends on M holds as without images, as it is about
 //! differences of positions.
 
@@ -25,8 +26,8 @@ use crate::geometry::Aabb;
 use crate::point::lists::error::ListError;
 use crate::point::lists::periodic_box::{MOST_PERIODS, PeriodicBox, check_periods};
 use crate::point::queries::images::MOST_EXTENT;
+use crate::point::tree::PointTree;
 use core::ops::RangeInclusive;
-use glam::DVec3;
 
 /// A periodic box, and which images of points in it count.
 #[derive(Clone, Copy, Debug, Default)]
@@ -41,13 +42,18 @@ pub(super) struct Images {
 type Periods = RangeInclusive<i32>;
 
 impl Images {
-    /// Of points with these bounds, whose coordinates are stored relative to `origin`.
+    /// Of the points of a tree among themselves or those of another, whose coordinates have the same origin.
     pub(super) fn new<C: SweptCoordinate>(
         periods: [Option<f64>; 3],
-        bounds: Option<Aabb>,
-        origin: DVec3,
+        (tree, among): (&PointTree, Option<&PointTree>),
     ) -> Result<Images, ListError> {
         check_periods(periods)?;
+        if periods == [None; 3] {
+            return Ok(Images::default());
+        }
+        let origin = if tree.is_empty() { among.unwrap_or(tree).origin() } else { tree.origin() };
+        let [own, others] = [Some(tree), among].map(|tree| tree.and_then(PointTree::bounds));
+        let bounds = own.into_iter().chain(others).reduce(Aabb::union);
         let lengths = C::lengths(&PeriodicBox::new(periods));
         let mut most = [0.0; 3];
         for axis in (0..3).filter(|&axis| lengths[axis] > 0.0) {

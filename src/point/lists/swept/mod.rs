@@ -4,7 +4,7 @@
 //! in common of its motion is taken off everything first, so that points that move together sweep little. What passes a
 //! test of sixteen pairs in f32 is decided by [`encounter`], in f64, four pairs at a time. Where the
 //! shutter is divided, a pair may meet in several time slices and is reported in one: [`time_slices`] says in which, and
-//! why none is lost by it. Then [`merge`] merges the lists of a point.
+//! why none is lost by it. Then [`merge`] merges the lists of a point. [`images`] treats periodic boxes.
 //!
 //! **Why no encounter is lost.** Let two points be within the radius at time t*. Each has one reference whose box holds it
 //! at t*; faces of boxes are lines between keys, so at t* the box lies within the hull of where its faces are at both ends

@@ -8,6 +8,7 @@ use super::sweep::Sweep;
 use crate::geometry::TimeInterval;
 use crate::parallel;
 use crate::point::lists::error::ListError;
+use crate::point::lists::list_request::check_sets;
 use crate::point::lists::radii::Radii;
 use crate::point::tree::PointTree;
 
@@ -16,6 +17,7 @@ use crate::point::tree::PointTree;
 #[must_use = "a query does nothing until `run` or `collect` is called"]
 pub struct SweptQuery<'a> {
     tree: &'a PointTree,
+    among: Option<&'a PointTree>,
     interval: TimeInterval,
     radii: Radii<'a>,
     periods: [Option<f64>; 3],
@@ -65,14 +67,23 @@ impl PointTree {
     /// [`Encounter::leave`]: super::Encounter::leave
     pub fn neighbor_lists_swept<'a>(&'a self, interval: TimeInterval, radii: impl Into<Radii<'a>>) -> SweptQuery<'a> {
         let radii = radii.into();
-        let periods = [None; 3];
-        SweptQuery { tree: self, interval, radii, periods, once: false, most: usize::MAX, sorted: false, by_id: false }
+        SweptQuery {
+            tree: self,
+            among: None,
+            interval,
+            radii,
+            periods: [None; 3],
+            once: false,
+            most: usize::MAX,
+            sorted: false,
+            by_id: false,
+        }
     }
 }
 
-impl SweptQuery<'_> {
-    /// Each pair in one list only: that of the lower id. With radii of their own ([`Radii::Own`]) the radius of the lower id alone
-    /// decides.
+impl<'a> SweptQuery<'a> {
+    /// Each pair in one list only: that of the lower id. (Among another set, only neighbours with greater ids.) With radii of their
+    /// own ([`Radii::Own`]) the radius of the lower id alone decides.
     ///
     /// ```
     /// use mbkd::{MovingPoint, PointParams, PointTree, Radii, TimeInterval, glam::Vec3};
@@ -90,17 +101,35 @@ impl SweptQuery<'_> {
         self
     }
 
-    /// Makes axes periodic with these lengths: at every time, points are as far apart as their nearest images. Lengths are rounded to
-    /// f32, unless positions are kept in f64.
+    /// Lists the points of another tree instead, all of them that come near: fluid among moving walls, say. The two may have
+    /// different numbers of keys, and different structures.
     ///
-    /// A pair has one encounter, whatever images it meets in: [`Encounter::enter`] is when the first of them comes within the radius,
-    /// [`Encounter::leave`] when the last one leaves, and [`Encounter::closest`] when any is nearest; ties go to the earlier time. The
-    /// two may part in between, where different images meet. A radius may be more than half a period; as in
-    /// [`ListQuery::periodic`](crate::ListQuery::periodic), further images that lie within it make no further encounters. A point does
-    /// not meet its own images.
+    /// ```
+    /// use mbkd::{MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
+    /// let balls = [MovingPoint::new(Vec3::Y * 2.0, Vec3::ZERO), MovingPoint::new(Vec3::Y * 4.0, Vec3::Y * 3.0)];
+    /// let balls = PointTree::build(&balls, &PointParams::default())?;
+    /// let wall = PointTree::build(&[[0.0f32, 0.0, 0.0], [1.0, 0.0, 0.0]], &PointParams::default())?;
+    /// let contacts = balls.neighbor_lists_swept(TimeInterval::FULL, 0.5).among(&wall).in_order().collect()?;
+    /// assert_eq!((contacts.row(0).len(), contacts.row(0)[0].id, contacts.row(0)[0].enter), (1, 0, 0.75));
+    /// assert!(contacts.row(1).is_empty());
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn among(mut self, other: &'a PointTree) -> Self {
+        self.among = Some(other);
+        self
+    }
+
+    /// Makes axes periodic with these lengths: at every time, points are as far apart as their nearest images. Lengths are
+    /// rounded to f32, unless positions are kept in f64.
     ///
-    /// Relative to a point, another is at `(b - a) + k * L`, with a whole number k of periods along each axis and every step in f64.
-    /// Lists equal a comparison of all pairs in all images.
+    /// A pair has one encounter, whatever images it meets in: [`Encounter::enter`] is when the first of them comes within the
+    /// radius, [`Encounter::leave`] when the last one leaves, and [`Encounter::closest`] when any is nearest; ties go to the
+    /// earlier time. The two may part in between, where different images meet. A radius may be more than half a period; as in
+    /// [`ListQuery::periodic`](crate::ListQuery::periodic), further images that lie within it make no further encounters. A point
+    /// does not meet its own images.
+    ///
+    /// Relative to a point, another is at `(b - a) + k * L`, with a whole number k of periods along each axis and every step in
+    /// f64. Lists equal a comparison of all pairs in all images.
     ///
     /// Positions may be anywhere, but with all their keys in a box not longer than sixteen periods. A point that leaves the box
     /// moves on outside of it during the shutter: its last key must not be moved back into the box without the first.
@@ -176,22 +205,26 @@ impl SweptQuery<'_> {
     /// - [`ListError::TooManyNeighbors`] for a list that is too long ([`SweptQuery::max_neighbors`]).
     /// - [`ListError::Period`] for a period that is not above zero or not a normal f32, [`ListError::FarFromPeriod`] for points
     ///   more than a million periods from zero, [`ListError::Extent`] for points more than sixteen periods apart.
+    /// - [`ListError::Origins`] and [`ListError::Double`] if the two trees keep their positions in different ways
+    ///   ([`SweptQuery::among`]).
     /// - [`ListError::Ids`] if lists in the order of ids are requested, and ids are not 0, 1, 2, … ([`SweptQuery::in_order`]).
     pub fn run(self, lists: &mut EncounterLists) -> Result<(), ListError> {
         parallel::entered(self.tree.len(), || self.checked_run(lists))
     }
 
     fn checked_run(self, lists: &mut EncounterLists) -> Result<(), ListError> {
-        let SweptQuery { tree, interval, sorted, by_id, .. } = self;
+        let SweptQuery { tree, among, interval, sorted, by_id, .. } = self;
         lists.clear();
         self.radii.check()?;
+        check_sets(tree, among.unwrap_or(tree))?;
         let times = [interval.begin(), interval.end()];
-        let boxed = tree.box_tree(times);
-        let searched = boxed.as_ref().unwrap_or(tree);
-        let crowded = if tree.precise.is_empty() {
-            self.unordered::<f32>(searched, times, lists)?
+        let (boxed, boxed_among) = (tree.box_tree(times), among.and_then(|among| among.box_tree(times)));
+        let sets = (boxed.as_ref().unwrap_or(tree), boxed_among.as_ref().or(among));
+        let single = tree.precise.is_empty() && among.is_none_or(|among| among.precise.is_empty());
+        let crowded = if single {
+            self.unordered::<f32>(sets, times, lists)?
         } else {
-            self.unordered::<f64>(searched, times, lists)?
+            self.unordered::<f64>(sets, times, lists)?
         };
         if let Some(id) = crowded {
             lists.clear();
@@ -209,12 +242,12 @@ impl SweptQuery<'_> {
     /// Makes the lists in the order of the tree; the lowest id of a point that has too many neighbours.
     fn unordered<C: SweptCoordinate>(
         &self,
-        tree: &PointTree,
+        sets: (&PointTree, Option<&PointTree>),
         times: [f32; 2],
         lists: &mut EncounterLists,
     ) -> Result<Option<u32>, ListError> {
-        let images = Images::new::<C>(self.periods, tree.bounds(), tree.origin())?;
-        let sweep = Sweep::<C>::new(tree, times, self.radii, None).pairs_once(self.once).in_box(images);
+        let images = Images::new::<C>(self.periods, sets)?;
+        let sweep = Sweep::<C>::new(sets, times, self.radii, [None; 2]).pairs_once(self.once).in_box(images);
         match sweep.lowest_without_radius() {
             Some(of) => Err(ListError::MissingRadius { of }),
             None => Ok(make::lists(lists, &sweep, self.most)),

@@ -1,8 +1,8 @@
-//! The search for all encounters of a set with itself during an interval.
+//! The search for all encounters of a set with itself or another one during an interval.
 
 use super::candidates::{Group, SweptCandidates};
 use super::coordinate::SweptCoordinate;
-use super::encounter::{Criteria, EncounterVisitor, Window};
+use super::encounter::{Criteria, EncounterVisitor, Segment, Window};
 use super::images::Images;
 use super::pair_filter::PairFilter;
 use super::time_slices::{Pairing, Slice, Tree, begins_with_a_slice, pairings, time_slices_of};
@@ -12,11 +12,17 @@ use crate::point::lists::error::RadiusOf;
 use crate::point::lists::radii::Radii;
 use crate::point::tree::PointTree;
 use crate::simd::{Kernel, Lanes, Simd, dispatch};
+use core::ops::Range;
 
-/// A search for all encounters of a set with itself.
+/// A search for all encounters of a set with itself or another one.
 pub(super) struct Sweep<'a, C: SweptCoordinate> {
     tree: &'a PointTree,
+    /// The set of the others; none if it is the same.
+    among: Option<&'a PointTree>,
+    /// The slices of the tree, and then of the other one.
     slices: Vec<Slice<'a, C>>,
+    /// How many of these are the tree's own.
+    own: usize,
     pairings: Vec<Pairing>,
     /// Pairing and bottom node of each group.
     groups: Vec<(usize, usize)>,
@@ -47,24 +53,41 @@ pub(super) struct Sweep<'a, C: SweptCoordinate> {
 const SHARE: usize = 8;
 
 impl<'a, C: SweptCoordinate> Sweep<'a, C> {
-    /// Between two times of the shutter; where a segment between keys is given, in that one only.
-    pub(super) fn new(tree: &'a PointTree, times: [f32; 2], radii: Radii<'a>, segment: Option<usize>) -> Sweep<'a, C> {
+    /// Between two times of the shutter, of a tree among itself or another; where segments between keys are given, in these only.
+    pub(super) fn new(
+        (tree, among): (&'a PointTree, Option<&'a PointTree>),
+        times: [f32; 2],
+        radii: Radii<'a>,
+        segments: [Option<usize>; 2],
+    ) -> Sweep<'a, C> {
+        let (own_layers, other_layers) = (C::layers(tree), among.map(C::layers));
+        let of_any = || own_layers.iter().chain(other_layers.iter().flatten());
+        let begins = of_any().any(|layer| begins_with_a_slice(layer, times[1]));
         let (mut slices, mut layers) = (Vec::new(), Vec::new());
-        let of_tree = C::layers(tree);
-        let begins = begins_with_a_slice(&of_tree, times[1]);
-        for layer in &of_tree {
+        for layer in &own_layers {
             let begin = slices.len();
-            slices.extend(time_slices_of(layer, times, begins, segment));
+            slices.extend(time_slices_of(layer, times, begins, segments[0]));
             layers.push(begin..slices.len());
         }
-        let pairings = pairings(&slices, &layers, times);
+        let own = slices.len();
+        let own_once = layers.iter().all(|layer: &Range<usize>| layer.len() <= 1);
+        if let Some(other_layers) = &other_layers {
+            layers.clear();
+            for layer in other_layers {
+                let begin = slices.len();
+                slices.extend(time_slices_of(layer, times, begins, segments[1]));
+                layers.push(begin..slices.len());
+            }
+        }
+        let pairings = pairings(&slices, own, &layers, times);
         let nodes = |(number, pairing): (usize, &Pairing)| {
             let nodes = slices[pairing.own].bottom_nodes();
             nodes.into_iter().map(move |node| (number, node))
         };
         let groups = pairings.iter().enumerate().flat_map(nodes).collect();
         // Several references with the same id and disjoint active intervals are the same point.
-        let points_once = pairings.len() == slices.len()
+        let points_once = pairings.len() == own
+            && own_once
             && layers.iter().all(|layer| layer.len() <= 1)
             && !slices.iter().any(Slice::timed);
         let has_active_intervals = slices.iter().any(Slice::has_active_intervals);
@@ -79,6 +102,8 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         };
         Sweep {
             tree,
+            among,
+            own,
             segments,
             motion,
             excess: C::excess(segments, || magnitude(&slices), motion),
@@ -103,6 +128,8 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         if images.any() {
             let magnitude = || magnitude(&self.slices) + images.longest();
             self.excess = f64::excess(self.segments, magnitude, self.motion);
+            // Points with the same id are one point, in whatever image they are.
+            self.points_once &= self.has_distinct_ids();
         }
         self
     }
@@ -120,14 +147,20 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
     /// wrong by 5εA each, and phases here by what moves two points by 16nεA: together (35 + 28n)εA in space. The square of a query
     /// is rounded once, and so is that of the radius: ur. The allowance is [`SweptCoordinate::excess`] and 8ur.
     ///
+    /// Lists in a periodic box take kL off differences in f32, which is wrong by (2M + L)u, and so is the result: as much as
+    /// another segment adds, with M + L in place of M. Of two images that are as far away as f32 tells, they may take the one that
+    /// is farther by 12(M + L)u along an axis. So a pair may be farther apart in the lists than its nearest image is: for that there
+    /// is room in the second half below. In f64 there is room for both.
+    ///
     /// **Listed pairs.** Positions are rounded both there and here, so the allowance for rounding counts twice. The second half
     /// covers that here both positions and their difference are rounded (3·1.8Mu), and the squares are (8ur). For points in f64
     /// positions are rounded relative to a group, which its slack covers, and those at the begin of its range of times are
     /// compared, which is a little before the first time. Until then a pair moves by a share of what it moves in the range: along
     /// an axis, at most 2M' in the group, and 2M and the drift in the other block, less than 6 (M + M') altogether.
     pub(super) fn for_certificate(mut self, listed_within: f32) -> Sweep<'a, C> {
-        let magnitude = magnitude(&self.slices);
-        let rounding = |radius: f64| C::rounding(self.segments, magnitude, self.motion, radius);
+        let magnitude = magnitude(&self.slices) + self.images.longest();
+        let segments = self.segments + usize::from(self.images.any());
+        let rounding = |radius: f64| C::rounding(segments, magnitude, self.motion, radius);
         let listed_within = f64::from(listed_within);
         self.excluded_within = Some(listed_within - 2.0 * rounding(listed_within));
         self.radius += rounding(self.radius);
@@ -136,15 +169,18 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
 
     /// The lowest id, of a point that exists at some time of the interval, that has no radius.
     pub(super) fn lowest_without_radius(&self) -> Option<RadiusOf> {
-        let without = |radii: &[f32], of: fn(u32) -> RadiusOf| {
+        let without = |slices: &[Slice<'a, C>], radii: &[f32], of: fn(u32) -> RadiusOf| {
             let lowest = |slice: &Slice<'a, C>| slice.lowest_id_from(radii.len());
-            self.slices.iter().filter_map(lowest).min().map(of)
+            slices.iter().filter_map(lowest).min().map(of)
         };
+        let slices_of_own = &self.slices[..self.own];
+        let slices_of_others = if self.among.is_some() { &self.slices[self.own..] } else { slices_of_own };
         match self.radii {
             Radii::Equal(_) => None,
-            Radii::Own(own) => without(own, RadiusOf::Point),
+            Radii::Own(own) => without(slices_of_own, own, RadiusOf::Point),
             Radii::Larger { own, others } | Radii::Sum { own, others } => {
-                without(own, RadiusOf::Point).or_else(|| without(others, RadiusOf::Listed))
+                let of_others = || without(slices_of_others, others, RadiusOf::Listed);
+                without(slices_of_own, own, RadiusOf::Point).or_else(of_others)
             }
         }
     }
@@ -165,9 +201,9 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         })
     }
 
-    /// Whether no two points have the same id.
+    /// Whether no two points of a set have the same id.
     pub(super) fn has_distinct_ids(&self) -> bool {
-        self.tree.distinct
+        self.tree.distinct && self.among.is_none_or(|among| among.distinct)
     }
 
     /// The number of groups of points.
@@ -193,10 +229,13 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         }
     }
 
-    /// The times during which points of two slices are compared. The slices are not in different segments.
+    /// The times during which points of two slices are compared. Slices of the same set are not in different segments.
     fn window(&self, a: &Slice<'a, C>, b: &Slice<'a, C>) -> Window {
-        let (keys, segment) = a.segment().or(b.segment()).unwrap_or((1, 0));
-        Window::of_segment(keys, segment, self.times).reported_by([a.reports, b.reports])
+        // What is at rest is where it is in any segment.
+        let segments = [a.segment().or(b.segment()), b.segment().or(a.segment())];
+        let segments =
+            segments.map(|segment| segment.unwrap_or((1, 0))).map(|(keys, number)| Segment::new(keys, number));
+        Window::of_segments(segments, self.times).reported_by([a.reports, b.reports])
     }
 }
 
@@ -308,6 +347,7 @@ impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for Sha
                 radius: sweep.radius,
                 own: 0.0,
                 pairs_once: sweep.pairs_once,
+                other_set: sweep.among.is_some(),
                 first_time,
                 has_active_intervals: sweep.has_active_intervals,
                 images: sweep.images,
@@ -369,7 +409,7 @@ mod tests {
     /// How many encounters are reported, and the number of pairings.
     fn reported<C: SweptCoordinate>(tree: &PointTree, times: [f32; 2], radius: f32) -> [usize; 2] {
         let boxed = tree.box_tree(times);
-        let sweep = Sweep::<C>::new(boxed.as_ref().unwrap_or(tree), times, radius.into(), None);
+        let sweep = Sweep::<C>::new((boxed.as_ref().unwrap_or(tree), None), times, radius.into(), [None; 2]);
         [sweep.run(|| Reported(0)).iter().map(|reported| reported.0).sum(), sweep.pairings.len()]
     }
 

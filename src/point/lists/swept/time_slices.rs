@@ -17,8 +17,13 @@
 //! difference of f64 products. So at x the distance of the two exceeds the radius by at most 2^-25 of their relative
 //! motion, one of the 64 units of slack in [`super`]. f32 rounds the times of keys. There the first and the last slice
 //! of a segment report all that is beyond them, and ranges of times are widened by more than that.
+//!
+//! **Another set** may have other keys. Then slices are compared during the times that are in both segments. An encounter that
+//! begins with such a range, or is under way then, begins at a key of one of the sets, which may lie before the begin of its own
+//! slice by rounding and still be in the slice of the other that ends there. So these are compared as well, though they only touch.
 
 use super::coordinate::{SweptCoordinate, SweptLayer};
+use super::encounter::Segment;
 use crate::point::layout::over_interval::{BlockTree, BoxTree};
 use crate::point::layout::slice_tree::slices_during;
 use crate::point::leaf_order::moving_reference;
@@ -174,11 +179,10 @@ fn bottom_nodes<T: BoxTree>(tree: &T) -> Vec<usize> {
     nodes
 }
 
-/// Whether an active interval begins exactly where a time slice does.
-pub(super) fn begins_with_a_slice<C: SweptCoordinate>(layers: &[SweptLayer<'_, C>], time: f32) -> bool {
+/// Whether an active interval begins exactly where a time slice of its layer does.
+pub(super) fn begins_with_a_slice<C: SweptCoordinate>(layer: &SweptLayer<'_, C>, time: f32) -> bool {
     let begins = |tree: &C::Moving| tree.slice().interval.begin() == time && tree.begins_at(time);
-    let any_begins = |trees: &[C::Moving]| slices_during(trees, [time; 2]).iter().any(begins);
-    layers.iter().any(|layer| matches!(*layer, SweptLayer::Moving(trees) if any_begins(trees)))
+    matches!(*layer, SweptLayer::Moving(trees) if slices_during(trees, [time; 2]).iter().any(begins))
 }
 
 /// Whether a time that is the begin or the end of a time slice, and a key rounded to f32, lies within the segment in
@@ -227,14 +231,16 @@ pub(super) fn time_slices_of<'a, C: SweptCoordinate>(
     slices
 }
 
-/// Which slices are compared when. Each layer has a range of them, in the order of time.
+/// Which of the first `own` slices are compared when with which in some layers. Each layer has a range of slices, in the order of
+/// time.
 pub(super) fn pairings<C: SweptCoordinate>(
     slices: &[Slice<'_, C>],
+    own: usize,
     layers: &[Range<usize>],
     times: [f32; 2],
 ) -> Vec<Pairing> {
     let mut pairings: Vec<Pairing> = Vec::new();
-    for (own, slice) in slices.iter().enumerate() {
+    for (own, slice) in slices[..own].iter().enumerate() {
         // By their times: what is at rest meets every slice of what moves, and points with many keys have tens of thousands.
         let mut known = HashMap::new();
         for layer in layers {
@@ -244,11 +250,14 @@ pub(super) fn pairings<C: SweptCoordinate>(
                 if both[0] > both[1] {
                     break;
                 }
-                // A slice does not contain its end.
-                if both[0] == both[1] && both[0] < times[1] && !(slice.holds(both[0]) && other.holds(both[0])) {
-                    continue;
+                let (mut same_keys, mut overlap) = (true, true);
+                if let (Some(own), Some(of_other)) = (slice.segment(), other.segment()) {
+                    same_keys = own.0 == of_other.0;
+                    overlap = Segment::new(own.0, own.1).overlaps(&Segment::new(of_other.0, of_other.1));
                 }
-                if matches!((slice.segment(), other.segment()), (Some(a), Some(b)) if a != b) {
+                // A slice does not contain its end.
+                let touching = both[0] == both[1] && both[0] < times[1] && same_keys;
+                if !overlap || touching && !(slice.holds(both[0]) && other.holds(both[0])) {
                     continue;
                 }
                 // Zero may have a sign.
@@ -290,7 +299,7 @@ mod tests {
             slices.extend(time_slices_of(layer, times, false, None));
             ranges.push(begin..slices.len());
         }
-        let found = pairings(&slices, &ranges, times);
+        let found = pairings(&slices, slices.len(), &ranges, times);
         let mut compared = Vec::new();
         for pairing in &found {
             let during = pairing.times.map(f32::to_bits);

@@ -1,0 +1,242 @@
+//! Lists over an interval and lists with a skin of one set among another, which may have other keys, against comparing all pairs.
+
+use crate::lists_swept::check;
+use crate::lists_swept_periodic::{Set, periods_along};
+use crate::support::Rng;
+use mbkd::{
+    Encounter, EncounterLists, ListError, MovingPoint, PointParams, PointStructure, PointTree, Precision, Radii,
+    RadiusOf, SimdLevel, TimeInterval,
+    glam::{DVec3, Vec3},
+};
+
+const KINDS: [&str; 4] = ["in the box", "at the faces", "some at rest", "periods away"];
+
+/// Numbers of keys of both sets. Some keys of four are no floats.
+const KEYS: [[usize; 2]; 7] = [[2, 2], [2, 1], [1, 3], [3, 2], [2, 5], [4, 3], [3, 3]];
+
+/// Both sets of a case.
+fn sets(number: usize, kind: &str, keys: [usize; 2], single: bool) -> [Set; 2] {
+    let mut rng = Rng(900 + number as u64);
+    [(60, keys[0]), (45, keys[1])].map(|(count, keys)| Set::of_kind(kind, count, keys, single, &mut rng))
+}
+
+/// The structures of both.
+fn structures(single: bool) -> Vec<[PointStructure; 2]> {
+    use PointStructure::{Automatic, Kd, Linear, TimeSlices};
+    let mut all = vec![[Automatic, Automatic], [Linear, TimeSlices(5)], [TimeSlices(3), Linear], [TimeSlices(2); 2]];
+    if single {
+        all.extend([[Kd, Automatic], [Linear, Kd]]);
+    }
+    all
+}
+
+#[test]
+fn swept_lists_among_another_set_equal_comparing_all_pairs() {
+    let (mut met, mut lists, mut number) = (0, EncounterLists::new(), 0);
+    for kind in KINDS {
+        for keys in KEYS {
+            for single in [true, false] {
+                number += 1;
+                let [own, others] = sets(number, kind, keys, single);
+                let periods = periods_along([[false; 3], [true; 3], [true, false, true]][number % 3]);
+                let images = own.images_among(&others, periods);
+                let (begin, end) = [(0.0, 1.0), (0.25, 0.6), (0.5, 0.75), (0.3, 1.0)][number % 4];
+                let interval = TimeInterval::new(begin, end).unwrap();
+                let times = [begin, end].map(f64::from);
+                let radius = [0.1, 0.25, 0.7][number % 3];
+                let mut rng = Rng(number as u64);
+                let mut some = |count: usize| -> Vec<f32> { (0..count).map(|_| radius * rng.unit()).collect() };
+                let (of_own, of_others) = (some(own.len()), some(others.len()));
+                let sum = Radii::Sum { own: &of_own, others: &of_others };
+                let expected = |once: bool, radius: &dyn Fn(usize, usize) -> f32| -> Vec<Vec<Encounter>> {
+                    let row = |i: usize| {
+                        let of = (0..others.len()).filter(|&j| !once || j > i);
+                        let square = |j: usize| f64::from(radius(i, j)).powi(2);
+                        of.filter_map(|j| own.meet((i, &others, j), &images, times, square(j))).collect()
+                    };
+                    (0..own.len()).map(row).collect()
+                };
+                let (all, once) = (expected(false, &|_, _| radius), expected(true, &|_, _| radius));
+                let touching = expected(false, &|i, j| of_own[i] + of_others[j]);
+                met += all.iter().map(Vec::len).sum::<usize>();
+                for structures in structures(single) {
+                    let [tree, among] = [(&own, structures[0]), (&others, structures[1])]
+                        .map(|(set, s)| set.tree(s, SimdLevel::best()));
+                    let what = format!("{kind}, {keys:?}, {single}, {structures:?}, {begin}..{end}, {periods:?}");
+                    let query = tree.neighbor_lists_swept(interval, radius).among(&among).periodic(periods);
+                    query.run(&mut lists).unwrap();
+                    check(&lists, &all, &what);
+                    query.pairs_once().run(&mut lists).unwrap();
+                    check(&lists, &once, &format!("{what}, once"));
+                    let query = tree.neighbor_lists_swept(interval, sum).among(&among).periodic(periods);
+                    let found = [1, 3].map(|threads| {
+                        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                        pool.install(|| query.in_order().sorted().collect()).unwrap()
+                    });
+                    assert_eq!(found[0], found[1], "{what}");
+                    check(&found[0], &touching, &format!("{what}, sums"));
+                }
+            }
+        }
+    }
+    assert!(met > 10_000, "{met}");
+}
+
+#[test]
+fn lists_with_a_skin_among_another_set_hold_until_the_time_that_is_certified() {
+    let (mut cut_short, mut complete, mut number) = (0, 0, 0);
+    for kind in KINDS {
+        for keys in KEYS {
+            for single in [true, false] {
+                number += 1;
+                let [own, others] = sets(number, kind, keys, single);
+                let periods = periods_along([[false; 3], [true; 3], [true, false, true]][number % 3]);
+                let images = own.images_among(&others, periods);
+                let (time, until, skin) = [(0.0, 1.0, 0.03), (0.4, 0.8, 0.2), (0.3, 1.0, 0.0)][number % 3];
+                let radius = 0.08;
+                for structures in structures(single) {
+                    let [tree, among] = [(&own, structures[0]), (&others, structures[1])]
+                        .map(|(set, s)| set.tree(s, SimdLevel::best()));
+                    let what = format!("{kind}, {keys:?}, {single}, {structures:?}, {time}..{until}, {periods:?}");
+                    let query = tree.neighbor_lists(time, radius + skin).among(&among).periodic(periods);
+                    let good = query.certified_until(radius, until).unwrap();
+                    assert!((time..=until).contains(&good), "{what}: {good}");
+                    let mut listed = vec![vec![false; others.len()]; own.len()];
+                    for (id, row) in query.collect().unwrap().iter() {
+                        row.iter().for_each(|&other| listed[id as usize][other as usize] = true);
+                    }
+                    let next_key = |keys: usize| {
+                        let segments = (keys.max(2) - 1) as f64;
+                        ((f64::from(time) * segments).floor() + 1.0) / segments
+                    };
+                    let next_key = next_key(keys[0]).min(next_key(keys[1]));
+                    let times = [f64::from(time), f64::from(until).min(next_key)];
+                    let (mut first, mut at_the_earliest) = (f64::INFINITY, f64::INFINITY);
+                    let mut events = vec![time, good.next_down(), 0.5 * (time + good)];
+                    for (i, row) in listed.iter().enumerate() {
+                        for j in (0..row.len()).filter(|&j| !row[j]) {
+                            let mut enter = |radius: f64| {
+                                let met = own.meet((i, &others, j), &images, times, radius * radius);
+                                let near = met.map(|e| [e.enter.next_down(), e.enter, e.enter.next_up()]);
+                                events.extend(near.into_iter().flatten());
+                                met.map_or(f64::INFINITY, |e| e.enter.into())
+                            };
+                            first = first.min(enter(radius.into()));
+                            at_the_earliest = at_the_earliest.min(enter(f64::from(radius) + 1e-4));
+                        }
+                    }
+                    assert!(f64::from(good) <= first, "{what}: {good}, but a pair is missing from {first}");
+                    let earliest = at_the_earliest.min(times[1]) - 2e-6;
+                    assert!(f64::from(good) >= earliest, "{what}: {good}, not {earliest}");
+                    let counted = if f64::from(good) < times[1] - 1e-5 { &mut cut_short } else { &mut complete };
+                    *counted += 1;
+                    for t in events.into_iter().filter(|&t| time <= t && t < good) {
+                        for i in (0..own.len()).filter(|&i| own.active[i].contains(t)) {
+                            let exist = |&j: &usize| others.active[j].contains(t);
+                            for j in (0..others.len()).filter(exist).filter(|&j| !listed[i][j]) {
+                                let squared = own.squared((i, &others, j), periods, t);
+                                assert!(squared > radius * radius, "{what}: {i} and {j} at {t}, before {good}");
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+    assert!(cut_short > 50 && complete > 20, "{cut_short}, {complete}");
+}
+
+/// A set among itself: each point meets itself as well, which is no other one then.
+#[test]
+fn a_set_among_itself_meets_itself() {
+    let set = Set::of_kind("some at rest", 80, 2, true, &mut Rng(3));
+    let tree = set.tree(PointStructure::Automatic, SimdLevel::best());
+    let query = tree.neighbor_lists_swept(TimeInterval::FULL, 0.2);
+    let alone = query.in_order().sorted().collect().unwrap();
+    let among = query.among(&tree).in_order().sorted().collect().unwrap();
+    for (id, row) in alone.iter() {
+        let itself = Encounter { id, enter: 0.0, leave: 1.0, closest: 0.0, distance_squared: 0.0 };
+        let mut expected = [row, &[itself]].concat();
+        expected.sort_unstable_by_key(|e| e.id);
+        assert_eq!(among.row(id as usize), expected);
+    }
+    let once = query.among(&tree).pairs_once().in_order().sorted().collect().unwrap();
+    assert_eq!(once, query.pairs_once().in_order().sorted().collect().unwrap());
+}
+
+/// Points in contact throughout, through keys of one set that are just before or behind slices of the other by rounding.
+#[test]
+fn contacts_last_through_keys_of_either_set() {
+    let mut rng = Rng(12);
+    for keys in [[4, 2], [2, 4], [7, 4], [4, 11], [11, 7], [12, 8]] {
+        for slices in [1, 2, 3, 7, 16] {
+            let set = |keys: usize, rng: &mut Rng| {
+                let row = |rng: &mut Rng| (0..40).map(|_| rng.vec().as_dvec3()).collect();
+                let keys = (0..keys).map(|_| row(rng)).collect();
+                Set { keys, active: vec![TimeInterval::FULL; 40], single: true }
+            };
+            let sets = keys.map(|keys| set(keys, &mut rng));
+            let [tree, among] = [(0, 1), (1, slices)]
+                .map(|(set, slices)| sets[set].tree(PointStructure::TimeSlices(slices), SimdLevel::best()));
+            for (tree, among) in [(&tree, &among), (&among, &tree)] {
+                // So far that nothing is ever farther.
+                let lists = tree.neighbor_lists_swept(TimeInterval::FULL, 9.0).among(among).collect().unwrap();
+                assert_eq!(lists.encounters().len(), 1600, "{keys:?}, {slices}");
+                for e in lists.encounters() {
+                    assert_eq!((e.enter, e.leave), (0.0, 1.0), "{keys:?}, {slices}");
+                }
+            }
+            let expected: Vec<Vec<Encounter>> = (0..40)
+                .map(|i| {
+                    let all = &[DVec3::ZERO];
+                    (0..40)
+                        .filter_map(|j| sets[0].meet((i, &sets[1], j), all, [0.0, 1.0], f64::from(0.9f32).powi(2)))
+                        .collect()
+                })
+                .collect();
+            let lists = tree.neighbor_lists_swept(TimeInterval::FULL, 0.9).among(&among).collect().unwrap();
+            for (id, row) in lists.iter() {
+                let mut row = row.to_vec();
+                row.sort_unstable_by_key(|e| e.id);
+                assert_eq!(row, expected[id as usize], "{keys:?}, {slices}, {id}");
+            }
+        }
+    }
+}
+
+#[test]
+fn sets_that_do_not_fit_are_errors() {
+    let points = [MovingPoint::new(Vec3::ZERO, Vec3::X), MovingPoint::fixed(Vec3::Y)];
+    let build = |precision: Precision| PointTree::build(&points, &PointParams { precision, ..PointParams::default() });
+    let [single, double] = [Precision::Single, Precision::Double].map(|precision| build(precision).unwrap());
+    let places = [[1e9, 0.0, 0.0], [1e9 + 0.1, 0.0, 0.0]];
+    let rounded =
+        PointTree::build(&places, &PointParams { precision: Precision::Single, ..PointParams::default() }).unwrap();
+    let empty = PointTree::build(&[] as &[Vec3], &PointParams::default()).unwrap();
+    let swept = |tree: &PointTree, among: &PointTree, radii: Radii| {
+        let query = tree.neighbor_lists_swept(TimeInterval::FULL, radii).among(among);
+        query.collect().map(|lists| lists.encounters().len())
+    };
+    let until =
+        |tree: &PointTree, among: &PointTree| tree.neighbor_lists(0.0, 0.5).among(among).certified_until(0.4, 1.0);
+    let radius = Radii::Equal(0.5);
+    assert_eq!(swept(&single, &double, radius), Err(ListError::Double));
+    assert_eq!(swept(&double, &single, radius), Err(ListError::Double));
+    assert_eq!(until(&single, &double), Err(ListError::Double));
+    assert_eq!(swept(&single, &rounded, radius), Err(ListError::Origins));
+    assert_eq!(until(&rounded, &single), Err(ListError::Origins));
+    for tree in [&single, &double] {
+        assert_eq!(swept(tree, &empty, radius), Ok(0));
+        assert_eq!(swept(&empty, tree, radius), Ok(0));
+        assert_eq!(until(tree, &empty), Ok(1.0));
+        assert_eq!(until(&empty, tree), Ok(1.0));
+        let boxed = empty.neighbor_lists_swept(TimeInterval::FULL, 0.5).among(tree).periodic([Some(0.01), None, None]);
+        assert_eq!(boxed.collect(), Err(ListError::Extent { axis: 0 }));
+    }
+    let (two, one) = ([0.5; 2], [0.5]);
+    let missing = swept(&single, &single, Radii::Sum { own: &two, others: &one });
+    assert_eq!(missing, Err(ListError::MissingRadius { of: RadiusOf::Listed(1) }));
+    let missing = swept(&single, &single, Radii::Larger { own: &one, others: &two });
+    assert_eq!(missing, Err(ListError::MissingRadius { of: RadiusOf::Point(1) }));
+    assert_eq!(swept(&single, &single, Radii::Own(&two)), Ok(2));
+}
