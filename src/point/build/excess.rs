@@ -2,7 +2,7 @@
 //!
 //! A search visits the boxes that a ball meets, and their number is proportional to the volume of the boxes, each enlarged by the
 //! ball. So boxes of points that are close together in the middle of the shutter are compared with boxes of the same points at
-//! rest. BoxesAt of shorter time slices in the middle follow from the same points. The levels of a tree are compared separately.
+//! rest. Boxes of shorter time slices in the middle follow from the same points. The levels of a tree are compared separately.
 //!
 //! The average is exact to a tenth where motion is of one kind. Where a few points are fast, more is visited than this says, since
 //! searches begin in boxes that are much larger than others.
