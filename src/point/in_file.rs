@@ -94,7 +94,7 @@ impl PointTree {
     /// and then renamed. A symbolic link is followed; a pipe or device is written to directly.
     ///
     /// # Errors
-    /// Errors of writing.
+    /// Errors of writing, with the path ([`FileError::At`]).
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FileError> {
         file::save(path.as_ref(), |sink| self.encode(sink))
     }
@@ -119,7 +119,7 @@ impl PointTree {
     /// ```
     ///
     /// # Errors
-    /// As [`PointTree::read_from`].
+    /// As [`PointTree::read_from`], with the path ([`FileError::At`]).
     pub fn load(path: impl AsRef<Path>) -> Result<PointTree, FileError> {
         file::load(path.as_ref(), PointTree::decode)
     }

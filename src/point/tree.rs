@@ -167,7 +167,7 @@ impl PointTree {
     /// [`PointColumns`](crate::PointColumns), or your own [`PointSet`]. Positions are kept in f32 or f64 as they need it
     /// ([`Precision`]).
     ///
-    /// The time is O(n log n). The tree takes 17 or 18 bytes per static point and 32 or more per moving point (in f64: 30
+    /// The time is O(n log n). The tree takes 17 or 18 bytes per static point and 31 or more per moving point (in f64: 30
     /// and 55); the build needs two to three times as much. The set is read at the beginning
     /// only. It may be asked for the same position, interval or id several times, and must answer alike. The tree of an
     /// empty set finds nothing.
