@@ -22,7 +22,8 @@ use crate::simd::{LANES, Lanes, Mask, MovingPointBlock, PointBlock, Simd, WordBl
 pub(in crate::point) struct MovingTree {
     pub(in crate::point) slice: SegmentSlice,
     pub(in crate::point) nodes: Vec<LinearBoxes>,
-    /// Index of each node's first child (node, or block on level 0).
+    /// Index of each node's first child (node, or block on level 0). The shape says the same, but to compute it in searches for k
+    /// neighbours takes about a hundredth of their time.
     pub(in crate::point) first: Vec<u32>,
     pub(in crate::point) leaves: MovingLeaves,
     /// Active intervals of the children of nodes; empty if all are active throughout.
