@@ -129,7 +129,8 @@ impl MovingSphere {
         }
         let (center, radius) = sphere;
         let normal = (ray.point(t) - center) * radius.recip();
-        Some(Intersection { t, u: normal.x as f32, v: normal.y as f32 })
+        // Zero is added so that neither is -0: leaf blocks have zeros of centers with either sign.
+        Some(Intersection { t, u: normal.x as f32 + 0.0, v: normal.y as f32 + 0.0 })
     }
 
     /// The outward unit normal where a ray hits a sphere at `t`, which is rounded; `None` where there is none.

@@ -375,3 +375,29 @@ fn points_of_grazing_hits_are_known_at_other_times() {
     }
     assert!(hits > 2000, "{hits}");
 }
+
+/// Centers at -0 are +0 in a leaf block or not, which hits do not show.
+#[test]
+fn signs_of_zeros_do_not_reach_the_hits() {
+    let mut random = Random(41);
+    let zero = |random: &mut Random| [0.0, -0.0][random.below(2)];
+    let bits = |hit: Option<mbkd::Hit>| hit.map(|hit| [hit.t, hit.u, hit.v].map(f32::to_bits));
+    for _ in 0..40 {
+        let ball = |random: &mut Random, i: usize| {
+            let from = DVec3::new(3.0 * i as f64, zero(random), zero(random));
+            let to = from + DVec3::X * random.below(2) as f64;
+            MovingSphere::new(if random.below(2) == 0 { vec![(from, 1.0)] } else { vec![(from, 1.0), (to, 1.0)] })
+        };
+        let balls: Vec<MovingSphere> = (0..8).map(|i| ball(&mut random, i)).collect();
+        let oracle = BruteForce::of_primitives(balls.clone()).unwrap();
+        for params in variants() {
+            let tree = RayTree::of_primitives(balls.clone(), &params).unwrap();
+            for _ in 0..40 {
+                let origin = DVec3::new(-2.0 + 3.0 * random.below(8) as f64, zero(&mut random), zero(&mut random));
+                let dir = Vec3::new(1.0, zero(&mut random) as f32, zero(&mut random) as f32);
+                let ray = Ray::new(origin, dir).at_time([0.25, 0.75][random.below(2)]);
+                assert_eq!(bits(tree.closest_hit(&ray)), bits(oracle.closest_hit(&ray)), "{ray:?} {params:?}");
+            }
+        }
+    }
+}
