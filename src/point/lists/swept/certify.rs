@@ -211,7 +211,7 @@ impl<F: Fn(&PointPath, &PointPath) -> bool> EncounterVisitor for First<'_, F> {
 /// denormal, by what changes distances by less than 1e-22, and the sum of radius and skin is rounded; the skin that counts is that
 /// much less.
 ///
-/// This also holds for lists of one set among another, and for [`Radii`](crate::Radii): `radius` is the largest of a pair, and
+/// This also holds for lists of one set among another, and for [`Radii`]: `radius` is the largest of a pair, and
 /// lists are made with every pair's radius longer by `skin`. In a periodic box differences are rounded at the size of coordinates,
 /// so pass a skin that is less by 2^-19 of the largest coordinate or period.
 ///
