@@ -60,9 +60,9 @@ const NEAR: f64 = 3.0;
 
 /// Rays that begin farther away than this, in sizes of the scene, hit nothing: 2^96. Their slack might not be finite.
 ///
-/// A placed tree reports no hits of origins farther away than 2^32 times its reach. Boxes are padded by more than 2^-14 of the image
-/// of that reach ([`Slack::fixed`]), so the scene is at least that large, and what is hit is nearer than 2^47 sizes of it. With each
-/// further level of instances it may be 2^14 times as far away: less than 2^90.
+/// A placed tree reports no hits of origins farther away than 2^32 times its reach. Boxes are padded by more than 2^-14 of the
+/// image of that reach ([`Slack::fixed`]), so the scene is at least that large, and what is hit is nearer than 2^47 sizes of it.
+/// With each further level of instances it may be 2^14 times as far away: less than 2^90.
 const FARTHEST: f64 = (1u128 << 96) as f64;
 
 impl Placements {
