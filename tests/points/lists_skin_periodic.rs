@@ -57,52 +57,49 @@ fn lists_with_a_skin_hold_until_the_time_that_is_certified() {
                 let set = Set::of_kind(kind, count, keys, single, &mut rng);
                 let periods = periods_along([[true; 3], [true, false, true]][(turn + number) % 2]);
                 let images = set.images(periods);
-                for structure in set.structures() {
-                    let tree = set.tree(structure, SimdLevel::best());
-                    for (time, until, skin) in
-                        [(0.0, 1.0, 0.03), (rng.unit() * 0.5, 0.8, 0.2), (0.3, 1.0, 0.0), (0.5, 0.501, 1e-3)]
-                    {
-                        let radius = [0.05, 0.2, 0.5][(turn + number) % 3];
-                        let what = format!("{kind}, {count}, {single}, {structure:?}, {time}..{until}, skin {skin}");
+                for (time, until, skin) in
+                    [(0.0, 1.0, 0.03), (rng.unit() * 0.5, 0.8, 0.2), (0.3, 1.0, 0.0), (0.5, 0.501, 1e-3)]
+                {
+                    let radius = [0.05, 0.2, 0.5][(turn + number) % 3];
+                    let what = format!("{kind}, {count} points, single {single}, {time}..{until}, skin {skin}");
+                    let listed = |i: usize, j: usize| {
+                        let both = set.active[i].contains(time) && set.active[j].contains(time);
+                        both && set.squared((i, &set, j), periods, time) <= (radius + skin) * (radius + skin)
+                    };
+                    let pairs = (0..count).flat_map(|i| (0..i).map(move |j| (i, j)));
+                    let missing: Vec<_> = pairs.filter(|&(i, j)| !listed(i, j)).collect();
+                    let segments = (keys - 1) as f64;
+                    let next_key = ((f64::from(time) * segments).floor() + 1.0) / segments;
+                    let times = [f64::from(time), f64::from(until).min(next_key)];
+                    let first = |radius: f64, images: &[DVec3]| {
+                        let enter = |&(i, j): &(usize, usize)| set.meet((i, &set, j), images, times, radius * radius);
+                        missing.iter().filter_map(enter).fold(f64::INFINITY, |t, met| t.min(met.enter.into()))
+                    };
+                    let (first, at_the_earliest, as_given) = (
+                        first(radius.into(), &images),
+                        first(f64::from(radius) + 1e-4, &images),
+                        first(radius.into(), &[DVec3::ZERO]),
+                    );
+                    for structure in set.structures() {
+                        let what = format!("{what}, {structure:?}");
+                        let tree = set.tree(structure, SimdLevel::best());
                         let query = tree.neighbor_lists(time, radius + skin).periodic(periods);
+                        assert_eq!(query.collect().unwrap().neighbors(), count * (count - 1) - 2 * missing.len());
                         let good = query.certified_until(radius, until).unwrap();
                         assert!((time..=until).contains(&good), "{what}: {good}");
-                        let mut listed = vec![vec![false; count]; count];
-                        for (id, row) in query.collect().unwrap().iter() {
-                            row.iter().for_each(|&other| listed[id as usize][other as usize] = true);
-                        }
-                        let segments = (keys - 1) as f64;
-                        let next_key = ((f64::from(time) * segments).floor() + 1.0) / segments;
-                        let times = [f64::from(time), f64::from(until).min(next_key)];
-                        let (mut first, mut at_the_earliest, mut first_as_given) =
-                            (f64::INFINITY, f64::INFINITY, f64::INFINITY);
-                        let mut events = vec![time, good.next_down(), time + (good - time) * rng.unit()];
-                        for (i, row) in listed.iter().enumerate() {
-                            for j in (0..i).filter(|&j| !row[j]) {
-                                let mut enter = |radius: f64, images: &[DVec3]| {
-                                    let met = set.meet((i, &set, j), images, times, radius * radius);
-                                    let near = met.map(|e| [e.enter.next_down(), e.enter, e.enter.next_up()]);
-                                    events.extend(near.into_iter().flatten());
-                                    met.map_or(f64::INFINITY, |e| e.enter.into())
-                                };
-                                first = first.min(enter(radius.into(), &images));
-                                at_the_earliest = at_the_earliest.min(enter(f64::from(radius) + 1e-4, &images));
-                                first_as_given = first_as_given.min(enter(radius.into(), &[DVec3::ZERO]));
-                            }
-                        }
-                        across += usize::from(first < first_as_given);
                         assert!(f64::from(good) <= first, "{what}: {good}, but a pair is missing from {first}");
                         let earliest = at_the_earliest.min(times[1]) - 2e-6;
                         assert!(f64::from(good) >= earliest, "{what}: {good}, not {earliest}");
                         let counted = if f64::from(good) < times[1] - 1e-5 { &mut cut_short } else { &mut complete };
                         *counted += 1;
+                        across += usize::from(first < as_given);
+                        let events = [time, good.next_down(), time + (good - time) * rng.unit()];
                         for t in events.into_iter().filter(|&t| time <= t && t < good) {
-                            let exist = |i: &usize| set.active[*i].contains(t);
-                            for i in (0..count).filter(exist) {
-                                for j in (0..i).filter(exist).filter(|&j| !listed[i][j]) {
-                                    let squared = set.squared((i, &set, j), periods, t);
-                                    assert!(squared > radius * radius, "{what}: {i} and {j} at {t}, before {good}");
-                                }
+                            for &(i, j) in
+                                missing.iter().filter(|(i, j)| [*i, *j].iter().all(|&k| set.active[k].contains(t)))
+                            {
+                                let squared = set.squared((i, &set, j), periods, t);
+                                assert!(squared > radius * radius, "{what}: {i} and {j} at {t}, before {good}");
                             }
                         }
                     }

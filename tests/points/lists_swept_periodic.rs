@@ -354,6 +354,15 @@ fn bad_boxes_are_errors() {
     assert_eq!(swept(&tree, [Some(1e-6), None, None]), Err(ListError::FarFromPeriod { axis: 0 }));
     assert_eq!(swept(&tree, [Some(1.5), Some(0.9), Some(1e30)]), Ok(2));
     assert_eq!(swept(&empty, [Some(1e-6); 3]), Ok(0));
+    // What does not exist during the interval is nowhere.
+    let early = [MovingPoint::new(Vec3::X, Vec3::Y).with_active(TimeInterval::new(0.0, 0.2).unwrap())];
+    for structure in [PointStructure::Kd, PointStructure::Linear, PointStructure::TimeSlices(4)] {
+        let tree = PointTree::build(&early, &PointParams { structure, ..PointParams::default() }).unwrap();
+        let query = tree.neighbor_lists_swept(TimeInterval::new(0.5, 0.6).unwrap(), 0.5).periodic([Some(1.5); 3]);
+        assert_eq!(query.collect().map(|lists| lists.encounters().len()), Ok(0), "{structure:?}");
+        let lists = tree.neighbor_lists(0.5, 0.5).periodic([Some(1.5); 3]);
+        assert_eq!(lists.certified_until(0.4, 0.6), Ok(0.6), "{structure:?}");
+    }
     // A radius above half a period is none, nor an infinite one.
     let all = tree.neighbor_lists_swept(TimeInterval::FULL, f32::INFINITY).periodic([Some(1.5); 3]).collect();
     assert_eq!(all.unwrap().encounters().len(), 2);

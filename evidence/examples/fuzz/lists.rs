@@ -116,31 +116,32 @@ impl Request<'_> {
 /// Pairs of points and images that a case compares at most.
 const MOST: usize = 2_000_000;
 
-/// Lengths of a box about as large as a set, as lists use them, and by how much its points are moved to all images that may be
+/// Lengths of a box about as large as two sets, as lists use them, and by how much points are moved to all images that may be
 /// nearest to another point; often none.
-fn periodic_box(random: &mut Random, cloud: &Cloud) -> ([Option<f64>; 3], Vec<DVec3>) {
+fn periodic_box(random: &mut Random, clouds: [&Cloud; 2]) -> ([Option<f64>; 3], Vec<DVec3>) {
     let none = ([None; 3], vec![DVec3::ZERO]);
-    let places = || cloud.keys.iter().flatten().copied();
+    let places = || clouds.iter().flat_map(|cloud| &cloud.keys).flatten().copied();
     let Some(first) = places().next().filter(|_| random.one_in(2)) else { return none };
     let extent = places().fold(first, DVec3::max) - places().fold(first, DVec3::min);
-    let size = extent.max_element().max(cloud.places.scale * 1e-3);
+    let size = extent.max_element().max(clouds[0].places.scale * 1e-3);
     let lengths = [0; 3].map(|_| (!random.one_in(3)).then(|| size * random.pick(&[0.1, 0.4, 0.9, 1.1, 3.0])));
     let lengths = lengths.map(|length| length.filter(|&length| (length as f32).is_normal()));
     let most = (0..3).filter_map(|axis| Some((extent[axis] / lengths[axis]?) as i32 + 1)).max().unwrap_or(0);
     let along = |length: &Option<f64>| if length.is_some() { 2 * most as usize + 1 } else { 1 };
-    if lengths.iter().map(along).product::<usize>() * cloud.len().pow(2) > MOST {
+    if lengths.iter().map(along).product::<usize>() * clouds[0].len() * clouds[1].len() > MOST {
         return none;
     }
-    let rounded = |length: f64| if cloud.double { length } else { f64::from(length as f32) };
+    let rounded = |length: f64| if clouds[0].double { length } else { f64::from(length as f32) };
     (lengths, images(lengths.map(|length| length.map(rounded)), most))
 }
 
 /// Whether lists over an interval may refuse a box: points are far from zero or far apart, the boxes of the tree included.
-fn may_refuse(error: &ListError, cloud: &Cloud, periods: [Option<f64>; 3]) -> bool {
+fn may_refuse(error: &ListError, clouds: [&Cloud; 2], periods: [Option<f64>; 3]) -> bool {
     let (ListError::Extent { axis } | ListError::FarFromPeriod { axis }) = *error else { return false };
-    let most = cloud.keys.iter().flatten().fold(0.0, |most, p| p[axis].abs().max(most));
-    periods[axis]
-        .is_some_and(|length| most > if matches!(error, ListError::Extent { .. }) { 2.0 } else { 1e5 } * length)
+    let places = clouds.iter().flat_map(|cloud| &cloud.keys).flatten();
+    let most = places.fold(0.0, |most, p| p[axis].abs().max(most));
+    let periods_away = if matches!(error, ListError::Extent { .. }) { 2.0 } else { 1e5 };
+    periods[axis].is_some_and(|length| most > periods_away * length)
 }
 
 /// The encounter of two points in any images, by comparing them.
@@ -166,30 +167,44 @@ fn without_noise(row: &[Encounter], scale: f32) -> Vec<Encounter> {
     row.iter().map(known).collect()
 }
 
-fn check_swept(random: &mut Random, trees: &[(PointTree, String)], cloud: &Cloud, radius: f32) -> Outcome {
+/// The same tree or cloud twice, or one and another.
+fn pair_of<T>([own, others]: &[T; 2], other: bool) -> [&T; 2] {
+    [own, if other { others } else { own }]
+}
+
+fn check_swept(random: &mut Random, trees: &[([PointTree; 2], String)], clouds: &[Cloud; 2], radius: f32) -> Outcome {
+    let other = random.one_in(3);
+    let clouds = pair_of(clouds, other);
+    let [cloud, among] = clouds;
     let interval = random.interval();
     let times = [interval.begin(), interval.end()].map(f64::from);
-    let own: Vec<f32> = (0..cloud.len()).map(|_| radius * random.pick(&[0.0, 0.3, 1.0, 2.0])).collect();
-    let own = &own[..];
-    let kinds =
-        [Radii::Equal(radius), Radii::Own(own), Radii::Larger { own, others: own }, Radii::Sum { own, others: own }];
+    let mut some =
+        |count: usize| -> Vec<f32> { (0..count).map(|_| radius * random.pick(&[0.0, 0.3, 1.0, 2.0])).collect() };
+    let [own, of_others] = [some(cloud.len()), some(among.len())];
+    let (own, others) = (&own[..], if other { &of_others[..] } else { &own[..] });
+    let kinds = [Radii::Equal(radius), Radii::Own(own), Radii::Larger { own, others }, Radii::Sum { own, others }];
     let radii = random.pick(&kinds);
     let once = random.one_in(3);
-    let (periods, images) = periodic_box(random, cloud);
+    let (periods, images) = periodic_box(random, clouds);
     let mut expected = vec![Vec::new(); cloud.len()];
     for i in 0..cloud.len() {
-        let others = (0..cloud.len()).filter(|&j| if once { cloud.ids[j] > cloud.ids[i] } else { j != i });
-        let square = |j: usize| f64::from(radius_of_pair(&radii, cloud.ids[i], cloud.ids[j])).powi(2);
-        let row: Vec<Encounter> = others.filter_map(|j| meet([cloud; 2], [i, j], &images, times, square(j))).collect();
+        let listed = |&j: &usize| if once { among.ids[j] > cloud.ids[i] } else { other || j != i };
+        let others = (0..among.len()).filter(listed);
+        let square = |j: usize| f64::from(radius_of_pair(&radii, cloud.ids[i], among.ids[j])).powi(2);
+        let row: Vec<Encounter> = others.filter_map(|j| meet(clouds, [i, j], &images, times, square(j))).collect();
         expected[cloud.ids[i] as usize] = row;
     }
     expected.iter_mut().for_each(|row| row.sort_unstable_by_key(|e| e.id));
     let mut first: Option<Vec<Option<Vec<Encounter>>>> = None;
     let [in_order, limited] = [random.one_in(2), random.one_in(2)];
-    for (tree, what) in trees {
+    for (pair, what) in trees {
+        let [tree, among_tree] = pair_of(pair, other);
         let mut lists = EncounterLists::new();
-        let what = &format!("{what}, periods {periods:?}");
-        let mut query = tree.neighbor_lists_swept(interval, radii).periodic(periods).max_neighbors(cloud.len());
+        let what = &format!("{what}, among the other {other}, periods {periods:?}");
+        let mut query = tree.neighbor_lists_swept(interval, radii).periodic(periods).max_neighbors(among.len());
+        if other {
+            query = query.among(among_tree);
+        }
         if once {
             query = query.pairs_once();
         }
@@ -197,7 +212,7 @@ fn check_swept(random: &mut Random, trees: &[(PointTree, String)], cloud: &Cloud
             query = query.sorted().in_order();
         }
         let result = query.run(&mut lists);
-        if result.as_ref().is_err_and(|error| may_refuse(error, cloud, periods)) {
+        if result.as_ref().is_err_and(|error| may_refuse(error, clouds, periods)) {
             return Ok(());
         }
         same!(result, Ok(()), "{what}: swept over {interval:?}, {radii:?}");
@@ -224,7 +239,7 @@ fn check_swept(random: &mut Random, trees: &[(PointTree, String)], cloud: &Cloud
             same_lists!(row, other, "{what}: {i} swept over {interval:?} within {radii:?}, other than {}", trees[0].1);
         }
         // An active interval that ends with the float next to a key that is no float may end with the key.
-        let exact = cloud.segments().is_power_of_two();
+        let exact = clouds.iter().all(|cloud| cloud.segments().is_power_of_two());
         for (i, (row, expected)) in rows.iter().zip(&expected).enumerate().filter(|_| exact) {
             let scale = cloud.places.scale as f32;
             let [row, expected] = [row.as_deref().unwrap_or_default(), expected].map(|row| without_noise(row, scale));
@@ -235,29 +250,33 @@ fn check_swept(random: &mut Random, trees: &[(PointTree, String)], cloud: &Cloud
 }
 
 /// Until the time that is certified, no pair within the radius is missing.
-fn check_skin(random: &mut Random, tree: &PointTree, cloud: &Cloud, radius: f32, what: &str) -> Outcome {
+fn check_skin(random: &mut Random, trees: &[PointTree; 2], clouds: &[Cloud; 2], radius: f32, what: &str) -> Outcome {
+    let other = random.one_in(3);
+    let ([tree, among_tree], clouds) = (pair_of(trees, other), pair_of(clouds, other));
+    let [cloud, among] = clouds;
     let (time, until) = (random.time(), random.time());
     let (time, until) = (time.min(until), time.max(until));
     let skin = radius * random.pick(&[0.0, 0.01, 0.3, 2.0]);
     let mut lists = NeighborLists::new();
     let what = format!("{what}: from {time} to {until} within {radius}, skin {skin}");
-    let (periods, _) = periodic_box(random, cloud);
-    let what = format!("{what}, periods {periods:?}");
-    let good = match periods {
-        [None, None, None] => tree.neighbor_lists_with_skin(time, radius, skin, until, &mut lists),
+    let (periods, _) = periodic_box(random, clouds);
+    let what = format!("{what}, among the other {other}, periods {periods:?}");
+    let good = match (other, periods) {
+        (false, [None, None, None]) => tree.neighbor_lists_with_skin(time, radius, skin, until, &mut lists),
         _ => {
             let query = tree.neighbor_lists(time, radius + skin).periodic(periods);
+            let query = if other { query.among(among_tree) } else { query };
             query.run(&mut lists).and_then(|()| query.certified_until(radius, until))
         }
     };
-    if good.as_ref().is_err_and(|error| may_refuse(error, cloud, periods)) {
+    if good.as_ref().is_err_and(|error| may_refuse(error, clouds, periods)) {
         return Ok(());
     }
     let good = good.map_err(|error| format!("{what}: {error}"))?;
     ensure!((time..=until).contains(&good), "{what}: certified until {good}");
-    let mut listed = vec![false; cloud.len() * cloud.len()];
+    let mut listed = vec![false; cloud.len() * among.len()];
     for (id, row) in lists.iter() {
-        row.iter().for_each(|&other| listed[id as usize * cloud.len() + other as usize] = true);
+        row.iter().for_each(|&other| listed[id as usize * among.len() + other as usize] = true);
     }
     for _ in 0..6 {
         let at = random.pick(&[time, good.next_down(), time + (good - time) * random_part(good)]);
@@ -265,9 +284,9 @@ fn check_skin(random: &mut Random, tree: &PointTree, cloud: &Cloud, radius: f32,
             continue;
         }
         for i in (0..cloud.len()).filter(|&i| cloud.active[i].contains(at)) {
-            for j in (0..i).filter(|&j| cloud.active[j].contains(at)) {
-                let missing = !listed[cloud.ids[i] as usize * cloud.len() + cloud.ids[j] as usize];
-                let near = squared(cloud.double, periods, cloud.at(i, at), cloud.at(j, at)).1 <= radius * radius;
+            for j in (0..among.len()).filter(|&j| among.active[j].contains(at) && (other || j != i)) {
+                let missing = !listed[cloud.ids[i] as usize * among.len() + among.ids[j] as usize];
+                let near = squared(cloud.double, periods, cloud.at(i, at), among.at(j, at)).1 <= radius * radius;
                 ensure!(!(missing && near), "{what}: certified until {good}, {i} and {j} are missing at {at}");
             }
         }
@@ -376,10 +395,9 @@ pub fn case(random: &mut Random) -> Outcome {
         }
     }
     if clouds[0].len() < 250 {
-        let all: Vec<(PointTree, String)> = trees.into_iter().map(|([own, _], what)| (own, what)).collect();
-        check_swept(random, &all, &clouds[0], radius.min(1e18))?;
-        for (tree, what) in &all {
-            check_skin(random, tree, &clouds[0], radius.min(1e18), what)?;
+        check_swept(random, &trees, &clouds, radius.min(1e18))?;
+        for (pair, what) in &trees {
+            check_skin(random, pair, &clouds, radius.min(1e18), what)?;
         }
     }
     Ok(())

@@ -178,6 +178,8 @@ pub(super) struct Window {
     times: [f64; 2],
     /// Encounters that begin from the first of these times to before the second are reported.
     reported: [f64; 2],
+    /// A key of one of the sets with which the window ends, if the two have others: a point that begins there counts behind it only.
+    key: f64,
     /// By how much the other points are moved to an image of them.
     pub(super) shift: [f64; 3],
 }
@@ -190,7 +192,9 @@ impl Window {
     pub(super) fn of_segments(segments: [Segment; 2], times: [f64; 2]) -> Window {
         let within = |[begin, end]: [f64; 2], [first, last]: [f64; 2]| [begin.max(first), end.min(last)];
         let times = segments.iter().map(Segment::ends).fold(times, within);
-        Window { segments, times, reported: [f64::NEG_INFINITY, f64::INFINITY], shift: [0.0; 3] }
+        let key = segments.iter().map(|segment| segment.ends()[1]).fold(1.0, f64::min);
+        let key = if key < 1.0 && segments[0] != segments[1] { key } else { f64::INFINITY };
+        Window { segments, times, reported: [f64::NEG_INFINITY, f64::INFINITY], key, shift: [0.0; 3] }
     }
 
     /// The same times, but only encounters that begin in the time slices of both points are reported. A slice contains
@@ -273,7 +277,10 @@ impl<S: Simd> Overlap<S> {
         let times = [begin, s.min_d(s.splat_d(last), ends)];
         // At the end of its active interval, a point does not exist any more.
         let [from, until] = window.reported;
-        let reported = [s.splat_d(from), s.min_d(s.splat_d(lesser(until, own_end)), ends)];
+        let mut reported = [s.splat_d(from), s.min_d(s.splat_d(lesser(until, own_end)), ends)];
+        if window.key < f64::INFINITY {
+            reported[1] = s.select_le(s.splat_d(window.key), begin, s.splat_d(f64::NEG_INFINITY), reported[1]);
+        }
         let [of_own, of_others] = window.segments;
         let phases = [of_others.phases(s, times[0]), of_others.phases(s, times[1])];
         let own_phases =

@@ -53,7 +53,9 @@ impl Images {
         }
         let origin = if tree.is_empty() { among.unwrap_or(tree).origin() } else { tree.origin() };
         let [own, others] = [Some(tree), among].map(|tree| tree.and_then(PointTree::bounds));
-        let bounds = own.into_iter().chain(others).reduce(Aabb::union);
+        // A k-d tree whose points do not exist between the times leaves nothing.
+        let exists = |of: &Aabb| of.min.cmple(of.max).all();
+        let bounds = own.into_iter().chain(others).filter(exists).reduce(Aabb::union);
         let lengths = C::lengths(&PeriodicBox::new(periods));
         let mut most = [0.0; 3];
         for axis in (0..3).filter(|&axis| lengths[axis] > 0.0) {

@@ -61,12 +61,14 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         segments: [Option<usize>; 2],
     ) -> Sweep<'a, C> {
         let (own_layers, other_layers) = (C::layers(tree), among.map(C::layers));
+        let keys = [tree.keys(), among.unwrap_or(tree).keys()];
+        let divided = keys.map(|count| (keys[0] != keys[1] && count > 2).then_some(count));
         let of_any = || own_layers.iter().chain(other_layers.iter().flatten());
         let begins = of_any().any(|layer| begins_with_a_slice(layer, times[1]));
         let (mut slices, mut layers) = (Vec::new(), Vec::new());
         for layer in &own_layers {
             let begin = slices.len();
-            slices.extend(time_slices_of(layer, times, begins, segments[0]));
+            slices.extend(time_slices_of(layer, times, begins, (segments[0], divided[0])));
             layers.push(begin..slices.len());
         }
         let own = slices.len();
@@ -75,7 +77,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
             layers.clear();
             for layer in other_layers {
                 let begin = slices.len();
-                slices.extend(time_slices_of(layer, times, begins, segments[1]));
+                slices.extend(time_slices_of(layer, times, begins, (segments[1], divided[1])));
                 layers.push(begin..slices.len());
             }
         }
@@ -92,7 +94,8 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
             && !slices.iter().any(Slice::timed);
         let has_active_intervals = slices.iter().any(Slice::has_active_intervals);
         let times = times.map(f64::from);
-        let segments = slices.iter().filter_map(Slice::segment).map(|(keys, _)| keys.max(2) - 1).max().unwrap_or(1);
+        let segments =
+            slices.iter().filter_map(|slice| slice.segment).map(|(keys, _)| keys.max(2) - 1).max().unwrap_or(1);
         let motion = relative_motion(&slices);
         let reach = |radii: &[f32]| parallel::map(slices.len(), |i| slices[i].reach(radii));
         let reaches = radii.others().map_or_else(Vec::new, reach);
@@ -232,7 +235,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
     /// The times during which points of two slices are compared. Slices of the same set are not in different segments.
     fn window(&self, a: &Slice<'a, C>, b: &Slice<'a, C>) -> Window {
         // What is at rest is where it is in any segment.
-        let segments = [a.segment().or(b.segment()), b.segment().or(a.segment())];
+        let segments = [a.segment.or(b.segment), b.segment.or(a.segment)];
         let segments =
             segments.map(|segment| segment.unwrap_or((1, 0))).map(|(keys, number)| Segment::new(keys, number));
         Window::of_segments(segments, self.times).reported_by([a.reports, b.reports])

@@ -21,6 +21,7 @@
 //! **Another set** may have other keys. Then slices are compared during the times that are in both segments. An encounter that
 //! begins with such a range, or is under way then, begins at a key of one of the sets, which may lie before the begin of its own
 //! slice by rounding and still be in the slice of the other that ends there. So these are compared as well, though they only touch.
+//! A point that begins to exist at such a key counts behind it only, as at keys of its own.
 
 use super::coordinate::{SweptCoordinate, SweptLayer};
 use super::encounter::Segment;
@@ -42,6 +43,8 @@ pub(super) enum Tree<'a, C: SweptCoordinate> {
 pub(super) struct Slice<'a, C: SweptCoordinate> {
     pub(super) tree: Tree<'a, C>,
     pub(super) times: [f32; 2],
+    /// Number of keys and segment where anything moves, or another set has other keys.
+    pub(super) segment: Option<(usize, usize)>,
     /// The slice reports the encounters that begin from the first of these times to before the second.
     pub(super) reports: [f64; 2],
 }
@@ -59,17 +62,6 @@ pub(super) struct Pairing {
 }
 
 impl<C: SweptCoordinate> Slice<'_, C> {
-    /// Number of keys and segment where anything moves.
-    pub(super) fn segment(&self) -> Option<(usize, usize)> {
-        match self.tree {
-            Tree::Static(_) => None,
-            Tree::Moving(tree) => {
-                let slice = tree.slice();
-                Some((slice.keys, slice.segment))
-            }
-        }
-    }
-
     /// The largest magnitude of a coordinate at either key of the segment.
     pub(super) fn magnitude(&self) -> f64 {
         match self.tree {
@@ -199,14 +191,28 @@ fn beside_key(slice: &moving_reference::SegmentSlice, time: f32) -> bool {
 /// A slice that begins at the last of the times is searched only where an active interval begins there too (see
 /// [`begins_with_a_slice`]), or a segment between keys. A slice that ends at the first of the times is
 /// searched only where the exact time of the key lies behind it.
+///
+/// Where another set has other keys, what is at rest is searched in one segment after the other, between `divided` keys: so its
+/// encounters are the same, whether a structure has it together with points that move or not.
 pub(super) fn time_slices_of<'a, C: SweptCoordinate>(
     layer: &SweptLayer<'a, C>,
     times: [f32; 2],
     begins: bool,
-    segment: Option<usize>,
+    (segment, divided): (Option<usize>, Option<usize>),
 ) -> Vec<Slice<'a, C>> {
     let trees = match *layer {
-        SweptLayer::Static(tree) => return vec![Slice { tree: Tree::Static(tree), times, reports: ALWAYS }],
+        SweptLayer::Static(tree) => {
+            let whole = Slice { tree: Tree::Static(tree), times, segment: None, reports: ALWAYS };
+            let Some(keys) = divided else { return vec![whole] };
+            let key = |number: usize| (number as f64 / (keys - 1) as f64) as f32;
+            let of_segment = |number: usize| {
+                let times = [times[0].max(key(number)), times[1].min(key(number + 1))];
+                let tree = Tree::Static(tree);
+                (times[0] <= times[1]).then_some(Slice { tree, times, segment: Some((keys, number)), reports: ALWAYS })
+            };
+            let numbers = (0..keys - 1).filter(|number| segment.is_none_or(|segment| segment == *number));
+            return numbers.filter_map(of_segment).collect();
+        }
         SweptLayer::Moving(trees) => {
             slices_during(trees, times).iter().filter(|tree| segment.is_none_or(|s| s == tree.slice().segment))
         }
@@ -219,11 +225,12 @@ pub(super) fn time_slices_of<'a, C: SweptCoordinate>(
         let begins_with_a_key = tree.slice().phases[0] == 0.0;
         let more_than_an_end = times[0] < interval.end_bound() && (begins || begins_with_a_key || !last);
         let searched = both[0] <= both[1] && (more_than_an_end || beside_key(&tree.slice(), both[0]));
-        searched.then_some(Slice { tree: Tree::Moving(tree), times: both, reports })
+        let of_keys = Some((tree.slice().keys, tree.slice().segment));
+        searched.then_some(Slice { tree: Tree::Moving(tree), times: both, segment: of_keys, reports })
     };
     let mut slices: Vec<Slice<'a, C>> = trees.filter_map(slice).collect();
     // The times of keys are rounded, and the slice beside the key may not be searched.
-    for of_segment in slices.chunk_by_mut(|a, b| a.segment() == b.segment()) {
+    for of_segment in slices.chunk_by_mut(|a, b| a.segment == b.segment) {
         let last = of_segment.len() - 1;
         of_segment[0].reports[0] = ALWAYS[0];
         of_segment[last].reports[1] = ALWAYS[1];
@@ -251,7 +258,7 @@ pub(super) fn pairings<C: SweptCoordinate>(
                     break;
                 }
                 let (mut same_keys, mut overlap) = (true, true);
-                if let (Some(own), Some(of_other)) = (slice.segment(), other.segment()) {
+                if let (Some(own), Some(of_other)) = (slice.segment, other.segment) {
                     same_keys = own.0 == of_other.0;
                     overlap = Segment::new(own.0, own.1).overlaps(&Segment::new(of_other.0, of_other.1));
                 }
@@ -296,7 +303,7 @@ mod tests {
         let (mut slices, mut ranges, times) = (Vec::new(), Vec::new(), [0.0, 1.0]);
         for layer in &layers {
             let begin = slices.len();
-            slices.extend(time_slices_of(layer, times, false, None));
+            slices.extend(time_slices_of(layer, times, false, (None, None)));
             ranges.push(begin..slices.len());
         }
         let found = pairings(&slices, slices.len(), &ranges, times);
