@@ -283,6 +283,58 @@ fn encounters_in_several_images_are_one() {
     assert_eq!(limited.max_neighbors(0).collect(), Err(ListError::TooManyNeighbors { id: 0 }));
 }
 
+/// Where the radius is longer than all distances, nearest images are within it throughout; nearest when any is.
+#[test]
+fn radii_longer_than_all_distances() {
+    let mut rng = Rng(14);
+    for (single, axes) in [(true, [true; 3]), (false, [true; 3]), (true, [true, false, true])] {
+        let mut set = Set::of_kind("half a period apart", 5, 2, single, &mut rng);
+        // As far apart as may be.
+        let far = DVec3::from_array(LENGTHS) * 12.0;
+        let moved = |at: DVec3| if single { (at + far).as_vec3().as_dvec3() } else { at + far };
+        set.keys.iter_mut().for_each(|key| key[0] = moved(key[0]));
+        let periods = periods_along(axes);
+        let all = set.images(periods);
+        let tree = set.tree(PointStructure::Automatic, SimdLevel::best());
+        let longest = [1.5, 3.0, 40.0, f32::INFINITY];
+        for radius in longest {
+            let expected = set.meet_all(TimeInterval::FULL, &all, |_, _| radius);
+            let lists = tree.neighbor_lists_swept(TimeInterval::FULL, radius).periodic(periods).collect().unwrap();
+            check(&lists, &expected, &format!("{single}, {axes:?}, {radius}"));
+        }
+        let own = [0.1, f32::INFINITY, 0.2, 1e30, 2.0];
+        for (radii, radius) in [
+            (Radii::Own(&own), (|i, _| i) as fn(f32, f32) -> f32),
+            (Radii::Larger { own: &own, others: &own }, f32::max),
+            (Radii::Sum { own: &own, others: &own }, |i, j| i + j),
+        ] {
+            let expected = set.meet_all(TimeInterval::FULL, &all, |i, j| radius(own[i], own[j]));
+            let lists = tree.neighbor_lists_swept(TimeInterval::FULL, radii).periodic(periods).collect().unwrap();
+            check(&lists, &expected, &format!("{single}, {axes:?}, {radii:?}"));
+        }
+    }
+}
+
+/// Where no point exists during the interval, not even the tree of a time slice has points.
+#[test]
+fn nothing_meets_where_nothing_exists() {
+    let key = |x: f32| [Vec3::X * x, Vec3::new(x, 0.1, 0.0)];
+    let (keys, active) = ([key(0.1), key(0.2), key(0.4), key(0.3)], [TimeInterval::new(0.1, 0.3).unwrap(); 2]);
+    let keys: Vec<&[Vec3]> = keys.iter().map(|key| &key[..]).collect();
+    for structure in
+        [PointStructure::Kd, PointStructure::Automatic, PointStructure::Linear, PointStructure::TimeSlices(2)]
+    {
+        let params = PointParams { structure, ..PointParams::default() };
+        let tree = PointTree::build(&PointArrays { keys: &keys, active: &active, ids: &[] }, &params).unwrap();
+        for (begin, met) in [(0.0, 2), (0.8, 0)] {
+            let query = tree.neighbor_lists_swept(TimeInterval::new(begin, 1.0).unwrap(), 0.2);
+            let lists = query.periodic([Some(1.0); 3]).collect();
+            assert_eq!(lists.map(|lists| lists.encounters().len()), Ok(met), "{structure:?}, from {begin}");
+        }
+        assert_eq!(tree.neighbor_lists(0.8, 0.2).periodic([Some(1.0); 3]).certified_until(0.1, 1.0), Ok(1.0));
+    }
+}
+
 /// What lists at any time of the interval contain, lists over the interval with a radius that is longer by rounding contain too.
 #[test]
 fn lists_at_a_time_are_among_those_over_the_interval() {
@@ -354,15 +406,13 @@ fn bad_boxes_are_errors() {
     assert_eq!(swept(&tree, [Some(1e-6), None, None]), Err(ListError::FarFromPeriod { axis: 0 }));
     assert_eq!(swept(&tree, [Some(1.5), Some(0.9), Some(1e30)]), Ok(2));
     assert_eq!(swept(&empty, [Some(1e-6); 3]), Ok(0));
-    // What does not exist during the interval is nowhere.
-    let early = [MovingPoint::new(Vec3::X, Vec3::Y).with_active(TimeInterval::new(0.0, 0.2).unwrap())];
-    for structure in [PointStructure::Kd, PointStructure::Linear, PointStructure::TimeSlices(4)] {
-        let tree = PointTree::build(&early, &PointParams { structure, ..PointParams::default() }).unwrap();
-        let query = tree.neighbor_lists_swept(TimeInterval::new(0.5, 0.6).unwrap(), 0.5).periodic([Some(1.5); 3]);
-        assert_eq!(query.collect().map(|lists| lists.encounters().len()), Ok(0), "{structure:?}");
-        let lists = tree.neighbor_lists(0.5, 0.5).periodic([Some(1.5); 3]);
-        assert_eq!(lists.certified_until(0.4, 0.6), Ok(0.6), "{structure:?}");
-    }
+    // Where numbers of f64 are a quarter of a period apart.
+    let far = [DVec3::splat(1e15); 2];
+    let far = PointTree::build(&far, &PointParams { precision: Precision::Double, ..PointParams::default() }).unwrap();
+    assert_eq!(swept(&far, [None, Some(0.5), None]), Err(ListError::FarFromPeriod { axis: 1 }));
+    let until = far.neighbor_lists(0.0, 0.5).periodic([None, Some(0.5), None]).certified_until(0.4, 1.0);
+    assert_eq!(until, Err(ListError::FarFromPeriod { axis: 1 }));
+    assert_eq!(swept(&far, [None, Some(8.0), None]), Ok(2));
     // A radius above half a period is none, nor an infinite one.
     let all = tree.neighbor_lists_swept(TimeInterval::FULL, f32::INFINITY).periodic([Some(1.5); 3]).collect();
     assert_eq!(all.unwrap().encounters().len(), 2);

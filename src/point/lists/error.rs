@@ -62,7 +62,8 @@ pub enum ListError {
     },
     /// A coordinate is more than a million periods from zero (of points in f64, from the tree's origin), where f32 does not resolve
     /// positions in a period. The faces of the tree's boxes around moving points count too: they may reach up to three times as far
-    /// as the points.
+    /// as the points. For lists over an interval, or until when lists hold, also one that is more than 2^48 periods from zero
+    /// itself: there not even f64 resolves them.
     FarFromPeriod {
         /// The axis.
         axis: usize,

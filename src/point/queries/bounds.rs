@@ -31,7 +31,9 @@ impl PointTree {
         let Aabb { min, max } = union(self.layers.iter().map(of_layer));
         let single = Aabb { min: min + self.origin, max: max + self.origin };
         let double = union(self.precise.iter().flat_map(|layer| &layer.trees).map(swept_root));
-        (!self.is_empty()).then(|| single.union(double))
+        let all = single.union(double);
+        // No point may exist in the time slices of a tree that stands for another (`PointTree::box_tree`).
+        (all.min.x <= all.max.x).then_some(all)
     }
 }
 

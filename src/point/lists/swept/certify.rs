@@ -163,9 +163,10 @@ fn first_missing<C: SweptCoordinate>(
     };
     let (boxed, boxed_among) = (tree.box_tree([time, until]), among.and_then(|among| among.box_tree([time, until])));
     let sets = (boxed.as_ref().unwrap_or(tree), boxed_among.as_ref().or(among));
-    let sweep = Sweep::<C>::new(sets, [time, until], radius.into(), segments.map(Some))
-        .in_box(images)
-        .for_certificate(listed_within);
+    let mut none = [Vec::new(), Vec::new()];
+    let radii = images.shortened(Radii::Equal(radius), &mut none);
+    let sweep =
+        Sweep::<C>::new(sets, [time, until], radii, segments.map(Some)).in_box(images).for_certificate(listed_within);
     let firsts = sweep.run(|| First { time: f32::INFINITY, listed: &listed });
     let first = firsts.iter().fold(f32::INFINITY, |least, first| least.min(first.time));
     // No margin is needed. The radius r is widened by Δ, at least 28·2^-24 of the largest coordinate M, and a pair that a query

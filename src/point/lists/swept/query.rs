@@ -102,7 +102,8 @@ impl<'a> SweptQuery<'a> {
     }
 
     /// Lists the points of another tree instead, all of them that come near: fluid among moving walls, say. The two may have
-    /// different numbers of keys, and different structures.
+    /// different numbers of keys, and different structures. Points with the same id are not the same: their ids are those of two
+    /// sets.
     ///
     /// ```
     /// use mbkd::{MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
@@ -135,7 +136,8 @@ impl<'a> SweptQuery<'a> {
     /// moves on outside of it during the shutter: its last key must not be moved back into the box without the first.
     ///
     /// Cost: among groups of points that reach no face of the box around all points as without periods; near faces that of copies.
-    /// The number of images grows with the extent of the set over the shutter, in periods, along each axis.
+    /// The number of images grows with the extent of the set over the shutter, in periods, along each axis, and with the radius up
+    /// to the longest distance of nearest images.
     ///
     /// ```
     /// use mbkd::{MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
@@ -247,7 +249,9 @@ impl<'a> SweptQuery<'a> {
         lists: &mut EncounterLists,
     ) -> Result<Option<u32>, ListError> {
         let images = Images::new::<C>(self.periods, sets)?;
-        let sweep = Sweep::<C>::new(sets, times, self.radii, [None; 2]).pairs_once(self.once).in_box(images);
+        let mut shortened = [Vec::new(), Vec::new()];
+        let radii = images.shortened(self.radii, &mut shortened);
+        let sweep = Sweep::<C>::new(sets, times, radii, [None; 2]).pairs_once(self.once).in_box(images);
         match sweep.lowest_without_radius() {
             Some(of) => Err(ListError::MissingRadius { of }),
             None => Ok(make::lists(lists, &sweep, self.most)),

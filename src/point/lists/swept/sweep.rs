@@ -482,4 +482,32 @@ mod tests {
         }
         assert!(divided > 40, "{divided}");
     }
+    /// Points sixteen periods apart, whose nearest images are always within the radius: few others are as near.
+    #[test]
+    fn a_radius_beyond_all_distances_reaches_few_images() {
+        let mut random = Random(6);
+        let mut row = |by: f32| -> Vec<Vec3> {
+            (0..24).map(|_| Vec3::from_array(core::array::from_fn(|_| random.signed() * by))).collect()
+        };
+        let (first, motion) = (row(7.5), row(0.2));
+        let last: Vec<Vec3> = first.iter().zip(motion).map(|(&at, by)| at + by).collect();
+        let points = PointArrays { keys: &[&first[..], &last], active: &[], ids: &[] };
+        let tree = PointTree::build(&points, &PointParams::default()).unwrap();
+        let images = Images::new::<f32>([Some(1.0); 3], (&tree, None)).unwrap();
+        let radii = [f32::INFINITY; 24];
+        for radii in [
+            Radii::Equal(f32::INFINITY),
+            Radii::Own(&radii),
+            Radii::Larger { own: &radii, others: &radii },
+            Radii::Sum { own: &radii, others: &radii },
+        ] {
+            let mut memory = [Vec::new(), Vec::new()];
+            let radii = images.shortened(radii, &mut memory);
+            let sweep = Sweep::<f32>::new((&tree, None), [0.0, 1.0], radii, [None; 2]).in_box(images);
+            let reported: usize = sweep.run(|| Reported(0)).iter().map(|reported| reported.0).sum();
+            // A sum is twice as long.
+            let most = if matches!(radii, Radii::Sum { .. }) { 50 } else { 10 };
+            assert!((24 * 23..most * 24 * 23).contains(&reported), "{reported}, {radii:?}");
+        }
+    }
 }
