@@ -178,7 +178,8 @@ pub(super) struct Window {
     times: [f64; 2],
     /// Encounters that begin from the first of these times to before the second are reported.
     reported: [f64; 2],
-    /// A key of one of the sets with which the window ends, if the two have others: a point that begins there counts behind it only.
+    /// A key of one of the sets with which the window ends, if the two have others: a point that begins there counts behind it
+    /// only.
     key: f64,
     /// By how much the other points are moved to an image of them.
     pub(super) shift: [f64; 3],

@@ -152,8 +152,8 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
     ///
     /// Lists in a periodic box take kL off differences in f32, which is wrong by (2M + L)u, and so is the result: as much as
     /// another segment adds, with M + L in place of M. Of two images that are as far away as f32 tells, they may take the one that
-    /// is farther by 12(M + L)u along an axis. So a pair may be farther apart in the lists than its nearest image is: for that there
-    /// is room in the second half below. In f64 there is room for both.
+    /// is farther by 12(M + L)u along an axis. So a pair may be farther apart in the lists than its nearest image is: for that
+    /// there is room in the second half below. In f64 there is room for both.
     ///
     /// **Listed pairs.** Positions are rounded both there and here, so the allowance for rounding counts twice. The second half
     /// covers that here both positions and their difference are rounded (3·1.8Mu), and the squares are (8ur). For points in f64
