@@ -1,7 +1,7 @@
 //! The point tree as callers build and query it, and its parameters.
 
 use super::build::automatic::{moving_layers, slices_for_all};
-use super::build::choice::{Choice, Chosen};
+use super::build::layer_request::{ChosenLayer, LayerRequest};
 use super::build::partition::Partition;
 use super::build::source::{Input, Source};
 use super::build::static_apart::static_apart;
@@ -278,7 +278,7 @@ impl PointTree {
         } else {
             let progress = progress.rest(1.0);
             let chosen = moving_layers(choice_for(source, &moving, params, &progress));
-            for Chosen { layer, time_slices, points, why } in chosen {
+            for ChosenLayer { layer, time_slices, points, why } in chosen {
                 tree.add(layer, PointLayerKind::Linear { time_slices }, points, why);
             }
         }
@@ -445,14 +445,14 @@ pub(super) fn work_of<P: PointSet + ?Sized>(points: &P) -> usize {
     if points.keys() == 1 { points.len() / 8 } else { points.len() }
 }
 
-/// The choice of a structure for some points of a set.
+/// What layers of some points of a set are built for.
 fn choice_for<'a>(
     source: &'a Source,
     points: &'a [u32],
     params: &PointParams,
     progress: &'a Progress<'a>,
-) -> Choice<'a> {
-    Choice { source, points, max_references: params.max_references, simd: params.simd, progress }
+) -> LayerRequest<'a> {
+    LayerRequest { source, points, max_references: params.max_references, simd: params.simd, progress }
 }
 
 /// The number of time slices that the caller requested; `None` if the choice is automatic, or there is none.

@@ -165,7 +165,7 @@ fn what_is_no_length_and_points_too_far_apart_are_errors() {
         let periodic = far.periodic([None, Some(length), None]);
         assert_eq!(periodic.is_ok(), right, "{length}");
         match periodic {
-            Err(error) => assert_eq!(error, PeriodError::Extent { axis: 1 }),
+            Err(error) => assert_eq!(error, PeriodError::FarFromPeriod { axis: 1 }),
             // At most half a period away, and the rounding of a coordinate.
             Ok(periodic) => {
                 let near = periodic.query(DVec3::new(1e6, 0.3 * length, 1e6), 0.0).nearest().unwrap();

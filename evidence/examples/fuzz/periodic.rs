@@ -53,6 +53,11 @@ pub fn check(random: &mut Random, tree: &PointTree, cloud: &Cloud, (q, time): (D
             ensure!(lengths[axis].is_some_and(|length| extent > 16.0 * length), "{what}: {extent} along axis {axis}");
             return Ok(());
         }
+        Err(PeriodError::FarFromPeriod { axis }) => {
+            let most = tree.bounds().map_or(0.0, |of| of.max[axis].abs().max(of.min[axis].abs()));
+            ensure!(lengths[axis].is_some_and(|length| most > 1e12 * length), "{what}: {most} along axis {axis}");
+            return Ok(());
+        }
         periodic => periodic.map_err(|error| format!("{what}: {error}"))?,
     };
     let seen = |image: &DVec3| if cloud.double { *image } else { image.as_vec3().as_dvec3() };

@@ -6,9 +6,9 @@
 //! is expected by the numbers of their points, and by how much larger the boxes of these trees would be ([`super::excess`]). Of
 //! those that promise to be chosen such trees are built and measured, too.
 
-use super::choice::{Choice, name};
 use super::cost::{ReferenceCounts, Visits, memory_cost};
 use super::excess::{Excess, excess, leaves_of};
+use super::layer_request::{LayerRequest, name};
 use super::partial_layer::PartialLayer;
 use super::slice_points::{SlicePoints, points_of_slice};
 use crate::point::leaf_order::fast_points::order_at;
@@ -17,8 +17,8 @@ use crate::simd::{LANES, MovingPointBlock};
 use crate::tuning::points::{MAX_COST, MOST_ALIKE, OWN_TREES, SHORT_SLICES, VISITED};
 
 /// Whether trees of slices take less time than another way to choose.
-fn takes_less_time(choice: Choice<'_>) -> bool {
-    let Choice { source, points, max_references, .. } = choice;
+fn takes_less_time(request: LayerRequest<'_>) -> bool {
+    let LayerRequest { source, points, max_references, .. } = request;
     // Between several keys, the number of references does not say how many points exist.
     if source.all_persist() || source.keys > 2 || points.len() <= LANES {
         return false;
@@ -31,14 +31,14 @@ fn takes_less_time(choice: Choice<'_>) -> bool {
 
 /// Begins the cheapest layer for all points, and gives the reason for its number of time slices; `None` where another way to choose
 /// takes less time.
-pub(in crate::point) fn by_active_trees(choice: Choice<'_>) -> Option<(PartialLayer<'_>, String)> {
-    if !takes_less_time(choice) {
+pub(in crate::point) fn by_active_trees(request: LayerRequest<'_>) -> Option<(PartialLayer<'_>, String)> {
+    if !takes_less_time(request) {
         return None;
     }
-    let counts = ReferenceCounts::of(choice.source, choice.points);
-    let slices = counts.affordable(choice.max_references);
+    let counts = ReferenceCounts::of(request.source, request.points);
+    let slices = counts.affordable(request.max_references);
     let quarters = counts.quarters;
-    let begin = |slices: usize, time: f32| PartialLayer::at(choice, slices, time);
+    let begin = |slices: usize, time: f32| PartialLayer::at(request, slices, time);
     let mut next = slices.last().copied();
     let mut trees = Trees { counts, slices, tried: Vec::new() };
     while let Some(slices) = next {
@@ -46,7 +46,7 @@ pub(in crate::point) fn by_active_trees(choice: Choice<'_>) -> Option<(PartialLa
         let layer = begin(slices, time);
         let other = (!layer.holds(later) && trees.may_differ(slices)).then(|| begin(slices, later));
         trees.measure(layer, other);
-        next = trees.next().filter(|_| !choice.progress.cancelled());
+        next = trees.next().filter(|_| !request.progress.cancelled());
     }
     let costs = trees.tried.iter().map(|tried| format!("{} {:.1}", name(tried.layer.per_segment), tried.cost));
     let costs = costs.collect::<Vec<_>>().join(", ");
@@ -96,7 +96,7 @@ impl<'a> Trees<'a> {
     }
 
     fn measured(&self, layer: &PartialLayer) -> Measured {
-        let Choice { source, points, simd, .. } = layer.choice;
+        let LayerRequest { source, points, simd, .. } = layer.request;
         let slice = *layer.slice();
         let middle = slice.middle_phase();
         let sizes = |leaves: &[MovingPointBlock]| excess(leaves, middle as f32, &self.slices, simd);

@@ -9,9 +9,9 @@
 //! less, the tree of one of those is built as well. The trees of the structure that is finally chosen are reused.
 
 use super::active_trees::by_active_trees;
-use super::choice::{Choice, Chosen, name};
 use super::cost::ReferenceCounts;
 use super::excess::excess;
+use super::layer_request::{ChosenLayer, LayerRequest, name};
 use super::own_trees::by_own_trees;
 use super::partial_layer::PartialLayer;
 use super::time_slices::linear_tree;
@@ -28,22 +28,22 @@ const FEW: usize = LANES * LANES;
 const WHY_FEW: &str = "so few points fit below one node";
 
 /// The layers of the points.
-pub(in crate::point) fn moving_layers(choice: Choice<'_>) -> Vec<Chosen> {
-    let Choice { source, points, simd, progress, .. } = choice;
-    if let Some((layer, why)) = by_whole_trees(choice) {
+pub(in crate::point) fn moving_layers(request: LayerRequest<'_>) -> Vec<ChosenLayer> {
+    let LayerRequest { source, points, simd, progress, .. } = request;
+    if let Some((layer, why)) = by_whole_trees(request) {
         return vec![layer.finish(why, progress)];
     }
     if points.len() <= FEW {
-        let layer = PartialLayer::new(choice, 1);
+        let layer = PartialLayer::new(request, 1);
         return vec![layer.finish(WHY_FEW.to_string(), progress)];
     }
-    let mut trials = Trials::new(choice);
+    let mut trials = Trials::new(request);
     let (mut fast, mut slow, mut ready) = (Vec::new(), Vec::new(), None);
     if trials.stay_together() {
         let WithoutFast { tree, by_motion, .. } = linear_tree(source, points, trials.placed.take(), None, progress);
         let size = excess(&tree.leaves.blocks, 0.5, &[1], simd)[0];
         if size.is_small(points.len() * segments(source.keys)) && !by_motion {
-            let layer = PartialLayer::linear(choice, tree);
+            let layer = PartialLayer::linear(request, tree);
             return vec![layer.finish(size.why(), progress)];
         }
         ready = Some(tree);
@@ -87,14 +87,14 @@ pub(in crate::point) fn moving_layers(choice: Choice<'_>) -> Vec<Chosen> {
 }
 
 /// The number of time slices of each segment in one layer for all points, and the reason for it.
-pub(in crate::point) fn slices_for_all(choice: Choice<'_>) -> (usize, String) {
-    if let Some((layer, why)) = by_whole_trees(choice) {
+pub(in crate::point) fn slices_for_all(request: LayerRequest<'_>) -> (usize, String) {
+    if let Some((layer, why)) = by_whole_trees(request) {
         return (layer.per_segment, why);
     }
-    if choice.points.len() <= FEW {
+    if request.points.len() <= FEW {
         return (1, WHY_FEW.to_string());
     }
-    let mut trials = Trials::new(choice);
+    let mut trials = Trials::new(request);
     trials.try_one_tree();
     trials.try_slices(false);
     let why = explain(&trials);
@@ -104,30 +104,30 @@ pub(in crate::point) fn slices_for_all(choice: Choice<'_>) -> (usize, String) {
 
 /// Begins the cheapest layer for all points by trees of the whole set, if that takes less time than samples; and the reason for its
 /// number of time slices.
-fn by_whole_trees(choice: Choice<'_>) -> Option<(PartialLayer<'_>, String)> {
-    by_own_trees(choice).or_else(|| by_active_trees(choice))
+fn by_whole_trees(request: LayerRequest<'_>) -> Option<(PartialLayer<'_>, String)> {
+    by_own_trees(request).or_else(|| by_active_trees(request))
 }
 
 /// Begins the cheapest layer for all points; returns it, its cost, and a description of the measurements. The linear tree of all
 /// points between the keys in the middle may be `ready`.
 fn one_layer<'a>(trials: &mut Trials<'a>, ready: Option<MovingTree>) -> (PartialLayer<'a>, f64, String) {
-    let (choice @ Choice { source, points, progress, .. }, placed) = (trials.choice, trials.placed.take());
+    let (request @ LayerRequest { source, points, progress, .. }, placed) = (trials.request, trials.placed.take());
     let mut layer = match trials.best(false).slices {
         1 => {
             let tree = ready.unwrap_or_else(|| linear_tree(source, points, placed, None, progress).tree);
-            PartialLayer::linear(choice, tree)
+            PartialLayer::linear(request, tree)
         }
         slices => {
             // Other trees have no use for this memory.
             drop(placed);
-            PartialLayer::new(choice, slices)
+            PartialLayer::new(request, slices)
         }
     };
     let cost_of = |layer: &PartialLayer, trials: &Trials| layer.visits().cost() + trials.memory_cost(layer.per_segment);
     let mut cost = cost_of(&layer, trials);
     let mut measured = vec![format!("in the whole set {} {cost:.1}", name(layer.per_segment))];
     while let Some(finer) = trials.finer(layer.per_segment, cost).filter(|_| !progress.cancelled()) {
-        let next = PartialLayer::new(choice, finer);
+        let next = PartialLayer::new(request, finer);
         let of_next = cost_of(&next, trials);
         measured.push(format!("{} {of_next:.1}", name(next.per_segment)));
         if of_next >= cost * MAX_COST {
@@ -142,7 +142,7 @@ fn one_layer<'a>(trials: &mut Trials<'a>, ready: Option<MovingTree>) -> (Partial
 
 /// The fast points, the others, and the linear tree of those between the keys in the middle.
 fn split_fast(trials: &mut Trials) -> (Vec<u32>, Vec<u32>, Option<MovingTree>) {
-    let Choice { source, points, progress, .. } = trials.choice;
+    let LayerRequest { source, points, progress, .. } = trials.request;
     let leaf_size = Some(trials.leaf_size);
     let WithoutFast { tree, fast, .. } = linear_tree(source, points, trials.placed.take(), leaf_size, progress);
     let mut is_fast = vec![false; source.len];
@@ -160,8 +160,8 @@ struct Separated<'a> {
 
 impl<'a> Separated<'a> {
     fn new((slow, tree): (&'a [u32], MovingTree), fast: &'a [u32], trials: &Trials<'a>) -> Separated<'a> {
-        let [slow, fast] = [slow, fast].map(|points| Choice { points, ..trials.choice });
-        let [of_slow, of_fast] = [slow, fast].map(|choice| ReferenceCounts::of(choice.source, choice.points));
+        let [slow, fast] = [slow, fast].map(|points| LayerRequest { points, ..trials.request });
+        let [of_slow, of_fast] = [slow, fast].map(|request| ReferenceCounts::of(request.source, request.points));
         let references = |slices: usize| of_slow.with(1) + of_fast.with(slices);
         let slow = PartialLayer::linear(slow, tree);
         let begin = |slices: usize| {
@@ -177,7 +177,7 @@ impl<'a> Separated<'a> {
         }
         let (mut of_fast, mut cost) = begin(slices);
         // Trees over a few points are built quickly and take little memory.
-        while !trials.choice.progress.cancelled() && affordable(2 * of_fast.per_segment) {
+        while !trials.request.progress.cancelled() && affordable(2 * of_fast.per_segment) {
             let finer = begin(2 * of_fast.per_segment);
             if finer.1 > cost * MAX_REFINED_COST {
                 break;
@@ -187,9 +187,9 @@ impl<'a> Separated<'a> {
         Separated { slow, fast: of_fast, cost }
     }
 
-    fn finish(self, why: String, progress: &Progress) -> Vec<Chosen> {
+    fn finish(self, why: String, progress: &Progress) -> Vec<ChosenLayer> {
         let Separated { slow, fast, cost } = self;
-        let [of_slow, of_fast] = [&slow, &fast].map(|layer| layer.choice.points.len() as f64);
+        let [of_slow, of_fast] = [&slow, &fast].map(|layer| layer.request.points.len() as f64);
         let of_slow = progress.rest(of_slow / (of_slow + of_fast));
         let why = format!("{why}; in the whole set fast points apart in {} {cost:.1}", name(fast.per_segment));
         let slow = slow.finish(why, &of_slow);

@@ -2,7 +2,7 @@
 //!
 //! Counting instead of timing makes the choice of a structure the same on every machine.
 
-use super::choice::Choice;
+use super::layer_request::LayerRequest;
 use super::source::Source;
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::point::leaf_order::moving_reference::SegmentSlice;
@@ -67,9 +67,9 @@ impl Visits {
         Visits { nodes: visited.nodes / done, blocks: visited.blocks / done }
     }
 
-    /// Those of searches at some of the points of a choice that exist in a time slice, while they do.
-    pub(in crate::point) fn among(choice: Choice<'_>, layers: &[&Layer], slice: &SegmentSlice) -> Visits {
-        let Choice { source, points, simd, .. } = choice;
+    /// Those of searches at some of the points of a request that exist in a time slice, while they do.
+    pub(in crate::point) fn among(request: LayerRequest<'_>, layers: &[&Layer], slice: &SegmentSlice) -> Visits {
+        let LayerRequest { source, points, simd, .. } = request;
         let count = searches(points.len());
         let place =
             |point: u32, interval: TimeInterval| (slice.ends().map(|key| source.at(point as usize, key)), interval);

@@ -2,9 +2,9 @@
 
 mod active_trees;
 pub(super) mod automatic;
-pub(super) mod choice;
 mod cost;
 mod excess;
+pub(super) mod layer_request;
 mod own_trees;
 mod partial_layer;
 pub(super) mod partition;

@@ -5,9 +5,9 @@
 //! gain anything ([`super::excess`]). If so, the work of searches in it is counted, and that of shorter slices is predicted by
 //! their boxes. The first tree of those that promise most is built, and its searches are counted, as long as that gains.
 
-use super::choice::{Choice, name};
 use super::cost::{ReferenceCounts, Visits, memory_cost};
 use super::excess::{excess, leaves_of};
+use super::layer_request::{LayerRequest, name};
 use super::partial_layer::PartialLayer;
 use super::slice_points::SlicePoints;
 use super::source::Source;
@@ -21,8 +21,8 @@ use core::iter;
 
 /// Begins the cheapest layer for all points, and gives the reason for its number of time slices; `None` where another way to choose
 /// takes less time.
-pub(in crate::point) fn by_own_trees<'a>(choice: Choice<'a>) -> Option<(PartialLayer<'a>, String)> {
-    let Choice { source, points, max_references, simd, progress } = choice;
+pub(in crate::point) fn by_own_trees<'a>(request: LayerRequest<'a>) -> Option<(PartialLayer<'a>, String)> {
+    let LayerRequest { source, points, max_references, simd, progress } = request;
     if !source.all_persist() || !OWN_TREES.contains(&points.len()) {
         return None;
     }
@@ -33,7 +33,7 @@ pub(in crate::point) fn by_own_trees<'a>(choice: Choice<'a>) -> Option<(PartialL
     let slices = ReferenceCounts::of(source, points).affordable(max_references);
     let references = points.len() * segments(source.keys);
     if of_one.is_small(references) || slices.len() == 1 {
-        return Some((PartialLayer::linear(choice, tree), of_one.why()));
+        return Some((PartialLayer::linear(request, tree), of_one.why()));
     }
     let sizes = excess(leaves, 0.5, &slices, simd);
     let mut measured = Vec::new();
@@ -43,7 +43,7 @@ pub(in crate::point) fn by_own_trees<'a>(choice: Choice<'a>) -> Option<(PartialL
         measured.push(format!("{} {cost:.1}", name(layer.per_segment)));
         Measured { layer, visits, cost }
     };
-    let mut best = measure(PartialLayer::linear(choice, tree));
+    let mut best = measure(PartialLayer::linear(request, tree));
     let mut limit = MAX_COST;
     while !progress.cancelled() {
         let now = best.layer.per_segment;
@@ -58,7 +58,7 @@ pub(in crate::point) fn by_own_trees<'a>(choice: Choice<'a>) -> Option<(PartialL
             break;
         };
         let most = predicted(slices) * OVERESTIMATED;
-        let mut begin = |slices: usize| measure(PartialLayer::new(choice, slices));
+        let mut begin = |slices: usize| measure(PartialLayer::new(request, slices));
         let mut next = begin(slices);
         // Where points meet in the middle of the shutter, it is only certain that one slice is too few.
         let meet = next.cost > most;

@@ -1,7 +1,7 @@
 //! Layers of which one tree or two are built, for their searches to be counted before the others are.
 
-use super::choice::{Choice, Chosen};
 use super::cost::Visits;
+use super::layer_request::{ChosenLayer, LayerRequest};
 use super::slice_points::{points_of_slice, points_of_slices};
 use super::time_slices::{PROBABLE, time_slices, tree};
 use crate::point::layout::moving_tree::{MovingTree, WithoutFast};
@@ -12,7 +12,7 @@ use std::borrow::Cow;
 
 /// A layer of which one tree is built, or two.
 pub(in crate::point) struct PartialLayer<'a> {
-    pub(in crate::point) choice: Choice<'a>,
+    pub(in crate::point) request: LayerRequest<'a>,
     /// Time slices of each segment between keys, a tree for each.
     pub(in crate::point) per_segment: usize,
     slices: Vec<SegmentSlice>,
@@ -27,27 +27,27 @@ pub(in crate::point) struct PartialLayer<'a> {
 
 impl<'a> PartialLayer<'a> {
     /// Builds the tree of a time slice in the middle.
-    pub(in crate::point) fn new(choice: Choice<'a>, per_segment: usize) -> PartialLayer<'a> {
-        PartialLayer::at(choice, per_segment, 0.5)
+    pub(in crate::point) fn new(request: LayerRequest<'a>, per_segment: usize) -> PartialLayer<'a> {
+        PartialLayer::at(request, per_segment, 0.5)
     }
 
     /// Builds the tree of the time slice that holds a time.
-    pub(in crate::point) fn at(choice: Choice<'a>, per_segment: usize, time: f32) -> PartialLayer<'a> {
-        let Choice { source, points, progress, .. } = choice;
+    pub(in crate::point) fn at(request: LayerRequest<'a>, per_segment: usize, time: f32) -> PartialLayer<'a> {
+        let LayerRequest { source, points, progress, .. } = request;
         let slices = time_slices(source.keys, per_segment);
         let at = index_of(&slices, time);
         let existing = points_of_slice(source, points, &slices[at]);
         let progress = progress.rest(PROBABLE / slices.len() as f64);
         let WithoutFast { tree, by_motion, .. } = tree(source, &existing, &slices[at], &mut Vec::new(), &progress);
         let tree = Layer::Moving(vec![tree]);
-        PartialLayer { choice, per_segment, slices, at, tree, by_motion, other: None }
+        PartialLayer { request, per_segment, slices, at, tree, by_motion, other: None }
     }
 
     /// One time slice for each segment, where the tree between the keys in the middle is ready.
-    pub(in crate::point) fn linear(choice: Choice<'a>, tree: MovingTree) -> PartialLayer<'a> {
-        let slices = time_slices(choice.source.keys, 1);
+    pub(in crate::point) fn linear(request: LayerRequest<'a>, tree: MovingTree) -> PartialLayer<'a> {
+        let slices = time_slices(request.source.keys, 1);
         let (at, tree) = (slices.len() / 2, Layer::Moving(vec![tree]));
-        PartialLayer { choice, per_segment: 1, slices, at, tree, by_motion: false, other: None }
+        PartialLayer { request, per_segment: 1, slices, at, tree, by_motion: false, other: None }
     }
 
     /// Whether the tree that is built is that of the time slice that holds a time.
@@ -67,14 +67,14 @@ impl<'a> PartialLayer<'a> {
 
     /// What searches in that tree visit.
     pub(in crate::point) fn visits(&self) -> Visits {
-        Visits::among(self.choice, &[&self.tree], self.slice())
+        Visits::among(self.request, &[&self.tree], self.slice())
     }
 
     /// Builds the other trees.
-    pub(in crate::point) fn finish(self, why: String, progress: &Progress) -> Chosen {
-        let (Choice { source, points, .. }, time_slices) = (self.choice, self.per_segment);
+    pub(in crate::point) fn finish(self, why: String, progress: &Progress) -> ChosenLayer {
+        let (LayerRequest { source, points, .. }, time_slices) = (self.request, self.per_segment);
         if self.slices.len() == 1 {
-            return Chosen { layer: self.tree, time_slices, points: points.len(), why };
+            return ChosenLayer { layer: self.tree, time_slices, points: points.len(), why };
         }
         let mut ready: Vec<(usize, MovingTree)> = Vec::new();
         for (at, tree) in [(self.at, self.tree)].into_iter().chain(self.other) {
@@ -93,7 +93,7 @@ impl<'a> PartialLayer<'a> {
             None => tree(source, &existing, slice, &mut more, &progress.subtask(1.0)).tree,
         };
         let layer = Layer::Moving(self.slices.iter().zip(existing).enumerate().map(tree_of).collect());
-        Chosen { layer, time_slices, points: points.len(), why }
+        ChosenLayer { layer, time_slices, points: points.len(), why }
     }
 }
 

@@ -6,9 +6,9 @@
 //!
 //! The work if all points rested is counted as well: where little is to be gained, nothing else is tried.
 
-use super::choice::Choice;
 use super::cost::{FINEST, ReferenceCounts, Visits, memory_cost, searches, trees_of};
 use super::excess::{excess, leaves_of};
+use super::layer_request::LayerRequest;
 use super::sample::{Sample, Sampler};
 use super::time_slices::time_slices_of;
 use crate::point::layout::moving_tree::{MovingTree, Placed};
@@ -38,7 +38,7 @@ pub(in crate::point) struct Trial {
 
 /// Trials of structures for some points of a set, on samples.
 pub(in crate::point) struct Trials<'a> {
-    pub(in crate::point) choice: Choice<'a>,
+    pub(in crate::point) request: LayerRequest<'a>,
     references: ReferenceCounts,
     sampler: Sampler<'a>,
     pub(in crate::point) all: Vec<Trial>,
@@ -68,8 +68,8 @@ const BOUNDED: usize = 2;
 
 impl<'a> Trials<'a> {
     /// Takes samples.
-    pub(in crate::point) fn new(choice: Choice<'a>) -> Trials<'a> {
-        let Choice { source, points, simd, progress, .. } = choice;
+    pub(in crate::point) fn new(request: LayerRequest<'a>) -> Trials<'a> {
+        let LayerRequest { source, points, simd, progress, .. } = request;
         let _reported = progress.rest(TRIAL);
         let sampler = Sampler::new(source, points, simd);
         let mut placed = sampler.placed();
@@ -80,15 +80,16 @@ impl<'a> Trials<'a> {
         let (all, at_rest, fast_at_rest) = (Vec::new(), 0.0, f64::INFINITY);
         let flows = whole.iter().map(least_with_flows).collect();
         let references = ReferenceCounts::of(source, points);
-        Trials { choice, references, sampler, all, leaf_size, whole, placed, at_rest, fast_at_rest, flows }
+        Trials { request, references, sampler, all, leaf_size, whole, placed, at_rest, fast_at_rest, flows }
     }
 
     /// Whether points of the samples that are close together stay together, so that nothing can cost much less than one tree.
     pub(in crate::point) fn stay_together(&self) -> bool {
-        let excess_of =
-            |sample: &Sample| excess(&leaves_of(&sample.references[..], &sample.order), 0.5, &[1], self.choice.simd)[0];
-        let references = self.choice.points.len() * segments(self.choice.source.keys);
-        self.choice.source.all_persist() && self.whole.iter().all(|sample| excess_of(sample).is_small(references))
+        let excess_of = |sample: &Sample| {
+            excess(&leaves_of(&sample.references[..], &sample.order), 0.5, &[1], self.request.simd)[0]
+        };
+        let references = self.request.points.len() * segments(self.request.source.keys);
+        self.request.source.all_persist() && self.whole.iter().all(|sample| excess_of(sample).is_small(references))
     }
 
     /// Tries one tree for all points, and counts the work at rest.
@@ -129,7 +130,7 @@ impl<'a> Trials<'a> {
             goes_on[1] = goes_on[1]
                 && self.fast_at_rest <= self.least()
                 && self.may_have(slices, references_with_fast(&self.whole, slices));
-            if goes_on == [false; 2] || self.choice.progress.cancelled() {
+            if goes_on == [false; 2] || self.request.progress.cancelled() {
                 break;
             }
             let samples = self.sampler.samples(slices, None, goes_on[1]);
@@ -153,7 +154,7 @@ impl<'a> Trials<'a> {
         // Where few points cause most of the work, it decreases faster than expected.
         let limit = MAX_COST * self.expected(1, linear)(guess);
         let mut slices = if self.tried(guess).is_some_and(|cost| cost < limit) { guess / 2 } else { 1 };
-        while slices > 1 && !self.choice.progress.cancelled() {
+        while slices > 1 && !self.request.progress.cancelled() {
             let samples = self.sampler.samples(slices, None, false);
             let cost = self.add(&samples, slices, None);
             slices = if cost * MAX_COST <= self.least() { slices / 2 } else { 1 };
@@ -223,7 +224,7 @@ impl<'a> Trials<'a> {
 
     /// The cost of memory of so many time slices of all points.
     pub(in crate::point) fn memory_cost(&self, slices: usize) -> f64 {
-        memory_cost(self.references.with(slices) * segments(self.choice.source.keys))
+        memory_cost(self.references.with(slices) * segments(self.request.source.keys))
     }
 
     /// The least cost of what was tried.
@@ -276,8 +277,8 @@ impl<'a> Trials<'a> {
 
     /// The cost of layers over all points with this many references in each segment, measured in their trees of one time slice.
     pub(in crate::point) fn measured(&self, layers: &[&Layer], references: usize, slice: &SegmentSlice) -> f64 {
-        let memory = memory_cost(references * segments(self.choice.source.keys));
-        Visits::among(self.choice, layers, slice).cost() + memory
+        let memory = memory_cost(references * segments(self.request.source.keys));
+        Visits::among(self.request, layers, slice).cost() + memory
     }
 
     /// Tries a structure and returns its cost.
@@ -289,12 +290,12 @@ impl<'a> Trials<'a> {
 
     /// The work of searches in samples, on average. Those without active points in their time slice are skipped.
     fn work(&self, samples: &[Sample], slices: (usize, Option<usize>), searches: usize) -> Work {
-        let _reported = self.choice.progress.rest(TRIAL);
+        let _reported = self.request.progress.rest(TRIAL);
         let non_empty = samples.iter().filter(|sample| !sample.references.is_empty());
         let count = non_empty.clone().count().max(1);
         let searches = searches.div_ceil(count);
         let mut sum = Work { visited: 0.0, cost: 0.0, references: 0 };
-        for own in non_empty.map(|sample| work(sample, searches, slices, self.choice.simd)) {
+        for own in non_empty.map(|sample| work(sample, searches, slices, self.request.simd)) {
             sum.visited += own.visited / count as f64;
             sum.cost += own.cost / count as f64;
             sum.references += own.references;
@@ -304,7 +305,7 @@ impl<'a> Trials<'a> {
 
     /// The number of searches of a trial.
     fn searches(&self) -> usize {
-        searches(self.choice.points.len())
+        searches(self.request.points.len())
     }
 
     /// Whether a segment may have this many time slices of all points.
@@ -314,7 +315,7 @@ impl<'a> Trials<'a> {
 
     /// Whether a segment may have this many time slices of some points, if there are so many references to all in all.
     pub(in crate::point) fn may_have(&self, slices: usize, references: f64) -> bool {
-        slices <= FINEST && references <= f64::from(self.choice.max_references) * self.choice.points.len() as f64
+        slices <= FINEST && references <= f64::from(self.request.max_references) * self.request.points.len() as f64
     }
 }
 

@@ -24,9 +24,14 @@ pub enum PeriodError {
         /// The axis.
         axis: usize,
     },
-    /// The box around all points over the shutter is longer than sixteen periods, or farther than 2^40 periods from zero, where
-    /// images would be rounded. Move points by whole periods into one box, with all their keys.
+    /// The box around all points over the shutter is longer than sixteen periods. Move points by whole periods into one box, with
+    /// all their keys.
     Extent {
+        /// The axis.
+        axis: usize,
+    },
+    /// Points are more than 2^40 periods from zero, where images of a place would be rounded too much.
+    FarFromPeriod {
         /// The axis.
         axis: usize,
     },
@@ -37,10 +42,10 @@ impl fmt::Display for PeriodError {
         match self {
             PeriodError::Length { axis } => write!(f, "the period of axis {axis} must be above zero and finite"),
             PeriodError::Extent { axis } => {
-                write!(
-                    f,
-                    "points are more than {MOST_EXTENT} periods apart, or too many from zero, along axis {axis}; move them into one box"
-                )
+                write!(f, "points are more than {MOST_EXTENT} periods apart along axis {axis}; move them into one box")
+            }
+            PeriodError::FarFromPeriod { axis } => {
+                write!(f, "points are more than 2^40 periods from zero along axis {axis}; move them into the box")
             }
         }
     }
@@ -83,8 +88,11 @@ impl PointTree {
                 return Err(PeriodError::Length { axis });
             }
             let (low, high) = (bounds.min[axis], bounds.max[axis]);
-            if high - low > MOST_EXTENT * length || low.abs().max(high.abs()) > FARTHEST * length {
+            if high - low > MOST_EXTENT * length {
                 return Err(PeriodError::Extent { axis });
+            }
+            if low.abs().max(high.abs()) > FARTHEST * length {
+                return Err(PeriodError::FarFromPeriod { axis });
             }
         }
         Ok(PeriodicPoints { tree: self, images: Images::new(lengths.map(|length| length.unwrap_or(0.0)), bounds) })

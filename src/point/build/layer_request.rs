@@ -1,13 +1,13 @@
-//! What a structure is chosen for, and the choice.
+//! What layers are built for, and the layers that are chosen.
 
 use super::source::Source;
 use crate::point::search::layers::Layer;
 use crate::progress::Progress;
 use crate::simd::SimdLevel;
 
-/// What a structure is chosen for: some points of a set, at least one.
+/// What layers are built for: some points of a set, at least one.
 #[derive(Clone, Copy)]
-pub(in crate::point) struct Choice<'a> {
+pub(in crate::point) struct LayerRequest<'a> {
     pub(in crate::point) source: &'a Source,
     pub(in crate::point) points: &'a [u32],
     /// The allowed number of references per point, for each segment between keys.
@@ -18,7 +18,7 @@ pub(in crate::point) struct Choice<'a> {
 }
 
 /// A layer, and the reason for its number of time slices.
-pub(in crate::point) struct Chosen {
+pub(in crate::point) struct ChosenLayer {
     pub(in crate::point) layer: Layer,
     /// Of each segment between keys.
     pub(in crate::point) time_slices: usize,
