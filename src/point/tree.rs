@@ -277,7 +277,7 @@ impl PointTree {
             tree.add(layer, PointLayerKind::Linear { time_slices }, len, "as requested".into());
         } else {
             let progress = progress.rest(1.0);
-            let chosen = moving_layers(choice_for(source, &moving, params, &progress));
+            let chosen = moving_layers(request_for(source, &moving, params, &progress));
             for ChosenLayer { layer, time_slices, points, why } in chosen {
                 tree.add(layer, PointLayerKind::Linear { time_slices }, points, why);
             }
@@ -300,7 +300,7 @@ impl PointTree {
             None if count == len => (1, String::new()),
             None => {
                 let (moving, planning) = (partition.moving_points(), progress.subtask(PLANNING));
-                let (time_slices, why) = slices_for_all(choice_for(source, &moving, params, &planning));
+                let (time_slices, why) = slices_for_all(request_for(source, &moving, params, &planning));
                 (time_slices, format!("{why}; trials used positions rounded to f32"))
             }
         };
@@ -446,7 +446,7 @@ pub(super) fn work_of<P: PointSet + ?Sized>(points: &P) -> usize {
 }
 
 /// What layers of some points of a set are built for.
-fn choice_for<'a>(
+fn request_for<'a>(
     source: &'a Source,
     points: &'a [u32],
     params: &PointParams,
