@@ -146,10 +146,6 @@ def test_swept_lists_and_skins_in_periodic_boxes_are_those_of_copies(kind):
     for time in np.linspace(0.25, np.nextafter(np.float32(lists.valid_until), np.float32(0)), 5):
         pairs = tree.neighbor_lists(0.05, time=time)
         assert {(p, int(j)) for p, row in enumerate(pairs) for j in row} <= listed
-    far = PointTree(first, keys=last + 20, boxsize=1)
-    for lists in [lambda: far.neighbor_lists_swept(0.1), lambda: far.neighbor_lists_with_skin(0.1, 0.1)]:
-        with pytest.raises(ValueError, match="periods"):
-            lists()
 
 
 def test_lists_of_points_that_do_not_exist_are_empty():
