@@ -7,6 +7,16 @@ use mbkd::{
     glam::{DVec3, Vec3},
 };
 
+/// Checks until when lists hold, which is at most `end`: not after the first time at which a pair is missing, and not before the
+/// earliest that rounding explains. Returns whether it is before the end.
+pub fn is_cut_short(good: f32, end: f64, [earliest, first]: [f64; 2], what: &str) -> bool {
+    let good = f64::from(good);
+    assert!(good <= first, "{what}: {good}, but a pair is missing from {first}");
+    let earliest = earliest.min(end) - 2e-6;
+    assert!(good >= earliest, "{what}: {good}, not {earliest}");
+    good < end - 1e-5
+}
+
 impl Set {
     /// The position of a point at a time, as queries compute it.
     fn at(&self, i: usize, time: f32) -> DVec3 {
@@ -87,11 +97,8 @@ fn lists_with_a_skin_hold_until_the_time_that_is_certified() {
                         assert_eq!(query.collect().unwrap().neighbors(), count * (count - 1) - 2 * missing.len());
                         let good = query.certified_until(radius, until).unwrap();
                         assert!((time..=until).contains(&good), "{what}: {good}");
-                        assert!(f64::from(good) <= first, "{what}: {good}, but a pair is missing from {first}");
-                        let earliest = at_the_earliest.min(times[1]) - 2e-6;
-                        assert!(f64::from(good) >= earliest, "{what}: {good}, not {earliest}");
-                        let counted = if f64::from(good) < times[1] - 1e-5 { &mut cut_short } else { &mut complete };
-                        *counted += 1;
+                        let short = is_cut_short(good, times[1], [at_the_earliest, first], &what);
+                        *(if short { &mut cut_short } else { &mut complete }) += 1;
                         across += usize::from(first < as_given);
                         let events = [time, good.next_down(), time + (good - time) * rng.unit()];
                         for t in events.into_iter().filter(|&t| time <= t && t < good) {

@@ -487,11 +487,11 @@ fn bad_queries_get_errors_and_empty_sets_empty_lists() {
     }
     for (time, until) in [(-0.1, 1.0), (f32::NAN, 1.0), (1.5, 1.6)] {
         assert_eq!(tree.neighbor_lists_with_skin(time, 1.0, 1.0, until, &mut lists), Err(ListError::Time));
-        assert_eq!(tree.certified_until(time, 1.0, 1.0, until), Err(ListError::Time));
+        assert_eq!(tree.neighbor_lists(time, 2.0).certified_until(1.0, until), Err(ListError::Time));
     }
     for (time, until) in [(0.5, 0.4), (0.5, 1.1), (0.0, f32::NAN)] {
         assert_eq!(tree.neighbor_lists_with_skin(time, 1.0, 1.0, until, &mut lists), Err(ListError::Until));
-        assert_eq!(tree.certified_until(time, 1.0, 1.0, until), Err(ListError::Until));
+        assert_eq!(tree.neighbor_lists(time, 2.0).certified_until(1.0, until), Err(ListError::Until));
     }
     let texts = [ListError::Time, ListError::Until].map(|error| error.to_string().contains("until"));
     assert_eq!(texts, [false, true], "each is about its own time");

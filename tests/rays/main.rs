@@ -19,6 +19,7 @@ mod instance_calls;
 mod instances;
 mod keys;
 mod lazy;
+mod local_rays;
 mod masked_shapes;
 mod metamorphic;
 mod mixed;

@@ -36,7 +36,7 @@ impl PointTree {
     /// ```
     ///
     /// # Errors
-    /// As [`PointTree::certified_until`]; `lists` then holds none.
+    /// [`ListError::Skin`] for a skin that is negative or NaN, and as [`ListQuery::certified_until`]; `lists` then holds none.
     pub fn neighbor_lists_with_skin(
         &self,
         time: f32,
@@ -46,33 +46,13 @@ impl PointTree {
         lists: &mut NeighborLists,
     ) -> Result<f32, ListError> {
         lists.clear();
-        let until = self.certified_until(time, radius, skin, until)?;
-        self.neighbor_lists(time, radius + skin).run(lists)?;
-        Ok(until)
-    }
-
-    /// Until when neighbour lists at `time` with a radius of `radius + skin` hold every pair within `radius`: that of
-    /// [`ListQuery::certified_until`], of one set and in no periodic box.
-    ///
-    /// ```
-    /// use mbkd::{MovingPoint, NeighborLists, PointParams, PointTree, glam::Vec3};
-    /// let points = [MovingPoint::fixed(Vec3::ZERO), MovingPoint::new(Vec3::X * 4.0, Vec3::ZERO)];
-    /// let tree = PointTree::build(&points, &PointParams::default())?;
-    /// let (time, radius, skin, mut lists) = (0.0, 1.0, 0.5, NeighborLists::new());
-    /// tree.neighbor_lists(time, radius + skin).pairs_once().in_order().max_neighbors(500).run(&mut lists)?;
-    /// let valid_until = tree.certified_until(time, radius, skin, 1.0)?;
-    /// assert!((valid_until - 0.75).abs() < 1e-5 && valid_until <= 0.75);
-    /// # Ok::<(), Box<dyn std::error::Error>>(())
-    /// ```
-    ///
-    /// # Errors
-    /// A radius or skin that is negative or NaN, a time outside the shutter ([`ListError::Time`]), and an `until` before it or
-    /// beyond the shutter ([`ListError::Until`]).
-    pub fn certified_until(&self, time: f32, radius: f32, skin: f32, until: f32) -> Result<f32, ListError> {
         if is_bad(skin) {
             return Err(ListError::Skin);
         }
-        self.neighbor_lists(time, radius + skin).certified_until(radius, until)
+        let query = self.neighbor_lists(time, radius + skin);
+        let until = query.certified_until(radius, until)?;
+        query.run(lists)?;
+        Ok(until)
     }
 }
 
@@ -163,10 +143,10 @@ fn first_missing<C: SweptCoordinate>(
     };
     let (boxed, boxed_among) = (tree.box_tree([time, until]), among.and_then(|among| among.box_tree([time, until])));
     let sets = (boxed.as_ref().unwrap_or(tree), boxed_among.as_ref().or(among));
-    let mut none = [Vec::new(), Vec::new()];
-    let radii = images.shortened(Radii::Equal(radius), &mut none);
-    let sweep =
-        Sweep::<C>::new(sets, [time, until], radii, segments.map(Some)).in_box(images).for_certificate(listed_within);
+    let radius = images.shortened_radius(radius);
+    let sweep = Sweep::<C>::new(sets, [time, until], radius.into(), segments.map(Some))
+        .in_box(images)
+        .for_certificate(listed_within);
     let firsts = sweep.run(|| First { time: f32::INFINITY, listed: &listed });
     let first = firsts.iter().fold(f32::INFINITY, |least, first| least.min(first.time));
     // No margin is needed. The radius r is widened by Δ, at least 28·2^-24 of the largest coordinate M, and a pair that a query

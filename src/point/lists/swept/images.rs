@@ -89,19 +89,23 @@ impl Images {
         Ok(Images { lengths, most, farthest })
     }
 
-    /// Radii within which the same points meet, but fewer images: where a radius is longer than all distances, each image within it
-    /// would count. The memory is for radii of points.
+    /// A radius within which the same points meet, but fewer images: where it is longer than all distances, each image within it
+    /// would count.
+    pub(super) fn shortened_radius(&self, radius: f32) -> f32 {
+        if self.any() { radius.min(self.farthest as f32) } else { radius }
+    }
+
+    /// The same of all radii. The memory is for radii of points.
     pub(super) fn shortened<'r>(&self, radii: Radii<'r>, [first, second]: &'r mut [Vec<f32>; 2]) -> Radii<'r> {
         if !self.any() {
             return radii;
         }
-        let most = self.farthest as f32;
         let shorten = |radii: &[f32], memory: &'r mut Vec<f32>| -> &'r [f32] {
-            memory.extend(radii.iter().map(|radius| radius.min(most)));
+            memory.extend(radii.iter().map(|&radius| self.shortened_radius(radius)));
             memory
         };
         match radii {
-            Radii::Equal(radius) => Radii::Equal(radius.min(most)),
+            Radii::Equal(radius) => Radii::Equal(self.shortened_radius(radius)),
             Radii::Own(own) => Radii::Own(shorten(own, first)),
             Radii::Larger { own, others } => {
                 Radii::Larger { own: shorten(own, first), others: shorten(others, second) }

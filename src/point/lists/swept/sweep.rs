@@ -482,6 +482,7 @@ mod tests {
         }
         assert!(divided > 40, "{divided}");
     }
+
     /// Points sixteen periods apart, whose nearest images are always within the radius: few others are as near.
     #[test]
     fn a_radius_beyond_all_distances_reaches_few_images() {
