@@ -26,6 +26,8 @@ mod lists_skin;
 #[cfg(feature = "rayon")]
 mod lists_skin_periodic;
 #[cfg(feature = "rayon")]
+mod lists_skin_radii;
+#[cfg(feature = "rayon")]
 mod lists_swept;
 #[cfg(feature = "rayon")]
 mod lists_swept_among;

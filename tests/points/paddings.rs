@@ -3,7 +3,7 @@
 use crate::lists::{STRUCTURES, build};
 use crate::lists_swept::{check, meet, meet_all};
 use crate::support::{Cloud, Rng};
-use mbkd::{NeighborLists, PointStructure, SimdLevel, TimeInterval, glam::Vec3};
+use mbkd::{NeighborLists, PointStructure, PointTree, Radii, SimdLevel, TimeInterval, glam::Vec3};
 
 /// The least radius at which two points meet.
 fn least_radius(cloud: &Cloud, (i, j): (usize, usize), interval: TimeInterval) -> f32 {
@@ -112,6 +112,24 @@ fn the_factor_of_approximate_answers_is_rounded_up() {
     }
 }
 
+/// Makes lists of two points with a skin; until when they hold: the latest time of those for one radius and for the same radius
+/// given for each point, which come about in different ways.
+fn certified(tree: &PointTree, time: f32, radius: f32, skin: f32, lists: &mut NeighborLists) -> f32 {
+    let equal = tree.neighbor_lists_with_skin(time, radius, skin, 1.0, lists).unwrap();
+    let [needed, listed] = [radius, radius + skin].map(|radius| [radius; 2]);
+    let [half_needed, half_listed] = [needed, listed].map(|radii| radii.map(|radius| 0.5 * radius));
+    type Form = for<'a> fn(&'a [f32]) -> Radii<'a>;
+    let forms: [(&[f32; 2], &[f32; 2], Form); 3] = [
+        (&needed, &listed, |own| Radii::Own(own)),
+        (&needed, &listed, |own| Radii::Larger { own, others: own }),
+        (&half_needed, &half_listed, |own| Radii::Sum { own, others: own }),
+    ];
+    let until = |(needed, listed, form): (&[f32; 2], &[f32; 2], Form)| {
+        tree.neighbor_lists(time, form(listed)).certified_until(form(needed), 1.0).unwrap()
+    };
+    forms.into_iter().map(until).fold(equal, f32::max)
+}
+
 /// A slow pair far from zero, which queries at some times find within the radius before it is there in truth.
 #[test]
 fn a_certificate_ends_before_rounding_takes_a_pair_for_near() {
@@ -127,7 +145,7 @@ fn a_certificate_ends_before_rounding_takes_a_pair_for_near() {
             cloud.keys.push(vec![at, at + direction * (radius + step * (1.0 - nearer))]);
         }
         let tree = build(&cloud, PointStructure::Linear, SimdLevel::best());
-        let good = tree.neighbor_lists_with_skin(0.0, radius, 0.1 * step, 1.0, &mut lists).unwrap();
+        let good = certified(&tree, 0.0, radius, 0.1 * step, &mut lists);
         if lists.neighbors() > 0 {
             continue;
         }
@@ -160,7 +178,7 @@ fn a_pair_just_outside_the_lists_by_their_rounding_is_not_taken_for_a_listed_one
             skin = skin.next_down();
         }
         let tree = build(&cloud, PointStructure::Linear, SimdLevel::best());
-        let good = tree.neighbor_lists_with_skin(time, radius, skin, 1.0, &mut lists).unwrap();
+        let good = certified(&tree, time, radius, skin, &mut lists);
         assert_eq!(lists.neighbors(), 0, "round {round}");
         let enter = meet(&cloud, (0, 1), [f64::from(time), 1.0], f64::from(radius) * f64::from(radius)).unwrap().enter;
         assert!(good <= enter, "round {round}: {good}, but they meet at {enter}");

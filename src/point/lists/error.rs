@@ -44,7 +44,7 @@ pub enum ListError {
     },
     /// The skin is negative or NaN: lists do not hold what is farther apart than their radius.
     Skin,
-    /// Until when lists hold is known for lists with the same radius for all pairs only.
+    /// The radii within which lists shall hold every pair are not of the same kind as those of the lists.
     RadiiDiffer,
     /// There are fewer radii than ids of the points that exist at the time or during the interval, or than queries.
     MissingRadius {
@@ -104,7 +104,7 @@ impl fmt::Display for ListError {
             ListError::Radius { of: Some(of) } => write!(f, "the radius of {of} is negative or NaN"),
             ListError::Radius { of: None } => f.write_str("the radius is negative or NaN"),
             ListError::Skin => f.write_str("the skin is negative or NaN"),
-            ListError::RadiiDiffer => f.write_str("until when lists hold is known only where all pairs have the same radius"),
+            ListError::RadiiDiffer => f.write_str("lists and what they shall hold need radii of the same kind: equal, own, larger or sum"),
             ListError::MissingRadius { of: of @ RadiusOf::Query(_) } => {
                 write!(f, "there is no radius for {of}; give one for each query")
             }

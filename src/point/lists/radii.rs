@@ -65,6 +65,21 @@ impl<'a> Radii<'a> {
         }
     }
 
+    /// An error if these are not of the same kind as others, or one is greater.
+    pub(super) fn check_within(&self, longer: &Radii<'_>) -> Result<(), ListError> {
+        let within = |radii: &[f32], longer: &[f32]| radii.iter().zip(longer).all(|(radius, longer)| radius <= longer);
+        let all_within = match (self, longer) {
+            (Radii::Equal(radius), Radii::Equal(longer)) => radius <= longer,
+            (Radii::Own(own), Radii::Own(longer)) => within(own, longer),
+            (Radii::Larger { own, others }, Radii::Larger { own: longer, others: longer_others })
+            | (Radii::Sum { own, others }, Radii::Sum { own: longer, others: longer_others }) => {
+                within(own, longer) && within(others, longer_others)
+            }
+            _ => return Err(ListError::RadiiDiffer),
+        };
+        if all_within { Ok(()) } else { Err(ListError::Skin) }
+    }
+
     /// The radius of a point whose list is made.
     #[inline(always)]
     pub(super) fn of(&self, id: u32) -> f32 {
@@ -80,6 +95,21 @@ impl<'a> Radii<'a> {
         match self {
             Radii::Equal(_) | Radii::Own(_) => None,
             Radii::Larger { others, .. } | Radii::Sum { others, .. } => Some(others),
+        }
+    }
+
+    /// How far two points with these ids may be from each other, of one whose list is made and of another.
+    pub(super) fn of_ids(&self, own: u32, other: u32) -> f32 {
+        self.of_pair(self.of(own), self.others().map_or(0.0, |radii| radius_of(radii, other)))
+    }
+
+    /// A radius that no pair's is less than; infinite where there are no radii.
+    pub(super) fn least(&self) -> f32 {
+        let least = |radii: &[f32]| radii.iter().copied().fold(f32::INFINITY, f32::min);
+        match self {
+            Radii::Equal(radius) => *radius,
+            Radii::Own(own) => least(own),
+            Radii::Larger { own, others } | Radii::Sum { own, others } => self.of_pair(least(own), least(others)),
         }
     }
 
@@ -127,10 +157,44 @@ impl Margin {
         Margin { factor: 1.0 + UNITS, sum: UNITS * size + 1e-21 }
     }
 
+    /// For radii that are longer by this. (The margin for rounding, which is not zero, has room for what is rounded here.)
+    pub(super) fn beyond(self, Allowance { factor, sum }: Allowance) -> Margin {
+        let own = f64::from(self.factor);
+        Margin { factor: (own * factor) as f32, sum: self.sum + (own * sum) as f32 }
+    }
+
     /// The squared distance up to which boxes are near whose points are within a radius.
     #[inline(always)]
     pub(super) fn squared<S: Simd>(self, s: S, radii: S::F) -> S::F {
         squared_radii(s, radii * s.splat(self.factor) + s.splat(self.sum))
+    }
+}
+
+/// By how much radii are longer than they are given, in f64: for each radius `r` it is `r * factor + sum`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Allowance {
+    pub(super) factor: f64,
+    pub(super) sum: f64,
+}
+
+impl Default for Allowance {
+    /// Not at all: each radius is what it is.
+    fn default() -> Allowance {
+        Allowance { factor: 1.0, sum: 0.0 }
+    }
+}
+
+impl Allowance {
+    /// A radius with the allowance.
+    #[inline(always)]
+    pub(super) fn added_to(self, radius: f32) -> f64 {
+        f64::from(radius) * self.factor + self.sum
+    }
+
+    /// Those of four.
+    #[inline(always)]
+    pub(super) fn added_to_four<S: Simd>(self, s: S, radii: &[f32; 4]) -> S::D {
+        s.widen_four(radii) * s.splat_d(self.factor) + s.splat_d(self.sum)
     }
 }
 

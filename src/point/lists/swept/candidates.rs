@@ -247,7 +247,7 @@ fn active_lanes<T: BoxTree>(tree: &T, node: usize, [first, last]: [f32; 2]) -> M
 /// A block whose points may come near those of a group.
 pub(super) struct CandidateBlock {
     pub(super) paths: RelativePaths,
-    /// Squared distance up to which the test in f32 leaves a pair to that in f64, with the greatest radius of the group.
+    /// Squared distance up to which the test in f32 leaves a pair to that in f64, if all pairs have the same radius.
     bound: f32,
     /// The greatest radius of its points, where these count, and what is added to radii.
     reach: f32,
@@ -263,7 +263,7 @@ impl CandidateBlock {
     pub(super) fn bound(&self, criteria: &Criteria<'_>, own: f32) -> f32 {
         match criteria.radii {
             Radii::Equal(_) => self.bound,
-            radii => squared_up(f64::from(radii.of_pair(own, self.reach)) + self.slack),
+            _ => squared_up(criteria.longest(own, self.reach) + self.slack),
         }
     }
 }
@@ -300,7 +300,7 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
     ) {
         let (lo, hi) = group.swept_root(s, tree);
         let root = reach.get(tree.root_node().1).unwrap_or(&[0.0; LANES]);
-        let within = criteria.radius_within(root.iter().fold(0.0, |most, &radius| f32::max(most, radius)));
+        let within = criteria.longest(criteria.own, root.iter().fold(0.0, |most, &radius| f32::max(most, radius)));
         let along =
             |axis: usize| criteria.images.reached(axis, [group.lo[axis], group.hi[axis]], [lo[axis], hi[axis]], within);
         let (ys, zs) = (along(1), along(2));
@@ -352,7 +352,7 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
                     let points = tree.rows(first + lane * stride + part);
                     let paths = RelativePaths::new::<C, IMAGES>(&points, phases, &frame);
                     let slack = SLACK * magnitude[lane] + group.slack;
-                    let bound = squared_up(criteria.radius + slack + UNDERFLOW);
+                    let bound = squared_up(criteria.longest(0.0, 0.0) + slack + UNDERFLOW);
                     // The radius has been lowered by more than f32 adds here, rounding of its square included:
                     // see `Sweep::for_certificate`.
                     let moved = 6.0 * (magnitude[lane] + group.magnitude) * early;

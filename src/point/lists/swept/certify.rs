@@ -57,11 +57,11 @@ impl PointTree {
 }
 
 impl ListQuery<'_> {
-    /// Until when these lists hold every pair within `radius`, which is less than the radius that they are made with: by the skin.
-    /// In periodic boxes and among another set, too; the columns and the order of the lists make no difference.
+    /// Until when these lists hold every pair within `radii`, which are less than those that they are made with: by the skin. In
+    /// periodic boxes and among another set, too; the columns and the order of the lists make no difference.
     ///
     /// What is certain: at each time from that of the lists to before the returned one, every pair that the same request finds
-    /// within `radius` is in these lists, whatever the rounding. The verdict is exact for the linear motion between keys, not a
+    /// with `radii` is in these lists, whatever the rounding. The verdict is exact for the linear motion between keys, not a
     /// bound on speeds, and on the safe side by a few units in the last place of the coordinates in the radius: by 2e-6 of the
     /// set's largest coordinate with two keys, and by 5e-7 more for each further one. Of points kept in f64 it is 2e-14 and 1e-14
     /// of the largest coordinate, with 5e-7 of the radius and 3e-7 of the most by which displacements between two keys differ. (In
@@ -89,67 +89,85 @@ impl ListQuery<'_> {
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     ///
+    /// Points of different sizes have lists with [`Radii`] that are longer by a skin each:
+    ///
+    /// ```
+    /// use mbkd::{MovingPoint, PointParams, PointTree, Radii, glam::Vec3};
+    /// let points = [MovingPoint::fixed(Vec3::ZERO), MovingPoint::new(Vec3::X * 4.0, Vec3::ZERO)];
+    /// let tree = PointTree::build(&points, &PointParams::default())?;
+    /// let (radii, with_skin) = ([1.0, 0.5], [1.25, 0.75]);
+    /// let lists = tree.neighbor_lists(0.0, Radii::Sum { own: &with_skin, others: &with_skin });
+    /// let valid_until = lists.certified_until(Radii::Sum { own: &radii, others: &radii }, 1.0)?;
+    /// // One and a half apart after five eighths of the time.
+    /// assert!((valid_until - 0.625).abs() < 1e-5 && valid_until <= 0.625);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
     /// # Errors
-    /// - [`ListError::Radius`] for a radius that is negative or NaN, [`ListError::Skin`] if it is greater than that of the lists.
+    /// - [`ListError::Radius`] for a radius that is negative or NaN, [`ListError::MissingRadius`] for a point without one.
+    /// - [`ListError::Skin`] for a radius that is greater than that of the lists, [`ListError::RadiiDiffer`] for [`Radii`] of another
+    ///   kind than those of the lists.
     /// - [`ListError::Origins`] and [`ListError::Double`] if the two trees keep their positions in different ways
     ///   ([`ListQuery::among`]).
-    /// - [`ListError::RadiiDiffer`] for lists in which pairs have radii of their own.
     /// - [`ListError::Time`] for lists at a time outside the shutter, [`ListError::Until`] for an `until` before it or beyond the
     ///   shutter.
     /// - [`ListError::Period`], [`ListError::FarFromPeriod`] and [`ListError::Extent`] as
     ///   [`SweptQuery::run`](super::SweptQuery::run).
-    pub fn certified_until(self, radius: f32, until: f32) -> Result<f32, ListError> {
-        let request = self.request;
+    pub fn certified_until<'r>(self, radii: impl Into<Radii<'r>>, until: f32) -> Result<f32, ListError> {
+        let (request, radii) = (self.request, radii.into());
         request.check()?;
-        let Radii::Equal(listed_within) = request.listing.radii else { return Err(ListError::RadiiDiffer) };
-        if is_bad(radius) {
-            return Err(ListError::Radius { of: None });
-        }
-        if radius > listed_within {
-            return Err(ListError::Skin);
-        }
+        radii.check()?;
+        radii.check_within(&request.listing.radii)?;
         if !(request.time..=1.0).contains(&until) {
             return Err(ListError::Until);
         }
         let first_missing = if request.in_single() { first_missing::<f32> } else { first_missing::<f64> };
-        parallel::entered(request.tree.len(), || first_missing(&request, radius, listed_within, until))
+        parallel::entered(request.tree.len(), || first_missing(&request, radii, until))
     }
 }
 
-/// The first time until which no pair comes within the radius that is not within `listed_within` at the time of a request, but at
-/// most the next key.
+/// The first time until which no pair comes within its radius that is not in the lists of a request, but at most the next key.
 fn first_missing<C: SweptCoordinate>(
     request: &ListRequest<'_>,
-    radius: f32,
-    listed_within: f32,
+    radii: Radii<'_>,
     until: f32,
 ) -> Result<f32, ListError> {
     let ListRequest { tree, time, periods, listing, .. } = *request;
     let among = listing.other_set.then_some(request.among);
     let sets = [tree, request.among];
     let images = Images::new::<C>(periods, (tree, among))?;
-    // Positions are the same numbers at all times.
-    if sets.iter().flat_map(|tree| C::layers(tree)).all(|layer| matches!(layer, SweptLayer::Static(_))) {
-        return Ok(until);
-    }
+    let at_rest = sets.iter().flat_map(|tree| C::layers(tree)).all(|layer| matches!(layer, SweptLayer::Static(_)));
     let keys = sets.map(PointTree::keys);
     let segments = keys.map(|keys| C::segment(time, keys));
     let ends = [0, 1].map(|set| C::segment_end(segments[set], keys[set]));
-    let until = until.min(ends[0]).min(ends[1]).max(time);
-    let (bound, periodic_box) = (squared_radius(listed_within), PeriodicBox::new(periods));
+    let first_key = until.min(ends[0]).min(ends[1]).max(time);
+    let periodic_box = PeriodicBox::new(periods);
     let listed = |a: &PointPath, b: &PointPath| {
         let both = a.active.contains(time) && b.active.contains(time);
-        both && C::squared_distance([a, b], time, keys, &periodic_box) <= bound
+        let within = || squared_radius(listing.radii.of_ids(a.id, b.id));
+        both && C::squared_distance([a, b], time, keys, &periodic_box) <= within()
     };
-    let (boxed, boxed_among) = (tree.box_tree([time, until]), among.and_then(|among| among.box_tree([time, until])));
+    let (boxed, boxed_among) =
+        (tree.box_tree([time, first_key]), among.and_then(|among| among.box_tree([time, first_key])));
     let sets = (boxed.as_ref().unwrap_or(tree), boxed_among.as_ref().or(among));
-    let radius = images.shortened_radius(radius);
-    let sweep = Sweep::<C>::new(sets, [time, until], radius.into(), segments.map(Some))
+    let mut shortened = [Vec::new(), Vec::new()];
+    let radii = images.shortened(radii, &mut shortened);
+    // Where all pairs have the same radius, either point of a pair finds what the other does.
+    let alike = matches!(radii, Radii::Equal(_)) && !listing.other_set;
+    let sweep = Sweep::<C>::new(sets, [time, first_key], radii, segments.map(Some))
+        .pairs_once(listing.once || alike)
         .in_box(images)
-        .for_certificate(listed_within);
+        .for_certificate(listing.radii.least());
+    if let Some(of) = sweep.lowest_without(radii).or_else(|| sweep.lowest_without(listing.radii)) {
+        return Err(ListError::MissingRadius { of });
+    }
+    if at_rest {
+        // Positions are the same numbers at all times.
+        return Ok(until);
+    }
     let firsts = sweep.run(|| First { time: f32::INFINITY, listed: &listed });
     let first = firsts.iter().fold(f32::INFINITY, |least, first| least.min(first.time));
-    // No margin is needed. The radius r is widened by Δ, at least 28·2^-24 of the largest coordinate M, and a pair that a query
+    // No margin is needed. A radius r is widened by Δ, at least 28·2^-24 of the largest coordinate M, and a pair that a query
     // finds at time t is within r + 0.9 Δ in truth: see `Sweep::for_certificate`. What f64 rounds in the discriminant is a
     // change of the widened radius, of less than 2^-44 M² in its square, where (r + Δ)² exceeds (r + 0.9 Δ)² by more than 2^-41
     // M². What it rounds in the quotient is less than 2^-50 of it, in which the two move by less than 2^-47 M. So the computed
@@ -158,7 +176,7 @@ fn first_missing<C: SweptCoordinate>(
     // Of points in f64, with ε, A, R and n as in `super`, what a query finds is nearer here than r + Δ by 29εA + 36nεA + 2^-22
     // R and 6ur. What f64 rounds in the discriminant changes the square of the widened radius by less than (2^-23 R)² and
     // 36εr². What it rounds in the quotient and in the time is less than 3ε, in which the two move by less than 21nεA.
-    Ok(first.min(until))
+    Ok(first.min(first_key))
 }
 
 /// Finds the first encounter of a pair that is not listed.

@@ -8,11 +8,15 @@ use crate::point::layout::slice_tree::SliceTree;
 use crate::point::layout::static_tree::StaticTree;
 use crate::point::leaf_order::moving_reference::exact_phase;
 use crate::point::lists::periodic_box::PeriodicBox;
+use crate::point::lists::radii::Allowance;
 use crate::point::precise::{PreciseTree, between};
 use crate::point::search::layers::Layer;
 use crate::point::tree::PointTree;
 use crate::simd::Simd;
 use glam::DVec3;
+
+/// What the rounding of a radius and of squared distances allows for: 8·2^-24 of the radius.
+const RADIUS_ROUNDING: f64 = 1.0 + 8.0 / 16_777_216.0;
 
 /// Points that one structure holds.
 pub(super) enum SweptLayer<'a, C: SweptCoordinate> {
@@ -42,9 +46,9 @@ pub(super) trait SweptCoordinate: Copy + Default + Into<f64> + Send + Sync {
     /// How far beyond the radius, apart from what f32 rounds, two points may be whose encounter is reported: see [`super`].
     /// `motion` is the most by which displacements between two keys differ along an axis.
     fn excess(segments: usize, magnitude: impl FnOnce() -> f64, motion: f64) -> f64;
-    /// How much the distances of points that queries at a time take for within a radius may exceed it, or those of
+    /// By how much the distances of points that queries at a time take for within a radius may exceed it, or those of
     /// encounters fall short of the exact ones: see [`Sweep::for_certificate`](super::sweep::Sweep::for_certificate).
-    fn rounding(segments: usize, magnitude: f64, motion: f64, radius: f64) -> f64;
+    fn rounding(segments: usize, magnitude: f64, motion: f64) -> Allowance;
     /// The distance up to which pairs are excluded by their positions in f32, given that up to which they may be in truth, the
     /// slack of the test, and by how much they move in it before the first time.
     fn excluded_within(distance: f64, slack: f64, moved: f64) -> f64;
@@ -89,8 +93,8 @@ impl SweptCoordinate for f32 {
     fn excess(_segments: usize, _magnitude: impl FnOnce() -> f64, _motion: f64) -> f64 {
         0.0
     }
-    fn rounding(segments: usize, magnitude: f64, _motion: f64, radius: f64) -> f64 {
-        ((8 * segments + 20) as f64 * magnitude + 8.0 * radius) / 16_777_216.0 + 1e-18
+    fn rounding(segments: usize, magnitude: f64, _motion: f64) -> Allowance {
+        Allowance { factor: RADIUS_ROUNDING, sum: (8 * segments + 20) as f64 * magnitude / 16_777_216.0 + 1e-18 }
     }
     #[inline(always)]
     fn excluded_within(distance: f64, _slack: f64, _moved: f64) -> f64 {
@@ -141,8 +145,8 @@ impl SweptCoordinate for f64 {
     fn excess(segments: usize, magnitude: impl FnOnce() -> f64, motion: f64) -> f64 {
         (segments + 1) as f64 * magnitude() * 2f64.powi(-47) + motion * 2f64.powi(-22)
     }
-    fn rounding(segments: usize, magnitude: f64, motion: f64, radius: f64) -> f64 {
-        f64::excess(segments, || magnitude, motion) + 8.0 * radius / 16_777_216.0 + 1e-18
+    fn rounding(segments: usize, magnitude: f64, motion: f64) -> Allowance {
+        Allowance { factor: RADIUS_ROUNDING, sum: f64::excess(segments, || magnitude, motion) + 1e-18 }
     }
     #[inline(always)]
     fn excluded_within(distance: f64, slack: f64, moved: f64) -> f64 {

@@ -5,7 +5,7 @@ use super::images::Images;
 use crate::geometry::TimeInterval;
 use crate::point::layout::over_interval::{PathRows, PointPath, greater, lesser};
 use crate::point::lists::candidates::Within;
-use crate::point::lists::radii::{Margin, Radii, radius_of, squared_up};
+use crate::point::lists::radii::{Allowance, Margin, Radii, radius_of, squared_up};
 use crate::simd::{LANES, Lanes, Mask, Simd};
 
 /// A time at which two points are as close as they come, and when they are within the radius.
@@ -61,9 +61,9 @@ pub(super) trait EncounterVisitor {
 #[derive(Clone, Copy)]
 pub(super) struct Criteria<'a> {
     pub(super) radii: Radii<'a>,
-    /// The radius of all pairs, if they have the same.
-    pub(super) radius: f64,
-    /// The greatest radius of one of the points, otherwise.
+    /// How much farther than their radius pairs may be.
+    pub(super) allowance: Allowance,
+    /// The greatest radius of one of the points, if pairs have radii of their own.
     pub(super) own: f32,
     /// Whether each pair is reported to the point with the lower id only.
     pub(super) pairs_once: bool,
@@ -81,17 +81,16 @@ impl Criteria<'_> {
     #[inline(always)]
     pub(super) fn within(&self, own: f32) -> Within<'_> {
         match self.radii {
-            Radii::Equal(_) => Within::Squared(squared_up(self.radius)),
-            _ => Within::Radius(&self.radii, own, Margin::of_rounding(0.0)),
+            Radii::Equal(radius) => Within::Squared(squared_up(self.allowance.added_to(radius))),
+            _ => Within::Radius(&self.radii, own, Margin::of_rounding(0.0).beyond(self.allowance)),
         }
     }
 
-    /// How far points of the group reach at most, among others with radii up to `others` where these count.
-    pub(super) fn radius_within(&self, others: f32) -> f64 {
-        match self.radii {
-            Radii::Equal(_) => self.radius,
-            radii => radii.of_pair(self.own, others).into(),
-        }
+    /// How far two points may be from each other that have at most these radii, where pairs have radii of their own.
+    #[inline(always)]
+    pub(super) fn longest(&self, own: f32, other: f32) -> f64 {
+        let radius = if let Radii::Equal(radius) = self.radii { radius } else { self.radii.of_pair(own, other) };
+        self.allowance.added_to(radius)
     }
 
     /// The greatest radius of points with these ids, unless all have the same.
@@ -108,7 +107,7 @@ impl Criteria<'_> {
     /// The squared distance within which a point meets any other whose radius does not count.
     #[inline(always)]
     fn square(&self, own: u32) -> f64 {
-        let radius = if let Radii::Equal(_) = self.radii { self.radius } else { self.radii.of(own).into() };
+        let radius = self.allowance.added_to(self.radii.of(own));
         radius * radius
     }
 
@@ -119,7 +118,7 @@ impl Criteria<'_> {
         let [a, b, c, d] = [radius_of(others, a), radius_of(others, b), radius_of(others, c), radius_of(others, d)];
         let radii = self.radii;
         let radii = [radii.of_pair(own, a), radii.of_pair(own, b), radii.of_pair(own, c), radii.of_pair(own, d)];
-        let radii = s.widen_four(&radii);
+        let radii = self.allowance.added_to_four(s, &radii);
         radii * radii
     }
 }

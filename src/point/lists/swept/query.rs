@@ -252,7 +252,7 @@ impl<'a> SweptQuery<'a> {
         let mut shortened = [Vec::new(), Vec::new()];
         let radii = images.shortened(self.radii, &mut shortened);
         let sweep = Sweep::<C>::new(sets, times, radii, [None; 2]).pairs_once(self.once).in_box(images);
-        match sweep.lowest_without_radius() {
+        match sweep.lowest_without(radii) {
             Some(of) => Err(ListError::MissingRadius { of }),
             None => Ok(make::lists(lists, &sweep, self.most)),
         }

@@ -9,7 +9,7 @@ use super::time_slices::{Pairing, Slice, Tree, begins_with_a_slice, pairings, ti
 use crate::parallel;
 use crate::point::layout::over_interval::{BlockTree, greater, lesser};
 use crate::point::lists::error::RadiusOf;
-use crate::point::lists::radii::Radii;
+use crate::point::lists::radii::{Allowance, Radii};
 use crate::point::tree::PointTree;
 use crate::simd::{Kernel, Lanes, Simd, dispatch};
 use core::ops::Range;
@@ -28,8 +28,7 @@ pub(super) struct Sweep<'a, C: SweptCoordinate> {
     groups: Vec<(usize, usize)>,
     times: [f64; 2],
     radii: Radii<'a>,
-    /// That of all pairs, if they have the same.
-    radius: f64,
+    allowance: Allowance,
     /// For each slice and node the greatest radius behind each lane, where those of listed points count.
     reaches: Vec<Vec<Lanes<f32>>>,
     /// Whether each pair is in the list of the lower id only.
@@ -99,10 +98,6 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         let motion = relative_motion(&slices);
         let reach = |radii: &[f32]| parallel::map(slices.len(), |i| slices[i].reach(radii));
         let reaches = radii.others().map_or_else(Vec::new, reach);
-        let radius = match radii {
-            Radii::Equal(radius) => radius,
-            _ => 0.0,
-        };
         Sweep {
             tree,
             among,
@@ -115,7 +110,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
             groups,
             times,
             radii,
-            radius: radius.into(),
+            allowance: Allowance::default(),
             reaches,
             pairs_once: false,
             excluded_within: None,
@@ -137,9 +132,9 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         self
     }
 
-    /// Widens the radius by what the positions, distances and bounds of queries at a time, which are computed in f32, may differ
-    /// from exact ones, and excludes the pairs that lists at the first time with the radius `listed_within` contain for certain,
-    /// where visitors want that.
+    /// Widens radii by what the positions, distances and bounds of queries at a time, which are computed in f32, may differ
+    /// from exact ones, and excludes the pairs that lists at the first time contain for certain, where visitors want that: those
+    /// lists have no pair with a radius less than `listed_within`.
     ///
     /// **The radius.** With u = 2^-24, M the largest coordinate and n segments between keys, the phase between the keys is rounded
     /// by nu, which moves a point by 2Mnu; interpolation adds 4Mu, the difference of two points 2Mu; the square and its comparison
@@ -163,22 +158,21 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
     pub(super) fn for_certificate(mut self, listed_within: f32) -> Sweep<'a, C> {
         let magnitude = magnitude(&self.slices) + self.images.longest();
         let segments = self.segments + usize::from(self.images.any());
-        let rounding = |radius: f64| C::rounding(segments, magnitude, self.motion, radius);
-        let listed_within = f64::from(listed_within);
-        self.excluded_within = Some(listed_within - 2.0 * rounding(listed_within));
-        self.radius += rounding(self.radius);
+        self.allowance = C::rounding(segments, magnitude, self.motion);
+        let rounding = self.allowance.added_to(listed_within) - f64::from(listed_within);
+        self.excluded_within = Some(f64::from(listed_within) - 2.0 * rounding);
         self
     }
 
-    /// The lowest id, of a point that exists at some time of the interval, that has no radius.
-    pub(super) fn lowest_without_radius(&self) -> Option<RadiusOf> {
+    /// The lowest id, of a point that exists at some time of the interval, that has none of these radii.
+    pub(super) fn lowest_without(&self, radii: Radii<'_>) -> Option<RadiusOf> {
         let without = |slices: &[Slice<'a, C>], radii: &[f32], of: fn(u32) -> RadiusOf| {
             let lowest = |slice: &Slice<'a, C>| slice.lowest_id_from(radii.len());
             slices.iter().filter_map(lowest).min().map(of)
         };
         let slices_of_own = &self.slices[..self.own];
         let slices_of_others = if self.among.is_some() { &self.slices[self.own..] } else { slices_of_own };
-        match self.radii {
+        match radii {
             Radii::Equal(_) => None,
             Radii::Own(own) => without(slices_of_own, own, RadiusOf::Point),
             Radii::Larger { own, others } | Radii::Sum { own, others } => {
@@ -347,7 +341,7 @@ impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for Sha
             let excluded_within = sweep.excluded_within.filter(|_| f64::from(first_time) == sweep.times[0]);
             let mut criteria = Criteria {
                 radii: sweep.radii,
-                radius: sweep.radius,
+                allowance: sweep.allowance,
                 own: 0.0,
                 pairs_once: sweep.pairs_once,
                 other_set: sweep.among.is_some(),
