@@ -12,12 +12,12 @@ between. Every query carries its own time.
 Answers equal those of brute force, bit for bit, for any number of threads.
 """
 
-from ._mbkd import certified_duration
+from ._mbkd import RefitError, certified_duration
 from .instances import InstanceHits, InstanceTree
 from .lists import Encounters, NeighborLists
 from .photons import Gathered, PhotonMap
 from .points import PointTree
-from .rays import Hits, RayTree
+from .rays import Hits, RayTree, Refit
 
 __all__ = [
     "Encounters",
@@ -29,6 +29,8 @@ __all__ = [
     "PhotonMap",
     "PointTree",
     "RayTree",
+    "Refit",
+    "RefitError",
     "certified_duration",
 ]
 __version__ = "0.1.0"

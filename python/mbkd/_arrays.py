@@ -101,6 +101,11 @@ def keys_of(first: ArrayLike, later: ArrayLike | None, name: str) -> list[np.nda
     return [contiguous(key, kind) for key in arrays]
 
 
+def corners_of(bounds: Sequence[Sequence[float]] | None) -> np.ndarray | None:
+    """The lowest and the highest corner of a box, (2, 3)."""
+    return None if bounds is None else np.asarray(bounds)
+
+
 def only_euclidean(p: float) -> None:
     """Refuses the other metrics of scipy."""
     if p != 2:

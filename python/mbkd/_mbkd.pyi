@@ -13,9 +13,12 @@ _I64 = NDArray[np.int64]
 _Floats = _F32 | _F64
 _Hits = tuple[_F32, _I32, _I64, _F32, _F32]
 _PlacedHits = tuple[_F32, _I32, _I64, _F32, _F32, _I64]
+_Mesh = tuple[Sequence[_Floats], NDArray[np.uint32], Sequence[float], int, bool, bool]
+_Spheres = tuple[Sequence[_F64], Sequence[_F64], _F32 | None]
 _Rays = tuple[_F64, _F32, _F32, _F32, _F32]
 _Places = tuple[_F64, _F32, _F32]
 _Periods = tuple[Sequence[float], Sequence[Sequence[float]]] | None
+_Corners = Sequence[Sequence[float]] | None
 _Columns = tuple[_I64, _I32, _I32 | None, _F32 | None, _F32 | None]
 
 class Points:
@@ -30,6 +33,17 @@ class Points:
         workers: int,
         progress: _Progress,
     ) -> Points: ...
+    def rebuild(
+        self,
+        keys: Sequence[_Floats],
+        active: _F32 | None,
+        structure: str,
+        max_references: float,
+        precision: str,
+        workers: int,
+    ) -> bool: ...
+    def take_order(self) -> _I64: ...
+    def copy(self) -> Points: ...
     def save(self, path: str) -> None: ...
     @staticmethod
     def load(path: str) -> Points: ...
@@ -40,6 +54,8 @@ class Points:
     def n(self) -> int: ...
     @property
     def nbytes(self) -> int: ...
+    @property
+    def bounds(self) -> _Corners: ...
     def statistics(self) -> str: ...
     def query(
         self,
@@ -63,14 +79,17 @@ class Points:
         self, start: _F64, end: _F64, between: Sequence[float], workers: int, progress: _Progress
     ) -> tuple[_F64, _I64, _F64]: ...
 
+class RefitError(ValueError):
+    """A tree cannot be refitted to these meshes: build a new one. The tree is unchanged, and answers as before."""
+
 class Rays:
     def __new__(
-        cls,
-        meshes: Sequence[tuple[Sequence[_Floats], NDArray[np.uint32], Sequence[float], int]],
-        spheres: tuple[Sequence[_F64], Sequence[_F64], _F32 | None],
-        workers: int,
-        progress: _Progress,
+        cls, of_meshes: Sequence[_Mesh], of_spheres: _Spheres, workers: int, progress: _Progress
     ) -> Rays: ...
+    def refit(
+        self, to_meshes: Sequence[_Mesh], to_spheres: _Spheres | None, moved: Sequence[int] | None, workers: int
+    ) -> tuple[float, bool, Sequence[int]]: ...
+    def copy(self) -> Rays: ...
     def save(self, path: str) -> None: ...
     @staticmethod
     def load(path: str) -> Rays: ...
@@ -79,6 +98,8 @@ class Rays:
     def from_bytes(bytes: bytes) -> Rays: ...
     @property
     def nbytes(self) -> int: ...
+    @property
+    def bounds(self) -> _Corners: ...
     def statistics(self) -> str: ...
     def closest_hits(self, rays: _Rays, mask: int, workers: int, progress: _Progress) -> _Hits: ...
     def any_hits(self, rays: _Rays, mask: int, workers: int, progress: _Progress) -> NDArray[np.bool_]: ...
@@ -97,11 +118,14 @@ class Instances:
         masks: NDArray[np.uint32],
         active: _F32,
         workers: int,
+        progress: _Progress,
     ) -> Instances: ...
     @property
     def n(self) -> int: ...
     @property
     def nbytes(self) -> int: ...
+    @property
+    def bounds(self) -> _Corners: ...
     def statistics(self) -> str: ...
     def closest_hits(self, rays: _Rays, mask: int, workers: int, progress: _Progress) -> _PlacedHits: ...
     def any_hits(self, rays: _Rays, mask: int, workers: int, progress: _Progress) -> NDArray[np.bool_]: ...
@@ -157,7 +181,18 @@ def neighbor_lists(
     workers: int,
 ) -> _Columns: ...
 def neighbor_lists_with_skin(
-    points: Points, time: float, radius: float, skin: float, until: float, workers: int
+    points: Points,
+    time: float,
+    radius: float,
+    skin: float,
+    until: float,
+    among: Points | None,
+    pairs_once: bool,
+    distances: bool,
+    displacements: bool,
+    sorted: bool,
+    max_neighbors: int | None,
+    workers: int,
 ) -> tuple[_Columns, float]: ...
 def neighbor_lists_swept(
     points: Points,
@@ -165,6 +200,7 @@ def neighbor_lists_swept(
     radii: _F32,
     larger: bool,
     summed: bool,
+    among: Points | None,
     pairs_once: bool,
     max_neighbors: int | None,
     workers: int,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mbkd
-from ._arrays import contiguous, floats, per_query, places, whole
+from ._arrays import contiguous, corners_of, floats, per_query, places, whole
 
 Progress = Callable[[float], object]
 EVERYTHING = 0xFFFF_FFFF
@@ -54,6 +54,11 @@ class Traced(Generic[H]):
     def nbytes(self) -> int:
         """Memory of the tree and its triangles in bytes. A tree that is placed several times counts once."""
         return self._tree.nbytes
+
+    @property
+    def bounds(self) -> np.ndarray | None:
+        """A box around everything over the shutter, float64 (2, 3), slightly enlarged for rounding; None if there is nothing."""
+        return corners_of(self._tree.bounds)
 
     def statistics(self) -> str:
         """Statistics of the tree, as text."""

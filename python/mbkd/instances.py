@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from . import _mbkd
 from ._arrays import contiguous, floats, per_query, whole_numbers
-from ._traced import EVERYTHING, Hits, Traced
+from ._traced import EVERYTHING, Hits, Progress, Traced
 from .rays import RayTree
 
 
@@ -35,6 +35,9 @@ class InstanceHits(Hits):
 
 class InstanceTree(Traced[InstanceHits]):
     """A tree of moving instances of other trees. The placed trees are shared, not copied.
+
+    For the next frame refit the placed trees, and make a new tree of instances. A placed tree stays as it is in this one, since
+    a refit copies what is in use.
 
     An instance places one of `trees` by a matrix, or by scale, rotation and translation, applied in this order. Either is
     given once, or at K keys spaced evenly over the shutter [0, 1]. The entries of matrices are interpolated linearly between
@@ -61,6 +64,8 @@ class InstanceTree(Traced[InstanceHits]):
         The interval in which each instance exists: begin <= t < end (an end of 1 includes 1).
     workers : int
         Threads for the build; -1 for all processors.
+    progress : callable, optional
+        Called with the finished fraction from time to time. An exception ends the build, as Ctrl-C does.
 
     Raises
     ------
@@ -95,6 +100,7 @@ class InstanceTree(Traced[InstanceHits]):
         masks: ArrayLike | None = None,
         active: ArrayLike | None = None,
         workers: int = 1,
+        progress: Progress | None = None,
     ) -> None:
         if isinstance(trees, (RayTree, InstanceTree)):
             raise TypeError("trees must be a sequence of trees, not one of them")
@@ -123,6 +129,7 @@ class InstanceTree(Traced[InstanceHits]):
             contiguous(masks, np.uint32),
             contiguous(active, np.float32),
             workers,
+            progress,
         )
 
     def __len__(self) -> int:

@@ -9,10 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mbkd
-from ._arrays import contiguous, floats, interval, keys_of, number, numbers, only_euclidean, per_query, places, whole
+from ._arrays import contiguous, corners_of, floats, interval, keys_of, number, numbers, only_euclidean, per_query, places, whole
 from .lists import Encounters, NeighborLists
 
 Progress = Callable[[float], object]
+
+# Of a tree that was loaded: structure, max_references and precision.
+_USUAL = ("automatic", 8.0, "automatic")
 
 
 class PointTree:
@@ -76,6 +79,9 @@ class PointTree:
     """
 
     m = 3
+    _tree: _mbkd.Points
+    # structure, max_references and precision
+    _how: tuple[str, float, str]
 
     def __init__(
         self,
@@ -91,26 +97,102 @@ class PointTree:
         progress: Progress | None = None,
     ) -> None:
         arrays = keys_of(points, keys, "points")
-        if active is not None:
-            active = contiguous(floats(active, "active"), np.float32)
-            if active.ndim != 2 or active.shape[1] != 2:
-                raise ValueError(f"active must have the shape (n, 2), not {active.shape}")
-            if len(active) != len(arrays[0]):
-                raise ValueError(f"{len(active)} active intervals of {len(arrays[0])} points")
+        active = _active(active, len(arrays[0]))
         box = np.zeros(3) if boxsize is None else np.asarray(boxsize, dtype=np.float64)
         if box.shape not in ((), (1,), (3,)):
             raise ValueError(f"boxsize must be one number or have the shape (3,), not {box.shape}")
         # An infinite box repeats nothing, as one of length 0.
         box = np.broadcast_to(np.where(np.isposinf(box), 0.0, box), 3)
-        if boxsize is not None and len(arrays) == 1 and len(arrays[0]):
-            outside = (box > 0) & ((arrays[0].min(axis=0) < 0) | (arrays[0].max(axis=0) >= box))
-            if outside.any():
-                raise ValueError("points must lie inside of the periodic box: at least 0 and less than boxsize")
-        self._tree = _mbkd.Points(
-            arrays, active, box.tolist(), structure, max_references, precision, workers, progress
-        )
+        if boxsize is not None:
+            _inside(arrays, box)
+        self._how = (structure, max_references, precision)
+        self._tree = _mbkd.Points(arrays, active, box.tolist(), *self._how, workers, progress)
         self.data = arrays[0]
         self.boxsize = None if boxsize is None else box.copy()
+
+    def rebuild(
+        self, points: ArrayLike, keys: ArrayLike | None = None, active: ArrayLike | None = None, *, workers: int = 1
+    ) -> bool:
+        """Put other positions into the tree, as those of the next step of a simulation.
+
+        Answers are those of a new tree with the same `boxsize`, `structure`, `max_references` and `precision`. Points that
+        stand still during a step, in float32, and as many as before, keep the order of the tree where they have moved a little
+        since, which takes less time than a new tree. All others take as long as a new tree.
+
+        A query in progress in another thread goes on in the tree as it was: the tree is copied where it is in use. Calls that
+        begin meanwhile may wait.
+
+        Parameters
+        ----------
+        points, keys, active, workers
+            As for `PointTree`.
+
+        Returns
+        -------
+        bool
+            Whether the order was kept.
+
+        Raises
+        ------
+        ValueError, TypeError
+            As for `PointTree`. The tree is then unchanged.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from mbkd import PointTree
+        >>> points = np.float32([[0, 0, 0], [4, 0, 0], [8, 0, 0]])
+        >>> tree = PointTree(points)
+        >>> tree.rebuild(points + np.float32([1, 0, 0]))
+        True
+        >>> tree.query([5.5, 0, 0])
+        (0.5, 1)
+        """
+        arrays = keys_of(points, keys, "points")
+        active = _active(active, len(arrays[0]))
+        if self.boxsize is not None:
+            _inside(arrays, self.boxsize)
+        kept = self._tree.rebuild(arrays, active, *self._how, workers)
+        self.data = arrays[0]
+        return kept
+
+    def take_order(self) -> np.ndarray:
+        """Number the points in the order of the tree, in which points that are close in space are close together.
+
+        A simulation that brings its arrays into this order finds neighbours close in memory, and may `rebuild` this tree from
+        them. `data` is brought into this order as well.
+
+        Returns
+        -------
+        intp (n,)
+            The number that each point had so far.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from mbkd import PointTree
+        >>> points = np.float32([[9, 9, 9], [0, 0, 0], [8, 8, 8]])
+        >>> tree = PointTree(points)
+        >>> points = points[tree.take_order()]
+        >>> points[tree.query([8.1, 8.1, 8.1])[1]]
+        array([8., 8., 8.], dtype=float32)
+        """
+        order = self._tree.take_order()
+        if self.data is not None:
+            self.data = self.data[order]
+        return order
+
+    def copy(self) -> PointTree:
+        """A tree with the same contents that is rebuilt by itself.
+
+        The two share memory until one of them is rebuilt, which then copies what both had.
+        """
+        return self._of(self._tree.copy(), self.data, self.boxsize, self._how)
+
+    __copy__ = copy
+
+    def __deepcopy__(self, memo: dict) -> PointTree:
+        return self.copy()
 
     def save(self, path: str | os.PathLike) -> None:
         """Write the tree to a file. `PointTree.load` reads it, in Python and in Rust, on any machine.
@@ -136,16 +218,18 @@ class PointTree:
             If the file is damaged or invalid, has another version, is not a tree of points, or has ids that are not
             indices.
         """
-        return cls._of(_mbkd.Points.load(os.fspath(path)), None, None)
+        return cls._of(_mbkd.Points.load(os.fspath(path)), None, None, _USUAL)
 
     @classmethod
-    def _of(cls, compiled: _mbkd.Points, data: np.ndarray | None, boxsize: np.ndarray | None) -> PointTree:
+    def _of(
+        cls, compiled: _mbkd.Points, data: np.ndarray | None, boxsize: np.ndarray | None, how: tuple[str, float, str]
+    ) -> PointTree:
         tree = cls.__new__(cls)
-        tree._tree, tree.data, tree.boxsize = compiled, data, boxsize
+        tree._tree, tree.data, tree.boxsize, tree._how = compiled, data, boxsize, how
         return tree
 
     def __reduce__(self) -> tuple:
-        return _restored, (*self._tree.to_bytes(), self.data, self.boxsize)
+        return _restored, (*self._tree.to_bytes(), self.data, self.boxsize, self._how)
 
     @property
     def n(self) -> int:
@@ -159,6 +243,11 @@ class PointTree:
     def nbytes(self) -> int:
         """Memory of the tree in bytes."""
         return self._tree.nbytes
+
+    @property
+    def bounds(self) -> np.ndarray | None:
+        """A box around all points over the shutter, float64 (2, 3), slightly enlarged for rounding; None if there are none."""
+        return corners_of(self._tree.bounds)
 
     def statistics(self) -> str:
         """The contents of the tree and the reasons for its structure, as text."""
@@ -452,7 +541,7 @@ class PointTree:
             displacements,
             sorted,
             by_id,
-            None if max_neighbors is None else whole(max_neighbors, "max_neighbors", 0, 2**32),
+            _most(max_neighbors),
             workers,
         )
         return NeighborLists(offsets, ids, points, far if distances else None, ways if displacements else None)
@@ -469,22 +558,52 @@ class PointTree:
         return per_query(radii, (self.n,), "r")
 
     def neighbor_lists_with_skin(
-        self, r: float, skin: float, *, time: float = 0.0, until: float = 1.0, workers: int = 1
+        self,
+        r: float,
+        skin: float,
+        *,
+        time: float = 0.0,
+        until: float = 1.0,
+        among: PointTree | None = None,
+        pairs_once: bool = False,
+        distances: bool = False,
+        displacements: bool = False,
+        sorted: bool = False,
+        max_neighbors: int | None = None,
+        workers: int = 1,
     ) -> NeighborLists:
         """Neighbour lists with the radius r + skin, and the time until which they contain every pair within r.
 
         Every pair within r is in the lists from `time` until just before `NeighborLists.valid_until`. That time follows
         from the exact motion of the points, not from a bound on speeds. It is at most `until`, and at most the time of the
-        next key. In a periodic box, distances are to the nearest image.
+        next key. In a periodic box, distances are to the nearest image. Other options are as for `neighbor_lists`.
         """
-        made, valid_until = _mbkd.neighbor_lists_with_skin(self._tree, time, r, skin, until, workers)
-        return NeighborLists(made[0], made[1], valid_until=valid_until)
+        if among is not None:
+            _same_kind(among, "among")
+        (offsets, ids, _, far, ways), valid_until = _mbkd.neighbor_lists_with_skin(
+            self._tree,
+            time,
+            r,
+            skin,
+            until,
+            None if among is None else among._tree,
+            pairs_once,
+            distances,
+            displacements,
+            sorted,
+            _most(max_neighbors),
+            workers,
+        )
+        return NeighborLists(
+            offsets, ids, None, far if distances else None, ways if displacements else None, valid_until
+        )
 
     def neighbor_lists_swept(
         self,
         r: ArrayLike,
         between: Sequence[float] = (0.0, 1.0),
         *,
+        among: PointTree | None = None,
         larger: bool = False,
         summed: bool = False,
         pairs_once: bool = False,
@@ -494,13 +613,22 @@ class PointTree:
         """Find all points that come within a radius of each point at any time of an interval, and the times.
 
         This is decided in float64, for exact linear motion between the positions at the keys, in float32 or float64.
-        `r`, `larger`, `summed`, `pairs_once` and `max_neighbors` are as for `neighbor_lists`: with `summed`, these are the
-        contacts of spheres that move. In a periodic box points are as far apart as their nearest images; a pair comes up once,
+        `r`, `among`, `larger`, `summed`, `pairs_once` and `max_neighbors` are as for `neighbor_lists`: with `summed`, these are
+        the contacts of spheres that move; with `among`, those with another set, as walls that move. In a periodic box points are as far apart as their nearest images; a pair comes up once,
         whatever images it meets in.
         """
-        most = None if max_neighbors is None else whole(max_neighbors, "max_neighbors", 0, 2**32)
+        if among is not None:
+            _same_kind(among, "among")
         offsets, ids, columns = _mbkd.neighbor_lists_swept(
-            self._tree, interval(between), self._radii(r, larger, summed), larger, summed, pairs_once, most, workers
+            self._tree,
+            interval(between),
+            self._radii(r, larger, summed),
+            larger,
+            summed,
+            None if among is None else among._tree,
+            pairs_once,
+            _most(max_neighbors),
+            workers,
         )
         return Encounters(offsets, ids, *columns)
 
@@ -511,6 +639,36 @@ def _same_kind(tree: PointTree, name: str) -> None:
         raise TypeError(f"{name} must be a PointTree, not {type(tree).__name__}")
 
 
-def _restored(bytes_of_file: bytes, periods: tuple | None, data: np.ndarray | None, boxsize: np.ndarray | None) -> PointTree:
+def _most(max_neighbors: int | None) -> int | None:
+    return None if max_neighbors is None else whole(max_neighbors, "max_neighbors", 0, 2**32)
+
+
+def _active(active: ArrayLike | None, count: int) -> np.ndarray | None:
+    """Active intervals as float32 (n, 2)."""
+    if active is None:
+        return None
+    rows = contiguous(floats(active, "active"), np.float32)
+    if rows.ndim != 2 or rows.shape[1] != 2:
+        raise ValueError(f"active must have the shape (n, 2), not {rows.shape}")
+    if len(rows) != count:
+        raise ValueError(f"{len(rows)} active intervals of {count} points")
+    return rows
+
+
+def _inside(keys: list[np.ndarray], box: np.ndarray) -> None:
+    """Refuses points that stand still outside of a periodic box."""
+    if len(keys) > 1 or not len(keys[0]):
+        return
+    if ((box > 0) & ((keys[0].min(axis=0) < 0) | (keys[0].max(axis=0) >= box))).any():
+        raise ValueError("points must lie inside of the periodic box: at least 0 and less than boxsize")
+
+
+def _restored(
+    bytes_of_file: bytes,
+    periods: tuple | None,
+    data: np.ndarray | None,
+    boxsize: np.ndarray | None,
+    how: tuple[str, float, str],
+) -> PointTree:
     """Restores a pickled tree."""
-    return PointTree._of(_mbkd.Points.from_bytes(bytes_of_file, periods), data, boxsize)
+    return PointTree._of(_mbkd.Points.from_bytes(bytes_of_file, periods), data, boxsize, how)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from typing import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +17,45 @@ from ._traced import EVERYTHING, Hits, Progress, Traced, ends, mask_of
 # Centers and radii at no keys, and no active intervals.
 NO_SPHERES: tuple = ([], [], None)
 
+WHOLE = (0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Refit:
+    """The result of a refit: the quality of the tree, and the work done.
+
+    Attributes
+    ----------
+    cost : float
+        The expected cost of a ray, relative to that when the tree was built: rays of this frame take about so many times as
+        long as those of the frame that was built. If a frame's rays take R seconds and a build B seconds, a new tree pays
+        within the frame where ``(cost - 1) * R > B``. A caller that measures both may add up ``cost - 1`` over the frames and
+        build again when the sum times R exceeds B. It may be 1 although a new tree would be faster: where the pose of the
+        frame makes any tree cheaper than the pose that was built. So build now and then where everything bends.
+    is_worn : bool
+        Whether `cost` is above 1.5, where a new tree pays if the rays of a frame take twice as long as a build.
+    nodes, leaves : int
+        Nodes, and leaf blocks of up to sixteen triangles, that were written again.
+    kept, skipped : int
+        Nodes and leaf blocks that were visited and did not change, and those that were not visited.
+    """
+
+    cost: float
+    is_worn: bool
+    nodes: int
+    leaves: int
+    kept: int
+    skipped: int
+
+
+class _Options(NamedTuple):
+    """How a mesh is seen and stored."""
+
+    active: Sequence[float] = WHOLE
+    mask: int = EVERYTHING
+    keep_keys: bool = False
+    precise: bool = False
+
 
 class RayTree(Traced[Hits]):
     """A tree of triangle meshes with vertices that may move, for ray queries and nearest points at any time.
@@ -27,11 +67,17 @@ class RayTree(Traced[Hits]):
     vertices : (V, 3) or (K, V, 3)
         Positions, or positions at K keys spaced evenly over the shutter [0, 1]. Vertices move linearly between keys.
         float32 positions are kept bit for bit; float64 positions are rounded to float32 relative to the middle of the
-        scene.
+        scene, unless `precision` says otherwise.
     faces : (F, 3) of integers
         The vertex indices of each triangle.
     active : (begin, end), optional
         The interval in which the mesh exists.
+    keep_keys : bool
+        Keep all keys. Otherwise those on straight lines between others are dropped, and the mesh of a later frame that needs
+        more of them cannot take its place (`refit`). Each key beyond the second takes memory and time.
+    precision : {'float32', 'float64'}
+        'float64': positions are kept in float64 and decide every answer, for scenes far from zero with small parts. Takes
+        24 bytes per vertex and key more, and up to 1.4 times the time of rays.
     workers : int
         Threads for the build; -1 for all processors.
     progress : callable, optional
@@ -56,17 +102,22 @@ class RayTree(Traced[Hits]):
 
     _tree: _mbkd.Rays
     _hits = Hits
+    # Of each mesh in the last build or refit; none in a tree that was loaded.
+    _options: list[_Options]
 
     def __init__(
         self,
         vertices: ArrayLike,
         faces: ArrayLike,
         *,
-        active: Sequence[float] = (0.0, 1.0),
+        active: Sequence[float] = WHOLE,
+        keep_keys: bool = False,
+        precision: str = "float32",
         workers: int = 1,
         progress: Progress | None = None,
     ) -> None:
-        self._tree = _mbkd.Rays([_mesh(vertices, faces, active, EVERYTHING)], NO_SPHERES, workers, progress)
+        self._options = _options(1, [active], None, keep_keys, precision)
+        self._tree = _mbkd.Rays([_mesh(vertices, faces, self._options[0])], NO_SPHERES, workers, progress)
 
     @classmethod
     def from_meshes(
@@ -77,6 +128,8 @@ class RayTree(Traced[Hits]):
         masks: Sequence[int] | None = None,
         spheres: tuple[ArrayLike, ArrayLike] | None = None,
         spheres_active: ArrayLike | None = None,
+        keep_keys: bool | Sequence[bool] = False,
+        precision: str = "float32",
         workers: int = 1,
         progress: Progress | None = None,
     ) -> RayTree:
@@ -97,7 +150,9 @@ class RayTree(Traced[Hits]):
             `triangle`, and the x and y of the unit normal as `u` and `v`.
         spheres_active : (n, 2), optional
             The interval in which each sphere exists.
-        workers, progress
+        keep_keys : bool or sequence of bool
+            As for `RayTree`, for all meshes or for each.
+        precision, workers, progress
             As for `RayTree`.
 
         Examples
@@ -108,18 +163,129 @@ class RayTree(Traced[Hits]):
         >>> tree.closest_hits([0, 0, 10], [0, 0, -1], time=0.5).t       # the center is at 2 and the radius 1.5
         array([6.5], dtype=float32)
         """
-        active = [(0.0, 1.0)] * len(meshes) if active is None else active
-        masks = [EVERYTHING] * len(meshes) if masks is None else masks
-        if not len(meshes) == len(active) == len(masks):
-            raise ValueError(f"{len(meshes)} meshes, {len(active)} active intervals and {len(masks)} masks")
-        for i, mesh in enumerate(meshes):
-            if not isinstance(mesh, (tuple, list)) or len(mesh) != 2:
-                raise TypeError(f"mesh {i} must be a pair (vertices, faces), not {type(mesh).__name__}")
-        checked = [_mesh(*mesh, between, mask) for mesh, between, mask in zip(meshes, active, masks)]
-        if spheres is None and spheres_active is not None:
-            raise ValueError("spheres_active without spheres")
-        balls = NO_SPHERES if spheres is None else _spheres(spheres, spheres_active)
-        return cls._of(_mbkd.Rays(checked, balls, workers, progress))
+        options = _options(len(meshes), active, masks, keep_keys, precision)
+        balls = _spheres_or_none(spheres, spheres_active)
+        tree = _mbkd.Rays(_meshes(meshes, options), NO_SPHERES if balls is None else balls, workers, progress)
+        return cls._of(tree, options)
+
+    def refit(
+        self, vertices: ArrayLike, faces: ArrayLike, *, active: Sequence[float] | None = None, workers: int = 1
+    ) -> Refit:
+        """Move the mesh to other positions, as those of the next frame, in a part of the time of a new build.
+
+        Answers are then those of a new tree, bit for bit. The structure of the tree stays as it is, so rays may take longer:
+        `Refit.cost` tells. For trees of several meshes, and of spheres, there is `refit_meshes`.
+
+        A query in progress in another thread goes on in the tree as it was, and so do trees of instances, which keep the tree
+        that they were made of: the refit copies it where it is in use. Calls that begin during a refit wait for it. To trace
+        one frame while the next one is prepared, refit a `copy`.
+
+        Parameters
+        ----------
+        vertices : (V, 3) or (K, V, 3)
+            Positions. They must need as many keys as the tree has, after those on straight lines between others are dropped
+            (with `keep_keys` none are). What stands still always fits.
+        faces : (F, 3) of integers
+            The triangles that the tree was built of.
+        active : (begin, end), optional
+            The interval in which the mesh exists now. Default: as in the last build or refit.
+        workers : int
+            Threads; -1 for all processors.
+
+        Returns
+        -------
+        Refit
+            The relative cost of rays, and the work done.
+
+        Raises
+        ------
+        RefitError
+            If this tree has no place for the mesh: it has other triangles, needs other keys, or exists at times that were left
+            out; or if the tree was loaded or unpickled. Build a new tree then. RefitError is a ValueError.
+        ValueError
+            If no tree can be built of the mesh either. After either error the tree is unchanged.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from mbkd import RayTree
+        >>> corners, faces = np.float32([[-1, -1, 0], [1, -1, 0], [0, 1, 0]]), [[0, 1, 2]]
+        >>> tree = RayTree(corners, faces)
+        >>> tree.refit(corners + np.float32([0, 0, 2]), faces).is_worn
+        False
+        >>> tree.closest_hits([0, 0, 5], [0, 0, -1]).t
+        array([3.], dtype=float32)
+        """
+        return self.refit_meshes([(vertices, faces)], active=None if active is None else [active], workers=workers)
+
+    def refit_meshes(
+        self,
+        meshes: Sequence[tuple[ArrayLike, ArrayLike]],
+        *,
+        moved: ArrayLike | None = None,
+        active: Sequence[Sequence[float]] | None = None,
+        masks: Sequence[int] | None = None,
+        spheres: tuple[ArrayLike, ArrayLike] | None = None,
+        spheres_active: ArrayLike | None = None,
+        workers: int = 1,
+    ) -> Refit:
+        """`refit` of a tree of several meshes, and of spheres.
+
+        Parameters
+        ----------
+        meshes : sequence of pairs (vertices, faces)
+            All meshes of the tree, in the same order.
+        moved : sequence of int, optional
+            The indices of the meshes that differ from the last build or refit, in anything; this is not checked. From the
+            second refit of a tree on, the others are skipped where the tree does not mix them with these. Default: all.
+        active, masks : optional
+            As for `from_meshes`, but the default is as in the last build or refit.
+        spheres : (centers, radii), optional
+            As for `from_meshes`: as many as before, with any number of keys. Default: they stay where they are.
+        spheres_active : (n, 2), optional
+            The interval in which each of these spheres exists; with `spheres` only.
+        workers : int
+            Threads; -1 for all processors.
+
+        Raises
+        ------
+        RefitError, ValueError
+            As for `refit`; ValueError if `moved` has an index of no mesh.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from mbkd import RayTree
+        >>> corners, faces = np.float32([[-1, -1, 0], [1, -1, 0], [0, 1, 0]]), [[0, 1, 2]]
+        >>> tree = RayTree.from_meshes([(corners, faces), (corners + np.float32([0, 0, 1]), faces)])
+        >>> refit = tree.refit_meshes([(corners, faces), (corners + np.float32([0, 0, 2]), faces)], moved=[1])
+        >>> tree.closest_hits([0, 0, 5], [0, 0, -1]).t
+        array([3.], dtype=float32)
+        """
+        last = self._options if len(self._options) == len(meshes) else [_Options()] * len(meshes)
+        options = [option._replace(active=now) for option, now in zip(last, _each(active, last, 0, "active intervals"))]
+        options = [option._replace(mask=now) for option, now in zip(options, _each(masks, last, 1, "masks"))]
+        balls = _spheres_or_none(spheres, spheres_active)
+        if moved is not None:
+            moved = whole_numbers(moved, "moved").reshape(-1).tolist()
+            if any(mesh < 0 for mesh in moved):
+                raise ValueError(f"moved must have indices of meshes, not {min(moved)}")
+        done = self._tree.refit(_meshes(meshes, options), balls, moved, workers)
+        self._options = options
+        cost, is_worn, counts = done
+        return Refit(cost, is_worn, *counts)
+
+    def copy(self) -> RayTree:
+        """A tree with the same contents that is refitted by itself.
+
+        The two share memory until one of them is refitted, which then copies what both had.
+        """
+        return self._of(self._tree.copy(), self._options)
+
+    __copy__ = copy
+
+    def __deepcopy__(self, memo: dict) -> RayTree:
+        return self.copy()
 
     def save(self, path: str | os.PathLike) -> None:
         """Write the tree to a file. `RayTree.load` reads it, in Python and in Rust, on any machine."""
@@ -129,7 +295,8 @@ class RayTree(Traced[Hits]):
     def load(cls, path: str | os.PathLike) -> RayTree:
         """Read a tree from a file.
 
-        The tree gives the same answers as the saved one. Reading takes a small part of the time of a build.
+        The tree gives the same answers as the saved one. Reading takes a small part of the time of a build. A loaded tree
+        cannot be refitted.
 
         Raises
         ------
@@ -138,12 +305,12 @@ class RayTree(Traced[Hits]):
         ValueError
             If the file is damaged or invalid, has another version, or is not a tree of triangles.
         """
-        return cls._of(_mbkd.Rays.load(os.fspath(path)))
+        return cls._of(_mbkd.Rays.load(os.fspath(path)), [])
 
     @classmethod
-    def _of(cls, compiled: _mbkd.Rays) -> RayTree:
+    def _of(cls, compiled: _mbkd.Rays, options: list[_Options]) -> RayTree:
         tree = cls.__new__(cls)
-        tree._tree = compiled
+        tree._tree, tree._options = compiled, options
         return tree
 
     def __reduce__(self) -> tuple:
@@ -242,7 +409,7 @@ class RayTree(Traced[Hits]):
 
 def _restored(bytes_of_file: bytes) -> RayTree:
     """Restores a pickled tree."""
-    return RayTree._of(_mbkd.Rays.from_bytes(bytes_of_file))
+    return RayTree._of(_mbkd.Rays.from_bytes(bytes_of_file), [])
 
 
 def _spheres(spheres: tuple[ArrayLike, ArrayLike], active: ArrayLike | None) -> tuple:
@@ -266,7 +433,48 @@ def _spheres(spheres: tuple[ArrayLike, ArrayLike], active: ArrayLike | None) -> 
     return [contiguous(c) for c in centers], [contiguous(r) for r in radii], active
 
 
-def _mesh(vertices: ArrayLike, faces: ArrayLike, active: Sequence[float], mask: int) -> tuple:
+def _spheres_or_none(spheres: tuple[ArrayLike, ArrayLike] | None, active: ArrayLike | None) -> tuple | None:
+    if spheres is None and active is not None:
+        raise ValueError("spheres_active without spheres")
+    return None if spheres is None else _spheres(spheres, active)
+
+
+def _options(
+    count: int,
+    active: Sequence[Sequence[float]] | None,
+    masks: Sequence[int] | None,
+    keep_keys: bool | Sequence[bool],
+    precision: str,
+) -> list[_Options]:
+    """The options of each mesh."""
+    if precision not in ("float32", "float64"):
+        raise ValueError(f"precision must be 'float32' or 'float64', not {precision!r:.60}")
+    last = [_Options(precise=precision == "float64")] * count
+    keep = [keep_keys] * count if isinstance(keep_keys, (bool, np.bool_)) else keep_keys
+    parts = [
+        _each(values, last, field, name)
+        for field, (values, name) in enumerate(((active, "active intervals"), (masks, "masks"), (keep, "elements of keep_keys")))
+    ]
+    return [of._replace(active=a, mask=mask, keep_keys=bool(k)) for of, a, mask, k in zip(last, *parts)]
+
+
+def _each(values: Sequence | None, last: list[_Options], field: int, name: str) -> list:
+    """A value for each mesh; those of the last time if none are given."""
+    if values is None:
+        return [options[field] for options in last]
+    if len(values) != len(last):
+        raise ValueError(f"{len(last)} meshes and {len(values)} {name}")
+    return list(values)
+
+
+def _meshes(meshes: Sequence[tuple[ArrayLike, ArrayLike]], options: list[_Options]) -> list[tuple]:
+    for i, mesh in enumerate(meshes):
+        if not isinstance(mesh, (tuple, list)) or len(mesh) != 2:
+            raise TypeError(f"mesh {i} must be a pair (vertices, faces), not {type(mesh).__name__}")
+    return [_mesh(*mesh, option) for mesh, option in zip(meshes, options)]
+
+
+def _mesh(vertices: ArrayLike, faces: ArrayLike, options: _Options) -> tuple:
     corners = whole_numbers(faces, "faces")
     if corners.size == 0:
         corners = np.empty((0, 3), np.uint32)
@@ -276,4 +484,7 @@ def _mesh(vertices: ArrayLike, faces: ArrayLike, active: Sequence[float], mask: 
         if corners.min() < 0 or corners.max() > 0xFFFF_FFFF:
             raise ValueError("faces must be indices of vertices: at least 0 and less than 2^32")
     corners = contiguous(corners, np.uint32)
-    return keys_of(vertices, None, "vertices"), corners, interval(active), mask_of(mask)
+    keys = keys_of(vertices, None, "vertices")
+    if options.precise:
+        keys = [contiguous(key, np.float64) for key in keys]
+    return keys, corners, interval(options.active), mask_of(options.mask), options.keep_keys, options.precise

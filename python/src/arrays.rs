@@ -1,6 +1,6 @@
 //! Conversion of numpy arrays to slices. Invalid arrays raise Python errors.
 
-use mbkd::TimeInterval;
+use mbkd::{Aabb, TimeInterval};
 use numpy::ndarray::Dimension;
 use numpy::{Element, PyArray, PyArray2, PyArrayMethods, PyReadonlyArray, PyReadonlyArray2, dtype};
 use pyo3::exceptions::{PyTypeError, PyValueError};
@@ -125,6 +125,14 @@ pub fn intervals(rows: &[[f32; 2]], of: &str) -> PyResult<Vec<TimeInterval>> {
 /// The active interval of one of them.
 pub fn interval_of([begin, end]: [f32; 2], of: &str, i: usize) -> PyResult<TimeInterval> {
     TimeInterval::new(begin, end).map_err(|error| PyValueError::new_err(format!("{of} {i}: {error}")))
+}
+
+/// The lowest and the highest corner of a box.
+pub type Corners = [[f64; 3]; 2];
+
+/// The corners of a box, if there is one.
+pub fn corners(bounds: Option<Aabb>) -> Option<Corners> {
+    bounds.map(|bounds| [bounds.min.to_array(), bounds.max.to_array()])
 }
 
 /// An array of zeros, allocated by numpy, which requests huge pages. An error if memory does not suffice, where

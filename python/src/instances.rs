@@ -1,8 +1,8 @@
 //! Trees of moving instances.
 
-use crate::arrays::{PerQuery, intervals, slice, table, value_error};
+use crate::arrays::{Corners, PerQuery, corners, intervals, slice, table, value_error};
 use crate::rays::Rays;
-use crate::threads::on;
+use crate::threads::long;
 use crate::traced::{NOTHING, PointArrays, RayArrays, Report, all, columns, each, nearest, on_surface, positions};
 use mbkd::glam::{DAffine3, DMat3, DQuat, DVec3};
 use mbkd::{
@@ -50,8 +50,9 @@ impl Instances {
         masks: PyReadonlyArray1<'_, u32>,
         active: PyReadonlyArray2<'_, f32>,
         workers: isize,
+        progress: Option<Py<PyAny>>,
     ) -> PyResult<Instances> {
-        let trees: Vec<InstanceOf> = trees.iter().map(Placed::of).collect();
+        let trees = trees.iter().map(|placed| placed.of(py)).collect::<PyResult<Vec<InstanceOf>>>()?;
         let (which, masks) = (slice(&which)?, slice(&masks)?);
         let active = intervals(slice(&active)?.as_chunks().0, "instance")?;
         let [_, n, numbers] = *transforms.as_array().shape() else {
@@ -75,7 +76,9 @@ impl Instances {
             };
             instances.push(Instance::new(of.clone(), transform).with_mask(masks[i]).with_active(active[i]));
         }
-        let tree = on(py, workers, || InstanceTree::build(instances, &WideParams::default()))?;
+        let tree = long(py, workers, progress.as_ref(), |control| {
+            InstanceTree::build_with_progress(instances, &WideParams::default(), &|done| control.report(done))
+        })?;
         Ok(Instances { tree: Arc::new(tree.map_err(value_error)?) })
     }
 
@@ -90,6 +93,12 @@ impl Instances {
     fn nbytes(&self) -> usize {
         let statistics = self.tree.statistics();
         statistics.tree_bytes + statistics.instance_bytes
+    }
+
+    /// A box around everything; none if there is nothing.
+    #[getter]
+    fn bounds(&self) -> Option<Corners> {
+        corners(self.tree.bounds())
     }
 
     /// Statistics of the tree, as text.
@@ -209,11 +218,11 @@ impl Instances {
 }
 
 impl Placed<'_> {
-    fn of(&self) -> InstanceOf {
-        match self {
-            Placed::Rays(rays) => InstanceOf::Tree(rays.get().tree.clone()),
+    fn of(&self, py: Python<'_>) -> PyResult<InstanceOf> {
+        Ok(match self {
+            Placed::Rays(rays) => InstanceOf::Tree(rays.get().tree.get(py)?),
             Placed::Instances(instances) => InstanceOf::Instances(instances.get().tree.clone()),
-        }
+        })
     }
 }
 

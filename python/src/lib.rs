@@ -10,10 +10,14 @@ mod arrays;
 mod files;
 mod instances;
 mod lists;
+mod meshes;
 mod photons;
+mod point_builds;
 mod points;
 mod queries;
 mod rays;
+mod refit;
+mod shared;
 mod swept;
 mod threads;
 mod traced;
@@ -33,6 +37,8 @@ mod _mbkd {
     use crate::points::Points;
     #[pymodule_export]
     use crate::rays::Rays;
+    #[pymodule_export]
+    use crate::refit::RefitError;
     #[pymodule_export]
     use crate::swept::{certified_duration, neighbor_lists_swept};
 }

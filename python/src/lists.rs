@@ -3,7 +3,7 @@
 use crate::arrays::{slice, value_error, zeros};
 use crate::points::Points;
 use crate::threads::on;
-use mbkd::{ListError, NeighborLists, Radii};
+use mbkd::{ListError, ListQuery, NeighborLists, Radii};
 use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -34,6 +34,15 @@ pub fn radii_of(radii: &[f32], larger: bool, summed: bool) -> Radii<'_> {
     }
 }
 
+/// Refuses requests among another set that need its radii.
+pub fn without_radii_of_others(radii: &[f32], among: bool, larger: bool, summed: bool) -> PyResult<()> {
+    if among && (summed || larger && radii.len() > 1) {
+        let text = "the larger of two radii and their sum need those of both sets; give one radius for all pairs";
+        return Err(PyValueError::new_err(text));
+    }
+    Ok(())
+}
+
 /// The lists of all points at a time. `radii` has one element, or one for each point. In the second case, if `larger`, two points
 /// are neighbours if they are within the larger of their radii, if `summed` within the sum; otherwise each point lists the points
 /// within its own radius. With `max_neighbors` a longer list is an error.
@@ -55,21 +64,15 @@ pub fn neighbor_lists<'py>(
     workers: isize,
 ) -> PyResult<Columns<'py>> {
     let radii = slice(&radii)?;
-    if among.is_some() && (summed || larger && radii.len() > 1) {
-        let text = "the larger of two radii and their sum need those of both sets; give one radius for all pairs";
-        return Err(PyValueError::new_err(text));
-    }
-    let mut query = points.tree.neighbor_lists(time, radii_of(radii, larger, summed));
-    query = if pairs_once { query.pairs_once() } else { query };
-    query = if distances { query.with_distances() } else { query };
-    query = if displacements { query.with_displacements() } else { query };
-    query = if sorted { query.sorted() } else { query };
-    query = max_neighbors.map_or(query, |most| query.max_neighbors(most));
-    query = among.map_or(query, |among| query.among(&among.tree));
+    without_radii_of_others(radii, among.is_some(), larger, summed)?;
+    let (tree, among) = (points.tree.get(py)?, among.map(|among| among.tree.get(py)).transpose()?);
+    let mut query = tree.neighbor_lists(time, radii_of(radii, larger, summed));
+    query = with_options(query, [pairs_once, distances, displacements, sorted], max_neighbors);
+    query = among.as_deref().map_or(query, |among| query.among(among));
     query = points.periods.map_or(query, |lengths| query.periodic(lengths));
     let mut lists = memory();
     on(py, workers, || query.run(&mut lists))?.map_err(list_error)?;
-    hand_over(py, lists, by_id.then_some(points.tree.len()), workers)
+    hand_over(py, lists, by_id.then_some(tree.len()), workers)
 }
 
 /// The lists at a time with a radius and a skin, and the time until which they contain every pair within the radius.
@@ -81,19 +84,37 @@ pub fn neighbor_lists_with_skin<'py>(
     radius: f32,
     skin: f32,
     until: f32,
+    among: Option<&Points>,
+    pairs_once: bool,
+    distances: bool,
+    displacements: bool,
+    sorted: bool,
+    max_neighbors: Option<usize>,
     workers: isize,
 ) -> PyResult<(Columns<'py>, f32)> {
+    let (tree, among) = (points.tree.get(py)?, among.map(|among| among.tree.get(py)).transpose()?);
+    let mut query = tree.neighbor_lists(time, radius + skin);
+    query = with_options(query, [pairs_once, distances, displacements, sorted], max_neighbors);
+    query = among.as_deref().map_or(query, |among| query.among(among));
+    query = points.periods.map_or(query, |lengths| query.periodic(lengths));
     let mut lists = memory();
     let made = on(py, workers, || {
-        let Some(periods) = points.periods else {
-            return points.tree.neighbor_lists_with_skin(time, radius, skin, until, &mut lists);
-        };
-        let query = points.tree.neighbor_lists(time, radius + skin).periodic(periods);
+        let valid_until = query.certified_until(radius, until)?;
         query.run(&mut lists)?;
-        query.certified_until(radius, until)
+        Ok(valid_until)
     })?;
     let valid_until = made.map_err(list_error)?;
-    Ok((hand_over(py, lists, Some(points.tree.len()), workers)?, valid_until))
+    Ok((hand_over(py, lists, Some(tree.len()), workers)?, valid_until))
+}
+
+/// The request with these options: each pair once, distances, displacements, sorted lists.
+fn with_options<'a>(mut query: ListQuery<'a>, options: [bool; 4], max_neighbors: Option<usize>) -> ListQuery<'a> {
+    let [pairs_once, distances, displacements, sorted] = options;
+    query = if pairs_once { query.pairs_once() } else { query };
+    query = if distances { query.with_distances() } else { query };
+    query = if displacements { query.with_displacements() } else { query };
+    query = if sorted { query.sorted() } else { query };
+    max_neighbors.map_or(query, |most| query.max_neighbors(most))
 }
 
 /// The error in the words of the arguments here.

@@ -1,23 +1,23 @@
 //! The tree of points and its individual queries: k nearest, radius, counts, closest approach.
 
-use crate::arrays::{PerQuery, Places, Positions, all_valid, intervals, rows, slice, table, value_error, zeros};
+use crate::arrays::{Corners, PerQuery, Places, Positions, all_valid, corners, rows, slice, table, value_error, zeros};
 use crate::files::{file_error, from_bytes, read, to_bytes};
+use crate::point_builds::{build, exist, params, places_at, rebuild};
 use crate::queries::{in_waves, order};
-use crate::threads::{Control, long};
-use mbkd::{
-    Neighbor, NeighborBuffer, NeighborQuery, PeriodError, PeriodicPoints, PointArrays, PointError, PointParams,
-    PointStructure, PointTree, Precision, TimeInterval,
-};
+use crate::shared::Shared;
+use crate::threads::long;
+use mbkd::{Neighbor, NeighborBuffer, NeighborQuery, PeriodError, PeriodicPoints, PointTree, TimeInterval};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// A tree of points that may move, and that may exist during a part of the shutter only.
 #[pyclass(frozen)]
 pub struct Points {
-    pub tree: PointTree,
+    pub tree: Shared<PointTree>,
     /// The lengths of the periodic axes of a box.
     pub periods: Option<Periods>,
 }
@@ -53,30 +53,69 @@ impl Points {
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Points> {
         let keys = keys.iter().map(Positions::of).collect::<PyResult<Vec<_>>>()?;
-        let keys = keys.iter().map(Positions::places).collect::<PyResult<Vec<_>>>()?;
-        if keys.iter().any(|key| key.len() > i32::MAX as usize) {
-            return Err(PyValueError::new_err("more than 2^31 - 1 points"));
-        }
-        let active = match &active {
-            Some(rows) => intervals(slice(rows)?.as_chunks().0, "point")?,
-            None => Vec::new(),
-        };
-        let params = PointParams {
-            structure: named(structure)?,
-            max_references,
-            precision: kept(precision)?,
-            ..PointParams::default()
-        };
+        let keys = places_at(&keys)?;
+        let active = exist(active.as_ref())?;
+        let params = params(structure, max_references, precision)?;
         let tree = long(py, workers, progress.as_ref(), |control| build(&keys, &active, &params, control))??;
         let periods = periods_of(boxsize)?;
-        let points = Points { tree, periods };
-        points.periodic()?;
-        Ok(points)
+        periodic(&tree, periods)?;
+        Ok(Points { tree: Shared::new(tree), periods })
+    }
+
+    /// Puts other points into the tree, and returns whether it kept its order, which it may where all stand still. Copies the
+    /// tree if others hold it: copies, and queries of other threads.
+    fn rebuild(
+        &self,
+        py: Python<'_>,
+        keys: Vec<Bound<'_, PyAny>>,
+        active: Option<PyReadonlyArray2<'_, f32>>,
+        structure: &str,
+        max_references: f32,
+        precision: &str,
+        workers: isize,
+    ) -> PyResult<bool> {
+        let keys = keys.iter().map(Positions::of).collect::<PyResult<Vec<_>>>()?;
+        let keys = places_at(&keys)?;
+        let active = exist(active.as_ref())?;
+        let params = params(structure, max_references, precision)?;
+        let ([points], true) = (&keys[..], active.is_empty()) else {
+            // A build, which may take long.
+            let tree = long(py, workers, None, |control| build(&keys, &active, &params, control))??;
+            periodic(&tree, self.periods)?;
+            self.tree.change(py, workers, |old| *old = Arc::new(tree))?;
+            return Ok(false);
+        };
+        self.tree.change(py, workers, |tree| {
+            if self.periods.is_none() {
+                return rebuild(Arc::make_mut(tree), *points, &params);
+            }
+            // The old tree stays if the new points lie too far apart for the box.
+            let mut next = PointTree::clone(tree);
+            let kept = rebuild(&mut next, *points, &params)?;
+            periodic(&next, self.periods)?;
+            *tree = Arc::new(next);
+            Ok(kept)
+        })?
+    }
+
+    /// Numbers the points in the order of the tree, and returns the numbers that they had.
+    fn take_order<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        let order = self.tree.change(py, 1, |tree| {
+            let order = Arc::make_mut(tree).take_order();
+            order.into_iter().map(i64::from).collect::<Vec<_>>()
+        })?;
+        Ok(order.into_pyarray(py))
+    }
+
+    /// Another tree with the same contents, which are copied when one of the two is changed.
+    fn copy(&self, py: Python<'_>) -> PyResult<Points> {
+        Ok(Points { tree: self.tree.copy(py)?, periods: self.periods })
     }
 
     /// Writes the tree to a file, without the periodic box.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        py.detach(|| self.tree.save(&path)).map_err(file_error)
+        let tree = self.tree.get(py)?;
+        py.detach(|| tree.save(&path)).map_err(file_error)
     }
 
     /// Reads a tree from a file.
@@ -87,32 +126,39 @@ impl Points {
 
     /// The bytes of a file of the tree, and the lengths of the periodic box.
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyBytes>, Option<Periods>)> {
-        Ok((to_bytes(py, |bytes| self.tree.write_to(bytes))?, self.periods))
+        let tree = self.tree.get(py)?;
+        Ok((to_bytes(py, |bytes| tree.write_to(bytes))?, self.periods))
     }
 
     /// The tree from the bytes of a file.
     #[staticmethod]
     fn from_bytes(py: Python<'_>, bytes: &[u8], periods: Option<Periods>) -> PyResult<Points> {
-        let points = indexed(from_bytes(py, bytes, |bytes| PointTree::read_from(bytes))?, periods)?;
-        points.periodic()?;
-        Ok(points)
+        let tree = from_bytes(py, bytes, |bytes| PointTree::read_from(bytes))?;
+        periodic(&tree, periods)?;
+        indexed(tree, periods)
     }
 
     /// Number of points.
     #[getter]
-    fn n(&self) -> usize {
-        self.tree.len()
+    fn n(&self, py: Python<'_>) -> PyResult<usize> {
+        Ok(self.tree.get(py)?.len())
     }
 
     /// Memory of the tree in bytes.
     #[getter]
-    fn nbytes(&self) -> usize {
-        self.tree.statistics().bytes()
+    fn nbytes(&self, py: Python<'_>) -> PyResult<usize> {
+        Ok(self.tree.get(py)?.statistics().bytes())
+    }
+
+    /// A box around everything; none if there is nothing.
+    #[getter]
+    fn bounds(&self, py: Python<'_>) -> PyResult<Option<Corners>> {
+        Ok(corners(self.tree.get(py)?.bounds()))
     }
 
     /// The contents of the tree and the reasons for its structure, as text.
-    fn statistics(&self) -> String {
-        format!("{:#?}", self.tree.statistics())
+    fn statistics(&self, py: Python<'_>) -> PyResult<String> {
+        Ok(format!("{:#?}", self.tree.get(py)?.statistics()))
     }
 
     /// Distances and ids `(m, k)` of the k nearest points of each query, nearest first; `inf` and n for missing neighbours.
@@ -130,7 +176,8 @@ impl Points {
         let points = Positions::of(points)?;
         let places = points.places()?;
         let times = PerQuery::times(slice(&times)?, places.len())?;
-        let missing = self.tree.len() as i64;
+        let tree = self.tree.get(py)?;
+        let missing = tree.len() as i64;
         let shape = (places.len(), k);
         let (distances, ids): (Bound<'_, PyArray2<f64>>, Bound<'_, PyArray2<i64>>) =
             (zeros(py, shape)?, zeros(py, shape)?);
@@ -142,7 +189,7 @@ impl Points {
         // square of 0, and the bound is more than that.
         let square = bound * bound;
         let counts = |near: &&Neighbor| near.distance_squared < square || (square == 0.0 && bound > 0.0);
-        let periodic = self.periodic()?;
+        let periodic = periodic(&tree, self.periods)?;
         let run = |queries: &[u32]| {
             let mut buffer = NeighborBuffer::new();
             let mut found: Vec<Neighbor> = Vec::with_capacity(queries.len() * k);
@@ -151,7 +198,7 @@ impl Points {
                 let (query, time) = (query as usize, times.of(query as usize));
                 match &periodic {
                     None => {
-                        let query = self.query_at(places, query, time).radius(bound).approximate(eps);
+                        let query = query_at(&tree, places, query, time).radius(bound).approximate(eps);
                         match k {
                             1 => found.extend(query.nearest()),
                             _ => found.extend_from_slice(query.nearest_n_into(k, &mut buffer)),
@@ -169,7 +216,8 @@ impl Points {
             }
             (found, ends)
         };
-        in_waves(py, &order(py, places, self.nbytes()), workers, progress.as_ref(), run, |queries, (found, ends)| {
+        let order = order(py, places, tree.statistics().bytes());
+        in_waves(py, &order, workers, progress.as_ref(), run, |queries, (found, ends)| {
             let mut begin = 0;
             for (&query, end) in queries.iter().zip(ends) {
                 let row = query as usize * k..(query as usize + 1) * k;
@@ -202,7 +250,8 @@ impl Points {
         let places = points.places()?;
         let times = PerQuery::times(slice(&times)?, places.len())?;
         let radii = radii_of(slice(&radii)?, places.len())?;
-        let periodic = self.periodic()?;
+        let tree = self.tree.get(py)?;
+        let periodic = periodic(&tree, self.periods)?;
         let run = |queries: &[u32]| {
             let mut buffer = NeighborBuffer::new();
             let (mut ids, mut ends) = (Vec::new(), Vec::with_capacity(queries.len()));
@@ -210,7 +259,7 @@ impl Points {
                 let query = query as usize;
                 let (time, radius, begin) = (times.of(query), radii.of(query), ids.len());
                 let near = match &periodic {
-                    None => self.query_at(places, query, time).radius(radius).collect_into(&mut buffer),
+                    None => query_at(&tree, places, query, time).radius(radius).collect_into(&mut buffer),
                     Some(periodic) => periodic.query(places.wide(query), time).radius(radius).collect_into(&mut buffer),
                 };
                 ids.extend(near.iter().map(|near| near.id as i32));
@@ -221,7 +270,7 @@ impl Points {
             }
             (ids, ends)
         };
-        let order = order(py, places, self.nbytes());
+        let order = order(py, places, tree.statistics().bytes());
         let mut runs: Vec<(Vec<i32>, Vec<usize>)> = Vec::new();
         in_waves(py, &order, workers, progress.as_ref(), run, |_, run| runs.push(run))?;
         Ok(py.detach(|| in_order_of_queries(&order, &runs)))
@@ -242,10 +291,12 @@ impl Points {
         let places = points.places()?;
         let times = PerQuery::times(slice(&times)?, places.len())?;
         let radii = radii_of(slice(&radii)?, places.len())?;
+        let tree = self.tree.get(py)?;
         let mut counts = vec![0; places.len()];
-        let periodic = self.periodic()?;
-        let run = |queries: &[u32]| self.counts((places, &periodic), queries, |i| times.of(i), |i| radii.of(i));
-        in_waves(py, &order(py, places, self.nbytes()), workers, progress.as_ref(), run, |queries, run: Vec<i64>| {
+        let periodic = periodic(&tree, self.periods)?;
+        let run = |queries: &[u32]| counts_of(&tree, (places, &periodic), queries, |i| times.of(i), |i| radii.of(i));
+        let order = order(py, places, tree.statistics().bytes());
+        in_waves(py, &order, workers, progress.as_ref(), run, |queries, run: Vec<i64>| {
             queries.iter().zip(run).for_each(|(&query, count)| counts[query as usize] = count);
         })?;
         Ok(counts.into_pyarray(py))
@@ -264,17 +315,17 @@ impl Points {
         if self.periods != other.periods {
             return Err(PyValueError::new_err("the two trees have different periodic boxes"));
         }
-        let periodic = other.periodic()?;
+        let (tree, other) = (self.tree.get(py)?, other.tree.get(py)?);
+        let periodic = periodic(&other, self.periods)?;
         PerQuery::times(&[time], 1)?;
         all_valid(&radii, "radius", "at index", NO_RADIUS, is_radius)?;
         // In the order of the tree.
-        let places: Vec<[f64; 3]> =
-            self.tree.points_at(time).into_iter().map(|point| point.position.to_array()).collect();
+        let places: Vec<[f64; 3]> = tree.points_at(time).into_iter().map(|point| point.position.to_array()).collect();
         let (places, order): (_, Vec<u32>) = (Places::Double(&places), (0..places.len() as u32).collect());
         let mut sums = vec![0; radii.len()];
         for (number, (sum, radius)) in sums.iter_mut().zip(radii).enumerate() {
             let run = |queries: &[u32]| {
-                other.counts((places, &periodic), queries, |_| time, |_| radius).into_iter().sum::<i64>()
+                counts_of(&other, (places, &periodic), queries, |_| time, |_| radius).into_iter().sum::<i64>()
             };
             let progress = if number == 0 { progress.as_ref() } else { None };
             in_waves(py, &order, workers, progress, run, |_, of_run| *sum += of_run)?;
@@ -285,8 +336,9 @@ impl Points {
     /// The positions of all points at a time, `(n, 3)`; NaN for points that do not exist then.
     fn positions<'py>(&self, py: Python<'py>, time: f32) -> PyResult<Bound<'py, PyArray2<f64>>> {
         PerQuery::times(&[time], 1)?;
-        let mut positions = vec![f64::NAN; 3 * self.tree.len()];
-        for point in self.tree.points_at(time) {
+        let tree = self.tree.get(py)?;
+        let mut positions = vec![f64::NAN; 3 * tree.len()];
+        for point in tree.points_at(time) {
             let place = 3 * point.id as usize;
             positions[place..place + 3].copy_from_slice(&point.position.to_array());
         }
@@ -311,10 +363,11 @@ impl Points {
             return Err(PyValueError::new_err(format!("{} ends of {} ways", to.len(), from.len())));
         }
         let interval = TimeInterval::new(between[0], between[1]).map_err(value_error)?;
-        let (mut d, mut i) = (vec![f64::INFINITY; from.len()], vec![self.tree.len() as i64; from.len()]);
+        let tree = self.tree.get(py)?;
+        let (mut d, mut i) = (vec![f64::INFINITY; from.len()], vec![tree.len() as i64; from.len()]);
         let mut t = vec![f64::NAN; from.len()];
         let run = |queries: &[u32]| {
-            let one = |&query: &u32| self.tree.closest_approach(from[query as usize], to[query as usize], interval);
+            let one = |&query: &u32| tree.closest_approach(from[query as usize], to[query as usize], interval);
             queries.iter().map(one).collect::<Vec<_>>()
         };
         in_waves(py, &order(py, Places::Double(from), 0), workers, progress.as_ref(), run, |queries, run| {
@@ -329,45 +382,44 @@ impl Points {
     }
 }
 
-impl Points {
-    /// A query, without regard to the periodic box.
-    #[inline]
-    fn query_at(&self, places: Places<'_>, query: usize, time: f32) -> NeighborQuery<'_> {
-        match places {
-            Places::Single(rows) => self.tree.query(rows[query], time),
-            Places::Double(rows) => self.tree.query(rows[query], time),
-        }
+/// A query, without regard to the periodic box.
+#[inline]
+fn query_at<'a>(tree: &'a PointTree, places: Places<'_>, query: usize, time: f32) -> NeighborQuery<'a> {
+    match places {
+        Places::Single(rows) => tree.query(rows[query], time),
+        Places::Double(rows) => tree.query(rows[query], time),
     }
+}
 
-    /// The space that repeats, if it does.
-    fn periodic(&self) -> PyResult<Option<PeriodicPoints<'_>>> {
-        let periodic = self.periods.map(|lengths| self.tree.periodic(lengths)).transpose();
-        periodic.map_err(|error| match error {
-            PeriodError::Extent { axis } => PyValueError::new_err(format!(
-                "points are more than sixteen periods of the periodic box apart along axis {axis}"
-            )),
-            error => value_error(error),
-        })
-    }
+/// The space that repeats, if it does.
+fn periodic(tree: &PointTree, periods: Option<Periods>) -> PyResult<Option<PeriodicPoints<'_>>> {
+    let periodic = periods.map(|lengths| tree.periodic(lengths)).transpose();
+    periodic.map_err(|error| match error {
+        PeriodError::Extent { axis } => PyValueError::new_err(format!(
+            "points are more than sixteen periods of the periodic box apart along axis {axis}"
+        )),
+        error => value_error(error),
+    })
+}
 
-    fn counts(
-        &self,
-        (places, periodic): (Places<'_>, &Option<PeriodicPoints<'_>>),
-        queries: &[u32],
-        time: impl Fn(usize) -> f32,
-        radius: impl Fn(usize) -> f32,
-    ) -> Vec<i64> {
-        let one = |&query: &u32| {
-            let query = query as usize;
-            let (time, radius) = (time(query), radius(query));
-            let count = match periodic {
-                None => self.query_at(places, query, time).radius(radius).count(),
-                Some(periodic) => periodic.query(places.wide(query), time).radius(radius).count(),
-            };
-            count as i64
+/// The number of points within the radius of each query.
+fn counts_of(
+    tree: &PointTree,
+    (places, periodic): (Places<'_>, &Option<PeriodicPoints<'_>>),
+    queries: &[u32],
+    time: impl Fn(usize) -> f32,
+    radius: impl Fn(usize) -> f32,
+) -> Vec<i64> {
+    let one = |&query: &u32| {
+        let query = query as usize;
+        let (time, radius) = (time(query), radius(query));
+        let count = match periodic {
+            None => query_at(tree, places, query, time).radius(radius).count(),
+            Some(periodic) => periodic.query(places.wide(query), time).radius(radius).count(),
         };
-        queries.iter().map(one).collect()
-    }
+        count as i64
+    };
+    queries.iter().map(one).collect()
 }
 
 /// What is wrong with a number that is not a radius.
@@ -383,58 +435,6 @@ fn radii_of(radii: &[f32], count: usize) -> PyResult<PerQuery<'_>> {
     PerQuery::new(radii, count, "r")
 }
 
-/// The structure with this name.
-fn named(structure: &str) -> PyResult<PointStructure> {
-    match (structure, structure.strip_prefix("time_slices:").map(str::parse)) {
-        ("automatic", _) => Ok(PointStructure::Automatic),
-        ("linear", _) => Ok(PointStructure::Linear),
-        ("kd", _) => Ok(PointStructure::Kd),
-        (_, Some(Ok(slices))) => Ok(PointStructure::TimeSlices(slices)),
-        _ => Err(PyValueError::new_err(format!(
-            "structure must be 'automatic', 'linear', 'kd' or 'time_slices:N', not '{structure}'"
-        ))),
-    }
-}
-
-/// The precision with this name.
-fn kept(precision: &str) -> PyResult<Precision> {
-    match precision {
-        "automatic" => Ok(Precision::Automatic),
-        "float32" => Ok(Precision::Single),
-        "float64" => Ok(Precision::Double),
-        _ => Err(PyValueError::new_err(format!(
-            "precision must be 'automatic', 'float32' or 'float64', not '{precision}'"
-        ))),
-    }
-}
-
-fn build(keys: &[Places<'_>], active: &[TimeInterval], params: &PointParams, control: &Control) -> PyResult<PointTree> {
-    let hear = |done| control.report(done);
-    let single: Option<Vec<&[[f32; 3]]>> =
-        keys.iter().map(|key| if let Places::Single(rows) = key { Some(*rows) } else { None }).collect();
-    let double: Option<Vec<&[[f64; 3]]>> =
-        keys.iter().map(|key| if let Places::Double(rows) = key { Some(*rows) } else { None }).collect();
-    match (single, double) {
-        (Some(keys), _) => {
-            PointTree::build_with_progress(&PointArrays { keys: &keys, active, ids: &[] }, params, &hear)
-        }
-        (_, Some(keys)) => {
-            PointTree::build_with_progress(&PointArrays { keys: &keys, active, ids: &[] }, params, &hear)
-        }
-        _ => return Err(PyValueError::new_err("all keys must have one precision")),
-    }
-    .map_err(|error| match (error, params.structure) {
-        // In the words of the arguments here.
-        (PointError::Parameter { name: "structure", .. }, PointStructure::TimeSlices(_)) => {
-            PyValueError::new_err("structure must have from 1 to 1024 time slices")
-        }
-        (PointError::Parameter { name: "structure", .. }, _) => PyValueError::new_err(
-            "structure='kd' needs positions in float32; give float32 positions, or precision='float32'",
-        ),
-        (error, _) => value_error(error),
-    })
-}
-
 /// A tree whose ids are the indices of its points, as in all trees that are built here.
 fn indexed(tree: PointTree, periods: Option<Periods>) -> PyResult<Points> {
     let mut there = vec![false; tree.len()];
@@ -443,7 +443,7 @@ fn indexed(tree: PointTree, periods: Option<Periods>) -> PyResult<Points> {
     if tree.len() > i32::MAX as usize || !valid || !there.into_iter().all(|there| there) {
         return Err(PyValueError::new_err("the ids of its points are not 0, 1, 2, ..."));
     }
-    Ok(Points { tree, periods })
+    Ok(Points { tree: Shared::new(tree), periods })
 }
 
 /// The lengths of the periodic axes; `None` if there are none.

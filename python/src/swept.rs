@@ -1,7 +1,7 @@
 //! Encounters of points during an interval, as compressed sparse rows.
 
 use crate::arrays::{slice, value_error};
-use crate::lists::{list_error, radii_of};
+use crate::lists::{list_error, radii_of, without_radii_of_others};
 use crate::points::Points;
 use crate::threads::on;
 use mbkd::{Encounter, TimeInterval};
@@ -21,14 +21,19 @@ pub fn neighbor_lists_swept<'py>(
     radii: PyReadonlyArray1<'py, f32>,
     larger: bool,
     summed: bool,
+    among: Option<&Points>,
     pairs_once: bool,
     max_neighbors: Option<usize>,
     workers: isize,
 ) -> PyResult<Encounters<'py>> {
     let interval = TimeInterval::new(between[0], between[1]).map_err(value_error)?;
-    let radii = radii_of(slice(&radii)?, larger, summed);
+    let radii = slice(&radii)?;
+    without_radii_of_others(radii, among.is_some(), larger, summed)?;
+    let (tree, among) = (points.tree.get(py)?, among.map(|among| among.tree.get(py)).transpose()?);
+    let radii = radii_of(radii, larger, summed);
     let found = on(py, workers, || {
-        let query = points.tree.neighbor_lists_swept(interval, radii).in_order().sorted();
+        let query = tree.neighbor_lists_swept(interval, radii).in_order().sorted();
+        let query = among.as_deref().map_or(query, |among| query.among(among));
         let query = points.periods.map_or(query, |lengths| query.periodic(lengths));
         let query = if pairs_once { query.pairs_once() } else { query };
         let lists = max_neighbors.map_or(query, |most| query.max_neighbors(most)).collect()?;

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from mbkd import PhotonMap, PointTree, RayTree
+from mbkd import InstanceTree, PhotonMap, PointTree, RayTree
 
 RNG = np.random.default_rng(3)
 
@@ -40,6 +40,13 @@ def photons(progress):
     return PhotonMap(positions, up, positions, positions[:, 2], progress=progress)
 
 
+def instances(progress):
+    """A hundred thousand instances of a triangle."""
+    triangle = RayTree(np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), [[0, 1, 2]])
+    places = RNG.random((2, 100_000, 3)) * 100
+    return InstanceTree([triangle], np.zeros(100_000, int), translations=places, progress=progress)
+
+
 BUILDS = {
     "triangles": surface,
     "points": crowd,
@@ -47,6 +54,7 @@ BUILDS = {
     "k-d tree": flight("kd"),
     "time slices in f64": flight("time_slices:32", np.float64),
     "photons": photons,
+    "instances": instances,
 }
 
 

@@ -127,6 +127,52 @@ def test_lists_with_a_skin_miss_nothing_until_they_say(keys):
     assert still.valid_until == 1
 
 
+@pytest.mark.parametrize("far", [0, FAR], ids=["f32", "f64"])
+def test_swept_lists_and_skins_among_another_set(far):
+    # One set of both, with two keys, has the pairs of the two sets, which have one and two.
+    one, wall = PointTree(OPEN + far, keys=CLOSE + far), PointTree(CLOSE[:50] + far)
+    both = PointTree(np.concatenate([OPEN, CLOSE[:50]]) + far, keys=np.concatenate([CLOSE, CLOSE[:50]]) + far)
+    met, of_both = one.neighbor_lists_swept(0.1, among=wall), both.neighbor_lists_swept(0.1)
+    expected = [of_both[i][of_both[i] >= 400] - 400 for i in range(400)]
+    assert [row.tolist() for row in met] == [row.tolist() for row in expected] and len(met.ids) > 100
+    of_walls = np.concatenate([of_both.enter[slice(*of_both.offsets[i : i + 2])][of_both[i] >= 400] for i in range(400)])
+    np.testing.assert_allclose(met.enter, of_walls, atol=1e-6)
+    lists = one.neighbor_lists_with_skin(0.1, 0.05, time=0.25, among=wall, sorted=True, distances=True, displacements=True)
+    at_once = one.neighbor_lists(np.float32(0.1) + np.float32(0.05), time=0.25, among=wall, sorted=True, distances=True, displacements=True)
+    for name in ("offsets", "ids", "distances", "displacements"):
+        np.testing.assert_array_equal(getattr(lists, name), getattr(at_once, name))
+    assert 0.25 < lists.valid_until < 1
+    listed = set(map(tuple, lists.pairs().tolist()))
+    for time in np.linspace(0.25, np.nextafter(np.float32(lists.valid_until), np.float32(0)), 20):
+        assert set(map(tuple, one.neighbor_lists(0.1, time=time, among=wall).pairs().tolist())) <= listed
+    first = one.neighbor_lists_swept(0.1, (lists.valid_until, 1), among=wall)
+    assert set(map(tuple, np.column_stack([np.repeat(np.arange(400), np.diff(first.offsets)), first.ids]).tolist())) - listed
+    for wrong in ({"summed": True}, {"larger": True}):
+        with pytest.raises(ValueError, match="those of both sets"):
+            one.neighbor_lists_swept(np.full(400, 0.1), among=wall, **wrong)
+    for ask in (one.neighbor_lists_swept, lambda r, among: one.neighbor_lists_with_skin(r, 0.1, among=among)):
+        with pytest.raises(TypeError, match="among must be a PointTree"):
+            ask(0.1, among=OPEN)
+        with pytest.raises(ValueError, match="float64 and the other in float32"):
+            ask(0.1, among=PointTree(OPEN, precision="float32" if np.any(far) else "float64"))
+
+
+def test_options_of_lists_with_a_skin():
+    tree = PointTree(OPEN, keys=CLOSE)
+    usual, most = tree.neighbor_lists_with_skin(0.1, 0.05), tree.neighbor_lists(0.15).counts.max()
+    once = tree.neighbor_lists_with_skin(0.1, 0.05, pairs_once=True, max_neighbors=int(most))
+    assert once.valid_until == usual.valid_until and 2 * len(once.ids) == len(usual.ids)
+    assert usual.distances is None and usual.displacements is None
+    with pytest.raises(ValueError, match="max_neighbors"):
+        tree.neighbor_lists_with_skin(0.1, 0.05, max_neighbors=int(most) - 1)
+    for wrong in ((-1, 0.1), (np.nan, 0.1), (0.1, -0.05), (0.1, np.nan)):
+        with pytest.raises(ValueError, match="negative or NaN"):
+            tree.neighbor_lists_with_skin(*wrong)
+    for until in (-0.5, 0.1, 2, np.nan):
+        with pytest.raises(ValueError, match="until"):
+            tree.neighbor_lists_with_skin(0.1, 0.05, time=0.25, until=until)
+
+
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
 def test_swept_lists_and_skins_in_periodic_boxes_are_those_of_copies(kind):
     # Multiples of 1/1024, so that copies of them are exact.
