@@ -20,6 +20,20 @@ const NONE: u32 = u32::MAX;
 pub struct InstancePath([u32; MAX_NESTING]);
 
 impl InstancePath {
+    /// The path of these instances, outermost first, to ask a tree about a hit that was stored elsewhere. `None` if there are more
+    /// than [`MAX_NESTING`], or one is `u32::MAX`, which no instance is.
+    ///
+    /// ```
+    /// use mbkd::InstancePath;
+    /// assert_eq!(InstancePath::new(&[3, 0]).unwrap()[..], [3, 0]);
+    /// assert!(InstancePath::new(&[0; 5]).is_none() && InstancePath::new(&[u32::MAX, 0]).is_none());
+    /// ```
+    pub fn new(instances: &[u32]) -> Option<InstancePath> {
+        let mut path = InstancePath::default();
+        path.0.get_mut(..instances.len())?.copy_from_slice(instances);
+        (path.len() == instances.len()).then_some(path)
+    }
+
     /// The path with another level. (There is room: deeper trees are not built.)
     pub(crate) fn then(mut self, instance: u32) -> InstancePath {
         if let Some(level) = self.0.iter_mut().find(|level| **level == NONE) {
