@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Callable, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mbkd
-from ._arrays import contiguous, corners_of, floats, per_query, places, whole
+from ._arrays import contiguous, corners_of, floats, per_query, places, whole, whole_numbers
 
 Progress = Callable[[float], object]
 EVERYTHING = 0xFFFF_FFFF
+
+H = TypeVar("H", bound="Hits")
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +42,15 @@ class Hits:
     def __len__(self) -> int:
         return len(self.t)
 
+    def __getitem__(self: H, rows: ArrayLike | slice) -> H:
+        """Some of the hits: a mask, indices, or a slice."""
+        at = rows if isinstance(rows, slice) or np.ndim(rows) else [rows]
+        return type(self)(*(getattr(self, field.name)[at] for field in fields(self)))
 
-H = TypeVar("H", bound=Hits)
+    def _arrays(self) -> tuple:
+        """What the compiled part takes."""
+        kinds = (("t", np.float32), ("mesh", np.int32), ("triangle", np.int64), ("u", np.float32), ("v", np.float32))
+        return tuple(contiguous(getattr(self, name), kind) for name, kind in kinds)
 
 
 class Traced(Generic[H]):
@@ -122,6 +131,113 @@ class Traced(Generic[H]):
         """Whether each ray hits anything, bool (n,). Options as for `closest_hits`."""
         return _with(self._tree.any_hits, ray_origins, ray_directions, **options)
 
+    def surface(
+        self, origins: ArrayLike, directions: ArrayLike, hits: H, *, time: ArrayLike = 0.0, workers: int = 1
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The points of the surface that rays hit, and the normals there.
+
+        Parameters
+        ----------
+        origins, directions, time
+            The rays, as for `closest_hits`.
+        hits : Hits, or InstanceHits of a tree of instances
+            What each of the rays hit. (Those of `all_hits` belong to the rays ``origins[index]``.)
+        workers : int
+            Threads; -1 for all processors.
+
+        Returns
+        -------
+        points : float64 (n, 3)
+            The points of triangles with the weights of the hits, which are nearer to the surface than ``origin + t *
+            direction``.
+        normals : float32 (n, 3)
+            Unit normals. Seen from their side, the corners of a triangle are in counter-clockwise order; those of spheres
+            point outwards. NaN where nothing is hit, and for triangles without area.
+        """
+        return self._of_hits(self._tree.surfaces, origins, directions, hits, time, workers)
+
+    def points_at(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        hits: H,
+        at: ArrayLike,
+        *,
+        time: ArrayLike = 0.0,
+        workers: int = 1,
+    ) -> np.ndarray:
+        """Where the points that rays hit are at another time, for motion vectors: float64 (n, 3).
+
+        A point of a triangle keeps its weights, a point of a sphere its direction from the center. NaN where nothing is hit.
+
+        Parameters
+        ----------
+        origins, directions, hits, time, workers
+            As for `surface`.
+        at : float or (n,)
+            The other time, or one for each hit, in [0, 1].
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from mbkd import RayTree
+        >>> open = np.float32([[-1, -1, 0], [1, -1, 0], [0, 1, 0]])
+        >>> tree = RayTree(np.stack([open, open + np.float32([3, 0, 0])]), [[0, 1, 2]])
+        >>> ray = [[1.5, 0, 9]], [0, 0, -1]
+        >>> hits = tree.closest_hits(*ray, time=0.5)
+        >>> tree.points_at(*ray, hits, 1.0, time=0.5) - tree.points_at(*ray, hits, 0.0, time=0.5)
+        array([[3., 0., 0.]])
+        """
+        times = per_query(at, (len(hits),), "at")
+        return self._of_hits(self._tree.points_at, origins, directions, hits, time, times, workers)
+
+    def secondary_origins(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        hits: H,
+        outgoing: ArrayLike,
+        *,
+        time: ArrayLike = 0.0,
+        workers: int = 1,
+    ) -> np.ndarray:
+        """Origins of rays that leave from the points that rays hit, float64 (n, 3): of shadow rays, reflections and the like.
+
+        Each is moved off the surface, to the side that the ray leaves to, by no more than what the intersection rounds, so
+        that the ray does not hit the same triangle or sphere again at once. NaN where nothing is hit: select the rays that hit
+        something before.
+
+        Parameters
+        ----------
+        origins, directions, hits, time, workers
+            As for `surface`.
+        outgoing : (n, 3) or (3,)
+            The directions of the rays that leave.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from mbkd import RayTree
+        >>> tree = RayTree(np.float32([[-1, -1, 0.1], [1, -1, 0.1], [0, 1, 0.1]]), [[0, 1, 2]])
+        >>> origins, directions, up = np.float64([[0.1, 0.2, 9], [7, 7, 9]]), np.float32([[0, 0, -1]] * 2), [0, 0, 1]
+        >>> hits = tree.closest_hits(origins, directions)
+        >>> some = hits.triangle >= 0
+        >>> leave = tree.secondary_origins(origins[some], directions[some], hits[some], up)
+        >>> tree.intersects_any(leave, up)
+        array([False])
+        """
+        to = floats(outgoing, "outgoing")
+        try:
+            to = contiguous(np.broadcast_to(to, (len(hits), 3)), np.float32)
+        except ValueError:
+            raise ValueError(f"outgoing has the shape {to.shape}, but there are {len(hits)} hits") from None
+        return self._of_hits(self._tree.secondary_origins, origins, directions, hits, time, to, workers)
+
+    def _of_hits(self, query: Callable, origins: ArrayLike, directions: ArrayLike, hits: H, time: ArrayLike, *arguments):
+        if not isinstance(hits, self._hits):
+            raise TypeError(f"hits must be {self._hits.__name__}, not {type(hits).__name__}")
+        return query(rays_of(origins, directions, time, 0.0, np.inf), hits._arrays(), *arguments)
+
     def _nearest(
         self,
         points: ArrayLike,
@@ -149,6 +265,16 @@ def _with(query, origins, directions, *, time=0.0, t_min=0.0, t_max=np.inf, mask
 def mask_of(mask: int) -> int:
     """A mask of 32 bits."""
     return whole(mask, "a mask", 0, EVERYTHING)
+
+
+def masks_of(masks: ArrayLike, count: int, name: str) -> np.ndarray:
+    """Masks of 32 bits, (n,)."""
+    array = whole_numbers(masks, name)
+    if array.shape != (count,):
+        raise ValueError(f"{name} must have the shape ({count},), not {array.shape}")
+    if array.size and (array.min() < 0 or array.max() > EVERYTHING):
+        raise ValueError(f"{name} must have 32 bits")
+    return contiguous(array, np.uint32)
 
 
 def ends(origins: ArrayLike, directions: ArrayLike) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from . import _mbkd
 from ._arrays import contiguous, floats, per_query, whole_numbers
-from ._traced import EVERYTHING, Hits, Progress, Traced
+from ._traced import EVERYTHING, Hits, Progress, Traced, masks_of
 from .rays import RayTree
 
 
@@ -26,6 +26,9 @@ class InstanceHits(Hits):
     """
 
     path: np.ndarray
+
+    def _arrays(self) -> tuple:
+        return super()._arrays(), contiguous(self.path, np.int64)
 
     @property
     def instance(self) -> np.ndarray:
@@ -116,17 +119,15 @@ class InstanceTree(Traced[InstanceHits]):
             raise ValueError("give either matrices or translations, rotations and scales")
         else:
             transforms = _matrices(n, matrices)
-        masks = np.full(n, EVERYTHING) if masks is None else whole_numbers(masks, "masks")
-        if masks.size and (masks.min() < 0 or masks.max() > EVERYTHING):
-            raise ValueError("masks must have 32 bits")
+        masks = masks_of(np.full(n, EVERYTHING) if masks is None else masks, n, "masks")
         active = np.tile(np.float32([0, 1]), (n, 1)) if active is None else floats(active, "active")
-        if active.shape != (n, 2) or masks.shape != (n,) or which.ndim != 1:
-            raise ValueError(f"{n} instances, masks {masks.shape} and active intervals {active.shape}")
+        if active.shape != (n, 2) or which.ndim != 1:
+            raise ValueError(f"{n} instances and active intervals {active.shape}")
         self._tree = _mbkd.Instances(
             [tree._tree for tree in trees],
             contiguous(which, np.int64),
             transforms,
-            contiguous(masks, np.uint32),
+            masks,
             contiguous(active, np.float32),
             workers,
             progress,

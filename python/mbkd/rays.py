@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 
 from . import _mbkd
 from ._arrays import contiguous, floats, interval, keys_of, per_query, whole_numbers
-from ._traced import EVERYTHING, Hits, Progress, Traced, ends, mask_of
+from ._traced import EVERYTHING, Hits, Progress, Traced, ends, mask_of, masks_of
 
 
-# Centers and radii at no keys, and no active intervals.
-NO_SPHERES: tuple = ([], [], None)
+# Centers and radii at no keys, and neither active intervals nor masks.
+NO_SPHERES: tuple = ([], [], None, None)
 
 WHOLE = (0.0, 1.0)
 
@@ -128,6 +128,7 @@ class RayTree(Traced[Hits]):
         masks: Sequence[int] | None = None,
         spheres: tuple[ArrayLike, ArrayLike] | None = None,
         spheres_active: ArrayLike | None = None,
+        spheres_masks: ArrayLike | None = None,
         keep_keys: bool | Sequence[bool] = False,
         precision: str = "float32",
         workers: int = 1,
@@ -142,14 +143,15 @@ class RayTree(Traced[Hits]):
         active : sequence of (begin, end), optional
             The interval in which each mesh exists.
         masks : sequence of int, optional
-            32 bits for each mesh: a query sees the mesh if their masks share a bit. Every query with a mask that is not 0
-            sees the spheres.
+            32 bits for each mesh: a query sees the mesh if their masks share a bit.
         spheres : (centers, radii), optional
             Centers (n, 3), or (K, n, 3) at K keys spaced evenly over the shutter; radii (n,), (K, n), or one number. Both are
             used in float64. A hit on a sphere has the number of meshes as its `mesh`, the index of the sphere as its
             `triangle`, and the x and y of the unit normal as `u` and `v`.
         spheres_active : (n, 2), optional
             The interval in which each sphere exists.
+        spheres_masks : (n,) of 32 bits, optional
+            As `masks`. Default: every query with a mask that is not 0 sees the spheres.
         keep_keys : bool or sequence of bool
             As for `RayTree`, for all meshes or for each.
         precision, workers, progress
@@ -164,7 +166,7 @@ class RayTree(Traced[Hits]):
         array([6.5], dtype=float32)
         """
         options = _options(len(meshes), active, masks, keep_keys, precision)
-        balls = _spheres_or_none(spheres, spheres_active)
+        balls = _spheres_or_none(spheres, spheres_active, spheres_masks)
         tree = _mbkd.Rays(_meshes(meshes, options), NO_SPHERES if balls is None else balls, workers, progress)
         return cls._of(tree, options)
 
@@ -227,6 +229,7 @@ class RayTree(Traced[Hits]):
         masks: Sequence[int] | None = None,
         spheres: tuple[ArrayLike, ArrayLike] | None = None,
         spheres_active: ArrayLike | None = None,
+        spheres_masks: ArrayLike | None = None,
         workers: int = 1,
     ) -> Refit:
         """`refit` of a tree of several meshes, and of spheres.
@@ -242,8 +245,8 @@ class RayTree(Traced[Hits]):
             As for `from_meshes`, but the default is as in the last build or refit.
         spheres : (centers, radii), optional
             As for `from_meshes`: as many as before, with any number of keys. Default: they stay where they are.
-        spheres_active : (n, 2), optional
-            The interval in which each of these spheres exists; with `spheres` only.
+        spheres_active, spheres_masks : optional
+            As for `from_meshes`; with `spheres` only.
         workers : int
             Threads; -1 for all processors.
 
@@ -265,7 +268,7 @@ class RayTree(Traced[Hits]):
         last = self._options if len(self._options) == len(meshes) else [_Options()] * len(meshes)
         options = [option._replace(active=now) for option, now in zip(last, _each(active, last, 0, "active intervals"))]
         options = [option._replace(mask=now) for option, now in zip(options, _each(masks, last, 1, "masks"))]
-        balls = _spheres_or_none(spheres, spheres_active)
+        balls = _spheres_or_none(spheres, spheres_active, spheres_masks)
         if moved is not None:
             moved = whole_numbers(moved, "moved").reshape(-1).tolist()
             if any(mesh < 0 for mesh in moved):
@@ -412,7 +415,7 @@ def _restored(bytes_of_file: bytes) -> RayTree:
     return RayTree._of(_mbkd.Rays.from_bytes(bytes_of_file), [])
 
 
-def _spheres(spheres: tuple[ArrayLike, ArrayLike], active: ArrayLike | None) -> tuple:
+def _spheres(spheres: tuple[ArrayLike, ArrayLike], active: ArrayLike | None, masks: ArrayLike | None) -> tuple:
     if not isinstance(spheres, (tuple, list)) or len(spheres) != 2:
         raise TypeError(f"spheres must be a pair (centers, radii), not {type(spheres).__name__}")
     centers, radii = floats(spheres[0], "centers").astype(np.float64), floats(spheres[1], "radii").astype(np.float64)
@@ -430,13 +433,17 @@ def _spheres(spheres: tuple[ArrayLike, ArrayLike], active: ArrayLike | None) -> 
         if active.shape != (count, 2):
             raise ValueError(f"spheres_active must have the shape ({count}, 2), not {active.shape}")
         active = contiguous(active)
-    return [contiguous(c) for c in centers], [contiguous(r) for r in radii], active
+    if masks is not None:
+        masks = masks_of(masks, count, "spheres_masks")
+    return [contiguous(c) for c in centers], [contiguous(r) for r in radii], active, masks
 
 
-def _spheres_or_none(spheres: tuple[ArrayLike, ArrayLike] | None, active: ArrayLike | None) -> tuple | None:
-    if spheres is None and active is not None:
-        raise ValueError("spheres_active without spheres")
-    return None if spheres is None else _spheres(spheres, active)
+def _spheres_or_none(
+    spheres: tuple[ArrayLike, ArrayLike] | None, active: ArrayLike | None, masks: ArrayLike | None
+) -> tuple | None:
+    if spheres is None and (active is not None or masks is not None):
+        raise ValueError(f"spheres_{'masks' if active is None else 'active'} without spheres")
+    return None if spheres is None else _spheres(spheres, active, masks)
 
 
 def _options(

@@ -2,6 +2,7 @@
 
 use crate::arrays::{Corners, PerQuery, corners, intervals, slice, table, value_error};
 use crate::rays::Rays;
+use crate::surfaces::{PlacedHitArrays, Surfaces, points_at, secondary_origins, surfaces};
 use crate::threads::long;
 use crate::traced::{NOTHING, PointArrays, RayArrays, Report, all, columns, each, nearest, on_surface, positions};
 use mbkd::glam::{DAffine3, DMat3, DQuat, DVec3};
@@ -181,6 +182,47 @@ impl Instances {
         }
         let near = answers.iter().map(|answer| answer.as_ref().map(|of| &of.near));
         Ok((positions(py, near)?, found.columns(py)?))
+    }
+
+    /// The points (n, 3) that rays hit, and the normals (n, 3) there.
+    fn surfaces<'py>(
+        &self,
+        py: Python<'py>,
+        rays: RayArrays<'py>,
+        hits: PlacedHitArrays<'py>,
+        workers: isize,
+    ) -> PyResult<Surfaces<'py>> {
+        let rays = rays.slices()?;
+        let tree = &self.tree;
+        surfaces(py, (rays, &hits.hits(rays)?), workers, &|ray, hit| tree.interaction(ray, hit))
+    }
+
+    /// Where the points that rays hit are at other times, (n, 3).
+    fn points_at<'py>(
+        &self,
+        py: Python<'py>,
+        rays: RayArrays<'py>,
+        hits: PlacedHitArrays<'py>,
+        times: PyReadonlyArray1<'py, f32>,
+        workers: isize,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let rays = rays.slices()?;
+        let tree = &self.tree;
+        points_at(py, (rays, &hits.hits(rays)?), &times, workers, &|ray, hit, time| tree.point_at(ray, hit, time))
+    }
+
+    /// The origins (n, 3) of rays that leave from the points that rays hit, into these directions.
+    fn secondary_origins<'py>(
+        &self,
+        py: Python<'py>,
+        rays: RayArrays<'py>,
+        hits: PlacedHitArrays<'py>,
+        directions: PyReadonlyArray2<'py, f32>,
+        workers: isize,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let rays = rays.slices()?;
+        let tree = &self.tree;
+        secondary_origins(py, (rays, &hits.hits(rays)?), &directions, workers, &|ray, hit| tree.interaction(ray, hit))
     }
 
     /// The matrices (m, 12), row by row, from the space of the tree at the end of each path to the space of this tree; NaN for

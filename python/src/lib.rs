@@ -18,6 +18,7 @@ mod queries;
 mod rays;
 mod refit;
 mod shared;
+mod surfaces;
 mod swept;
 mod threads;
 mod traced;

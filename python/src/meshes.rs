@@ -11,9 +11,14 @@ use pyo3::prelude::*;
 /// and whether float64 positions are.
 pub type MeshArrays<'py> = (Vec<Bound<'py, PyAny>>, PyReadonlyArray2<'py, u32>, [f32; 2], u32, bool, bool);
 
-/// Spheres as arrays: centers (n, 3) and radii (n,) at their keys, and active intervals (n, 2), or none if all exist throughout.
-pub type SphereArrays<'py> =
-    (Vec<PyReadonlyArray2<'py, f64>>, Vec<PyReadonlyArray1<'py, f64>>, Option<PyReadonlyArray2<'py, f32>>);
+/// Spheres as arrays: centers (n, 3) and radii (n,) at their keys, active intervals (n, 2), or none if all exist throughout, and
+/// masks (n,), or none if every mask sees them.
+pub type SphereArrays<'py> = (
+    Vec<PyReadonlyArray2<'py, f64>>,
+    Vec<PyReadonlyArray1<'py, f64>>,
+    Option<PyReadonlyArray2<'py, f32>>,
+    Option<PyReadonlyArray1<'py, u32>>,
+);
 
 /// Makes meshes of the library.
 pub fn meshes(arrays: &[MeshArrays<'_>]) -> PyResult<Vec<TriangleMesh>> {
@@ -43,19 +48,23 @@ fn mesh((i, (keys, faces, active, mask, keep_keys, precise)): (usize, &MeshArray
 }
 
 /// Makes spheres of the library.
-pub fn spheres((centers, radii, active): &SphereArrays<'_>) -> PyResult<Vec<Shape>> {
+pub fn spheres((centers, radii, active, masks): &SphereArrays<'_>) -> PyResult<Vec<Shape>> {
     let centers = centers.iter().map(rows).collect::<PyResult<Vec<_>>>()?;
     let radii = radii.iter().map(slice).collect::<PyResult<Vec<_>>>()?;
     let count = centers.first().map_or(0, |key| key.len());
     let active = active.as_ref().map(|active| intervals(slice(active)?.as_chunks().0, "sphere")).transpose()?;
+    let masks = masks.as_ref().map(slice).transpose()?;
     let lengths = centers.iter().map(|key| key.len()).chain(radii.iter().map(|key| key.len()));
-    if centers.len() != radii.len() || lengths.chain(active.iter().map(Vec::len)).any(|length| length != count) {
-        return Err(PyValueError::new_err("spheres have centers, radii and active intervals of different numbers"));
+    let mut lengths = lengths.chain(active.iter().map(Vec::len)).chain(masks.iter().map(|masks| masks.len()));
+    if centers.len() != radii.len() || lengths.any(|length| length != count) {
+        let text = "spheres have centers, radii, active intervals and masks of different numbers";
+        return Err(PyValueError::new_err(text));
     }
     let sphere = |i: usize| {
         let keys = centers.iter().zip(&radii).map(|(centers, radii)| (DVec3::from(centers[i]), radii[i])).collect();
         let active = active.as_ref().map_or(TimeInterval::FULL, |active| active[i]);
-        Shape::from(MovingSphere::new(keys).with_active(active))
+        let mask = masks.map_or(u32::MAX, |masks| masks[i]);
+        Shape::from(MovingSphere::new(keys).with_active(active).with_mask(mask))
     };
     Ok((0..count).map(sphere).collect())
 }

@@ -5,12 +5,13 @@ use crate::files::{file_error, from_bytes, read, to_bytes};
 use crate::meshes::{MeshArrays, SphereArrays, meshes, spheres};
 use crate::refit::{Done, build_error, done};
 use crate::shared::Shared;
+use crate::surfaces::{HitArrays, Surfaces, points_at, secondary_origins, surfaces};
 use crate::threads::{long, poll_python, pool};
 use crate::traced::{
     Hits, NOTHING, PointArrays, RayArrays, RaySlices, Report, all, columns, each, nearest, on_surface, positions,
 };
 use mbkd::{BuildParams, ClosestPointQuery, Hit, Ray, RayTree};
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -203,6 +204,47 @@ impl Rays {
         let found = nearest(py, &points, bytes_of(&tree), (workers, progress.as_ref()), &one)?;
         let hits: Vec<Hit> = found.iter().map(|near| near.as_ref().map_or(NOTHING, on_surface)).collect();
         Ok((positions(py, found.iter().map(Option::as_ref))?, columns(py, &hits)))
+    }
+
+    /// The points (n, 3) that rays hit, and the normals (n, 3) there.
+    fn surfaces<'py>(
+        &self,
+        py: Python<'py>,
+        rays: RayArrays<'py>,
+        hits: HitArrays<'py>,
+        workers: isize,
+    ) -> PyResult<Surfaces<'py>> {
+        let rays = rays.slices()?;
+        let tree = self.tree.get(py)?;
+        surfaces(py, (rays, &hits.hits(rays)?), workers, &|ray, hit| tree.interaction(ray, hit))
+    }
+
+    /// Where the points that rays hit are at other times, (n, 3).
+    fn points_at<'py>(
+        &self,
+        py: Python<'py>,
+        rays: RayArrays<'py>,
+        hits: HitArrays<'py>,
+        times: PyReadonlyArray1<'py, f32>,
+        workers: isize,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let rays = rays.slices()?;
+        let tree = self.tree.get(py)?;
+        points_at(py, (rays, &hits.hits(rays)?), &times, workers, &|ray, hit, time| tree.point_at(ray, hit, time))
+    }
+
+    /// The origins (n, 3) of rays that leave from the points that rays hit, into these directions.
+    fn secondary_origins<'py>(
+        &self,
+        py: Python<'py>,
+        rays: RayArrays<'py>,
+        hits: HitArrays<'py>,
+        directions: PyReadonlyArray2<'py, f32>,
+        workers: isize,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let rays = rays.slices()?;
+        let tree = self.tree.get(py)?;
+        secondary_origins(py, (rays, &hits.hits(rays)?), &directions, workers, &|ray, hit| tree.interaction(ray, hit))
     }
 
     /// The corners of triangles at times, (m, 3, 3); NaN if there is no such triangle.

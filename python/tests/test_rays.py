@@ -145,6 +145,27 @@ def test_spheres_are_hit_where_brute_force_hits_them():
     np.testing.assert_array_equal(again.triangle, both.triangle)
 
 
+def test_float64_positions_are_kept_on_request():
+    # Small parts far from each other, so that no place is near all of them.
+    far = np.stack([OPEN, CLOSE]).astype(np.float64) * 1e-3 + [4e3, -3e3, 5e3]
+    meshes = [(far, FACES), (-far, FACES)]
+    tree, rounded = RayTree.from_meshes(meshes, precision="float64"), RayTree.from_meshes(meshes)
+    corners = far[0].reshape(100, 3, 3)
+    np.testing.assert_array_equal(tree.triangles(0, np.arange(100)), corners)
+    assert np.abs(rounded.triangles(0, np.arange(100)) - corners).max() > 1e-5
+    # As near zero, where everything is a thousand times as large, but for what float64 rounds.
+    near, origins = RayTree(np.stack([OPEN, CLOSE]), FACES), ORIGINS * 1e-3 + [4e3, -3e3, 5e3]
+    hits, expected = (of.closest_hits(at, DIRECTIONS, time=TIMES) for of, at in ((tree, origins), (near, ORIGINS)))
+    same = hits.triangle == expected.triangle
+    assert same.mean() > 0.99 and (hits.triangle >= 0).any()
+    np.testing.assert_allclose(hits.t[same] * 1000, expected.t[same], rtol=1e-5)
+    one = RayTree(np.concatenate([far, -far], axis=1), np.concatenate([FACES, FACES + 300]), precision="float64")
+    np.testing.assert_array_equal(one.triangles(0, np.arange(100)), corners)
+    mixed = RayTree.from_meshes([(OPEN, FACES), (far, FACES), (-far, FACES)], precision="float64")
+    np.testing.assert_array_equal(mixed.triangles(0, np.arange(100)), OPEN.reshape(100, 3, 3))
+    np.testing.assert_array_equal(mixed.triangles(1, np.arange(100)), corners)
+
+
 def test_numbers_of_keys_of_spheres_may_differ_from_those_of_their_radii():
     for centers, radii in (
         ([[0, 0, 0]], [[1], [2]]),

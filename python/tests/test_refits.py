@@ -127,6 +127,13 @@ def test_spheres_move_or_stay():
     expected = RayTree.from_meshes(frame(2), spheres=balls(2), **options)
     assert_same(tree, expected)
     assert (expected.closest_hits(ORIGINS, DIRECTIONS, time=TIMES).mesh == 3).any()
+    masks = 1 << (np.arange(SPHERES) % 3)
+    tree.refit_meshes(frame(2), spheres=balls(2), spheres_masks=masks)
+    expected = RayTree.from_meshes(frame(2), spheres=balls(2), spheres_masks=masks)
+    for mask in (1, 6):
+        assert_same(tree, expected, mask=mask)
+        hits = tree.closest_hits(ORIGINS, DIRECTIONS, mask=mask)
+        assert set(masks[hits.triangle[hits.mesh == 3]]) == {bit for bit in (1, 2, 4) if bit & mask}
     only = RayTree.from_meshes([], spheres=balls(0))
     only.refit_meshes([], spheres=balls(1))
     np.testing.assert_array_equal(
@@ -213,7 +220,11 @@ WRONG = [
     (lambda tree: tree.refit_meshes(WORN, masks=[1]), ValueError, "3 meshes and 1 masks"),
     (lambda tree: tree.refit_meshes(WORN, active=[(0, 1)]), ValueError, "3 meshes and 1 active"),
     (lambda tree: tree.refit_meshes(WORN, active=[(0, 1), (1, 0), (0, 1)]), ValueError, "mesh 1.*interval"),
-    (lambda tree: tree.refit_meshes(WORN, spheres_active=[(0, 1)]), ValueError, "without spheres"),
+    (lambda tree: tree.refit_meshes(WORN, spheres_active=[(0, 1)]), ValueError, "spheres_active without spheres"),
+    (lambda tree: tree.refit_meshes(WORN, spheres_masks=[1]), ValueError, "spheres_masks without spheres"),
+    (lambda tree: tree.refit_meshes(WORN, spheres=balls(1), spheres_masks=[1]), ValueError, "spheres_masks must have the shape"),
+    (lambda tree: tree.refit_meshes(WORN, spheres=balls(1), spheres_masks=[-1] * SPHERES), ValueError, "32 bits"),
+    (lambda tree: tree.refit_meshes(WORN, spheres=balls(1), spheres_masks=[0.5] * SPHERES), TypeError, "whole numbers"),
     (lambda tree: tree.refit_meshes(WORN, workers=0), ValueError, "workers"),
     (lambda tree: tree.refit_meshes([vertices for vertices, _ in WORN]), TypeError, "pair"),
     (lambda tree: tree.refit(WORN[0][0], FACES[0] + 0.5), TypeError, "faces"),
