@@ -12,8 +12,8 @@ pyo3::create_exception!(
     "A tree cannot be refitted to these meshes: build a new one. The tree is unchanged, and answers as before."
 );
 
-/// What a refit has done: the relative cost of rays, whether that is worn, and nodes, leaf blocks, blocks that were visited and kept,
-/// and blocks that were not visited.
+/// What a refit has done: the relative cost of rays, whether the tree is worn, and numbers of nodes and of leaf blocks that were
+/// written, of blocks that were kept, and of those that were not visited.
 pub type Done = (f64, bool, [usize; 4]);
 
 /// The result of a refit.

@@ -16,7 +16,8 @@ impl<T: Send + Sync> Shared<T> {
         Shared(Mutex::new(Arc::new(tree)))
     }
 
-    /// The tree as it is now, which does not change while it is held. Waits for a change that is going on.
+    /// The tree as it is now, which does not change while it is held. Waits for a change that is going on, so threads of a pool,
+    /// for which that may wait, must not call this.
     pub fn get(&self, py: Python<'_>) -> PyResult<Arc<T>> {
         match self.0.try_lock() {
             Ok(tree) => Ok(tree.clone()),
