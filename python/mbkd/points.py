@@ -614,8 +614,8 @@ class PointTree:
 
         This is decided in float64, for exact linear motion between the positions at the keys, in float32 or float64.
         `r`, `among`, `larger`, `summed`, `pairs_once` and `max_neighbors` are as for `neighbor_lists`: with `summed`, these are
-        the contacts of spheres that move; with `among`, those with another set, as walls that move. In a periodic box points are as far apart as their nearest images; a pair comes up once,
-        whatever images it meets in.
+        the contacts of spheres that move; with `among`, those with another set, as walls that move. In a periodic box points are
+        as far apart as their nearest images; a pair comes up once, whatever images it meets in.
         """
         if among is not None:
             _same_kind(among, "among")

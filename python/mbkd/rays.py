@@ -76,8 +76,8 @@ class RayTree(Traced[Hits]):
         Keep all keys. Otherwise those on straight lines between others are dropped, and the mesh of a later frame that needs
         more of them cannot take its place (`refit`). Each key beyond the second takes memory and time.
     precision : {'float32', 'float64'}
-        'float64': positions are kept in float64 and decide every answer, for scenes far from zero with small parts. Takes
-        24 bytes per vertex and key more, and up to 1.4 times the time of rays.
+        'float64': positions are kept in float64 and decide every answer, for small parts that are far from each other. Takes
+        24 bytes per vertex and key and 12 per triangle more, and up to 1.4 times the time of rays.
     workers : int
         Threads for the build; -1 for all processors.
     progress : callable, optional
