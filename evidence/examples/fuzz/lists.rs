@@ -25,6 +25,11 @@ struct Request<'a> {
     displacements: bool,
 }
 
+/// All kinds of radii: one for all points, or those of points and of what is listed.
+fn kinds_of_radii<'a>(one: f32, own: &'a [f32], others: &'a [f32]) -> [Radii<'a>; 4] {
+    [Radii::Equal(one), Radii::Own(own), Radii::Larger { own, others }, Radii::Sum { own, others }]
+}
+
 /// How far a point may be from one that its list holds.
 fn radius_of_pair(radii: &Radii<'_>, own: u32, other: u32) -> f32 {
     match *radii {
@@ -182,8 +187,7 @@ fn check_swept(random: &mut Random, trees: &[([PointTree; 2], String)], clouds: 
         |count: usize| -> Vec<f32> { (0..count).map(|_| radius * random.pick(&[0.0, 0.3, 1.0, 2.0])).collect() };
     let [own, of_others] = [some(cloud.len()), some(among.len())];
     let (own, others) = (&own[..], if other { &of_others[..] } else { &own[..] });
-    let kinds = [Radii::Equal(radius), Radii::Own(own), Radii::Larger { own, others }, Radii::Sum { own, others }];
-    let radii = random.pick(&kinds);
+    let radii = random.pick(&kinds_of_radii(radius, own, others));
     let once = random.one_in(3);
     let (periods, images) = periodic_box(random, clouds);
     let mut expected = vec![Vec::new(); cloud.len()];
@@ -249,7 +253,7 @@ fn check_swept(random: &mut Random, trees: &[([PointTree; 2], String)], clouds: 
     Ok(())
 }
 
-/// Until the time that is certified, no pair within the radius is missing.
+/// Until the time that is certified, no pair within its radius is missing.
 fn check_skin(random: &mut Random, trees: &[PointTree; 2], clouds: &[Cloud; 2], radius: f32, what: &str) -> Outcome {
     let other = random.one_in(3);
     let ([tree, among_tree], clouds) = (pair_of(trees, other), pair_of(clouds, other));
@@ -257,16 +261,26 @@ fn check_skin(random: &mut Random, trees: &[PointTree; 2], clouds: &[Cloud; 2], 
     let (time, until) = (random.time(), random.time());
     let (time, until) = (time.min(until), time.max(until));
     let skin = radius * random.pick(&[0.0, 0.01, 0.3, 2.0]);
+    let needed = [radii(random, cloud.len(), radius), radii(random, among.len(), radius)];
+    let listed = needed.each_ref().map(|radii| radii.iter().map(|radius| radius + skin).collect::<Vec<f32>>());
+    let kind = random.pick(&[0, 1, 2, 3]);
+    let of_others = usize::from(other);
+    let [needed, listed] = [(radius, &needed), (radius + skin, &listed)]
+        .map(|(one, radii)| kinds_of_radii(one, &radii[0], &radii[of_others])[kind]);
     let mut lists = NeighborLists::new();
-    let what = format!("{what}: from {time} to {until} within {radius}, skin {skin}");
+    let once = random.one_in(3);
     let (periods, _) = periodic_box(random, clouds);
+    let what = format!("{what}: from {time} to {until} within {needed:?}, skin {skin}, once {once}");
     let what = format!("{what}, among the other {other}, periods {periods:?}");
-    let good = match (other, periods) {
-        (false, [None, None, None]) => tree.neighbor_lists_with_skin(time, radius, skin, until, &mut lists),
+    let good = match (other, periods, needed, once) {
+        (false, [None, None, None], Radii::Equal(radius), false) => {
+            tree.neighbor_lists_with_skin(time, radius, skin, until, &mut lists)
+        }
         _ => {
-            let query = tree.neighbor_lists(time, radius + skin).periodic(periods);
+            let query = tree.neighbor_lists(time, listed).periodic(periods);
             let query = if other { query.among(among_tree) } else { query };
-            query.run(&mut lists).and_then(|()| query.certified_until(radius, until))
+            let query = if once { query.pairs_once() } else { query };
+            query.run(&mut lists).and_then(|()| query.certified_until(needed, until))
         }
     };
     if good.as_ref().is_err_and(|error| may_refuse(error, clouds, periods)) {
@@ -284,9 +298,13 @@ fn check_skin(random: &mut Random, trees: &[PointTree; 2], clouds: &[Cloud; 2], 
             continue;
         }
         for i in (0..cloud.len()).filter(|&i| cloud.active[i].contains(at)) {
-            for j in (0..among.len()).filter(|&j| among.active[j].contains(at) && (other || j != i)) {
-                let missing = !listed[cloud.ids[i] as usize * among.len() + among.ids[j] as usize];
-                let near = squared(cloud.double, periods, cloud.at(i, at), among.at(j, at)).1 <= radius * radius;
+            let (place, id) = (cloud.at(i, at), cloud.ids[i]);
+            for j in (0..among.len()).filter(|&j| among.active[j].contains(at)) {
+                let other_id = among.ids[j];
+                let wanted = if once { other_id > id } else { other || other_id != id };
+                let missing = wanted && !listed[id as usize * among.len() + other_id as usize];
+                let radius = radius_of_pair(&needed, id, other_id);
+                let near = squared(cloud.double, periods, place, among.at(j, at)).1 <= radius * radius;
                 ensure!(!(missing && near), "{what}: certified until {good}, {i} and {j} are missing at {at}");
             }
         }
