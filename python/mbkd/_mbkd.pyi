@@ -189,7 +189,9 @@ def neighbor_lists(
 def neighbor_lists_with_skin(
     points: Points,
     time: float,
-    radius: float,
+    radii: np.ndarray,
+    larger: bool,
+    summed: bool,
     skin: float,
     until: float,
     among: Points | None,

@@ -559,12 +559,14 @@ class PointTree:
 
     def neighbor_lists_with_skin(
         self,
-        r: float,
+        r: ArrayLike,
         skin: float,
         *,
         time: float = 0.0,
         until: float = 1.0,
         among: PointTree | None = None,
+        larger: bool = False,
+        summed: bool = False,
         pairs_once: bool = False,
         distances: bool = False,
         displacements: bool = False,
@@ -574,7 +576,7 @@ class PointTree:
     ) -> NeighborLists:
         """Neighbour lists with the radius r + skin, and the time until which they contain every pair within r.
 
-        Every pair within r is in the lists from `time` until just before `NeighborLists.valid_until`. That time follows
+        With one radius for each point, the skin is added to that of each pair. Every pair within r is in the lists from `time` until just before `NeighborLists.valid_until`. That time follows
         from the exact motion of the points, not from a bound on speeds. It is at most `until`, and at most the time of the
         next key. In a periodic box, distances are to the nearest image. Other options are as for `neighbor_lists`.
         """
@@ -583,7 +585,9 @@ class PointTree:
         (offsets, ids, _, far, ways), valid_until = _mbkd.neighbor_lists_with_skin(
             self._tree,
             time,
-            r,
+            self._radii(r, larger, summed),
+            larger,
+            summed,
             skin,
             until,
             None if among is None else among._tree,

@@ -75,13 +75,16 @@ pub fn neighbor_lists<'py>(
     hand_over(py, lists, by_id.then_some(tree.len()), workers)
 }
 
-/// The lists at a time with a radius and a skin, and the time until which they contain every pair within the radius.
+/// The lists at a time with radii, as for [`neighbor_lists`], that are longer by a skin for each pair; and the time until which they
+/// contain every pair within the radii themselves.
 #[pyfunction]
 pub fn neighbor_lists_with_skin<'py>(
     py: Python<'py>,
     points: &Points,
     time: f32,
-    radius: f32,
+    radii: PyReadonlyArray1<'py, f32>,
+    larger: bool,
+    summed: bool,
     skin: f32,
     until: f32,
     among: Option<&Points>,
@@ -92,14 +95,19 @@ pub fn neighbor_lists_with_skin<'py>(
     max_neighbors: Option<usize>,
     workers: isize,
 ) -> PyResult<(Columns<'py>, f32)> {
+    let radii = slice(&radii)?;
+    without_radii_of_others(radii, among.is_some(), larger, summed)?;
+    // Of two radii that are added, each has half of the skin.
+    let skin_of_each = if summed && radii.len() > 1 { 0.5 * skin } else { skin };
+    let listed: Vec<f32> = radii.iter().map(|radius| radius + skin_of_each).collect();
     let (tree, among) = (points.tree.get(py)?, among.map(|among| among.tree.get(py)).transpose()?);
-    let mut query = tree.neighbor_lists(time, radius + skin);
+    let mut query = tree.neighbor_lists(time, radii_of(&listed, larger, summed));
     query = with_options(query, [pairs_once, distances, displacements, sorted], max_neighbors);
     query = among.as_deref().map_or(query, |among| query.among(among));
     query = points.periods.map_or(query, |lengths| query.periodic(lengths));
     let mut lists = memory();
     let made = on(py, workers, || {
-        let valid_until = query.certified_until(radius, until)?;
+        let valid_until = query.certified_until(radii_of(radii, larger, summed), until)?;
         query.run(&mut lists)?;
         Ok(valid_until)
     })?;

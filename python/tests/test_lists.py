@@ -157,6 +157,27 @@ def test_swept_lists_and_skins_among_another_set(far):
             ask(0.1, among=PointTree(OPEN, precision="float32" if np.any(far) else "float64"))
 
 
+@pytest.mark.parametrize("kind", [{}, {"larger": True}, {"summed": True}], ids=["own", "larger", "summed"])
+@pytest.mark.parametrize("boxsize", [None, 1.5])
+def test_lists_with_a_skin_and_radii_of_their_own_miss_nothing_until_they_say(kind, boxsize):
+    tree = PointTree(OPEN, keys=CLOSE, boxsize=boxsize)
+    radii = RNG.uniform(0.02, 0.12, len(OPEN)).astype(np.float32)
+    lists = tree.neighbor_lists_with_skin(radii, 0.04, time=0.25, **kind)
+    assert 0.25 < lists.valid_until < 1
+    listed = set(map(tuple, lists.pairs().tolist()))
+    longer = radii + np.float32(0.02 if kind.get("summed") else 0.04)
+    assert listed == set(map(tuple, tree.neighbor_lists(longer, time=0.25, **kind).pairs().tolist()))
+    for time in np.linspace(0.25, np.nextafter(np.float32(lists.valid_until), np.float32(0)), 20):
+        assert set(map(tuple, tree.neighbor_lists(radii, time=time, **kind).pairs().tolist())) <= listed
+    # A pair that comes within its radius soon afterwards is missing.
+    later = tree.neighbor_lists_swept(radii, (0.25, min(lists.valid_until + 1e-4, 1)), **kind)
+    pairs = np.column_stack([np.repeat(np.arange(len(OPEN)), np.diff(later.offsets)), later.ids])
+    assert set(map(tuple, pairs.tolist())) - listed
+    for wrong in ({"skin": -0.01}, {"skin": np.nan}):
+        with pytest.raises(ValueError, match="negative or NaN"):
+            tree.neighbor_lists_with_skin(radii, **wrong, **kind)
+
+
 def test_options_of_lists_with_a_skin():
     tree = PointTree(OPEN, keys=CLOSE)
     usual, most = tree.neighbor_lists_with_skin(0.1, 0.05), tree.neighbor_lists(0.15).counts.max()
