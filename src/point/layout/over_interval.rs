@@ -93,17 +93,15 @@ pub(in crate::point) trait BlockTree: BoxTree + Sync {
         let parts = parallel::chunks(self.block_count(), |blocks| blocks.map(of_block).fold(0.0, greater));
         parts.into_iter().fold(0.0, greater)
     }
-    /// The lowest id, not below a number, of the points that exist at some time between two, both ends included. (A point does not
-    /// exist at its end bound.)
-    fn lowest_id_from(&self, least: usize, [first, last]: [f32; 2]) -> Option<u32> {
+    /// The ids of the points that exist at some time between two, both ends included. (A point does not exist at its end bound.)
+    fn ids_during(&self, [first, last]: [f32; 2]) -> Vec<u32> {
         let of_block = |block: usize| {
             let rows = self.rows(block);
-            let exists = |&lane: &usize| rows.begin[lane] <= last && first < rows.end[lane];
-            let ids = (0..LANES).filter(exists).map(|lane| rows.id[lane]);
-            ids.filter(|&id| id != u32::MAX && id as usize >= least).min()
+            let exists =
+                move |&lane: &usize| rows.id[lane] != u32::MAX && rows.begin[lane] <= last && first < rows.end[lane];
+            (0..LANES).filter(exists).map(move |lane| rows.id[lane])
         };
-        let parts = parallel::chunks(self.block_count(), |blocks| blocks.filter_map(of_block).min());
-        parts.into_iter().flatten().min()
+        parallel::chunks(self.block_count(), |blocks| blocks.flat_map(of_block).collect::<Vec<u32>>()).concat()
     }
     /// The least and the greatest displacement of a point between the keys, along each axis, infinite without a point; of no
     /// account where positions are in f32.

@@ -17,13 +17,15 @@ struct Maker {
     lists: EncounterLists,
     /// The greatest number of encounters of a point.
     most: usize,
+    /// Whether points that meet nothing have a list. (Where the shutter is divided, nearly all lists of points at rest are empty.)
+    empty: bool,
     /// The lowest id of a point that has more.
     crowded: Option<u32>,
 }
 
 impl Maker {
-    fn new(lists: EncounterLists, most: usize) -> Maker {
-        Maker { lists, most, crowded: None }
+    fn new(lists: EncounterLists, most: usize, empty: bool) -> Maker {
+        Maker { lists, most, empty, crowded: None }
     }
 
     /// Ends the list of the point that came last.
@@ -33,6 +35,10 @@ impl Maker {
         if *end - *begin > self.most {
             *end = *begin;
             self.crowded = Some(self.crowded.map_or(id, |other| other.min(id)));
+        }
+        if !self.empty && end == begin {
+            self.lists.points.pop();
+            self.lists.offsets.pop();
         }
     }
 }
@@ -81,7 +87,7 @@ pub(super) fn lists<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Swee
     if parallel::threads() > 1 {
         return in_parallel(lists, sweep, most);
     }
-    let mut worker = Worker::new(Maker::new(core::mem::take(lists), most));
+    let mut worker = Worker::new(Maker::new(core::mem::take(lists), most, true));
     sweep.run_on_one_thread(&mut worker);
     worker.visitor.end_list();
     *lists = worker.visitor.lists;
@@ -92,10 +98,10 @@ pub(super) fn lists<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Swee
 fn merged<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Sweep<'_, C>, most: usize) -> Option<u32> {
     // None of the lists of a point is longer than all together, unless several points have the same id.
     let most_of_one = if sweep.has_distinct_ids() { most } else { usize::MAX };
-    let mut makers = sweep.run(|| Maker::new(EncounterLists::cleared(), most_of_one));
+    let mut makers = sweep.run(|| Maker::new(EncounterLists::cleared(), most_of_one, false));
     makers.iter_mut().for_each(Maker::end_list);
     let crowded = makers.iter().filter_map(|maker| maker.crowded).min();
-    lists.merge(&makers.into_iter().map(|maker| maker.lists).collect::<Vec<_>>());
+    lists.merge(&makers.into_iter().map(|maker| maker.lists).collect::<Vec<_>>(), sweep.ids());
     let long = lists.iter().filter(|(_, list)| list.len() > most).map(|(id, _)| id);
     long.chain(crowded).min()
 }
@@ -106,7 +112,7 @@ fn in_parallel<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Sweep<'_,
     // What is left of the lists before says nothing about these.
     shares.iter_mut().for_each(EncounterLists::clear);
     shares.resize(SHARES * parallel::threads(), EncounterLists::cleared());
-    let mut workers: Vec<_> = shares.into_iter().map(|share| Worker::new(Maker::new(share, most))).collect();
+    let mut workers: Vec<_> = shares.into_iter().map(|share| Worker::new(Maker::new(share, most, true))).collect();
     let (groups, mut done) = (sweep.groups(), 0);
     while done < groups {
         let EncounterLists { offsets, points, encounters, .. } = &mut *lists;
@@ -138,4 +144,39 @@ fn in_parallel<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Sweep<'_,
     let crowded = workers.iter().filter_map(|worker| worker.visitor.crowded).min();
     lists.shares = workers.into_iter().map(|worker| worker.visitor.lists).collect();
     crowded
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::point::tree::PointParams;
+    use crate::primitive::PointArrays;
+    use crate::random::Random;
+    use crate::{PointTree, TimeInterval};
+    use glam::Vec3;
+
+    /// Points at rest come up in each segment of those that move, but nothing is kept of those that meet nothing there.
+    #[test]
+    fn points_that_meet_nothing_in_a_time_slice_take_no_memory_for_it() {
+        const SEGMENTS: usize = 500;
+        let mut random = Random(8);
+        let first: Vec<Vec3> = (0..300).map(|_| random.vec()).collect();
+        let mut key = |_| first.iter().enumerate().map(|(i, &p)| if i < 298 { p } else { random.vec() }).collect();
+        let keys: Vec<Vec<Vec3>> = (0..=SEGMENTS).map(&mut key).collect();
+        let keys: Vec<&[Vec3]> = keys.iter().map(Vec::as_slice).collect();
+        let points = PointArrays { keys: &keys, active: &[], ids: &[] };
+        let tree = PointTree::build(&points, &PointParams::default()).unwrap();
+        let sweep = Sweep::<f32>::new((&tree, None), [0.0, 1.0], 0.02f32.into(), [None; 2]);
+        assert!(!sweep.points_once);
+        let mut makers = sweep.run(|| Maker::new(EncounterLists::cleared(), usize::MAX, false));
+        makers.iter_mut().for_each(Maker::end_list);
+        let (mut kept, mut met) = (0, 0);
+        for maker in &makers {
+            kept += maker.lists.len();
+            met += maker.lists.encounters().len();
+        }
+        assert!(0 < kept && kept <= met && kept < 20 * SEGMENTS, "{kept} lists of {met} encounters");
+        let lists = tree.neighbor_lists_swept(TimeInterval::FULL, 0.02).collect().unwrap();
+        assert_eq!(lists.points(), Vec::from_iter(0..300));
+    }
 }

@@ -15,17 +15,27 @@ type Row = (u32, u32, u32);
 const SHARE: usize = 256;
 
 impl EncounterLists {
-    /// One list for each point, one encounter for each pair, in the order of ids, in place of what the lists held.
-    pub(super) fn merge(&mut self, shares: &[EncounterLists]) {
+    /// One list for each of these points, and for all in the shares; one encounter for each pair; in the order of ids, in place of
+    /// what the lists held. So the shares need no lists of points that meet nothing.
+    pub(super) fn merge(&mut self, shares: &[EncounterLists], mut ids: Vec<u32>) {
         let mut rows: Vec<Row> = Vec::with_capacity(shares.iter().map(EncounterLists::len).sum());
         for (share, lists) in shares.iter().enumerate() {
             rows.extend(lists.points().iter().enumerate().map(|(row, &id)| (id, share as u32, row as u32)));
         }
         sort(&mut rows);
-        let points: Vec<&[Row]> = rows.chunk_by(|a, b| a.0 == b.0).collect();
+        ids.extend(rows.chunk_by(|a, b| a.0 == b.0).map(|rows| rows[0].0));
+        ids.sort_unstable();
+        ids.dedup();
+        let mut rest = &rows[..];
+        let of_point = |&id: &u32| {
+            let of_id;
+            (of_id, rest) = rest.split_at(rest.iter().take_while(|row| row.0 == id).count());
+            of_id
+        };
+        let points: Vec<&[Row]> = ids.iter().map(of_point).collect();
         self.clear();
+        self.points.extend(&ids);
         for rows in &points {
-            self.points.push(rows[0].0);
             let length: usize = rows.iter().map(|row| list(shares, row).len()).sum();
             self.offsets.push(self.end() + length);
         }

@@ -167,7 +167,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
     /// The lowest id, of a point that exists at some time of the interval, that has none of these radii.
     pub(super) fn lowest_without(&self, radii: Radii<'_>) -> Option<RadiusOf> {
         let without = |slices: &[Slice<'a, C>], radii: &[f32], of: fn(u32) -> RadiusOf| {
-            let lowest = |slice: &Slice<'a, C>| slice.lowest_id_from(radii.len());
+            let lowest = |slice: &Slice<'a, C>| slice.ids().into_iter().filter(|&id| id as usize >= radii.len()).min();
             slices.iter().filter_map(lowest).min().map(of)
         };
         let slices_of_own = &self.slices[..self.own];
@@ -201,6 +201,11 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
     /// Whether no two points of a set have the same id.
     pub(super) fn has_distinct_ids(&self) -> bool {
         self.tree.distinct && self.among.is_none_or(|among| among.distinct)
+    }
+
+    /// The ids of all points that exist at some time of the interval; some several times.
+    pub(super) fn ids(&self) -> Vec<u32> {
+        self.slices[..self.own].iter().flat_map(Slice::ids).collect()
     }
 
     /// The number of groups of points.

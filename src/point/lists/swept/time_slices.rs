@@ -70,11 +70,11 @@ impl<C: SweptCoordinate> Slice<'_, C> {
         }
     }
 
-    /// The lowest id, not below a number, of the points that exist at some time of the slice.
-    pub(super) fn lowest_id_from(&self, least: usize) -> Option<u32> {
+    /// The ids of the points that exist at some time of the slice.
+    pub(super) fn ids(&self) -> Vec<u32> {
         match self.tree {
-            Tree::Static(tree) => tree.lowest_id_from(least, self.times),
-            Tree::Moving(tree) => tree.lowest_id_from(least, self.times),
+            Tree::Static(tree) => tree.ids_during(self.times),
+            Tree::Moving(tree) => tree.ids_during(self.times),
         }
     }
 
