@@ -6,34 +6,12 @@
 //! heuristic for wide bounding volume hierarchies"; the recurrence is the same.)
 
 use super::builder::BinaryNode;
+use super::costs::motion_factor;
 use super::visits::SurfaceDensity;
 use crate::parallel;
 use crate::progress::Progress;
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch, huge_vec, lanes_at};
-
-/// Relative costs of the steps of a query.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct CostModel {
-    /// Visiting a node whose boxes move.
-    pub node: f32,
-    /// Visiting a leaf block.
-    pub leaf: f32,
-    /// Testing each primitive in it.
-    pub primitive: f32,
-    /// Factor for static nodes and leaves.
-    pub static_factor: f32,
-    /// The greatest number of primitives in one leaf block; 1 if the references are whole blocks already.
-    pub most: usize,
-    /// Predicts how often boxes are visited.
-    pub density: SurfaceDensity,
-}
-
-impl CostModel {
-    /// The cost of visiting a leaf block with this many primitives.
-    pub fn leaf_of(&self, primitives: usize) -> f32 {
-        self.leaf + self.primitive * primitives as f32
-    }
-}
+use crate::tuning::wide::NODE_COST;
 
 /// A child of a wide node: a binary node, taken as a leaf block or as a wide node of its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,7 +51,7 @@ impl Collapse {
     /// one visit), or `None` if it cannot be one. Once `progress` is cancelled, decisions are missing.
     pub fn new(
         nodes: &[BinaryNode],
-        cost_model: CostModel,
+        density: SurfaceDensity,
         leaf_cost: impl Fn(&BinaryNode) -> Option<f32> + Sync,
         progress: &Progress,
     ) -> Collapse {
@@ -83,7 +61,7 @@ impl Collapse {
         one.resize(nodes.len(), 0.0f32);
         if !nodes.is_empty() {
             let progress = &progress.in_units(nodes.len());
-            Solver { simd: SimdLevel::best(), cost_model, leaf_cost, progress }.subtree(nodes, &mut left, &mut one);
+            Solver { simd: SimdLevel::best(), density, leaf_cost, progress }.subtree(nodes, &mut left, &mut one);
         }
         Collapse { left, one }
     }
@@ -143,7 +121,8 @@ impl Collapse {
 /// The inputs of the decisions.
 struct Solver<'a, L> {
     simd: SimdLevel,
-    cost_model: CostModel,
+    /// Predicts how often boxes are visited.
+    density: SurfaceDensity,
     leaf_cost: L,
     /// In nodes.
     progress: &'a Progress<'a>,
@@ -186,10 +165,9 @@ impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Solver<'_, L> {
             best = s.select(better, sum, best);
             share = s.select_u(better, s.splat_u(i as u32 + 1), share);
         }
-        let visits = self.cost_model.density.visits(&node.bounds);
-        let factor = if node.moving { 1.0 } else { self.cost_model.static_factor };
+        let (visits, factor) = (self.density.visits(&node.bounds), motion_factor(node.moving));
         let as_leaf = (self.leaf_cost)(node).map_or(f32::INFINITY, |c| c * visits * factor);
-        let as_node = self.cost_model.node * factor * visits + s.lane(best, LANES - 1);
+        let as_node = NODE_COST * factor * visits + s.lane(best, LANES - 1);
         *one = as_leaf.min(as_node);
         // More slots never cost more, so a single child at most ties; a tie goes to it: fewer boxes.
         let single = s.splat(*one);
@@ -245,9 +223,8 @@ impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Kernel for Sweep<'_, L> {
             }
             for ((node, left), one) in nodes.iter().zip(left).zip(one).rev() {
                 let costs = if node.right == 0 {
-                    let factor = if node.moving { 1.0 } else { self.solver.cost_model.static_factor };
                     let cost = (self.solver.leaf_cost)(node).unwrap_or(f32::INFINITY);
-                    *one = cost * self.solver.cost_model.density.visits(&node.bounds) * factor;
+                    *one = cost * self.solver.density.visits(&node.bounds) * motion_factor(node.moving);
                     Costs { by_places: [*one; LANES], enough: 1 }
                 } else {
                     let l = waiting.pop().unwrap_or(nothing);
@@ -266,42 +243,47 @@ impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Kernel for Sweep<'_, L> {
 mod tests {
     use super::*;
     use crate::bvh::builder::build_binary;
+    use crate::bvh::costs;
     use crate::bvh::reference::Reference;
     use crate::geometry::{Box3, LinearBox3};
     use crate::random::Random;
     use glam::Vec3;
 
-    const COST_MODEL: CostModel =
-        CostModel { node: 2.0, leaf: 1.0, primitive: 0.15, static_factor: 0.7, most: 16, density: SurfaceDensity(9.0) };
+    const DENSITY: SurfaceDensity = SurfaceDensity(9.0);
 
     fn leaf_cost(node: &BinaryNode) -> Option<f32> {
-        (node.count as usize <= COST_MODEL.most).then_some(COST_MODEL.leaf + COST_MODEL.primitive * node.count as f32)
+        (node.count <= 16).then_some(costs::leaf_cost(node.count as usize))
+    }
+
+    /// How often a node is visited, by cost.
+    fn weight(node: &BinaryNode) -> f64 {
+        f64::from(DENSITY.visits(&node.bounds)) * f64::from(motion_factor(node.moving))
     }
 
     /// The recurrence, computed directly.
     fn least(nodes: &[BinaryNode], x: usize) -> [f64; LANES] {
         let node = &nodes[x];
-        let weight = f64::from(COST_MODEL.density.visits(&node.bounds)) * if node.moving { 1.0 } else { 0.7 };
+        let weight = weight(node);
         let as_leaf = leaf_cost(node).map_or(f64::INFINITY, |c| f64::from(c) * weight);
         if node.right == 0 {
             return [as_leaf; LANES];
         }
         let (l, r) = (least(nodes, x + 1), least(nodes, x + node.right as usize));
         let forest = |places: usize| (1..places).map(|i| l[i - 1] + r[places - i - 1]).fold(f64::INFINITY, f64::min);
-        let one = as_leaf.min(2.0 * weight + forest(LANES));
+        let one = as_leaf.min(f64::from(NODE_COST) * weight + forest(LANES));
         core::array::from_fn(|j| (1..=j + 1).map(forest).fold(one, f64::min))
     }
 
     fn cost_of(nodes: &[BinaryNode], collapse: &Collapse, x: u32) -> f64 {
         let node = &nodes[x as usize];
-        let weight = f64::from(COST_MODEL.density.visits(&node.bounds)) * if node.moving { 1.0 } else { 0.7 };
+        let weight = weight(node);
         if collapse.is_leaf(x) {
             return f64::from(leaf_cost(node).unwrap()) * weight;
         }
         let mut children = Vec::new();
         collapse.children(nodes, x, &mut children);
         assert!((2..=LANES).contains(&children.len()));
-        2.0 * weight + children.iter().map(|c| cost_of(nodes, collapse, c.node)).sum::<f64>()
+        f64::from(NODE_COST) * weight + children.iter().map(|c| cost_of(nodes, collapse, c.node)).sum::<f64>()
     }
 
     #[test]
@@ -322,7 +304,7 @@ mod tests {
                 })
                 .collect();
             let nodes = build_binary(&mut references, 4..=4, None, None, &Progress::new(None));
-            let collapse = Collapse::new(&nodes, COST_MODEL, leaf_cost, &Progress::new(None));
+            let collapse = Collapse::new(&nodes, DENSITY, leaf_cost, &Progress::new(None));
             let (expected, made) = (least(&nodes, 0)[0], cost_of(&nodes, &collapse, 0));
             assert!((made / expected - 1.0).abs() < 1e-4, "{n}: {made} instead of {expected}");
             assert!((f64::from(collapse.total()) / expected - 1.0).abs() < 1e-4);

@@ -9,9 +9,11 @@
 //! time, and only if that pays.
 
 use super::builder::{BinaryNode, BinaryTree};
-use super::collapse::{Collapse, CostModel, WideChild};
+use super::collapse::{Collapse, WideChild};
+use super::costs::{leaf_cost, motion_factor};
 use super::reference::Reference;
 use super::reinsertion::Reinsertion;
+use super::visits::SurfaceDensity;
 use crate::geometry::LinearBox3;
 use crate::simd::LANES;
 use crate::tuning::reinsertion::{LEAST_GAIN, LEAST_NODES, SHARE};
@@ -19,12 +21,14 @@ use core::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 /// Moves leaf blocks beside others with which they cost less, and returns the better tree, to be collapsed again; `None` if little
-/// is to be gained. As after reinsertion, only the references of nodes that may be leaf blocks are side by side in it.
+/// is to be gained. A block has at most `most` primitives. As after reinsertion, only the references of nodes that may be leaf
+/// blocks are side by side in it.
 pub(crate) fn join_leaves(
     nodes: &[BinaryNode],
     collapse: &Collapse,
     references: &mut Vec<Reference>,
-    cost_model: &CostModel,
+    density: SurfaceDensity,
+    most: usize,
 ) -> Option<BinaryTree> {
     if nodes.len() < LEAST_NODES {
         return None;
@@ -32,14 +36,14 @@ pub(crate) fn join_leaves(
     // A wide node absorbs about as many binary ones as it has children.
     let count = (((nodes.len() / LANES) as f32 * SHARE) as usize).max(LEAST_NODES);
     let (mut joins, mut gained) = (Vec::new(), 0.0);
-    for (x, children) in most_visited(nodes, collapse, cost_model, count) {
+    for (x, children) in most_visited(nodes, collapse, density, count) {
         let mut blocks: Vec<Block> =
-            children.iter().filter(|child| child.leaf).map(|child| Block::of(nodes, child.node, cost_model)).collect();
+            children.iter().filter(|child| child.leaf).map(|child| Block::of(nodes, child.node, density)).collect();
         let mut pairs = Vec::new();
-        while let Some((a, b, gain)) = best_pair(&blocks, cost_model) {
+        while let Some((a, b, gain)) = best_pair(&blocks, density, most) {
             pairs.push((blocks[a].node, blocks[b].node));
             gained += gain;
-            blocks[a] = blocks[a].with(&blocks[b], cost_model);
+            blocks[a] = blocks[a].with(&blocks[b], density);
             blocks.remove(b);
         }
         if !pairs.is_empty() {
@@ -49,7 +53,7 @@ pub(crate) fn join_leaves(
     if gained < LEAST_GAIN * collapse.total() || joins.is_empty() {
         return None;
     }
-    let mut tree = Reinsertion::new(nodes, Vec::new(), cost_model);
+    let mut tree = Reinsertion::new(nodes, Vec::new(), density);
     for (x, children, pairs) in joins {
         // The nodes that the wide node has absorbed.
         let mut absorbed = vec![x];
@@ -80,41 +84,41 @@ struct Block {
 }
 
 impl Block {
-    fn of(nodes: &[BinaryNode], node: u32, cost_model: &CostModel) -> Block {
+    fn of(nodes: &[BinaryNode], node: u32, density: SurfaceDensity) -> Block {
         let BinaryNode { bounds, count, moving, .. } = nodes[node as usize];
-        Block { node, count, bounds, moving, visits: visits(&bounds, moving, cost_model) }
+        Block { node, count, bounds, moving, visits: visits(&bounds, moving, density) }
     }
 
-    fn with(&self, other: &Block, cost_model: &CostModel) -> Block {
+    fn with(&self, other: &Block, density: SurfaceDensity) -> Block {
         let (bounds, moving) = (self.bounds.union(other.bounds), self.moving | other.moving);
-        let visits = visits(&bounds, moving, cost_model);
+        let visits = visits(&bounds, moving, density);
         Block { count: self.count + other.count, bounds, moving, visits, ..*self }
     }
 
-    fn cost(&self, cost_model: &CostModel) -> f32 {
-        cost_model.leaf_of(self.count as usize) * self.visits
+    fn cost(&self) -> f32 {
+        leaf_cost(self.count as usize) * self.visits
     }
 }
 
 /// How often something is visited, by cost.
-fn visits(bounds: &LinearBox3, moving: bool, cost_model: &CostModel) -> f32 {
-    cost_model.density.visits(bounds) * if moving { 1.0 } else { cost_model.static_factor }
+fn visits(bounds: &LinearBox3, moving: bool, density: SurfaceDensity) -> f32 {
+    density.visits(bounds) * motion_factor(moving)
 }
 
-/// The two blocks that gain most if they are joined, and what they gain.
-fn best_pair(blocks: &[Block], cost_model: &CostModel) -> Option<(usize, usize, f32)> {
+/// The two blocks that gain most if they are joined to one of at most `most` primitives, and what they gain.
+fn best_pair(blocks: &[Block], density: SurfaceDensity, most: usize) -> Option<(usize, usize, f32)> {
     let mut best: Option<(usize, usize, f32)> = None;
     for (i, a) in blocks.iter().enumerate() {
         for (j, b) in blocks.iter().enumerate().skip(i + 1) {
-            if (a.count + b.count) as usize > cost_model.most {
+            if (a.count + b.count) as usize > most {
                 continue;
             }
-            let apart = a.cost(cost_model) + b.cost(cost_model);
+            let apart = a.cost() + b.cost();
             let least = best.map_or(1e-6 * apart, |best| best.2);
             // Both together are visited at least as often as either of them.
-            let one = cost_model.leaf_of((a.count + b.count) as usize);
+            let one = leaf_cost((a.count + b.count) as usize);
             if apart - one * a.visits.max(b.visits) > least {
-                let gain = apart - a.with(b, cost_model).cost(cost_model);
+                let gain = apart - a.with(b, density).cost();
                 if gain > least {
                     best = Some((i, j, gain));
                 }
@@ -128,7 +132,7 @@ fn best_pair(blocks: &[Block], cost_model: &CostModel) -> Option<(usize, usize, 
 fn most_visited(
     nodes: &[BinaryNode],
     collapse: &Collapse,
-    cost_model: &CostModel,
+    density: SurfaceDensity,
     count: usize,
 ) -> Vec<(u32, Vec<WideChild>)> {
     let (mut found, mut next) = (Vec::new(), BinaryHeap::new());
@@ -138,7 +142,7 @@ fn most_visited(
         collapse.children(nodes, node, &mut children);
         for child in children.iter().filter(|child| !child.leaf) {
             let BinaryNode { bounds, moving, .. } = &nodes[child.node as usize];
-            next.push((visits(bounds, *moving, cost_model).to_bits(), Reverse(child.node)));
+            next.push((visits(bounds, *moving, density).to_bits(), Reverse(child.node)));
         }
         found.push((node, children));
         x = next.pop().map(|(_, Reverse(child))| child);
@@ -150,29 +154,14 @@ fn most_visited(
 mod tests {
     use super::*;
     use crate::bvh::builder::build_binary;
-    use crate::bvh::visits::SurfaceDensity;
     use crate::geometry::Box3;
     use crate::progress::Progress;
     use crate::random::Random;
     use glam::Vec3;
 
-    const COST_MODEL: CostModel = CostModel {
-        node: 2.0,
-        leaf: 1.0,
-        primitive: 0.07,
-        static_factor: 0.7,
-        most: 16,
-        density: SurfaceDensity::NONE,
-    };
-
     fn collapsed(nodes: &[BinaryNode]) -> Collapse {
-        let fits = |node: &BinaryNode| node.count as usize <= COST_MODEL.most;
-        Collapse::new(
-            nodes,
-            COST_MODEL,
-            |node| fits(node).then_some(COST_MODEL.leaf_of(node.count as usize)),
-            &Progress::new(None),
-        )
+        let cost = |node: &BinaryNode| (node.count <= 16).then_some(leaf_cost(node.count as usize));
+        Collapse::new(nodes, SurfaceDensity::NONE, cost, &Progress::new(None))
     }
 
     /// Small boxes, some of which move, and large ones around all of them.
@@ -193,9 +182,10 @@ mod tests {
     fn large_blocks_around_small_ones_become_one() {
         for (large, moving) in [(12, false), (12, true), (40, false)] {
             let mut references = references(large, 4000, moving);
-            let nodes = build_binary(&mut references, 8..=16, None, Some(COST_MODEL.density), &Progress::new(None));
+            let nodes = build_binary(&mut references, 8..=16, None, Some(SurfaceDensity::NONE), &Progress::new(None));
             let before = collapsed(&nodes);
-            let better = join_leaves(&nodes, &before, &mut references, &COST_MODEL).expect("several blocks");
+            let better =
+                join_leaves(&nodes, &before, &mut references, SurfaceDensity::NONE, 16).expect("several blocks");
             let after = collapsed(&better);
             assert!(after.total() < 0.98 * before.total(), "{} {}", before.total(), after.total());
             let leaves = after.leaves(&better, 0);
@@ -218,7 +208,10 @@ mod tests {
         for count in [1, 30, 4096] {
             let mut references = references(0, count, false);
             let nodes = build_binary(&mut references, 8..=16, None, None, &Progress::new(None));
-            assert!(join_leaves(&nodes, &collapsed(&nodes), &mut references, &COST_MODEL).is_none(), "{count}");
+            assert!(
+                join_leaves(&nodes, &collapsed(&nodes), &mut references, SurfaceDensity::NONE, 16).is_none(),
+                "{count}"
+            );
         }
     }
 }

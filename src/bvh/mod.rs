@@ -6,6 +6,7 @@ mod binning;
 mod builder;
 mod cells;
 mod collapse;
+mod costs;
 mod join_leaves;
 mod partition;
 mod presplit;
@@ -16,7 +17,8 @@ mod visits;
 
 pub(crate) use builder::{BinaryNode, BinaryTree, LeafKind, build_binary, neighbourhoods};
 pub(crate) use cells::coarse_tree;
-pub(crate) use collapse::{Collapse, CostModel, WideChild};
+pub(crate) use collapse::{Collapse, WideChild};
+pub(crate) use costs::{leaf_cost, motion_factor};
 pub(crate) use join_leaves::join_leaves;
 pub(crate) use presplit::presplit;
 pub(crate) use reference::Reference;

@@ -11,11 +11,13 @@
 //! time, and only as long as that pays: a tree over evenly sized primitives is left as it is.
 
 use super::builder::{BinaryNode, BinaryTree};
-use super::collapse::CostModel;
+use super::costs::motion_factor;
 use super::reference::Reference;
 use super::replace_subtree::ReplacedSubtree;
+use super::visits::SurfaceDensity;
 use crate::geometry::LinearBox3;
 use crate::progress::Progress;
+use crate::simd::LANES;
 use crate::tuning::reinsertion::{LEAST_GAIN, LEAST_NODES, MOST_STEPS, ROUNDS, SHARE};
 use core::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -39,13 +41,13 @@ pub(crate) fn reinsert(
     nodes: &[BinaryNode],
     references: &mut Vec<Reference>,
     replaced: &mut [ReplacedSubtree],
-    cost_model: &CostModel,
+    density: SurfaceDensity,
     progress: &Progress,
 ) -> Option<BinaryTree> {
     if nodes.len() < LEAST_NODES {
         return None;
     }
-    let mut tree = Reinsertion::new(nodes, replaced.iter().map(|subtree| subtree.node).collect(), cost_model);
+    let mut tree = Reinsertion::new(nodes, replaced.iter().map(|subtree| subtree.node).collect(), density);
     tree.improve(progress).then(|| tree.write(references, replaced)).flatten()
 }
 
@@ -79,7 +81,7 @@ pub(super) struct Reinsertion<'a> {
     nodes: &'a [BinaryNode],
     /// Nodes whose subtrees stay as they are, in order.
     whole: Vec<u32>,
-    cost_model: &'a CostModel,
+    density: SurfaceDensity,
     /// The parents of the nodes that were reached from above.
     parent: Vec<u32>,
     /// One more than the place of each changed node in `changed`; 0 for the others.
@@ -91,9 +93,9 @@ pub(super) struct Reinsertion<'a> {
 
 impl<'a> Reinsertion<'a> {
     /// A tree that is not changed yet. The subtrees of the nodes in `whole`, which are in order, stay as they are.
-    pub(super) fn new(nodes: &'a [BinaryNode], whole: Vec<u32>, cost_model: &'a CostModel) -> Reinsertion<'a> {
+    pub(super) fn new(nodes: &'a [BinaryNode], whole: Vec<u32>, density: SurfaceDensity) -> Reinsertion<'a> {
         let (parent, slot) = (vec![0; nodes.len()], vec![0; nodes.len()]);
-        Reinsertion { nodes, whole, cost_model, parent, slot, changed: Vec::new(), stack: Vec::new() }
+        Reinsertion { nodes, whole, density, parent, slot, changed: Vec::new(), stack: Vec::new() }
     }
 
     fn changed(&self, x: u32) -> Option<&Changed> {
@@ -124,11 +126,11 @@ impl<'a> Reinsertion<'a> {
     /// How often a node with these bounds is visited, by cost.
     #[inline(always)]
     fn visits(&self, bounds: &Bounds) -> f32 {
-        let CostModel { density, static_factor, .. } = self.cost_model;
-        match bounds.moving {
-            true => density.visits(&bounds.linear),
-            false => static_factor * density.visits_of_static(&bounds.linear.begin),
-        }
+        motion_factor(bounds.moving)
+            * match bounds.moving {
+                true => self.density.visits(&bounds.linear),
+                false => self.density.visits_of_static(&bounds.linear.begin),
+            }
     }
 
     fn cost(&self, x: u32) -> f32 {
@@ -337,7 +339,7 @@ impl<'a> Reinsertion<'a> {
             if level == MOST_LEVELS {
                 return None;
             }
-            if self.changed(x).is_some() && node.count as usize <= self.cost_model.most {
+            if self.changed(x).is_some() && node.count as usize <= LANES {
                 out[at].first = self.gather(x, references);
             }
             waiting.push((right, level + 1, Some(at as u32)));
@@ -376,13 +378,11 @@ impl<'a> Reinsertion<'a> {
 mod tests {
     use super::*;
     use crate::bvh::builder::build_binary;
-    use crate::bvh::visits::SurfaceDensity;
     use crate::geometry::Box3;
     use crate::random::Random;
     use glam::Vec3;
 
-    const COST_MODEL: CostModel =
-        CostModel { node: 2.0, leaf: 1.0, primitive: 0.07, static_factor: 0.7, most: 16, density: SurfaceDensity(1.0) };
+    const DENSITY: SurfaceDensity = SurfaceDensity(1.0);
 
     /// Boxes of very different sizes, a few of them long walls. Some move.
     fn rooms(random: &mut Random, count: u32) -> Vec<Reference> {
@@ -437,7 +437,7 @@ mod tests {
                 below.sort_unstable();
                 assert_eq!(own, below);
             }
-            visits += COST_MODEL.density.visits(&node.bounds) * if node.moving { 1.0 } else { 0.7 };
+            visits += DENSITY.visits(&node.bounds) * motion_factor(node.moving);
         }
         assert_eq!((ends[0], met), (nodes.len(), whole.len()));
         assert!(seen.iter().all(|&n| n == 1), "each reference is in one leaf");
@@ -449,9 +449,9 @@ mod tests {
         let mut random = Random(31);
         for count in [200, 3000, 20_000] {
             let mut references = rooms(&mut random, count);
-            let nodes = build_binary(&mut references, 8..=16, None, Some(COST_MODEL.density), &Progress::new(None));
+            let nodes = build_binary(&mut references, 8..=16, None, Some(DENSITY), &Progress::new(None));
             let before = checked(&nodes, &references, &[], count);
-            let better = reinsert(&nodes, &mut references, &mut [], &COST_MODEL, &Progress::new(None))
+            let better = reinsert(&nodes, &mut references, &mut [], DENSITY, &Progress::new(None))
                 .expect("walls are in the way");
             let after = checked(&better, &references, &[], count);
             let most = if count < 1000 { 1.0 } else { 0.97 };
@@ -463,7 +463,7 @@ mod tests {
     fn replaced_subtrees_are_moved_as_a_whole() {
         let mut random = Random(32);
         let mut references = rooms(&mut random, 5000);
-        let nodes = build_binary(&mut references, 4..=8, None, Some(COST_MODEL.density), &Progress::new(None));
+        let nodes = build_binary(&mut references, 4..=8, None, Some(DENSITY), &Progress::new(None));
         let mut replaced: Vec<ReplacedSubtree> = Vec::new();
         let mut x = 1;
         while x < nodes.len() {
@@ -486,7 +486,7 @@ mod tests {
         };
         let before = first_of(&nodes, &replaced);
         assert_eq!(before.len(), 9);
-        let better = reinsert(&nodes, &mut references, &mut replaced, &COST_MODEL, &Progress::new(None)).unwrap();
+        let better = reinsert(&nodes, &mut references, &mut replaced, DENSITY, &Progress::new(None)).unwrap();
         checked(&better, &references, &replaced, 5000);
         assert_eq!(first_of(&better, &replaced), before);
         assert!(replaced.is_sorted_by_key(|r| r.node));
@@ -503,7 +503,7 @@ mod tests {
                 })
                 .collect();
             let nodes = build_binary(&mut references, 8..=16, None, None, &Progress::new(None));
-            reinsert(&nodes, &mut references, &mut [], &COST_MODEL, &Progress::new(None)).is_some()
+            reinsert(&nodes, &mut references, &mut [], DENSITY, &Progress::new(None)).is_some()
         };
         assert_eq!([1, 20, 4096].map(of), [false; 3]);
     }
@@ -518,7 +518,7 @@ mod tests {
             })
             .collect();
         let nodes = build_binary(&mut references, 1..=1, None, None, &Progress::new(None));
-        if let Some(better) = reinsert(&nodes, &mut references, &mut [], &COST_MODEL, &Progress::new(None)) {
+        if let Some(better) = reinsert(&nodes, &mut references, &mut [], DENSITY, &Progress::new(None)) {
             checked(&better, &references, &[], 4000);
             let (mut deepest, mut waiting) = (0, vec![(0, 0)]);
             while let Some((x, depth)) = waiting.pop() {

@@ -1,8 +1,11 @@
 //! Replacing subtrees of a collapsed tree by separately built ones, which count as single children.
 
 use super::builder::BinaryNode;
-use super::collapse::{Collapse, CostModel};
+use super::collapse::Collapse;
+use super::costs::motion_factor;
+use super::visits::SurfaceDensity;
 use crate::simd::{LANES, Lanes};
+use crate::tuning::wide::NODE_COST;
 
 /// A subtree that is one child of the wide node above it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,9 +20,9 @@ impl Collapse {
     /// Makes subtrees single children, and repeats the decisions for the nodes above them; all others are unchanged.
     ///
     /// `replaced` must be sorted by node; none may lie below another or be the root.
-    pub fn replace_subtrees(&mut self, nodes: &[BinaryNode], cost_model: CostModel, replaced: &[ReplacedSubtree]) {
+    pub fn replace_subtrees(&mut self, nodes: &[BinaryNode], density: SurfaceDensity, replaced: &[ReplacedSubtree]) {
         if !replaced.is_empty() {
-            self.decide_above(nodes, cost_model, 0, replaced);
+            self.decide_above(nodes, density, 0, replaced);
         }
     }
 
@@ -28,7 +31,7 @@ impl Collapse {
     fn decide_above(
         &mut self,
         nodes: &[BinaryNode],
-        cost_model: CostModel,
+        density: SurfaceDensity,
         x: u32,
         replaced: &[ReplacedSubtree],
     ) -> Lanes<f32> {
@@ -43,7 +46,7 @@ impl Collapse {
         let (below_low, below_high) = replaced.split_at(replaced.partition_point(|g| g.node < high));
         let mut side = |of: u32, replaced: &[ReplacedSubtree]| match replaced.is_empty() {
             true => self.costs(nodes, of),
-            false => self.decide_above(nodes, cost_model, of, replaced),
+            false => self.decide_above(nodes, density, of, replaced),
         };
         let (l, r) = (side(low, below_low), side(high, below_high));
         let (mut best, mut share) = ([f32::INFINITY; LANES], [0; LANES]);
@@ -55,8 +58,7 @@ impl Collapse {
                 }
             }
         }
-        let factor = if node.moving { 1.0 } else { cost_model.static_factor };
-        let one = cost_model.node * factor * cost_model.density.visits(&node.bounds) + best[LANES - 1];
+        let one = NODE_COST * motion_factor(node.moving) * density.visits(&node.bounds) + best[LANES - 1];
         // As one child it is a wide node, whose sixteen slots are divided.
         share[0] = share[LANES - 1];
         for places in 1..LANES {
@@ -87,18 +89,17 @@ impl Collapse {
 mod tests {
     use super::*;
     use crate::bvh::builder::build_binary;
+    use crate::bvh::costs;
     use crate::bvh::reference::Reference;
-    use crate::bvh::visits::SurfaceDensity;
     use crate::geometry::{Box3, LinearBox3};
     use crate::progress::Progress;
     use crate::random::Random;
     use glam::Vec3;
 
-    const COST_MODEL: CostModel =
-        CostModel { node: 2.0, leaf: 1.0, primitive: 0.07, static_factor: 0.7, most: 16, density: SurfaceDensity(9.0) };
+    const DENSITY: SurfaceDensity = SurfaceDensity(9.0);
 
     fn leaf_cost(node: &BinaryNode) -> Option<f32> {
-        (node.count as usize <= COST_MODEL.most).then_some(COST_MODEL.leaf + COST_MODEL.primitive * node.count as f32)
+        (node.count <= 16).then_some(costs::leaf_cost(node.count as usize))
     }
 
     /// The cost of the wide tree by its decisions, and the replaced subtrees found in it.
@@ -114,14 +115,14 @@ mod tests {
             return f64::from(subtree.cost);
         }
         let node = &nodes[x as usize];
-        let area = f64::from(COST_MODEL.density.visits(&node.bounds));
+        let area = f64::from(DENSITY.visits(&node.bounds));
         if collapse.is_leaf(x) {
             return f64::from(leaf_cost(node).unwrap()) * area;
         }
         let mut children = Vec::new();
         collapse.children(nodes, x, &mut children);
         assert!((2..=LANES).contains(&children.len()));
-        2.0 * area + children.iter().map(|c| walk(nodes, collapse, c.node, replaced, met)).sum::<f64>()
+        f64::from(NODE_COST) * area + children.iter().map(|c| walk(nodes, collapse, c.node, replaced, met)).sum::<f64>()
     }
 
     #[test]
@@ -138,7 +139,7 @@ mod tests {
             })
             .collect();
         let nodes = build_binary(&mut references, 4..=4, None, None, &Progress::new(None));
-        let new = || Collapse::new(&nodes, COST_MODEL, leaf_cost, &Progress::new(None));
+        let new = || Collapse::new(&nodes, DENSITY, leaf_cost, &Progress::new(None));
         // With their present cost, taken as single children.
         let mut replaced = Vec::new();
         let mut x = 0;
@@ -155,11 +156,11 @@ mod tests {
         assert!(replaced.len() > 8);
         let mut free = new();
         let before = free.total();
-        free.replace_subtrees(&nodes, COST_MODEL, &[]);
+        free.replace_subtrees(&nodes, DENSITY, &[]);
         assert_eq!(free.total(), before);
         for some in [&replaced[..1], &replaced[3..5], &replaced[..]] {
             let mut collapse = new();
-            collapse.replace_subtrees(&nodes, COST_MODEL, some);
+            collapse.replace_subtrees(&nodes, DENSITY, some);
             let mut met = Vec::new();
             let cost = walk(&nodes, &collapse, 0, some, &mut met);
             met.sort_unstable();

@@ -9,11 +9,12 @@ use super::leaf_block::WideSource;
 use super::wide_node::{ChildRef, Kind};
 use super::wide_tree::WideTree;
 use super::write::read_box;
-use crate::bvh::mean_half_area;
+use crate::bvh::{leaf_cost, mean_half_area, motion_factor};
 use crate::geometry::{Aabb, Box3, LinearBounds, LinearBox3, TimeInterval};
 use crate::parallel;
 use crate::simd::LANES;
-use crate::time::{COST_MODEL, time_slice};
+use crate::time::time_slice;
+use crate::tuning::wide::NODE_COST;
 use glam::DVec3;
 
 /// The bounds of a tree when it was built, in world space.
@@ -81,7 +82,6 @@ impl WideTree {
             return 0.0;
         }
         let block = &self.arena.ints()[at.at()..];
-        let factor = |still: bool| if still { COST_MODEL.static_factor } else { 1.0 };
         let of_lane = |lane: usize| {
             let whole = read_box(block, at.kind(), lane, over);
             let inside = clipped(whole, region);
@@ -91,7 +91,7 @@ impl WideTree {
                 0.0
             } else if child.kind().is_leaf() {
                 let count = self.ids::<S>(child).map_or(0, <[u32]>::len);
-                f64::from(COST_MODEL.leaf_of(count) * factor(inside.begin == inside.end)) * area
+                f64::from(leaf_cost(count) * motion_factor(inside.begin != inside.end)) * area
             } else {
                 self.clipped_cost::<S>(child, over, region, false)
             };
@@ -106,7 +106,7 @@ impl WideTree {
         for (whole, below) in found {
             (all, cost) = (all.union(whole), cost + below);
         }
-        let visit = COST_MODEL.node * factor(at.kind() == Kind::StaticNode);
+        let visit = NODE_COST * motion_factor(at.kind() == Kind::Node);
         cost + f64::from(visit) * f64::from(mean_half_area(&clipped(all, region)))
     }
 }

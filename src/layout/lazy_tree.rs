@@ -24,14 +24,14 @@ use super::wide_builder::most_in_subtree;
 use super::wide_node::ChildRef;
 use super::wide_tree::{BlockMasks, WideTree};
 use super::write::Nodes;
-use crate::bvh::{BinaryNode, Collapse, coarse_tree};
+use crate::bvh::{BinaryNode, Collapse, SurfaceDensity, coarse_tree, leaf_cost};
 use crate::error::BuildError;
 use crate::geometry::{Frame, LaneBounds, TimeInterval};
 use crate::params::{LazyParams, WideParams};
 use crate::primitive::VertexTubes;
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES};
-use crate::time::{COST_MODEL, DraftParams};
+use crate::time::DraftParams;
 use crate::tuning::lazy::{GROUP, NEIGHBOURS, PLACES};
 use core::ops::Range;
 use std::sync::OnceLock;
@@ -215,8 +215,8 @@ fn top(binary: &[BinaryNode], subtrees: &[Subtree], over: TimeInterval) -> Resul
     // There are few subtrees.
     let progress = Progress::new(None);
     // Each subtree is a leaf, whatever its cost.
-    let leaf_cost = |node: &BinaryNode| (node.right == 0).then_some(COST_MODEL.leaf_of(LANES));
-    let collapse = Collapse::new(binary, COST_MODEL, leaf_cost, &progress);
+    let cost = |node: &BinaryNode| (node.right == 0).then_some(leaf_cost(LANES));
+    let collapse = Collapse::new(binary, SurfaceDensity::NONE, cost, &progress);
     let leaves = |arena: &mut Arena, of: &[BinaryNode], lists: &mut [ChildRef]| {
         for (node, list) in of.iter().zip(lists) {
             let subtree = subtrees.partition_point(|subtree| subtree.first < node.first);

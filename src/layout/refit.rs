@@ -19,11 +19,12 @@ use super::shared_blocks::{SharedBlocks, SharedBounds, SharedLeaf};
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS};
 use super::wide_tree::WideTree;
 use super::write::read_box;
-use crate::bvh::mean_half_area;
+use crate::bvh::{leaf_cost, mean_half_area, motion_factor};
 use crate::geometry::{Aabb, Box3, LinearBounds, LinearBox3, TimeInterval, ULP};
 use crate::parallel;
 use crate::simd::{LANES, Lanes, Mask, SimdLevel, lanes_at, lanes_of, prefetch};
-use crate::time::{COST_MODEL, time_slice};
+use crate::time::time_slice;
+use crate::tuning::wide::NODE_COST;
 use core::ops::Range;
 use core::{array, iter};
 use std::collections::HashMap;
@@ -301,12 +302,10 @@ impl<S: WideSource> Pass<'_, S> {
         }
         let MeasuredBoxes { areas, still, all } = boxes.measured(self.level);
         for lane in 0..LANES {
-            let still = if still >> lane & 1 != 0 { COST_MODEL.static_factor } else { 1.0 };
-            cost += visits[lane] * f64::from(still * areas[lane]);
+            cost += visits[lane] * f64::from(motion_factor(still >> lane & 1 == 0) * areas[lane]);
         }
         place.done.nodes += usize::from(changed != 0);
-        let still = if kind == Kind::Node { 1.0 } else { COST_MODEL.static_factor };
-        cost += f64::from(COST_MODEL.node * still) * area(&all);
+        cost += f64::from(NODE_COST * motion_factor(kind == Kind::Node)) * area(&all);
         Subtree { bounds: (changed != 0).then_some(all), cost }
     }
 
@@ -325,7 +324,7 @@ impl<S: WideSource> Pass<'_, S> {
                 .unwrap_or_else(|| (None, self.held(place, leaf).count)),
             None => (self.rewrite(place, leaf, held, over), held.count),
         };
-        (bounds, f64::from(COST_MODEL.leaf_of(count)))
+        (bounds, f64::from(leaf_cost(count)))
     }
 
     /// Whether a leaf block is one that a slice shares with others.

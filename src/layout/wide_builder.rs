@@ -21,8 +21,8 @@ use crate::primitive::SPHERE_KEY_BYTES;
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES, fill, huge_vec};
 use crate::time::{
-    COST_MODEL, Draft, DraftParams, Region, SharedLeaves, TimeSlice, WhenToReinsert, any_changes, any_is_left_out,
-    draft_sample, draft_tree, held_in, prefetch_blocks, primitives, regions, share_of_slices,
+    Draft, DraftParams, Region, SharedLeaves, TimeSlice, WhenToReinsert, any_changes, any_is_left_out, draft_sample,
+    draft_tree, held_in, prefetch_blocks, primitives, regions, share_of_slices,
 };
 use crate::tuning::lazy::NEIGHBOURS;
 use crate::tuning::slices::LEAST_TREELET;
@@ -274,7 +274,7 @@ impl WideTree {
         self.presplit |= draft.presplit;
         let leaves = |arena: &mut Arena, of: &[BinaryNode], blocks: &mut [ChildRef]| {
             // A node that is too large for a block is a replaced subtree; those come first.
-            let large = of.iter().take_while(|node| node.count as usize > COST_MODEL.most).count();
+            let large = of.iter().take_while(|node| node.count as usize > LANES).count();
             for (node, root) in of[..large].iter().zip(&mut *blocks) {
                 let at = replaced.binary_search_by_key(&node.first, |g| g.0);
                 *root = replaced[at.expect("only a replaced subtree is larger than a block")].1;

@@ -21,6 +21,7 @@ use crate::bvh::BinaryNode;
 use crate::params::Division;
 use crate::primitive::PrimitiveSet;
 use crate::progress::Progress;
+use crate::simd::LANES;
 use crate::tuning::slices::{FEW, LEVELS, MAX_AREA_OF_HALVES, MIN_GAIN, MIN_SIMILARITY, NEARLY_ALL};
 use crate::tuning::wide::BYTES_PER_REFERENCE;
 
@@ -91,7 +92,7 @@ pub(crate) fn regions<S: PrimitiveSet>(
         let around = draft.collapse.total() - draft.collapse.cost(region.node);
         return vec![Region { node: 0, cost: region.cost + around, time: region.time + around, ..region }];
     }
-    let in_a_block = |node: u32| draft.binary[node as usize].count as usize <= draft.cost_model.most;
+    let in_a_block = |node: u32| draft.binary[node as usize].count as usize <= LANES;
     regions.retain(|region| region.node == 0 || !in_a_block(region.node));
     regions
 }

@@ -8,8 +8,8 @@
 use super::existence::{any_changes, any_comes_or_goes};
 use super::time_slice::TimeSlice;
 use crate::bvh::{
-    BinaryNode, BinaryTree, Collapse, CostModel, LeafKind, Reference, ReplacedSubtree, SurfaceDensity, WideChild,
-    build_binary, join_leaves, neighbourhoods, presplit, reinsert,
+    BinaryNode, BinaryTree, Collapse, LeafKind, Reference, ReplacedSubtree, SurfaceDensity, WideChild, build_binary,
+    join_leaves, leaf_cost, motion_factor, neighbourhoods, presplit, reinsert,
 };
 use crate::geometry::{CornerBounds, LaneBounds, LinearBox3, TimeInterval};
 use crate::parallel;
@@ -20,17 +20,7 @@ use crate::simd::{LANES, fill, huge_vec};
 use crate::tuning::presplit::{
     MAX_PRESPLIT_COST, MIN_AREA_RATIO, PRESPLIT_SAMPLE, PRESPLIT_SAMPLES, UNCERTAIN_PRESPLIT_COST,
 };
-use crate::tuning::wide::{BINARY_LEAF, BYTES_PER_REFERENCE, LEAF_COST, NODE_COST, PRIMITIVE_COST, STATIC_FACTOR};
-
-/// Relative costs of the steps of a query, for rays from outside.
-pub(crate) const COST_MODEL: CostModel = CostModel {
-    node: NODE_COST,
-    leaf: LEAF_COST,
-    primitive: PRIMITIVE_COST,
-    static_factor: STATIC_FACTOR,
-    most: LANES,
-    density: SurfaceDensity::NONE,
-};
+use crate::tuning::wide::{BINARY_LEAF, BYTES_PER_REFERENCE, NODE_COST};
 
 /// A drafted tree over the shutter or one of equal slices of it.
 pub(crate) struct Draft {
@@ -46,8 +36,8 @@ pub(crate) struct Draft {
     reinserted: bool,
     /// Half the area of a box per area of the triangle in it.
     ratio: Option<f64>,
-    /// The model that its costs are computed with.
-    pub cost_model: CostModel,
+    /// Predicts how often boxes are visited: what its costs are computed with.
+    pub density: SurfaceDensity,
     pub binary: BinaryTree,
     pub collapse: Collapse,
 }
@@ -66,9 +56,8 @@ impl Draft {
         while let Some(WideChild { node: x, leaf }) = nodes.pop() {
             let node = &self.binary[x as usize];
             let bounds = LinearBox3 { begin: node.bounds.at(first), end: node.bounds.at(last) };
-            let factor = if node.moving { 1.0 } else { self.cost_model.static_factor };
-            let step = if leaf { self.cost_model.leaf_of(node.count as usize) } else { self.cost_model.node };
-            cost += step * factor * self.cost_model.density.visits(&bounds);
+            let step = if leaf { leaf_cost(node.count as usize) } else { NODE_COST };
+            cost += step * motion_factor(node.moving) * self.density.visits(&bounds);
             if !leaf {
                 self.collapse.children(&self.binary, x, &mut children);
                 nodes.extend(&children);
@@ -92,7 +81,7 @@ impl Draft {
         progress: &Progress,
     ) {
         if !self.reinserted {
-            let better = reinsert(&self.binary, &mut self.references, replaced, &self.cost_model, progress);
+            let better = reinsert(&self.binary, &mut self.references, replaced, self.density, progress);
             if let Some(better) = better {
                 self.binary = better;
                 self.collapse_again(set, progress);
@@ -102,21 +91,21 @@ impl Draft {
             }
         }
         if !progress.cancelled() {
-            self.collapse.replace_subtrees(&self.binary, self.cost_model, replaced);
+            self.collapse.replace_subtrees(&self.binary, self.density, replaced);
         }
     }
 
     fn collapse_again<S: PrimitiveSet>(&mut self, set: &S, progress: &Progress) {
         let progress = progress.rest(COLLAPSE_AGAIN);
-        self.collapse = collapse(set, &self.binary, &self.references, self.cost_model, &progress);
+        self.collapse = collapse(set, &self.binary, &self.references, self.density, &progress);
     }
 
     /// Joins leaf blocks that are no neighbours, if that pays and all primitives are of one kind.
     fn join_leaves<S: PrimitiveSet>(&mut self, set: &S, progress: &Progress) {
-        let cost_model = CostModel { most: set.per_leaf().min(self.cost_model.most), ..self.cost_model };
         if !progress.cancelled()
             && !set.kinds_differ()
-            && let Some(better) = join_leaves(&self.binary, &self.collapse, &mut self.references, &cost_model)
+            && let Some(better) =
+                join_leaves(&self.binary, &self.collapse, &mut self.references, self.density, set.per_leaf())
         {
             self.binary = better;
             self.collapse_again(set, progress);
@@ -194,23 +183,23 @@ impl WhenToReinsert {
     }
 }
 
-/// Drafts one tree, pre-split if that pays. A cost model is given if its costs are to be compared with those of other
+/// Drafts one tree, pre-split if that pays. A density is given if its costs are to be compared with those of other
 /// trees. `None` once `progress` is cancelled.
 pub(crate) fn draft_tree<S: PrimitiveSet>(
     set: &S,
     ids: &[u32],
     slice: TimeSlice,
     params: &DraftParams,
-    cost_model: Option<CostModel>,
+    density: Option<SurfaceDensity>,
     reinsertion: WhenToReinsert,
     progress: &Progress,
 ) -> Option<Draft> {
-    let Prepared { mut references, ratio, budget, cost_model } =
-        prepare(set, ids, slice, params, cost_model, &progress.subtask(PREPARING));
+    let Prepared { mut references, ratio, budget, density } =
+        prepare(set, ids, slice, params, density, &progress.subtask(PREPARING));
     let draft = match params.decided {
         // A sample of a few would be all of them.
         None if budget.is_some() && references.len() <= *PRESPLIT_SAMPLE.start() => {
-            let mut better = draft_better(set, references, slice, budget, cost_model, progress)?;
+            let mut better = draft_better(set, references, slice, budget, density, progress)?;
             if reinsertion.is_due(set, &better.binary, &better.references) {
                 better.replace_subtrees(set, &mut [], progress);
                 better.reinserted = true;
@@ -219,9 +208,8 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
         }
         decided => {
             // If that was decided, elongated primitives are to be split.
-            let pays = |&budget: &f32| {
-                decided.is_some() || presplit_pays(set, &references, slice, budget, cost_model, progress)
-            };
+            let pays =
+                |&budget: &f32| decided.is_some() || presplit_pays(set, &references, slice, budget, density, progress);
             let budget = budget.filter(pays);
             if progress.cancelled() {
                 return None;
@@ -230,7 +218,7 @@ pub(crate) fn draft_tree<S: PrimitiveSet>(
                 presplit(&mut references, corner_bounds(set, slice.interval()), budget);
             }
             let rest = &progress.rest(1.0);
-            draft_with(set, references, slice, budget.is_some(), cost_model, reinsertion, rest)?
+            draft_with(set, references, slice, budget.is_some(), density, reinsertion, rest)?
         }
     };
     (!progress.cancelled()).then_some(Draft { primitives: ids.len(), ratio, ..draft })
@@ -253,7 +241,7 @@ struct Prepared {
     ratio: Option<f64>,
     /// The references per primitive that pre-splitting may make; `None` if it is out of the question.
     budget: Option<f32>,
-    cost_model: CostModel,
+    density: SurfaceDensity,
 }
 
 /// Makes a reference for each primitive.
@@ -262,7 +250,7 @@ fn prepare<S: PrimitiveSet>(
     ids: &[u32],
     slice: TimeSlice,
     params: &DraftParams,
-    cost_model: Option<CostModel>,
+    density: Option<SurfaceDensity>,
     progress: &Progress,
 ) -> Prepared {
     let over = slice.interval();
@@ -274,11 +262,8 @@ fn prepare<S: PrimitiveSet>(
     // Some more for reinsertion.
     let mut references = huge_vec(most + most / 16);
     add_references(set, ids, over, &mut references, progress);
-    let cost_model = cost_model.unwrap_or_else(|| {
-        let density = SurfaceDensity::of(&references, ratio.unwrap_or(LEAST_AREA_RATIO));
-        CostModel { density, ..COST_MODEL }
-    });
-    Prepared { references, ratio, budget: elongated.then_some(budget), cost_model }
+    let density = density.unwrap_or_else(|| SurfaceDensity::of(&references, ratio.unwrap_or(LEAST_AREA_RATIO)));
+    Prepared { references, ratio, budget: elongated.then_some(budget), density }
 }
 
 /// Drafts a tree and, within the budget, a pre-split one, and keeps that if it pays.
@@ -287,11 +272,11 @@ fn draft_better<S: PrimitiveSet>(
     mut references: Vec<Reference>,
     slice: TimeSlice,
     budget: Option<f32>,
-    cost_model: CostModel,
+    density: SurfaceDensity,
     progress: &Progress,
 ) -> Option<Draft> {
     let draft = |references, split: bool| {
-        draft_with(set, references, slice, split, cost_model, WhenToReinsert::Later, &progress.rest(0.5))
+        draft_with(set, references, slice, split, density, WhenToReinsert::Later, &progress.rest(0.5))
     };
     let Some(budget) = budget else { return draft(references, false) };
     let whole = draft(references.clone(), false)?;
@@ -360,8 +345,8 @@ pub(crate) fn draft_sample<S: PrimitiveSet>(
         return (None, PresplitDecision { ratio, pays: false });
     }
     let params = DraftParams { decided: Some(PresplitDecision { ratio, pays: true }), ..params };
-    let Prepared { references, budget, cost_model, .. } = prepare(set, ids, TimeSlice::WHOLE, &params, None, progress);
-    let draft = draft_better(set, references, TimeSlice::WHOLE, budget, cost_model, progress);
+    let Prepared { references, budget, density, .. } = prepare(set, ids, TimeSlice::WHOLE, &params, None, progress);
+    let draft = draft_better(set, references, TimeSlice::WHOLE, budget, density, progress);
     let draft = draft.map(|draft| Draft { primitives: ids.len(), ratio, ..draft });
     let decided = draft.as_ref().map_or(PresplitDecision { ratio, pays: false }, Draft::decided);
     (draft, decided)
@@ -384,7 +369,7 @@ fn presplit_pays<S: PrimitiveSet>(
     references: &[Reference],
     slice: TimeSlice,
     budget: f32,
-    cost_model: CostModel,
+    density: SurfaceDensity,
     progress: &Progress,
 ) -> bool {
     let over = slice.interval();
@@ -395,7 +380,7 @@ fn presplit_pays<S: PrimitiveSet>(
         let progress = progress.rest(PRESPLIT_TRIAL);
         let cost = |references: Vec<Reference>| {
             let draft =
-                draft_with(set, references, slice, true, cost_model, WhenToReinsert::Later, &progress.subtask(0.5));
+                draft_with(set, references, slice, true, density, WhenToReinsert::Later, &progress.subtask(0.5));
             draft.map_or(0.0, |draft| draft.collapse.total())
         };
         let mut split = sample.clone();
@@ -417,7 +402,7 @@ fn draft_with<S: PrimitiveSet>(
     mut references: Vec<Reference>,
     slice: TimeSlice,
     presplit: bool,
-    cost_model: CostModel,
+    density: SurfaceDensity,
     reinsertion: WhenToReinsert,
     progress: &Progress,
 ) -> Option<Draft> {
@@ -427,17 +412,17 @@ fn draft_with<S: PrimitiveSet>(
     let [stop, overlapping] = [*BINARY_LEAF.start(), *BINARY_LEAF.end()].map(|most| most.min(per_leaf));
     // A node above them would cost as much as one block of all of them.
     let n = references.len();
-    let one_block = kinds.is_none() && n <= per_leaf && COST_MODEL.leaf_of(n) <= COST_MODEL.node;
-    let (leaf, density) = if one_block { (n..=n, None) } else { (stop..=overlapping, Some(cost_model.density)) };
-    let mut binary = build_binary(&mut references, leaf, kinds, density, &progress.subtask(SPLITTING));
+    let one_block = kinds.is_none() && n <= per_leaf && leaf_cost(n) <= NODE_COST;
+    let (leaf, large) = if one_block { (n..=n, None) } else { (stop..=overlapping, Some(density)) };
+    let mut binary = build_binary(&mut references, leaf, kinds, large, &progress.subtask(SPLITTING));
     if progress.cancelled() {
         return None;
     }
     let now = reinsertion.is_due(set, &binary, &references);
-    if now && let Some(better) = reinsert(&binary, &mut references, &mut [], &cost_model, progress) {
+    if now && let Some(better) = reinsert(&binary, &mut references, &mut [], density, progress) {
         binary = better;
     }
-    let collapse = collapse(set, &binary, &references, cost_model, &progress.rest(if now { COLLAPSE } else { 1.0 }));
+    let collapse = collapse(set, &binary, &references, density, &progress.rest(if now { COLLAPSE } else { 1.0 }));
     let primitives = references.len();
     let over = slice.interval();
     let mut draft = Draft {
@@ -448,7 +433,7 @@ fn draft_with<S: PrimitiveSet>(
         presplit,
         reinserted: now,
         ratio: None,
-        cost_model,
+        density,
         binary,
         collapse,
     };
@@ -463,21 +448,21 @@ fn collapse<S: PrimitiveSet>(
     set: &S,
     binary: &BinaryTree,
     references: &[Reference],
-    cost_model: CostModel,
+    density: SurfaceDensity,
     progress: &Progress,
 ) -> Collapse {
     let kind = |id: u32| set.leaf_kind(id);
     let kinds: Option<&LeafKind<'_>> = if set.kinds_differ() { Some(&kind) } else { None };
     let per_leaf = set.per_leaf();
-    let leaf_cost = |node: &BinaryNode| {
+    let cost = |node: &BinaryNode| {
         if node.count as usize > per_leaf {
             return None;
         }
         let block = &references[node.first as usize..][..node.count as usize];
         let fits = kinds.is_none_or(|kind| one_block(set, block, kind, node.right == 0));
-        fits.then_some(COST_MODEL.leaf_of(node.count as usize))
+        fits.then_some(leaf_cost(node.count as usize))
     };
-    Collapse::new(binary, cost_model, leaf_cost, progress)
+    Collapse::new(binary, density, cost, progress)
 }
 
 /// Whether references may form a leaf block: they are of one kind and, unless they cannot be split further, fit.

@@ -3,7 +3,7 @@
 use super::draft::{Draft, prefetch_blocks};
 use super::existence::meet;
 use super::time_slice::{TimeSlice, time_slice};
-use crate::bvh::{BinaryNode, BinaryTree, Collapse, CostModel, Reference, build_binary};
+use crate::bvh::{BinaryNode, BinaryTree, Collapse, Reference, SurfaceDensity, build_binary, leaf_cost};
 use crate::geometry::{Box3, LinearBox3, TimeInterval, ULP};
 use crate::parallel;
 use crate::primitive::{Intervals, PrimitiveSet};
@@ -69,7 +69,7 @@ impl SharedLeaves {
                 },
                 None => in_slices[i * slices.len() + nth],
             };
-            Slice::build(&clusters, over, draft.cost_model, bounds, &share.subtask(1.0 / slices.len() as f64))
+            Slice::build(&clusters, over, draft.density, bounds, &share.subtask(1.0 / slices.len() as f64))
         });
         SharedLeaves { clusters, trees }
     }
@@ -153,7 +153,7 @@ impl Slice {
     fn build(
         clusters: &[BinaryNode],
         over: TimeInterval,
-        cost_model: CostModel,
+        density: SurfaceDensity,
         bounds: impl Fn(usize) -> LinearBox3 + Sync,
         progress: &Progress,
     ) -> Slice {
@@ -167,13 +167,13 @@ impl Slice {
             blocks.push(Reference::new(clusters[0].bounds, 0));
         }
         let binary = build_binary(&mut blocks, 1..=1, None, None, &progress.subtask(SPLITTING));
-        let leaf_cost = |node: &BinaryNode| {
+        let cost = |node: &BinaryNode| {
             (node.count == 1).then(|| {
                 let block = &clusters[blocks[node.first as usize].id() as usize];
-                cost_model.leaf_of(block.count as usize)
+                leaf_cost(block.count as usize)
             })
         };
-        let collapse = Collapse::new(&binary, cost_model, leaf_cost, &progress.rest(1.0));
+        let collapse = Collapse::new(&binary, density, cost, &progress.rest(1.0));
         Slice { over, binary, collapse, order: blocks.iter().map(Reference::id).collect() }
     }
 }

@@ -270,8 +270,8 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
                 let slice = TimeSlice { index, of: count };
                 let params = DraftParams { decided, ..*params };
                 let held = held_in(self.set, &ids, slice);
-                let (cost_model, progress) = (Some(self.draft.cost_model), progress.subtask(1.0 / slices.len() as f64));
-                let draft = draft_tree(self.set, &held, slice, &params, cost_model, WhenToReinsert::Later, &progress);
+                let (density, progress) = (Some(self.draft.density), progress.subtask(1.0 / slices.len() as f64));
+                let draft = draft_tree(self.set, &held, slice, &params, density, WhenToReinsert::Later, &progress);
                 let Some(draft) = draft else { return ([1.0; 2], decided) };
                 sum += draft.collapse.total();
                 decided = Some(draft.decided());
@@ -515,7 +515,7 @@ mod tests {
                     &ids,
                     TimeSlice { index, of: count },
                     &params,
-                    Some(draft.cost_model),
+                    Some(draft.density),
                     WhenToReinsert::Later,
                     &Progress::new(None),
                 )
