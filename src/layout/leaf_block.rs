@@ -26,28 +26,50 @@ pub(crate) trait WideSource: PrimitiveSet {
     }
     /// Releases the data that only the build needs: leaf blocks have copies of it.
     fn release_build_data(&mut self) {}
+
+    // What follows is the same for all sets.
+
+    /// The triangles, if these primitives of one leaf block are some. (The build separates kinds.)
+    #[inline(always)]
+    fn triangles_of(&self, ids: &[u32]) -> Option<&Triangles> {
+        self.triangles().filter(|_| ids.first().is_none_or(|&id| !self.is_listed(id)))
+    }
     /// The number of words that [`WideSource::write_leaf`] takes, of primitives in any order.
     fn leaf_words(&self, ids: &[u32], slice: TimeSlice) -> usize {
-        shapes_words(self, ids, slice)
+        match self.triangles_of(ids) {
+            Some(triangles) => triangles.leaf_words(ids, slice),
+            None => shapes_words(self, ids, slice),
+        }
     }
     /// Writes a leaf block for queries in a time slice; `None` if the arena is full.
+    #[inline]
     fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef> {
-        write_shapes(self, arena, ids, slice)
+        match self.triangles_of(ids) {
+            Some(triangles) => triangles.write_leaf(arena, ids, slice),
+            None => write_shapes(self, arena, ids, slice),
+        }
     }
     /// Rewrites the coordinates of a leaf block that begins at `words[0]`, and returns the bounds of its primitives; `None` if no
     /// coordinate changed. All primitives of a list of ids count as changed.
     fn rewrite_leaf(&self, words: &mut [u32], of: MovedLeaf<'_>) -> Option<LinearBox3> {
+        if let Some(triangles) = self.triangles_of(of.ids) {
+            return triangles.rewrite_leaf(words, of);
+        }
         rewrite_shapes(self, words, of.ids);
         Some(bounds_of(self, of.ids, of.over))
     }
     /// Prefetches what [`WideSource::rewrite_leaf`] will read and write soon. A hint.
     fn prefetch_leaf(&self, words: &[u32], leaf: ChildRef, ids: &[u32]) {
-        let _ = (words, leaf, ids);
+        if let Some(triangles) = self.triangles_of(ids) {
+            triangles.prefetch_leaf(words, leaf, ids);
+        }
     }
     /// The bounds of the primitives of a leaf block that begins at `words[0]` and has been rewritten.
     fn leaf_bounds(&self, words: &[u32], of: MovedLeaf<'_>) -> LinearBox3 {
-        let _ = words;
-        bounds_of(self, of.ids, of.over)
+        match self.triangles_of(of.ids) {
+            Some(triangles) => triangles.row_bounds(words, of),
+            None => bounds_of(self, of.ids, of.over),
+        }
     }
 }
 
@@ -81,45 +103,6 @@ impl WideSource for Scene {
 
     fn release_build_data(&mut self) {
         self.triangles.drop_vertices();
-    }
-
-    fn leaf_words(&self, ids: &[u32], slice: TimeSlice) -> usize {
-        match ids.first().is_some_and(|&id| self.is_listed(id)) {
-            false => self.triangles.leaf_words(ids, slice),
-            true => shapes_words(self, ids, slice),
-        }
-    }
-
-    #[inline]
-    fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef> {
-        // All primitives of a block are of one kind, since the build separates kinds.
-        match ids.first().is_some_and(|&id| self.is_listed(id)) {
-            false => self.triangles.write_leaf(arena, ids, slice),
-            true => write_shapes(self, arena, ids, slice),
-        }
-    }
-
-    fn rewrite_leaf(&self, words: &mut [u32], of: MovedLeaf<'_>) -> Option<LinearBox3> {
-        match of.ids.first().is_some_and(|&id| self.is_listed(id)) {
-            false => self.triangles.rewrite_leaf(words, of),
-            true => {
-                rewrite_shapes(self, words, of.ids);
-                Some(bounds_of(self, of.ids, of.over))
-            }
-        }
-    }
-
-    fn prefetch_leaf(&self, words: &[u32], leaf: ChildRef, ids: &[u32]) {
-        if ids.first().is_some_and(|&id| !self.is_listed(id)) {
-            self.triangles.prefetch_leaf(words, leaf, ids);
-        }
-    }
-
-    fn leaf_bounds(&self, words: &[u32], of: MovedLeaf<'_>) -> LinearBox3 {
-        match of.ids.first().is_some_and(|&id| self.is_listed(id)) {
-            false => self.triangles.row_bounds(words, of),
-            true => bounds_of(self, of.ids, of.over),
-        }
     }
 }
 
