@@ -45,7 +45,7 @@ fn children(tree: &WideTree, of: ChildRef) -> impl Iterator<Item = ChildRef> {
 impl WideTree {
     /// Finds the masks of all blocks, of a new tree or where those of the set have changed.
     pub(crate) fn find_masks<S: WideSource>(&mut self, set: &S) {
-        self.masks = BlockMasks::of(self, set, |leaf| self.ids::<S>(leaf));
+        self.masks = BlockMasks::of(self, set, |leaf| self.ids(leaf));
     }
 }
 
@@ -75,7 +75,7 @@ mod tests {
 
     /// The union of the masks of all primitives below a block.
     fn below(set: &Scene, tree: &WideTree, block: ChildRef) -> u32 {
-        match tree.ids::<Scene>(block) {
+        match tree.ids(block) {
             Some(ids) => ids.iter().fold(0, |all, &id| all | set.mask(id)),
             None => children(tree, block).fold(0, |all, child| all | below(set, tree, child)),
         }

@@ -5,7 +5,6 @@
 //! extent has grown, the cost is computed for the rays that meet the former box as well: with the parts of all boxes that lie in
 //! it.
 
-use super::leaf_block::WideSource;
 use super::wide_node::{ChildRef, Kind};
 use super::wide_tree::WideTree;
 use super::write::read_box;
@@ -63,19 +62,19 @@ impl WideTree {
     /// The cost of a ray that meets a region: the sum over nodes and leaf blocks of the cost of a visit times the area of the part
     /// of their bounds that lies in the region, per area of the region. Visits the nodes that reach into it. Zero for a region that
     /// is so small beside the scene that f32 has no area for it.
-    pub fn cost_within<S: WideSource>(&self, region: Box3) -> f64 {
+    pub fn cost_within(&self, region: Box3) -> f64 {
         let area = mean_half_area(&LinearBox3 { begin: region, end: region });
         if !area.is_normal() {
             return 0.0;
         }
-        self.clipped_cost::<S>(self.root, TimeInterval::FULL, &region, true) / f64::from(area)
+        self.clipped_cost(self.root, TimeInterval::FULL, &region, true) / f64::from(area)
     }
 
     /// The sum of cost times area of a subtree. The recursion is as deep as the tree.
-    fn clipped_cost<S: WideSource>(&self, at: ChildRef, over: TimeInterval, region: &Box3, at_root: bool) -> f64 {
+    fn clipped_cost(&self, at: ChildRef, over: TimeInterval, region: &Box3, at_root: bool) -> f64 {
         let children: Vec<ChildRef> = self.children(at).iter().map(|&child| ChildRef(child)).collect();
         if at.kind() == Kind::Time {
-            let slice = |i: usize| self.clipped_cost::<S>(children[i], time_slice(i, children.len()), region, false);
+            let slice = |i: usize| self.clipped_cost(children[i], time_slice(i, children.len()), region, false);
             return (0..children.len()).map(slice).sum::<f64>() / children.len().max(1) as f64;
         }
         if at.kind().is_leaf() {
@@ -90,10 +89,10 @@ impl WideTree {
             let below = if area <= 0.0 {
                 0.0
             } else if child.kind().is_leaf() {
-                let count = self.ids::<S>(child).map_or(0, <[u32]>::len);
+                let count = self.ids(child).map_or(0, <[u32]>::len);
                 f64::from(leaf_cost(count) * motion_factor(inside.begin != inside.end)) * area
             } else {
-                self.clipped_cost::<S>(child, over, region, false)
+                self.clipped_cost(child, over, region, false)
             };
             (whole, below)
         };

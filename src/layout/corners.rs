@@ -6,7 +6,7 @@ use super::keyed_leaf::KeyedLeaf;
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
 use super::wide_tree::WideTree;
 use crate::geometry::KeyTime;
-use crate::primitive::{PrimitiveSet, Scene, Triangles};
+use crate::primitive::{PrimitiveSet, Triangles};
 use glam::{DVec3, Vec3};
 
 impl WideTree {
@@ -21,7 +21,7 @@ impl WideTree {
         let active = set.active(id);
         let slice = KeyTime::new(time.clamp(active.begin(), active.last()), count + 1).segment;
         let leaf = ChildRef(*self.blocks.get(first + slice)?);
-        let lane = self.ids::<Scene>(leaf)?.iter().position(|&other| other == id)?;
+        let lane = self.ids(leaf)?.iter().position(|&other| other == id)?;
         Some(self.corners_in(leaf, lane, time, || set.segments_of_life(id)))
     }
 

@@ -198,12 +198,12 @@ impl WideTree {
                 }
                 let leaf = ChildRef(leaf);
                 check(leaf)?;
-                let ids = self.ids::<S>(leaf).unwrap_or(&[]);
+                let ids = self.ids(leaf).unwrap_or(&[]);
                 references += ids.len();
                 if matches!(leaf.kind(), Kind::StaticLeaf | Kind::SharedStaticLeaf) {
                     of_static += ids.len();
                 }
-                let located = !blocks.is_empty() && !self.is_list::<S>(leaf);
+                let located = !blocks.is_empty() && !self.is_list(leaf);
                 let Some(triangles) = set.triangles().filter(|_| located) else { continue };
                 let mut slices = self.slices_of(leaf);
                 let each = leaf.kind() == Kind::OtherLeaf && !triangles.always_active();

@@ -384,7 +384,7 @@ mod tests {
             blocks.sort_unstable();
             blocks.dedup();
             for leaf in blocks.into_iter().map(ChildRef) {
-                let (words, ids) = (&tree.arena.ints()[leaf.at()..], tree.ids::<Scene>(leaf).expect("a leaf block"));
+                let (words, ids) = (&tree.arena.ints()[leaf.at()..], tree.ids(leaf).expect("a leaf block"));
                 let sizes = {
                     let keyed = (leaf.kind() == Kind::OtherLeaf).then(|| KeyedLeaf::of(words, leaf.len()));
                     let most = ids.iter().map(|&id| set.triangles.keys(id)).max().unwrap_or(1);

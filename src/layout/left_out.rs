@@ -40,7 +40,7 @@ impl WideTree {
         let mut stack = vec![self.root];
         while let Some(at) = stack.pop() {
             match at.kind() {
-                Kind::Time => all = all.add(self.in_slices_of::<S>(at, seen)),
+                Kind::Time => all = all.add(self.in_slices_of(at, seen)),
                 kind if kind.is_leaf() => {}
                 _ => stack.extend(self.children(at).iter().map(|&c| ChildRef(c)).filter(|&c| c != ChildRef::NOTHING)),
             }
@@ -49,13 +49,13 @@ impl WideTree {
     }
 
     /// Counts what the slices of one time node hold.
-    fn in_slices_of<S: WideSource>(&self, time_node: ChildRef, seen: &mut [u32]) -> InSlices {
+    fn in_slices_of(&self, time_node: ChildRef, seen: &mut [u32]) -> InSlices {
         let (mut all, slices) = (InSlices::default(), self.children(time_node));
         for (i, &slice) in slices.iter().enumerate() {
-            self.for_each_below::<S>(ChildRef(slice), &mut |id| seen[id as usize] |= 1 << i);
+            self.for_each_below(ChildRef(slice), &mut |id| seen[id as usize] |= 1 << i);
         }
         for &slice in slices {
-            self.for_each_below::<S>(ChildRef(slice), &mut |id| {
+            self.for_each_below(ChildRef(slice), &mut |id| {
                 // Each primitive is counted where it is found first.
                 let held = core::mem::take(&mut seen[id as usize]).count_ones() as usize;
                 if held > 0 {
@@ -67,11 +67,11 @@ impl WideTree {
     }
 
     /// Calls a function with the id of each reference below a node, or in a leaf block.
-    fn for_each_below<S: WideSource>(&self, root: ChildRef, call: &mut impl FnMut(u32)) {
+    fn for_each_below(&self, root: ChildRef, call: &mut impl FnMut(u32)) {
         let mut stack = vec![root];
         while let Some(at) = stack.pop() {
             if at.kind().is_leaf() {
-                self.ids::<S>(at).unwrap_or(&[]).iter().for_each(|&id| call(id));
+                self.ids(at).unwrap_or(&[]).iter().for_each(|&id| call(id));
             } else {
                 stack.extend(self.children(at).iter().map(|&c| ChildRef(c)).filter(|&c| c != ChildRef::NOTHING));
             }

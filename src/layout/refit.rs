@@ -355,7 +355,7 @@ impl<S: WideSource> Pass<'_, S> {
 
     fn held(&self, place: &Place<'_>, leaf: ChildRef) -> InLeaf {
         let block = place.block(leaf);
-        let lists = !S::TRIANGLES || leaf.at() >= self.lists;
+        let lists = leaf.at() >= self.lists;
         let mut held = InLeaf::NONE;
         if let Some(Ids { first, count }) = Ids::of(leaf, block, lists) {
             held = InLeaf { ids: lanes_of(&block[first..], count), count };

@@ -57,13 +57,13 @@ impl Parts {
         leaf: ChildRef,
         over: TimeInterval,
     ) {
-        let (Some(triangles), false) = (set.triangles(), tree.is_list::<S>(leaf)) else { return };
+        let (Some(triangles), false) = (set.triangles(), tree.is_list(leaf)) else { return };
         if self.of_leaves.contains_key(&leaf.0) {
             return;
         }
         let bounds = read_box(&tree.arena.ints()[node.at()..], node.kind(), lane, over);
         let first = self.parts.len();
-        for (lane, &id) in tree.ids::<S>(leaf).unwrap_or(&[]).iter().enumerate() {
+        for (lane, &id) in tree.ids(leaf).unwrap_or(&[]).iter().enumerate() {
             // The box may not hold the triangle when it does not exist, nor if it exists at no time that queries look for in a
             // slice.
             let active = set.active(id);

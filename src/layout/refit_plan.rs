@@ -228,7 +228,7 @@ impl<S: WideSource> Exploration<'_, S> {
 
     fn leaf(&mut self, leaf: ChildRef, slice: Option<Slice>) -> Extent {
         let first = self.meshes.len();
-        for &id in self.tree.ids::<S>(leaf).unwrap_or(&[]) {
+        for &id in self.tree.ids(leaf).unwrap_or(&[]) {
             let mesh = self.set.mesh_and_primitive(id).0;
             if self.meshes.last() != Some(&mesh) || self.meshes.len() == first {
                 self.meshes.push(mesh);
@@ -242,7 +242,7 @@ impl<S: WideSource> Exploration<'_, S> {
             add(&mut self.plan.mixed_of, &mut self.meshes[first..], self.plan.mixed.len());
             self.plan.mixed.push(leaf);
         }
-        let lines = self.tree.words::<S>(leaf).div_ceil(LANES);
+        let lines = self.tree.words(leaf).div_ceil(LANES);
         Extent { begin: leaf.at(), end: leaf.at() + lines * LANES, lines, meshes, open: true }
     }
 }
@@ -278,7 +278,7 @@ impl WideTree {
         let times = plan.above.iter().filter(|above| above.at.kind() == Kind::Time);
         let slices = times.flat_map(|above| self.children(above.at)).map(|&child| ChildRef(child));
         let whole = slices.chain([self.root]).filter(|&child| child != ChildRef::NOTHING && child.kind().is_leaf());
-        let ids = mixed.chain(whole).flat_map(|leaf| self.ids::<S>(leaf).unwrap_or(&[])).copied();
+        let ids = mixed.chain(whole).flat_map(|leaf| self.ids(leaf).unwrap_or(&[])).copied();
         // A triangle may be in several blocks.
         let (mut found, mut beside) = (vec![false; set.len()], Vec::new());
         for id in ids.filter(|&id| !set.is_listed(id) && !moved[set.mesh_and_primitive(id).0 as usize]) {
@@ -294,12 +294,12 @@ impl WideTree {
     }
 
     /// Number of words of a leaf block.
-    fn words<S: WideSource>(&self, leaf: ChildRef) -> usize {
-        if leaf.kind() == Kind::OtherLeaf && !self.is_list::<S>(leaf) {
+    fn words(&self, leaf: ChildRef) -> usize {
+        if leaf.kind() == Kind::OtherLeaf && !self.is_list(leaf) {
             return KeyedLeaf::read(self.arena.ints(), leaf).words();
         }
         let block = &self.arena.ints()[leaf.at()..];
-        if self.is_list::<S>(leaf) {
+        if self.is_list(leaf) {
             return SphereLeaf::words_of_list(block, leaf.len()).unwrap_or(0);
         }
         // Ids come last.

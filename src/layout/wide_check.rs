@@ -25,6 +25,7 @@ impl WideTree {
     /// An error for the first violation that could break a query; otherwise the counts and the table of leaf blocks.
     pub(super) fn check<S: WideSource>(&self, set: &S) -> Result<(Counts, Vec<u32>), FileError> {
         require((1..=MAX_TIME_SLICES).contains(&self.slices), "the header has no time slices or too many")?;
+        require(S::TRIANGLES || self.lists == 0, "a tree of shapes has leaf blocks of triangles")?;
         let words = self.arena.ints();
         // Each primitive takes a few bytes, so tables of primitives are in proportion to the file.
         require(set.len() <= words.len(), "there are more primitives than words in the tree")?;
@@ -104,7 +105,7 @@ impl<S: WideSource> LeafCheck<'_, S> {
         let Some(block) = self.words.get(leaf.at()..) else {
             return broken("a reference to a leaf block points outside the tree");
         };
-        let listed = self.tree.is_list::<S>(leaf);
+        let listed = self.tree.is_list(leaf);
         let Some(triangles) = self.triangles.filter(|_| !listed) else {
             require(
                 leaf.kind() == Kind::OtherLeaf && block.len() >= leaf.len(),

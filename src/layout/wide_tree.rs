@@ -1,7 +1,6 @@
 //! A finished wide tree.
 
 use super::keyed_leaf::KeyedRows;
-use super::leaf_block::WideSource;
 use super::leaf_ids::Ids;
 use super::wide_node::{ChildRef, Kind, node_rows};
 use crate::geometry::{KeyTime, TimeInterval};
@@ -12,7 +11,7 @@ use crate::simd::{Arena, LANES};
 pub(crate) struct WideTree {
     pub arena: Arena,
     pub root: ChildRef,
-    /// Leaf blocks of kind `OtherLeaf` at or after this word are lists of ids.
+    /// Leaf blocks of kind `OtherLeaf` at or after this word are lists of ids. 0 if the set has no triangles.
     pub lists: usize,
     /// Whether several leaf blocks may hold parts of one primitive.
     pub(crate) presplit: bool,
@@ -137,14 +136,14 @@ impl WideTree {
 
     /// Whether a leaf block is a list of ids.
     #[inline(always)]
-    pub fn is_list<S: WideSource>(&self, leaf: ChildRef) -> bool {
-        !S::TRIANGLES || leaf.kind() == Kind::OtherLeaf && leaf.at() >= self.lists
+    pub fn is_list(&self, leaf: ChildRef) -> bool {
+        leaf.kind() == Kind::OtherLeaf && leaf.at() >= self.lists
     }
 
     /// The primitives of a leaf block; `None` if it is incomplete.
-    pub fn ids<S: WideSource>(&self, of: ChildRef) -> Option<&[u32]> {
+    pub fn ids(&self, of: ChildRef) -> Option<&[u32]> {
         let block = self.arena.ints().get(of.at()..)?;
-        let ids = Ids::of(of, block, self.is_list::<S>(of))?;
+        let ids = Ids::of(of, block, self.is_list(of))?;
         Some(&block[ids.first..][..ids.count])
     }
 

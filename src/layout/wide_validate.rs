@@ -39,7 +39,7 @@ impl WideTree {
             let exists = |&index: &usize| count == 1 || triangles.active(id).intersect(times(index)).is_some();
             for slice in (0..count).filter(exists) {
                 let leaf = self.blocks.get(first + slice).map(|&leaf| ChildRef(leaf));
-                if !leaf.and_then(|leaf| self.ids::<S>(leaf)).is_some_and(|ids| ids.contains(&id)) {
+                if !leaf.and_then(|leaf| self.ids(leaf)).is_some_and(|ids| ids.contains(&id)) {
                     return Err(ValidationError::References { node: 0 });
                 }
             }
@@ -89,8 +89,8 @@ impl WideTree {
                 return Err(ValidationError::Links { node });
             }
             if at.kind().is_leaf() {
-                let triangles = set.triangles().filter(|_| !self.presplit && !self.is_list::<S>(at));
-                for &id in self.ids::<S>(at).ok_or(ValidationError::Links { node })? {
+                let triangles = set.triangles().filter(|_| !self.presplit && !self.is_list(at));
+                for &id in self.ids(at).ok_or(ValidationError::Links { node })? {
                     seen[ids.binary_search(&id).map_err(|_| ValidationError::References { node })?] = true;
                     if triangles.is_some_and(|triangles| exists(id) && !self.holds(triangles, id, time, bounds)) {
                         return Err(ValidationError::Bounds { primitive: id, time, node });

@@ -82,7 +82,7 @@ impl<G: Geometry> RayTree<G> {
             return 0.0;
         }
         let built = place.cost(plan.built);
-        if built > 0.0 { tree.cost_within::<G>(frame.outward(place.bounds())) / built } else { 0.0 }
+        if built > 0.0 { tree.cost_within(frame.outward(place.bounds())) / built } else { 0.0 }
     }
 
     /// An error if the tree left out one of the meshes and shapes with these active intervals at some of their times.

@@ -52,7 +52,7 @@ impl<G: Geometry> Hierarchy for WideAt<'_, G> {
         while at.kind() == Kind::Time {
             at = self.tree.child_at(at, self.time);
         }
-        if let Some(ids) = self.tree.ids::<G>(at) {
+        if let Some(ids) = self.tree.ids(at) {
             items.extend(primitives(self.set, self.time, ids.iter().copied()));
         }
         let frame = self.set.frame();

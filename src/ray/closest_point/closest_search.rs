@@ -174,7 +174,7 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> LeafSearch for
     #[inline(always)]
     fn leaf<S: Simd>(&mut self, s: S, leaf: ChildRef) {
         self.observer.leaf();
-        if !self.tree.is_list::<G>(leaf) {
+        if G::TRIANGLES && !self.tree.is_list(leaf) {
             return self.triangles(s, leaf);
         }
         if let Some(spheres) = SphereLeaf::of(&self.tree.arena.ints()[leaf.at()..], leaf.len()) {
