@@ -28,18 +28,14 @@ impl BlockMasks {
                 continue;
             }
             nodes.push(at);
-            stack.extend(children(tree, at));
+            stack.extend(tree.children(at));
         }
         for &node in nodes.iter().rev() {
-            by_line[node.at() / LANES] = children(tree, node).fold(0, |all, child| all | by_line[child.at() / LANES]);
+            by_line[node.at() / LANES] = tree.children(node).fold(0, |all, child| all | by_line[child.at() / LANES]);
         }
         let all = masks.iter().fold(0, |all, mask| all | mask);
         BlockMasks { all, common: masks.iter().fold(u32::MAX, |common, mask| common & mask), by_line }
     }
-}
-
-fn children(tree: &WideTree, of: ChildRef) -> impl Iterator<Item = ChildRef> {
-    tree.children(of).iter().map(|&child| ChildRef(child)).filter(|&child| child != ChildRef::NOTHING)
 }
 
 impl WideTree {
@@ -77,7 +73,7 @@ mod tests {
     fn below(set: &Scene, tree: &WideTree, block: ChildRef) -> u32 {
         match tree.ids(block) {
             Some(ids) => ids.iter().fold(0, |all, &id| all | set.mask(id)),
-            None => children(tree, block).fold(0, |all, child| all | below(set, tree, child)),
+            None => tree.children(block).fold(0, |all, child| all | below(set, tree, child)),
         }
     }
 
@@ -90,7 +86,7 @@ mod tests {
             while let Some(at) = stack.pop() {
                 assert_eq!(tree.masks.union(at), below(&set, &tree, at), "{division:?}");
                 unions.push(tree.masks.union(at));
-                stack.extend(children(&tree, at));
+                stack.extend(tree.children(at));
             }
             assert!(unions.contains(&0b111) && unions.iter().any(|&union| union != 0b111));
             // As in a refit to other masks.

@@ -72,7 +72,7 @@ impl WideTree {
 
     /// The sum of cost times area of a subtree. The recursion is as deep as the tree.
     fn clipped_cost(&self, at: ChildRef, over: TimeInterval, region: &Box3, at_root: bool) -> f64 {
-        let children: Vec<ChildRef> = self.children(at).iter().map(|&child| ChildRef(child)).collect();
+        let children: Vec<ChildRef> = self.slots(at).iter().map(|&child| ChildRef(child)).collect();
         if at.kind() == Kind::Time {
             let slice = |i: usize| self.clipped_cost(children[i], time_slice(i, children.len()), region, false);
             return (0..children.len()).map(slice).sum::<f64>() / children.len().max(1) as f64;

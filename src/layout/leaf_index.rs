@@ -125,7 +125,9 @@ impl WideTree {
     fn traversed(&self) -> Found {
         let mut all = Found::default();
         let mut visits = Vec::new();
-        self.reach(Visit { at: self.root, depth: 0 }, &mut all, &mut visits);
+        if self.root != ChildRef::NOTHING {
+            self.reach(Visit { at: self.root, depth: 0 }, &mut all, &mut visits);
+        }
         // Breadth first, until there are enough subtrees.
         while visits.len() < SUBTREES && !visits.is_empty() {
             let mut below = Vec::new();
@@ -153,17 +155,14 @@ impl WideTree {
     /// Counts a node and adds its children.
     fn visit(&self, Visit { at, depth }: Visit, found: &mut Found, below: &mut Vec<Visit>) {
         found.add_node(at.kind());
-        for &child in self.children(at) {
-            self.reach(Visit { at: ChildRef(child), depth: depth + 1 }, found, below);
+        for child in self.children(at) {
+            self.reach(Visit { at: child, depth: depth + 1 }, found, below);
         }
     }
 
     /// Records a leaf block, without reading it, or adds a node to be visited.
     fn reach(&self, visit: Visit, found: &mut Found, below: &mut Vec<Visit>) {
         let Visit { at, depth } = visit;
-        if at == ChildRef::NOTHING {
-            return;
-        }
         if at.kind().is_leaf() {
             return found.add_leaf(at, depth);
         }

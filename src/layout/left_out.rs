@@ -42,7 +42,7 @@ impl WideTree {
             match at.kind() {
                 Kind::Time => all = all.add(self.in_slices_of(at, seen)),
                 kind if kind.is_leaf() => {}
-                _ => stack.extend(self.children(at).iter().map(|&c| ChildRef(c)).filter(|&c| c != ChildRef::NOTHING)),
+                _ => stack.extend(self.children(at)),
             }
         }
         all
@@ -50,31 +50,20 @@ impl WideTree {
 
     /// Counts what the slices of one time node hold.
     fn in_slices_of(&self, time_node: ChildRef, seen: &mut [u32]) -> InSlices {
-        let (mut all, slices) = (InSlices::default(), self.children(time_node));
-        for (i, &slice) in slices.iter().enumerate() {
-            self.for_each_below(ChildRef(slice), &mut |id| seen[id as usize] |= 1 << i);
+        let ids_below =
+            |slice| self.leaves_below(slice).into_iter().map(|leaf| self.ids(leaf).unwrap_or(&[])).collect();
+        let slices: Vec<Vec<&[u32]>> = self.children(time_node).map(ids_below).collect();
+        for (i, ids) in slices.iter().enumerate() {
+            ids.iter().copied().flatten().for_each(|&id| seen[id as usize] |= 1 << i);
         }
-        for &slice in slices {
-            self.for_each_below(ChildRef(slice), &mut |id| {
-                // Each primitive is counted where it is found first.
-                let held = core::mem::take(&mut seen[id as usize]).count_ones() as usize;
-                if held > 0 {
-                    all = all.add(InSlices { all: slices.len(), left_out: slices.len() - held });
-                }
-            });
-        }
-        all
-    }
-
-    /// Calls a function with the id of each reference below a node, or in a leaf block.
-    fn for_each_below(&self, root: ChildRef, call: &mut impl FnMut(u32)) {
-        let mut stack = vec![root];
-        while let Some(at) = stack.pop() {
-            if at.kind().is_leaf() {
-                self.ids(at).unwrap_or(&[]).iter().for_each(|&id| call(id));
-            } else {
-                stack.extend(self.children(at).iter().map(|&c| ChildRef(c)).filter(|&c| c != ChildRef::NOTHING));
+        let mut all = InSlices::default();
+        for &id in slices.iter().flatten().copied().flatten() {
+            // Each primitive is counted where it is found first.
+            let held = core::mem::take(&mut seen[id as usize]).count_ones() as usize;
+            if held > 0 {
+                all = all.add(InSlices { all: slices.len(), left_out: slices.len() - held });
             }
         }
+        all
     }
 }

@@ -16,7 +16,7 @@ use super::node_boxes::{BoxRows, MeasuredBoxes};
 use super::refit_parts::Parts;
 use super::refit_plan::{Above, RefitPlan, Slice, Touched};
 use super::shared_blocks::{SharedBlocks, SharedBounds, SharedLeaf};
-use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS};
+use super::wide_node::{ChildRef, Kind, node_rows};
 use super::wide_tree::WideTree;
 use super::write::read_box;
 use crate::bvh::{leaf_cost, mean_half_area, motion_factor};
@@ -270,8 +270,7 @@ impl<S: WideSource> Pass<'_, S> {
     fn node(&self, place: &mut Place<'_>, at: ChildRef, over: TimeInterval) -> Subtree {
         place.done.visited += 1;
         let kind = at.kind();
-        let rows = if kind == Kind::Node { NODE_ROWS } else { STATIC_NODE_ROWS };
-        let children = lanes_at(place.block(at), (rows - 1) * LANES).map(ChildRef);
+        let children = lanes_at(place.block(at), (node_rows(kind) - 1) * LANES).map(ChildRef);
         let (mut boxes, mut visits) = (BoxRows::NONE, [0.0f64; LANES]);
         let (mut cost, mut changed): (f64, Mask) = (0.0, 0);
         self.in_order(place, &children, |place, lane, held| {
@@ -423,13 +422,12 @@ impl<S: WideSource> Pass<'_, S> {
     /// Linear bounds of a subtree that has been refitted.
     fn bounds(&self, place: &Place<'_>, at: ChildRef, over: TimeInterval) -> LinearBox3 {
         let rows = match at.kind() {
-            Kind::Node => NODE_ROWS,
-            Kind::StaticNode => STATIC_NODE_ROWS,
             Kind::Time => return self.bounds_of_slices(place, at, over),
-            _ => {
+            kind if kind.is_leaf() => {
                 let held = self.held(place, at);
                 return self.leaf_bounds(place, at, &held, over);
             }
+            kind => node_rows(kind),
         };
         let block = place.block(at);
         let lanes = (0..LANES).filter(|lane| block[(rows - 1) * LANES + lane] != ChildRef::NOTHING.0);

@@ -12,7 +12,7 @@ use super::leaf_ids::Ids;
 use super::refit_parts::Parts;
 use super::shared_blocks::{SharedBlocks, shared_leaves};
 use super::sphere_leaf::SphereLeaf;
-use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS};
+use super::wide_node::{ChildRef, Kind, node_rows};
 use super::wide_tree::WideTree;
 use crate::geometry::TimeInterval;
 use crate::simd::LANES;
@@ -173,10 +173,9 @@ impl<S: WideSource> Exploration<'_, S> {
     /// The extent of a subtree. The recursion is as deep as the tree.
     fn explore(&mut self, at: ChildRef, over: TimeInterval, slice: Option<Slice>) -> Extent {
         let rows = match at.kind() {
-            Kind::Node => NODE_ROWS,
-            Kind::StaticNode => STATIC_NODE_ROWS,
             Kind::Time => return self.explore_slices(at, over),
-            _ => return self.leaf(at, slice),
+            kind if kind.is_leaf() => return self.leaf(at, slice),
+            kind => node_rows(kind),
         };
         let (begin, end, first) = (at.at(), at.at() + rows * LANES, self.meshes.len());
         let mut all = Extent { begin, end, lines: rows, meshes: first..first, open: true };
@@ -204,8 +203,8 @@ impl<S: WideSource> Exploration<'_, S> {
     }
 
     fn explore_slices(&mut self, at: ChildRef, over: TimeInterval) -> Extent {
-        let slices: Vec<ChildRef> = self.tree.children(at).iter().map(|&slice| ChildRef(slice)).collect();
-        let of_slices: Vec<Vec<ChildRef>> = slices.iter().map(|&slice| leaves(self.tree, slice)).collect();
+        let slices: Vec<ChildRef> = self.tree.children(at).collect();
+        let of_slices: Vec<Vec<ChildRef>> = slices.iter().map(|&slice| self.tree.leaves_below(slice)).collect();
         let first = self.meshes.len();
         // Slices that share leaf blocks may have no block in common if each lacks what does not exist in it. Then their blocks are
         // treated as their own.
@@ -253,19 +252,6 @@ fn add(to: &mut Holders, meshes: &mut [u32], part: usize) {
     to.0.extend(meshes.chunk_by(|a, b| a == b).map(|same| (same[0], part as u32)));
 }
 
-/// The leaf blocks of one time slice.
-fn leaves(tree: &WideTree, of: ChildRef) -> Vec<ChildRef> {
-    let (mut leaves, mut stack) = (Vec::new(), vec![of]);
-    while let Some(at) = stack.pop() {
-        if at.kind().is_leaf() {
-            leaves.push(at);
-        } else {
-            stack.extend(tree.children(at).iter().map(|&child| ChildRef(child)).filter(|&c| c != ChildRef::NOTHING));
-        }
-    }
-    leaves
-}
-
 impl WideTree {
     /// The triangles of other meshes whose vertices a refit reads if these meshes move: those in the leaf blocks that it rewrites,
     /// and in the few leaf blocks that are the whole tree or a whole time slice, since these have no box in a node. `None` if there
@@ -276,7 +262,7 @@ impl WideTree {
         let touched = plan.mixed_of.of_meshes(&list, plan.mixed.len());
         let mixed = plan.mixed.iter().zip(touched).filter(|&(_, touched)| touched).map(|(&leaf, _)| leaf);
         let times = plan.above.iter().filter(|above| above.at.kind() == Kind::Time);
-        let slices = times.flat_map(|above| self.children(above.at)).map(|&child| ChildRef(child));
+        let slices = times.flat_map(|above| self.children(above.at));
         let whole = slices.chain([self.root]).filter(|&child| child != ChildRef::NOTHING && child.kind().is_leaf());
         let ids = mixed.chain(whole).flat_map(|leaf| self.ids(leaf).unwrap_or(&[])).copied();
         // A triangle may be in several blocks.

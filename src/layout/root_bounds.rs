@@ -15,7 +15,7 @@ impl WideTree {
         if self.root.kind() != Kind::Time {
             return self.node_bounds(self.root, [0.0, 1.0], frame);
         }
-        let slices = self.children(self.root);
+        let slices = self.slots(self.root);
         let count = slices.len() as f32;
         let over = |i: usize| [i as f32 / count, (i + 1) as f32 / count];
         let each = slices.iter().enumerate().map(|(i, &slice)| self.node_bounds(ChildRef(slice), over(i), frame));
@@ -31,7 +31,7 @@ impl WideTree {
 
     /// Linear bounds of each of the root's children, if the root is a node.
     pub(crate) fn bounds_of_children(&self, frame: &Frame) -> Option<Vec<LinearBounds>> {
-        if self.root == ChildRef::NOTHING || !matches!(self.root.kind(), Kind::Node | Kind::StaticNode) {
+        if !self.root.kind().has_boxes() {
             return None;
         }
         let at = |lane: usize, time: f32| frame.box_to_world(self.lane_box(self.root, lane, time));
@@ -39,7 +39,7 @@ impl WideTree {
     }
 
     fn node_bounds(&self, node: ChildRef, over: [f32; 2], frame: &Frame) -> Option<LinearBounds> {
-        if node == ChildRef::NOTHING || !matches!(node.kind(), Kind::Node | Kind::StaticNode) {
+        if !node.kind().has_boxes() {
             return None;
         }
         let at = |time: f32| {

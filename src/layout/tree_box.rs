@@ -23,8 +23,7 @@ impl WideTree {
     pub fn boxes(&self, time: f32, frame: Frame, level: u32, visitor: &mut impl FnMut(TreeBox, ChildRef)) {
         let mut stack = vec![(self.root, level)];
         while let Some((at, level)) = stack.pop() {
-            let children = self.children(at);
-            if at == ChildRef::NOTHING || children.is_empty() {
+            if at == ChildRef::NOTHING || at.kind().is_leaf() {
                 continue;
             }
             if at.kind() == Kind::Time {

@@ -60,12 +60,11 @@ impl WideTree {
             } else {
                 self.check_boxes(at, rows)?;
             }
-            let children = self.children(at).iter().map(|&child| ChildRef(child));
             let before = stack.len();
-            stack.extend(children.filter(|&child| child != ChildRef::NOTHING).map(|child| (child, depth + 1)));
+            stack.extend(self.children(at).map(|child| (child, depth + 1)));
             // The stack of a query is as deep as the deepest leaf.
             require(stack.len() > before, "a node has no children")?;
-            let missing = at.kind() == Kind::Time && stack.len() - before < self.children(at).len();
+            let missing = at.kind() == Kind::Time && stack.len() - before < self.slots(at).len();
             require(!missing, "a time node has no child for one of its time slices")?;
         }
         found.each_leaf_once();
@@ -78,7 +77,7 @@ impl WideTree {
         // Without a branch for each, so that the comparisons are vectorized.
         let fine = faces.iter().fold(true, |fine, face| fine & (face.abs() <= NOWHERE));
         require(fine, "a box of a node has a coordinate that is not a number or out of range")?;
-        for (lane, _) in self.children(node).iter().enumerate().filter(|(_, child)| **child == ChildRef::NOTHING.0) {
+        for (lane, _) in self.slots(node).iter().enumerate().filter(|(_, child)| **child == ChildRef::NOTHING.0) {
             let nowhere = faces[lane..].iter().step_by(LANES).enumerate().all(|(row, &face)| match row {
                 0 | 2 | 4 => face == NOWHERE,
                 1 | 3 | 5 => face == -NOWHERE,

@@ -59,6 +59,11 @@ impl Kind {
         !matches!(self, Kind::Node | Kind::StaticNode | Kind::Time)
     }
 
+    /// Whether it is a node with boxes around its children.
+    pub fn has_boxes(self) -> bool {
+        matches!(self, Kind::Node | Kind::StaticNode)
+    }
+
     /// Rows of coordinates at the begin of a leaf block of at most two keys; 0 for everything else.
     pub fn leaf_rows(self) -> usize {
         match self {

@@ -114,12 +114,13 @@ impl WideTree {
 
     /// The child of a time node at a time.
     pub fn child_at(&self, node: ChildRef, time: f32) -> ChildRef {
-        let slices = self.children(node);
+        let slices = self.slots(node);
         ChildRef(slices[KeyTime::new(time, slices.len() + 1).segment])
     }
 
-    /// The children of a block: the sixteen of a node, one per slice of a time node, none of a leaf.
-    pub fn children(&self, of: ChildRef) -> &[u32] {
+    /// The references to the children of a block: sixteen in a node, not all of which need be there, one per slice in a time node,
+    /// none in a leaf.
+    pub fn slots(&self, of: ChildRef) -> &[u32] {
         let words = self.arena.ints();
         match of.kind() {
             Kind::Node | Kind::StaticNode => &words[of.at() + (node_rows(of.kind()) - 1) * LANES..][..LANES],
@@ -128,10 +129,27 @@ impl WideTree {
         }
     }
 
+    /// The children of a block.
+    pub fn children(&self, of: ChildRef) -> impl Iterator<Item = ChildRef> {
+        self.lanes(of).map(|(_, child)| child)
+    }
+
     /// The lanes of a node that have a child, with the children.
     pub fn lanes(&self, node: ChildRef) -> impl Iterator<Item = (usize, ChildRef)> {
-        let children = self.children(node).iter().map(|&child| ChildRef(child)).enumerate();
+        let children = self.slots(node).iter().map(|&child| ChildRef(child)).enumerate();
         children.filter(|&(_, child)| child != ChildRef::NOTHING)
+    }
+
+    /// The leaf blocks below a block, or the block itself if it is one. Below a time node some may occur several times.
+    pub fn leaves_below(&self, root: ChildRef) -> Vec<ChildRef> {
+        let (mut leaves, mut stack) = (Vec::new(), vec![root]);
+        while let Some(at) = stack.pop() {
+            match at.kind().is_leaf() {
+                true => leaves.push(at),
+                false => stack.extend(self.children(at)),
+            }
+        }
+        leaves
     }
 
     /// Whether a leaf block is a list of ids.

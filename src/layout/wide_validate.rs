@@ -2,7 +2,7 @@
 
 use super::leaf_block::WideSource;
 use super::validation_error::ValidationError;
-use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS};
+use super::wide_node::{ChildRef, Kind, node_rows};
 use super::wide_tree::WideTree;
 use crate::geometry::Box3;
 use crate::primitive::{PrimitiveSet, Triangles};
@@ -79,13 +79,8 @@ impl WideTree {
             }
             let node = at.at() / LANES;
             visited += 1;
-            let length = match at.kind() {
-                Kind::Node => NODE_ROWS * LANES,
-                Kind::StaticNode => STATIC_NODE_ROWS * LANES,
-                _ => 2,
-            };
             // More blocks than lines: some are reached repeatedly.
-            if at.at() + length > words || visited * LANES > words {
+            if at.at() + node_rows(at.kind()) * LANES > words || visited * LANES > words {
                 return Err(ValidationError::Links { node });
             }
             if at.kind().is_leaf() {
@@ -99,8 +94,8 @@ impl WideTree {
             } else if at.kind() == Kind::Time {
                 stack.push((self.child_at(at, time), bounds));
             } else {
-                for (lane, &child) in self.children(at).iter().enumerate() {
-                    stack.push((ChildRef(child), bounds.intersection(self.lane_box(at, lane, time))));
+                for (lane, child) in self.lanes(at) {
+                    stack.push((child, bounds.intersection(self.lane_box(at, lane, time))));
                 }
             }
         }

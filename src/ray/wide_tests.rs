@@ -263,7 +263,7 @@ fn corners_come_back_from_leaf_blocks_as_they_were_given() {
 
 #[test]
 fn the_check_finds_boxes_that_do_not_hold_their_triangles() {
-    use crate::layout::{ChildRef, ValidationError, WideTree};
+    use crate::layout::{ValidationError, WideTree};
     use crate::primitive::Scene;
     use crate::progress::Progress;
     use crate::simd::LANES;
@@ -274,9 +274,9 @@ fn the_check_finds_boxes_that_do_not_hold_their_triangles() {
     let params = WideParams { division: Division::Whole, ..WideParams::default() };
     let mut tree = WideTree::build(&set, &params, &Progress::new(None)).unwrap();
     assert_eq!(tree.validate(&set), Ok(()));
-    let (root, children) = (tree.root.at(), tree.children(tree.root).to_vec());
+    let (root, lanes) = (tree.root.at(), tree.lanes(tree.root).map(|(lane, _)| lane).collect::<Vec<_>>());
     // Each upper face in x of the root's boxes, moved inward a little and then restored.
-    for lane in (0..LANES).filter(|&lane| children[lane] != ChildRef::NOTHING.0) {
+    for lane in lanes {
         let face = &mut tree.arena.ints_mut()[root + LANES + lane];
         let whole = *face;
         *face = (f32::from_bits(whole) - 0.01).to_bits();
