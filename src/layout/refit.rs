@@ -11,7 +11,7 @@
 //! use ratios of areas).
 
 use super::leaf_block::{MovedLeaf, WideSource};
-use super::leaf_ids::Ids;
+use super::leaf_ids::ids_of_leaf;
 use super::node_boxes::{BoxRows, MeasuredBoxes};
 use super::refit_parts::Parts;
 use super::refit_plan::{Above, RefitPlan, Slice, Touched};
@@ -354,12 +354,10 @@ impl<S: WideSource> Pass<'_, S> {
 
     fn held(&self, place: &Place<'_>, leaf: ChildRef) -> InLeaf {
         let block = place.block(leaf);
-        let lists = leaf.at() >= self.lists;
-        let mut held = InLeaf::NONE;
-        if let Some(Ids { first, count }) = Ids::of(leaf, block, lists) {
-            held = InLeaf { ids: lanes_of(&block[first..], count), count };
+        match ids_of_leaf(leaf, block, leaf.at() >= self.lists) {
+            Some(ids) => InLeaf { ids: lanes_of(&block[ids.start..], ids.len()), count: ids.len() },
+            None => InLeaf::NONE,
         }
-        held
     }
 
     /// Calls `each` with the number of every block, and with the primitives that it holds if it is a leaf block to be rewritten.

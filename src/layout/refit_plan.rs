@@ -8,7 +8,7 @@
 use super::built_place::BuiltPlace;
 use super::keyed_leaf::KeyedLeaf;
 use super::leaf_block::WideSource;
-use super::leaf_ids::Ids;
+use super::leaf_ids::ids_of_leaf;
 use super::refit_parts::Parts;
 use super::shared_blocks::{SharedBlocks, shared_leaves};
 use super::sphere_leaf::SphereLeaf;
@@ -281,14 +281,12 @@ impl WideTree {
 
     /// Number of words of a leaf block.
     fn words(&self, leaf: ChildRef) -> usize {
-        if leaf.kind() == Kind::OtherLeaf && !self.is_list(leaf) {
-            return KeyedLeaf::read(self.arena.ints(), leaf).words();
-        }
         let block = &self.arena.ints()[leaf.at()..];
-        if self.is_list(leaf) {
-            return SphereLeaf::words_of_list(block, leaf.len()).unwrap_or(0);
+        match leaf.kind() {
+            _ if self.is_list(leaf) => SphereLeaf::words_of_list(block, leaf.len()).unwrap_or(0),
+            Kind::OtherLeaf => KeyedLeaf::of(block, leaf.len()).words(),
+            // Ids come last.
+            _ => ids_of_leaf(leaf, block, false).map_or(0, |ids| ids.end),
         }
-        // Ids come last.
-        Ids::of(leaf, block, false).map_or(0, |ids| ids.first + ids.count)
     }
 }

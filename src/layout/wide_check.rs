@@ -7,7 +7,7 @@
 
 use super::keyed_leaf::KeyedLeaf;
 use super::leaf_block::WideSource;
-use super::leaf_ids::Ids;
+use super::leaf_ids::ids_of_leaf;
 use super::leaf_index::Found;
 use super::node_boxes::NOWHERE;
 use super::sphere_leaf::SphereLeaf;
@@ -123,10 +123,10 @@ impl<S: WideSource> LeafCheck<'_, S> {
             // These have no vertex numbers or keys to check.
             _ => None,
         };
-        let Some(ids) = Ids::of(leaf, block, listed) else {
+        let Some(ids) = ids_of_leaf(leaf, block, listed) else {
             return broken("a leaf block extends beyond the tree");
         };
-        for &id in &block[ids.first..][..ids.count] {
+        for &id in &block[ids] {
             require((id as usize) < triangles.len(), "a leaf block of triangles has an id of no triangle")?;
             let own = if self.bent { triangles.keys(id) } else { 2 };
             let fits = keys.map_or(own <= 2, |keys| own > 2 && own == keys);

@@ -1,7 +1,7 @@
 //! A finished wide tree.
 
 use super::keyed_leaf::KeyedRows;
-use super::leaf_ids::Ids;
+use super::leaf_ids::ids_of_leaf;
 use super::wide_node::{ChildRef, Kind, node_rows};
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::simd::{Arena, LANES};
@@ -161,8 +161,7 @@ impl WideTree {
     /// The primitives of a leaf block; `None` if it is incomplete.
     pub fn ids(&self, of: ChildRef) -> Option<&[u32]> {
         let block = self.arena.ints().get(of.at()..)?;
-        let ids = Ids::of(of, block, self.is_list(of))?;
-        Some(&block[ids.first..][..ids.count])
+        Some(&block[ids_of_leaf(of, block, self.is_list(of))?])
     }
 
     /// The greatest number of blocks on a query's stack, plus room to write one more node's children at once.
