@@ -72,6 +72,14 @@ impl Reference {
         self.0.0[ID].to_bits()
     }
 
+    /// The ids of references, of which one leaf block holds all; 0 in the lanes beyond.
+    #[inline]
+    pub fn ids(references: &[Reference]) -> Lanes<u32> {
+        let mut ids = [0; LANES];
+        ids.iter_mut().zip(references).for_each(|(id, r)| *id = r.id());
+        ids
+    }
+
     /// Linear bounds over the interval.
     #[inline]
     pub fn bounds(&self) -> LinearBox3 {

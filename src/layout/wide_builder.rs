@@ -306,9 +306,7 @@ impl WideTree {
         let mut words = Vec::new();
         fill(&mut words, shared.clusters.len(), |i| {
             let of = draft.references(&shared.clusters[i]);
-            let mut ids = [0; LANES];
-            ids.iter_mut().zip(of).for_each(|(id, r)| *id = r.id());
-            set.leaf_words(&ids[..of.len()], draft.slice).next_multiple_of(LANES) as u32
+            set.leaf_words(&Reference::ids(of)[..of.len()], draft.slice).next_multiple_of(LANES) as u32
         });
         let blocks =
             write_blocks(&mut self.arena, &shared.clusters, &words, further, &leaves, &progress.rest(SHARED_BLOCKS))?;
@@ -437,11 +435,7 @@ fn leaf_blocks<S: WideSource>(
             prefetch_blocks(set, draft, of, i, draft.over);
         }
         let of = draft.references(node);
-        let mut ids = [0; LANES];
-        for (id, r) in ids.iter_mut().zip(of) {
-            *id = r.id();
-        }
-        let ids = &mut ids[..of.len()];
+        let ids = &mut Reference::ids(of)[..of.len()];
         // Sorted, so that a block does not depend on the order of references in the build.
         ids.sort_unstable();
         *block = set.write_leaf(arena, distinct(ids), draft.slice).ok_or(BuildError::TooLargeTree)?;

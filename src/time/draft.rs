@@ -16,7 +16,7 @@ use crate::parallel;
 use crate::params::WideParams;
 use crate::primitive::PrimitiveSet;
 use crate::progress::Progress;
-use crate::simd::{LANES, fill, huge_vec};
+use crate::simd::{fill, huge_vec};
 use crate::tuning::presplit::{
     MAX_PRESPLIT_COST, MIN_AREA_RATIO, PRESPLIT_SAMPLE, PRESPLIT_SAMPLES, UNCERTAIN_PRESPLIT_COST,
 };
@@ -451,29 +451,23 @@ fn collapse<S: PrimitiveSet>(
     density: SurfaceDensity,
     progress: &Progress,
 ) -> Collapse {
-    let kind = |id: u32| set.leaf_kind(id);
-    let kinds: Option<&LeafKind<'_>> = if set.kinds_differ() { Some(&kind) } else { None };
-    let per_leaf = set.per_leaf();
+    let (kinds_differ, per_leaf) = (set.kinds_differ(), set.per_leaf());
     let cost = |node: &BinaryNode| {
         if node.count as usize > per_leaf {
             return None;
         }
         let block = &references[node.first as usize..][..node.count as usize];
-        let fits = kinds.is_none_or(|kind| one_block(set, block, kind, node.right == 0));
+        let fits = !kinds_differ || one_block(set, block, node.right == 0);
         fits.then_some(leaf_cost(node.count as usize))
     };
     Collapse::new(binary, density, cost, progress)
 }
 
 /// Whether references may form a leaf block: they are of one kind and, unless they cannot be split further, fit.
-fn one_block<S: PrimitiveSet>(set: &S, references: &[Reference], kind: &LeafKind<'_>, last: bool) -> bool {
-    let first = kind(references[0].id());
-    let mut ids = [0; LANES];
-    for (id, r) in ids.iter_mut().zip(references) {
-        *id = r.id();
-    }
-    let ids = &ids[..references.len()];
-    ids.iter().all(|&id| kind(id) == first) && (first == 0 || last || set.fits_block(ids))
+fn one_block<S: PrimitiveSet>(set: &S, references: &[Reference], last: bool) -> bool {
+    let ids = &Reference::ids(references)[..references.len()];
+    let kind = set.leaf_kind(ids[0]);
+    ids.iter().all(|&id| set.leaf_kind(id) == kind) && (kind == 0 || last || set.fits_block(ids))
 }
 
 /// The least ratio of half the area of a box to the area of its contents: that of a triangle that fills half a flat

@@ -202,11 +202,7 @@ pub(crate) fn include_slice_bounds<S: PrimitiveSet>(
         return;
     }
     for some in references.chunks(LANES) {
-        let mut ids = [0; LANES];
-        for (id, r) in ids.iter_mut().zip(some) {
-            *id = r.id();
-        }
-        set.include_bounds(&ids[..some.len()], over, bounds);
+        set.include_bounds(&Reference::ids(some)[..some.len()], over, bounds);
     }
 }
 
