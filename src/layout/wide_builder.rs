@@ -22,7 +22,7 @@ use crate::progress::Progress;
 use crate::simd::{Arena, LANES, fill, huge_vec};
 use crate::time::{
     Draft, DraftParams, Region, SharedLeaves, TimeSlice, WhenToReinsert, any_changes, any_is_left_out, draft_sample,
-    draft_tree, held_in, prefetch_blocks, primitives, regions, share_of_slices,
+    draft_tree, held_in, prefetch_blocks, regions, share_of_slices,
 };
 use crate::tuning::lazy::NEIGHBOURS;
 use crate::tuning::slices::LEAST_TREELET;
@@ -198,7 +198,7 @@ impl WideTree {
             let progress = progress.rest(share);
             let root = match region.division {
                 Division::SeparateTrees(count) => {
-                    let ids = primitives(&draft, region.node);
+                    let ids = draft.primitives_below(region.node);
                     let params = params.of_each_tree(count, share_of_slices(set, ids.iter().copied(), count));
                     self.separate_trees(set, &ids, count, &params, &progress)?.root
                 }

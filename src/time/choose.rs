@@ -255,7 +255,6 @@ fn is_nearly_all(draft: &Draft, x: u32) -> bool {
 mod tests {
     use super::super::draft::{WhenToReinsert, draft_tree};
     use super::super::time_slice::TimeSlice;
-    use super::super::trials::primitives;
     use super::*;
     use crate::params::WideParams;
     use crate::primitive::{TriangleMesh, Triangles};
@@ -277,7 +276,7 @@ mod tests {
             assert!(pair[0].node < pair[1].node && a.first + a.count <= b.first);
         }
         let mut inside = vec![0.0; scene.meshes.len()];
-        for id in regions.iter().flat_map(|region| primitives(&draft, region.node)) {
+        for id in regions.iter().flat_map(|region| draft.primitives_below(region.node)) {
             let mut mesh = 0;
             let mut at = id as usize;
             while at >= scene.meshes[mesh].len() {

@@ -122,6 +122,14 @@ impl Draft {
     pub fn references(&self, node: &BinaryNode) -> &[Reference] {
         &self.references[node.first as usize..][..node.count as usize]
     }
+
+    /// The primitives below a binary node, sorted, without duplicates.
+    pub fn primitives_below(&self, of: u32) -> Vec<u32> {
+        let mut ids: Vec<u32> = self.references(&self.binary[of as usize]).iter().map(Reference::id).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        ids
+    }
 }
 
 /// How trees are drafted.

@@ -13,4 +13,3 @@ pub(crate) use draft::{Draft, DraftParams, WhenToReinsert, draft_sample, draft_t
 pub(crate) use existence::{any_changes, any_is_left_out, held_in, share_of_slices};
 pub(crate) use slices::SharedLeaves;
 pub(crate) use time_slice::{TimeSlice, time_slice};
-pub(crate) use trials::primitives;

@@ -46,7 +46,7 @@ pub(super) fn decide<S: PrimitiveSet>(
         None if draft.references.len() as f32 * BYTES_PER_REFERENCE > CACHED as f32 => search.limit *= MAX_FURTHER_TIME,
         None => {}
         // Bent motion is divided for its chords, and what comes and goes is left out: shared leaves do either nearly as well.
-        Some(Trial { time, .. }) if set.bent() || !set.always_active() => search.limit = MAX_SEPARATE_TIME * time,
+        Some(Trial { time, .. }) if gains_in_short_slices(set) => search.limit = MAX_SEPARATE_TIME * time,
         Some(Trial { time, .. }) => search.limit = MAX_FURTHER_TIME * time,
     }
     search.try_kind(Division::SeparateTrees);
@@ -197,8 +197,11 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
         let (changing, shares): (Vec<u32>, Vec<f32>) = samples.iter().filter(changes).copied().unzip();
         let unchanged = samples.iter().filter(|sample| !changes(sample)).map(|(_, shares)| shares).sum();
         let keys = mean_keys(set, changing.iter().flat_map(|&x| draft.references(&draft.binary[x as usize])));
-        let all_gain = set.bent() || !set.always_active();
-        let above = if all_gain { 0.0 } else { cost_above(draft, region, most) / draft.collapse.cost(region) };
+        let above = if gains_in_short_slices(set) {
+            0.0
+        } else {
+            cost_above(draft, region, most) / draft.collapse.cost(region)
+        };
         Samples {
             set,
             draft,
@@ -264,7 +267,7 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
         let progress = progress.in_units(self.changing.len());
         let costs = |i: usize, mut decided: Option<PresplitDecision>| {
             let progress = progress.subtask(1.0);
-            let (ids, (slices, existing)) = (primitives(self.draft, self.changing[i]), self.tree_slices(i, count));
+            let (ids, (slices, existing)) = (self.draft.primitives_below(self.changing[i]), self.tree_slices(i, count));
             let mut sum = 0.0;
             for &index in &slices {
                 let slice = TimeSlice { index, of: count };
@@ -341,14 +344,6 @@ impl<'a, S: PrimitiveSet> Samples<'a, S> {
 fn mean_keys<'a, S: PrimitiveSet>(set: &S, references: impl Iterator<Item = &'a Reference>) -> f32 {
     let (all, keys) = references.fold((0, 0), |(n, keys), r| (n + 1, keys + set.leaf_kind(r.id()).max(2)));
     if all > 0 { keys as f32 / all as f32 } else { 2.0 }
-}
-
-/// The primitives below a node, sorted, without duplicates.
-pub(crate) fn primitives(draft: &Draft, of: u32) -> Vec<u32> {
-    let mut ids: Vec<u32> = draft.references(&draft.binary[of as usize]).iter().map(Reference::id).collect();
-    ids.sort_unstable();
-    ids.dedup();
-    ids
 }
 
 /// Subtrees of a region to decide on, each in the middle of one or more equal shares of its cost; and their greatest size.
@@ -504,7 +499,7 @@ mod tests {
     fn trials_of_samples_predict_the_cost_of_the_whole() {
         let (set, draft) = drafted(&scene::tornado(60_000));
         let params = params();
-        let ids = primitives(&draft, 0);
+        let ids = draft.primitives_below(0);
         for count in [2, 4] {
             let predicted =
                 Samples::new(&set, &draft, 0, &params, &Progress::new(None)).cost(Division::SeparateTrees(count));
