@@ -2,7 +2,7 @@
 //!
 //! There are two groups of primitives: triangles, whose corners are in leaf blocks, and others, which leaves list
 //! (spheres, whose positions follow such a list, and custom primitives). Each group is first drafted: the binary tree
-//! and its collapse are made (`time/draft.rs`), and the subtrees that get a temporal split are chosen
+//! and its collapse are made (`time/drafting.rs`), and the subtrees that get a temporal split are chosen
 //! (`time/choose.rs`). Those are written first, each below a time node of its own; then the rest of the tree, in which
 //! they are children like leaf blocks.
 
@@ -22,7 +22,7 @@ use crate::progress::Progress;
 use crate::simd::{Arena, LANES, fill, huge_vec};
 use crate::time::{
     Draft, DraftParams, Region, SharedLeaves, TimeSlice, WhenToReinsert, any_changes, any_is_left_out, draft_sample,
-    draft_tree, held_in, prefetch_blocks, regions, share_of_slices,
+    draft_tree, held_in, regions, share_of_slices,
 };
 use crate::tuning::lazy::NEIGHBOURS;
 use crate::tuning::slices::LEAST_TREELET;
@@ -432,7 +432,7 @@ fn leaf_blocks<S: WideSource>(
     let far = set.bytes() > NEAR;
     for (i, (node, block)) in of.iter().zip(blocks).enumerate() {
         if far {
-            prefetch_blocks(set, draft, of, i, draft.over);
+            draft.prefetch(set, of, i, draft.over);
         }
         let of = draft.references(node);
         let ids = &mut Reference::ids(of)[..of.len()];

@@ -14,7 +14,8 @@
 //! dissimilar halves is rejected, its halves are tried separately: slow stars around a fast core would hide the core.
 //! Neighbours with the same decision are joined into one region, so a homogeneous scene gets one tree with one split.
 
-use super::draft::{Draft, DraftParams};
+use super::draft::Draft;
+use super::drafting::DraftParams;
 use super::treelets::{Treelet, treelets};
 use super::trials::{Trial, decide};
 use crate::bvh::BinaryNode;
@@ -253,7 +254,7 @@ fn is_nearly_all(draft: &Draft, x: u32) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::draft::{WhenToReinsert, draft_tree};
+    use super::super::drafting::{WhenToReinsert, draft_tree};
     use super::super::time_slice::TimeSlice;
     use super::*;
     use crate::params::WideParams;

@@ -2,6 +2,7 @@
 
 mod choose;
 mod draft;
+mod drafting;
 mod existence;
 mod slices;
 mod time_slice;
@@ -9,7 +10,8 @@ mod treelets;
 mod trials;
 
 pub(crate) use choose::{Region, regions};
-pub(crate) use draft::{Draft, DraftParams, WhenToReinsert, draft_sample, draft_tree, prefetch_blocks};
+pub(crate) use draft::Draft;
+pub(crate) use drafting::{DraftParams, WhenToReinsert, draft_sample, draft_tree};
 pub(crate) use existence::{any_changes, any_is_left_out, held_in, share_of_slices};
 pub(crate) use slices::SharedLeaves;
 pub(crate) use time_slice::{TimeSlice, time_slice};

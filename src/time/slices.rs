@@ -1,6 +1,6 @@
 //! A temporal split with shared leaves: one hierarchy per time slice over the same leaf blocks.
 
-use super::draft::{Draft, prefetch_blocks};
+use super::draft::Draft;
 use super::existence::meet;
 use super::time_slice::{TimeSlice, time_slice};
 use crate::bvh::{BinaryNode, BinaryTree, Collapse, Reference, SurfaceDensity, build_binary, leaf_cost};
@@ -109,7 +109,7 @@ fn bounds_in<S: PrimitiveSet>(
         }
         let mut intervals = Intervals::new(&over);
         for (i, (cluster, bounds)) in clusters.iter().zip(bounds.chunks_mut(over.len())).enumerate() {
-            prefetch_blocks(set, draft, clusters, i, needed);
+            draft.prefetch(set, clusters, i, needed);
             include_slice_bounds(set, draft.references(cluster), draft, (&mut intervals, &times), bounds);
         }
         progress.finished(clusters.len() as f64);
@@ -140,7 +140,7 @@ fn boundary<S: PrimitiveSet>(
     }
     let mut boxes = huge_vec(clusters.len());
     fill(&mut boxes, clusters.len(), |i| {
-        prefetch_blocks(set, draft, clusters, i, over);
+        draft.prefetch(set, clusters, i, over);
         draft.references(&clusters[i]).iter().fold(Box3::EMPTY, |b, r| {
             let Some(bounds) = set.corner_bounds(r.id(), over) else { return b };
             b.union(bounds.union().swept().pad(bounds.slack))

@@ -151,7 +151,7 @@ fn changing_sample<S: PrimitiveSet>(set: &S, draft: &Draft, mut x: u32) -> (u32,
 
 #[cfg(test)]
 mod tests {
-    use super::super::draft::{DraftParams, WhenToReinsert, draft_tree};
+    use super::super::drafting::{DraftParams, WhenToReinsert, draft_tree};
     use super::super::time_slice::TimeSlice;
     use super::*;
     use crate::params::WideParams;

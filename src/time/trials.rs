@@ -4,7 +4,8 @@
 //! each sample, and compares its cost with that of the undivided tree during the same slice. Trees for the shortest slices come
 //! first: no division costs a ray fewer steps, so they tell which ones are worth a trial at all.
 
-use super::draft::{Draft, DraftParams, PresplitDecision, WhenToReinsert, draft_tree};
+use super::draft::{Draft, PresplitDecision};
+use super::drafting::{DraftParams, WhenToReinsert, draft_tree};
 use super::existence::{held_in, share_of_slices, slices_with};
 use super::slices::SharedLeaves;
 use super::time_slice::TimeSlice;
