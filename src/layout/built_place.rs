@@ -5,9 +5,9 @@
 //! extent has grown, the cost is computed for the rays that meet the former box as well: with the parts of all boxes that lie in
 //! it.
 
+use super::node_boxes::read_box;
 use super::wide_node::{ChildRef, Kind};
 use super::wide_tree::WideTree;
-use super::write::read_box;
 use crate::bvh::{leaf_cost, mean_half_area, motion_factor};
 use crate::geometry::{Aabb, Box3, LinearBounds, LinearBox3, TimeInterval};
 use crate::parallel;

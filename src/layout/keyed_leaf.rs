@@ -15,8 +15,9 @@
 //! | rows | for each key: x y z of v vertices, or nine rows of n corners |
 
 use super::key_rows::KeyRows;
-use super::leaf_block::{WideSource, set_sizes, write_corners};
+use super::triangle_leaf::{set_sizes, write_corners};
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
+use super::wide_source::WideSource;
 use crate::geometry::KeyTime;
 use crate::primitive::{Shared, Triangles};
 use crate::simd::{Arena, LANES, SimdLevel, dispatch};

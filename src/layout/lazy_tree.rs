@@ -16,12 +16,12 @@
 //! meanwhile. The same holds for the decision on a group, which a thread makes or waits for before it builds. (Functions of custom
 //! primitives, which both call, must not wait for others either: see [`Primitive`](crate::Primitive).)
 
-use super::leaf_block::{WideSource, write_list};
 use super::left_out::InSlices;
 use super::statistics::Statistics;
 use super::tree_box::TreeBox;
 use super::wide_builder::most_in_subtree;
-use super::wide_node::ChildRef;
+use super::wide_node::{ChildRef, Kind};
+use super::wide_source::WideSource;
 use super::wide_tree::{BlockMasks, WideTree};
 use super::write::Nodes;
 use crate::bvh::{BinaryNode, Collapse, SurfaceDensity, coarse_tree, leaf_cost};
@@ -220,7 +220,7 @@ fn top(binary: &[BinaryNode], subtrees: &[Subtree], over: TimeInterval) -> Resul
     let leaves = |arena: &mut Arena, of: &[BinaryNode], lists: &mut [ChildRef]| {
         for (node, list) in of.iter().zip(lists) {
             let subtree = subtrees.partition_point(|subtree| subtree.first < node.first);
-            *list = write_list(arena, &[subtree as u32]).ok_or(BuildError::TooLargeTree)?;
+            *list = write_listed(arena, subtree as u32).ok_or(BuildError::TooLargeTree)?;
         }
         Ok(())
     };
@@ -230,4 +230,12 @@ fn top(binary: &[BinaryNode], subtrees: &[Subtree], over: TimeInterval) -> Resul
     top.arena.compact();
     top.counts = top.counted_nodes();
     Ok(top)
+}
+
+/// Writes a leaf of the coarse tree, which lists one subtree.
+fn write_listed(arena: &mut Arena, subtree: u32) -> Option<ChildRef> {
+    arena.align();
+    let at = arena.grow(1);
+    arena.ints_mut()[at] = subtree;
+    ChildRef::new(Kind::OtherLeaf, at, 1)
 }

@@ -1,8 +1,8 @@
 //! Checking a lazy tree: the coarse tree, and the subtrees built so far.
 
 use super::lazy_tree::LazyTree;
-use super::leaf_block::WideSource;
 use super::validation_error::ValidationError;
+use super::wide_source::WideSource;
 use super::wide_validate::TIMES;
 use crate::geometry::Frame;
 use crate::primitive::PrimitiveSet;

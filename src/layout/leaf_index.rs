@@ -1,10 +1,10 @@
 //! Indexing a finished tree in one pass: its depth and counts, and the leaf block that holds each triangle.
 
 use super::keyed_leaf::KeyedLeaf;
-use super::leaf_block::WideSource;
 use super::needed_segments::needed_segments;
 use super::statistics::Statistics;
 use super::wide_node::{ChildRef, Kind, node_rows};
+use super::wide_source::WideSource;
 use super::wide_tree::{Counts, WideTree};
 use crate::parallel;
 use crate::primitive::{PrimitiveSet, Triangles};

@@ -7,8 +7,8 @@
 //! For more than two keys `primitive/tubes.rs` computes the bounds.
 
 use super::keyed_leaf::KeyedLeaf;
-use super::leaf_block::{MovedLeaf, bounds_of};
 use super::wide_node::{CORNER_ROWS, Kind, Sizes, VERTEX_ROWS};
+use super::wide_source::{MovedLeaf, bounds_of};
 use crate::geometry::{KeyTime, LinearBox3, TimeInterval};
 use crate::primitive::{FaceLanes, RowsOfKeys, Shared, Triangles, Window, at_corners, bounds_of_faces};
 use crate::simd::{

@@ -1,8 +1,9 @@
 //! Rewriting the coordinates of leaf blocks, when a tree is refitted.
 
 use super::keyed_leaf::KeyedLeaf;
-use super::leaf_block::{MovedLeaf, set_sizes};
-use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
+use super::triangle_leaf::set_sizes;
+use super::wide_node::{ChildRef, Kind};
+use super::wide_source::MovedLeaf;
 use crate::geometry::LinearBox3;
 use crate::primitive::{Shared, Triangles};
 use crate::simd::{LANES, prefetch};
@@ -33,12 +34,13 @@ impl Triangles {
         let MovedLeaf { leaf, ids, level, .. } = of;
         let n = leaf.len();
         let again = |words: &[u32], numbers: usize| Shared::again(self, ids, &words[numbers..], n);
-        // The word that the sizes share, or have for themselves, too.
+        // What follows the rows: the sizes, or the vertex numbers, whose first word has them too.
+        let behind = leaf.kind().leaf_rows() * n;
         let (changed, sizes) = match leaf.kind() {
-            Kind::StaticLeaf => (self.fill_own(words, ids, 1), CORNER_ROWS * n),
-            Kind::Leaf => (self.fill_own(words, ids, 2), 2 * CORNER_ROWS * n),
-            Kind::SharedStaticLeaf => (again(words, VERTEX_ROWS * n).fill(self, words, 1), VERTEX_ROWS * n),
-            Kind::SharedLeaf => (again(words, 2 * VERTEX_ROWS * n).fill(self, words, 2), 2 * VERTEX_ROWS * n),
+            Kind::StaticLeaf => (self.fill_own(words, ids, 1), behind),
+            Kind::Leaf => (self.fill_own(words, ids, 2), behind),
+            Kind::SharedStaticLeaf => (again(words, behind).fill(self, words, 1), behind),
+            Kind::SharedLeaf => (again(words, behind).fill(self, words, 2), behind),
             Kind::OtherLeaf => {
                 let keyed = KeyedLeaf::of(words, n);
                 let shared = keyed.shared.then(|| again(words, keyed.vertices()));

@@ -1,7 +1,7 @@
 //! Counting what time slices leave out because it does not exist in them.
 
-use super::leaf_block::WideSource;
 use super::wide_node::{ChildRef, Kind};
+use super::wide_source::WideSource;
 use super::wide_tree::WideTree;
 
 /// Primitives below temporal splits, each counted once for each time slice.

@@ -11,7 +11,7 @@
 //! Of a lazy tree (`lazy_tree`) the nodes near the root are written at once, and each subtree below them when a query
 //! first enters it.
 //!
-//! A draft (`crate::time`) is written (`wide_builder`, `write`) in the format of `wide_node` and `leaf_block`, and
+//! A draft (`crate::time`) is written (`wide_builder`, `write`) in the format of `wide_node` and the leaf blocks, and
 //! assembled (`assemble`). Then the tree is indexed in one pass (`leaf_index`): corners are stored in leaf blocks
 //! only, and those of a single triangle are found there (`corners`).
 
@@ -25,7 +25,6 @@ mod key_rows;
 mod keyed_leaf;
 mod lazy_tree;
 mod lazy_validate;
-mod leaf_block;
 mod leaf_ids;
 mod leaf_index;
 mod leaf_lanes;
@@ -43,11 +42,13 @@ mod shared_blocks;
 mod sphere_leaf;
 mod statistics;
 mod tree_box;
+mod triangle_leaf;
 mod validation_error;
 mod wide_builder;
 mod wide_check;
 mod wide_file;
 mod wide_node;
+mod wide_source;
 mod wide_tree;
 mod wide_validate;
 mod write;
@@ -55,7 +56,6 @@ mod write;
 pub(crate) use built_place::BuiltPlace;
 pub(crate) use keyed_leaf::{KeyedLeaf, KeyedRows};
 pub(crate) use lazy_tree::LazyTree;
-pub(crate) use leaf_block::WideSource;
 pub(crate) use leaf_lanes::{Between, CornerLanes, sphere_row};
 pub(crate) use list_boxes::ListBoxes;
 pub(crate) use refit::Moved;
@@ -68,4 +68,5 @@ pub use validation_error::ValidationError;
 pub(crate) use wide_node::{
     CORNER_ROWS, ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS, VERTEX_ROWS, block_sizes, inverse_extent, shared_count,
 };
+pub(crate) use wide_source::WideSource;
 pub(crate) use wide_tree::{BlockMasks, WideTree};

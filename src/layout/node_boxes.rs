@@ -1,4 +1,4 @@
-//! The boxes of a node, written sixteen at once.
+//! The boxes of a node, written sixteen at once, and read one by one.
 //!
 //! A face of a box is the line that a query evaluates as `at + velocity * t`. It goes through a bound at both ends of an
 //! interval and is moved outward until the *computed* `at + velocity * t` holds the bound at every time of the interval.
@@ -208,6 +208,30 @@ impl Write<'_> {
             velocity: s.select(are_still, s.splat(0.0), s.narrow_all(velocity)),
         }
     }
+}
+
+/// Linear bounds of the contents of a box of the node that begins at `words[0]`, slightly wider than those that were
+/// written.
+///
+/// Products of f32 are exact in f64, and the rounding of the sum is far less than the f32 step that each face is moved
+/// outward.
+pub(super) fn read_box(words: &[u32], kind: Kind, lane: usize, over: TimeInterval) -> LinearBox3 {
+    let word = |row: usize| f32::from_bits(words[row * LANES + lane]);
+    let face = |row: usize, time: f32, side: f64| {
+        let velocity = if kind == Kind::Node { word(row + 6) } else { 0.0 };
+        match velocity {
+            0.0 => word(row),
+            _ => {
+                let at = (f64::from(word(row)) + f64::from(velocity) * f64::from(time)) as f32;
+                if side > 0.0 { at.next_up() } else { at.next_down() }
+            }
+        }
+    };
+    let at = |time: f32| Box3 {
+        min: Vec3::from([0, 2, 4].map(|row| face(row, time, -1.0))),
+        max: Vec3::from([1, 3, 5].map(|row| face(row, time, 1.0))),
+    };
+    LinearBox3 { begin: at(over.begin()), end: at(over.end()) }
 }
 
 /// The next greater floats ([`f32::next_up`]).

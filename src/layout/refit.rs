@@ -10,15 +10,14 @@
 //! ray tracing using space subdivision", 1990). Its growth tells when a new tree is better (Lauterbach et al., "RT-DEFORM", 2006,
 //! use ratios of areas).
 
-use super::leaf_block::{MovedLeaf, WideSource};
 use super::leaf_ids::ids_of_leaf;
-use super::node_boxes::{BoxRows, MeasuredBoxes};
+use super::node_boxes::{BoxRows, MeasuredBoxes, read_box};
 use super::refit_parts::Parts;
 use super::refit_plan::{Above, RefitPlan, Slice, Touched};
 use super::shared_blocks::{SharedBlocks, SharedBounds, SharedLeaf};
 use super::wide_node::{ChildRef, Kind, node_rows};
+use super::wide_source::{MovedLeaf, WideSource};
 use super::wide_tree::WideTree;
-use super::write::read_box;
 use crate::bvh::{leaf_cost, mean_half_area, motion_factor};
 use crate::geometry::{Aabb, Box3, LinearBounds, LinearBox3, TimeInterval, ULP};
 use crate::parallel;

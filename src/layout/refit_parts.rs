@@ -13,10 +13,10 @@
 //! - the rounding of weights, first in f64 and then to f32, by less than 2^-23 in all: it moves the point by less than 2^-22 of the
 //!   extent of the triangle and of its corners' bounds.
 
-use super::leaf_block::WideSource;
+use super::node_boxes::read_box;
 use super::wide_node::ChildRef;
+use super::wide_source::WideSource;
 use super::wide_tree::WideTree;
-use super::write::read_box;
 use crate::geometry::{Aabb, CornerBounds, LinearBox3, Polygon, TimeInterval, ULP};
 use core::ops::Range;
 use glam::DVec3;

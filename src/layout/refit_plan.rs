@@ -7,12 +7,12 @@
 
 use super::built_place::BuiltPlace;
 use super::keyed_leaf::KeyedLeaf;
-use super::leaf_block::WideSource;
 use super::leaf_ids::ids_of_leaf;
 use super::refit_parts::Parts;
 use super::shared_blocks::{SharedBlocks, shared_leaves};
 use super::sphere_leaf::SphereLeaf;
 use super::wide_node::{ChildRef, Kind, node_rows};
+use super::wide_source::WideSource;
 use super::wide_tree::WideTree;
 use crate::geometry::TimeInterval;
 use crate::simd::LANES;

@@ -7,8 +7,8 @@
 //! they are children like leaf blocks.
 
 use super::keyed_leaf::KeyedRows;
-use super::leaf_block::WideSource;
 use super::wide_node::{ChildRef, MOST_ARENA_BYTES};
+use super::wide_source::WideSource;
 use super::wide_tree::WideTree;
 use super::write::{Nodes, set_children, words_of_nodes, write_blocks, write_node, write_time};
 use crate::bvh::{BinaryNode, Reference, ReplacedSubtree};

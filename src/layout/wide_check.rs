@@ -6,12 +6,12 @@
 //! and corners are not checked: wrong ones cause wrong answers ([`WideTree::validate`] finds those), but no panics.
 
 use super::keyed_leaf::KeyedLeaf;
-use super::leaf_block::WideSource;
 use super::leaf_ids::ids_of_leaf;
 use super::leaf_index::Found;
 use super::node_boxes::NOWHERE;
 use super::sphere_leaf::SphereLeaf;
 use super::wide_node::{ChildRef, Kind, node_rows, shared_count};
+use super::wide_source::WideSource;
 use super::wide_tree::{Counts, WideTree};
 use crate::file::{FileError, broken, require};
 use crate::limits::{MAX_MESH_KEYS, MAX_TIME_SLICES};

@@ -1,8 +1,8 @@
 //! The wide layout in files: its blocks as they are in memory, and the fields that cannot be derived from them.
 
 use super::keyed_leaf::KeyedRows;
-use super::leaf_block::WideSource;
 use super::wide_node::ChildRef;
+use super::wide_source::WideSource;
 use super::wide_tree::WideTree;
 use crate::file::{Decoder, Encoder, FileError};
 use crate::simd::{Arena, LANES};

@@ -1,8 +1,8 @@
 //! Checking a finished wide tree.
 
-use super::leaf_block::WideSource;
 use super::validation_error::ValidationError;
 use super::wide_node::{ChildRef, Kind, node_rows};
+use super::wide_source::WideSource;
 use super::wide_tree::WideTree;
 use crate::geometry::Box3;
 use crate::primitive::{PrimitiveSet, Triangles};

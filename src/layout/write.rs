@@ -8,11 +8,10 @@ use super::node_boxes::BoxRows;
 use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS, children_mut};
 use crate::bvh::{BinaryNode, Collapse, WideChild, mean_half_area};
 use crate::error::BuildError;
-use crate::geometry::{Box3, LinearBox3, TimeInterval};
+use crate::geometry::{LinearBox3, TimeInterval};
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES, Mask, SimdLevel};
 use crate::tuning::wide::BYTES_PER_REFERENCE;
-use glam::Vec3;
 
 /// Writes the node's boxes and returns its reference; the children follow with [`set_children`].
 pub(crate) fn write_node(arena: &mut Arena, boxes: &[LinearBox3], over: TimeInterval) -> Result<ChildRef, BuildError> {
@@ -27,30 +26,6 @@ pub(crate) fn write_node(arena: &mut Arena, boxes: &[LinearBox3], over: TimeInte
     boxes.iter().enumerate().for_each(|(lane, of)| rows.set(lane, of));
     rows.write(words, kind, Mask::MAX, over, SimdLevel::best());
     Ok(node)
-}
-
-/// Linear bounds of the contents of a box of the node that begins at `words[0]`, slightly wider than those that were
-/// written.
-///
-/// Products of f32 are exact in f64, and the rounding of the sum is far less than the f32 step that each face is moved
-/// outward.
-pub(super) fn read_box(words: &[u32], kind: Kind, lane: usize, over: TimeInterval) -> LinearBox3 {
-    let word = |row: usize| f32::from_bits(words[row * LANES + lane]);
-    let face = |row: usize, time: f32, side: f64| {
-        let velocity = if kind == Kind::Node { word(row + 6) } else { 0.0 };
-        match velocity {
-            0.0 => word(row),
-            _ => {
-                let at = (f64::from(word(row)) + f64::from(velocity) * f64::from(time)) as f32;
-                if side > 0.0 { at.next_up() } else { at.next_down() }
-            }
-        }
-    };
-    let at = |time: f32| Box3 {
-        min: Vec3::from([0, 2, 4].map(|row| face(row, time, -1.0))),
-        max: Vec3::from([1, 3, 5].map(|row| face(row, time, 1.0))),
-    };
-    LinearBox3 { begin: at(over.begin()), end: at(over.end()) }
 }
 
 /// Fills in the children of a node.
