@@ -2,7 +2,6 @@
 
 use super::keyed_leaf::KeyedLeaf;
 use super::needed_segments::needed_segments;
-use super::statistics::Statistics;
 use super::wide_node::{ChildRef, Kind, node_rows};
 use super::wide_source::WideSource;
 use super::wide_tree::{Counts, WideTree};
@@ -21,35 +20,42 @@ struct Visit {
     depth: u32,
 }
 
-/// The counts and leaves of a subtree.
+/// The nodes and leaves of a subtree.
 #[derive(Default)]
 pub(super) struct Found {
-    pub depth: u32,
-    pub nodes: usize,
-    pub moving_nodes: usize,
+    /// The counts of nodes.
+    counts: Counts,
     /// Leaf blocks; below time nodes some may occur several times.
-    pub leaves: Vec<u32>,
-    pub time_nodes: usize,
+    leaves: Vec<ChildRef>,
 }
 
 impl Found {
     /// Counts a node.
     pub fn add_node(&mut self, kind: Kind) {
-        self.nodes += 1;
-        self.moving_nodes += usize::from(kind == Kind::Node);
-        self.time_nodes += usize::from(kind == Kind::Time);
+        self.counts.nodes += 1;
+        self.counts.moving_nodes += usize::from(kind == Kind::Node);
+        self.counts.time_nodes += usize::from(kind == Kind::Time);
     }
 
     /// Records a leaf block.
     pub fn add_leaf(&mut self, leaf: ChildRef, depth: u32) {
-        self.depth = self.depth.max(depth);
-        self.leaves.push(leaf.0);
+        self.counts.depth = self.counts.depth.max(depth);
+        self.leaves.push(leaf);
+    }
+
+    /// Adds what was found in another subtree.
+    fn append(&mut self, other: Found) {
+        self.counts.depth = self.counts.depth.max(other.counts.depth);
+        self.counts.nodes += other.counts.nodes;
+        self.counts.moving_nodes += other.counts.moving_nodes;
+        self.counts.time_nodes += other.counts.time_nodes;
+        self.leaves.extend(other.leaves);
     }
 
     /// Removes duplicate leaf blocks, which occur only below time nodes.
     pub fn each_leaf_once(&mut self) {
-        if self.time_nodes > 0 {
-            self.leaves.sort_unstable();
+        if self.counts.time_nodes > 0 {
+            self.leaves.sort_unstable_by_key(|leaf| leaf.0);
             self.leaves.dedup();
         }
     }
@@ -97,28 +103,14 @@ impl WideTree {
 
     /// Counts without reading leaves.
     pub(super) fn counted_nodes(&self) -> Counts {
-        let Found { depth, nodes, moving_nodes, leaves, .. } = self.traversed();
-        Counts { depth, nodes, moving_nodes, leaves: leaves.len(), ..Counts::default() }
+        let Found { counts, leaves } = self.traversed();
+        Counts { leaves: leaves.len(), ..counts }
     }
 
     /// Counts only.
     pub(crate) fn counted<S: WideSource>(&self, set: &S) -> Counts {
         let Ok(counts) = self.count(set, &self.traversed(), &[], unchecked);
         counts
-    }
-
-    /// Counts, and records the block of each triangle unless `blocks` is empty. `check` validates each leaf block first.
-    fn count<S: WideSource, E: Send>(
-        &self,
-        set: &S,
-        found: &Found,
-        blocks: &[AtomicU32],
-        check: impl Fn(ChildRef) -> Result<(), E> + Sync,
-    ) -> Result<Counts, E> {
-        let (references, static_references) = self.find_blocks(set, found, blocks, check)?;
-        let &Found { depth, nodes, moving_nodes, time_nodes, .. } = found;
-        let leaves = found.leaves.len();
-        Ok(Counts { depth, nodes, moving_nodes, time_nodes, leaves, references, static_references })
     }
 
     /// The counts of all nodes, and all leaf blocks.
@@ -141,13 +133,7 @@ impl WideTree {
             }
             found
         });
-        for found in found {
-            all.depth = all.depth.max(found.depth);
-            all.nodes += found.nodes;
-            all.moving_nodes += found.moving_nodes;
-            all.time_nodes += found.time_nodes;
-            all.leaves.extend(found.leaves);
-        }
+        found.into_iter().for_each(|found| all.append(found));
         all.each_leaf_once();
         all
     }
@@ -172,30 +158,27 @@ impl WideTree {
     }
 
     /// Prefetches the ids of a leaf block, or the header that locates them: in large trees they come from memory.
-    fn prefetch_ids(&self, block: u32) {
-        let block = ChildRef(block);
+    fn prefetch_ids(&self, block: ChildRef) {
         self.arena.prefetch(block.at() + block.kind().leaf_rows() * block.len(), 2);
     }
 
-    /// Records a leaf block for each triangle, and returns the number of references in all blocks together, and in
-    /// those of static triangles. If several blocks hold a triangle the first is recorded, so that the result does not
-    /// depend on the threads. `check` validates each block before it is read.
-    fn find_blocks<S: WideSource, E: Send>(
+    /// Counts, and records a leaf block for each triangle unless `blocks` is empty. If several blocks hold a triangle the first is
+    /// recorded, so that the result does not depend on the threads. `check` validates each block before it is read.
+    fn count<S: WideSource, E: Send>(
         &self,
         set: &S,
         found: &Found,
         blocks: &[AtomicU32],
         check: impl Fn(ChildRef) -> Result<(), E> + Sync,
-    ) -> Result<(usize, usize), E> {
-        let several = self.presplit || found.time_nodes > 0;
-        let references = parallel::chunks(found.leaves.len(), |range| {
+    ) -> Result<Counts, E> {
+        let several = self.presplit || found.counts.time_nodes > 0;
+        let parts = parallel::chunks(found.leaves.len(), |range| {
             let leaves = &found.leaves[range];
             let (mut references, mut of_static) = (0, 0);
             for (i, &leaf) in leaves.iter().enumerate() {
                 if let Some(&soon) = leaves.get(i + SOON) {
                     self.prefetch_ids(soon);
                 }
-                let leaf = ChildRef(leaf);
                 check(leaf)?;
                 let ids = self.ids(leaf).unwrap_or(&[]);
                 references += ids.len();
@@ -224,20 +207,23 @@ impl WideTree {
             }
             Ok((references, of_static))
         });
-        references.into_iter().try_fold((0, 0), |a, b| b.map(|b: (usize, usize)| (a.0 + b.0, a.1 + b.1)))
+        let mut counts = Counts { leaves: found.leaves.len(), ..found.counts };
+        for part in parts {
+            let (references, of_static) = part?;
+            counts.references += references;
+            counts.static_references += of_static;
+        }
+        Ok(counts)
     }
 
     /// The time slices for which a leaf block has all keys that a triangle of more than two keys needs while it exists.
     fn slices_of_one(&self, triangles: &Triangles, id: u32, leaf: ChildRef) -> Range<usize> {
         let keyed = KeyedLeaf::read(self.arena.ints(), leaf);
         let active = triangles.active(id);
-        let held = |&index: &usize| {
-            let slice = TimeSlice { index, of: self.slices };
+        first_run(self.slices, |slice| {
             active.intersect(slice.query_times()).is_some()
                 && keyed.holds(needed_segments(triangles, &[id], keyed.segments + 1, slice))
-        };
-        let first = (0..self.slices).find(held).unwrap_or(0);
-        first..(first..self.slices).take_while(held).last().map_or(first, |last| last + 1)
+        })
     }
 
     /// The time slices for which a leaf block has all keys; `0..1` for blocks that have the keys of the whole shutter.
@@ -246,31 +232,13 @@ impl WideTree {
             return 0..1;
         }
         let keyed = KeyedLeaf::read(self.arena.ints(), leaf);
-        let held = |&index: &usize| keyed.holds(TimeSlice { index, of: self.slices }.segments(keyed.segments + 1));
-        let first = (0..self.slices).find(held).unwrap_or(0);
-        first..(first..self.slices).take_while(held).last().map_or(first, |last| last + 1)
+        first_run(self.slices, |slice| keyed.holds(slice.segments(keyed.segments + 1)))
     }
+}
 
-    /// The statistics of the tree, but for what time slices leave out ([`WideTree::left_out`]).
-    pub fn statistics<S: WideSource>(&self, set: &S) -> Statistics {
-        let Counts { depth, nodes, leaves, references, time_nodes, static_references, .. } = self.counts;
-        let primitives = set.len() - set.hidden().len();
-        let duplicates = references - primitives.min(references);
-        Statistics {
-            primitives,
-            nodes,
-            leaves,
-            depth,
-            references,
-            duplicates: duplicates as f64 / references.max(1) as f64,
-            positions: set.positions()[0],
-            kept_positions: set.positions()[1],
-            static_references,
-            time_nodes,
-            cost: 1.0,
-            bytes: self.arena.bytes(),
-            primitive_bytes: set.bytes() + self.blocks.capacity() * size_of::<u32>() + self.masks.bytes(),
-            ..Statistics::default()
-        }
-    }
+/// The first run of successive slices, of so many, for which something is true.
+fn first_run(count: usize, is_true: impl Fn(TimeSlice) -> bool) -> Range<usize> {
+    let is_true = |index: usize| is_true(TimeSlice { index, of: count });
+    let first = (0..count).find(|&index| is_true(index)).unwrap_or(0);
+    first..(first..count).find(|&index| !is_true(index)).unwrap_or(count)
 }

@@ -1,5 +1,7 @@
 //! Sizes and counts of a finished tree.
 
+use super::wide_source::WideSource;
+use super::wide_tree::{Counts, WideTree};
 use crate::kd::{BuildTimes, KdReference, KdTree, KdView};
 use crate::primitive::PrimitiveSet;
 use core::fmt;
@@ -132,6 +134,31 @@ impl fmt::Display for Bytes {
             bytes if bytes < 1e6 => write!(f, "{:.0} kB", bytes / 1e3),
             bytes if bytes < 1e9 => write!(f, "{:.1} MB", bytes / 1e6),
             bytes => write!(f, "{:.2} GB", bytes / 1e9),
+        }
+    }
+}
+
+impl WideTree {
+    /// The statistics of the tree, but for what time slices leave out ([`WideTree::left_out`]).
+    pub fn statistics<S: WideSource>(&self, set: &S) -> Statistics {
+        let Counts { depth, nodes, leaves, references, time_nodes, static_references, .. } = self.counts;
+        let primitives = set.len() - set.hidden().len();
+        let duplicates = references - primitives.min(references);
+        Statistics {
+            primitives,
+            nodes,
+            leaves,
+            depth,
+            references,
+            duplicates: duplicates as f64 / references.max(1) as f64,
+            positions: set.positions()[0],
+            kept_positions: set.positions()[1],
+            static_references,
+            time_nodes,
+            cost: 1.0,
+            bytes: self.arena.bytes(),
+            primitive_bytes: set.bytes() + self.blocks.capacity() * size_of::<u32>() + self.masks.bytes(),
+            ..Statistics::default()
         }
     }
 }
