@@ -16,10 +16,10 @@
 //! meanwhile. The same holds for the decision on a group, which a thread makes or waits for before it builds. (Functions of custom
 //! primitives, which both call, must not wait for others either: see [`Primitive`](crate::Primitive).)
 
+use super::budget::most_in_subtree;
 use super::left_out::InSlices;
 use super::statistics::Statistics;
 use super::tree_box::TreeBox;
-use super::wide_builder::most_in_subtree;
 use super::wide_node::{ChildRef, Kind};
 use super::wide_source::WideSource;
 use super::wide_tree::{BlockMasks, WideTree};
@@ -71,15 +71,16 @@ const DIVIDING: f64 = 0.98;
 impl LazyTree {
     /// Divides the primitives of a set into subtrees, and builds the tree above them.
     pub fn build<S: WideSource>(set: &S, params: &LazyParams, progress: &Progress) -> Result<LazyTree, BuildError> {
-        let over = TimeInterval::FULL;
         let most = params.subtree.min(most_in_subtree(set));
-        let bounds = |ids: &[u32], out: &mut [LaneBounds]| set.lane_bounds(ids, over, &VertexTubes::default(), out);
+        let bounds = |ids: &[u32], out: &mut [LaneBounds]| {
+            set.lane_bounds(ids, TimeInterval::FULL, &VertexTubes::default(), out)
+        };
         let (binary, ids) = coarse_tree(set.len(), &bounds, most, &progress.subtask(DIVIDING));
         progress.check()?;
         // In preorder, the leaves are in the order of their primitives.
         let leaves = binary.iter().filter(|node| node.right == 0);
         let subtrees: Vec<Subtree> = leaves.map(|leaf| Subtree { first: leaf.first, tree: OnceLock::new() }).collect();
-        let top = top(&binary, &subtrees, over)?;
+        let top = top(&binary, &subtrees)?;
         let groups = groups(&binary, GROUP * most);
         let mut tree = LazyTree { top, ids, subtrees, groups, params: params.wide };
         tree.top.masks = BlockMasks::of(&tree.top, set, |leaf| Some(tree.primitives(tree.below(leaf))));
@@ -207,7 +208,7 @@ fn neighbours<S: WideSource>(set: &S, subtree: &[u32], around: u32) -> Vec<u32> 
 }
 
 /// The tree above the subtrees, which are the leaves of a binary tree.
-fn top(binary: &[BinaryNode], subtrees: &[Subtree], over: TimeInterval) -> Result<WideTree, BuildError> {
+fn top(binary: &[BinaryNode], subtrees: &[Subtree]) -> Result<WideTree, BuildError> {
     let mut top = WideTree::empty(0);
     if binary.is_empty() {
         return Ok(top);
@@ -224,8 +225,15 @@ fn top(binary: &[BinaryNode], subtrees: &[Subtree], over: TimeInterval) -> Resul
         }
         Ok(())
     };
-    top.root = Nodes { binary, collapse: &collapse, over, leaves: &leaves, writes: true, progress: &progress }
-        .write(&mut top.arena)?;
+    top.root = Nodes {
+        binary,
+        collapse: &collapse,
+        over: TimeInterval::FULL,
+        leaves: &leaves,
+        writes: true,
+        progress: &progress,
+    }
+    .write(&mut top.arena)?;
     top.arena.align();
     top.arena.compact();
     top.counts = top.counted_nodes();

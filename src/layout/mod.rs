@@ -17,6 +17,7 @@
 
 mod assemble;
 mod block_masks;
+mod budget;
 mod built_place;
 mod corners;
 mod kd_check;

@@ -6,18 +6,17 @@
 //! (`time/choose.rs`). Those are written first, each below a time node of its own; then the rest of the tree, in which
 //! they are children like leaf blocks.
 
+use super::budget::{ATTEMPTS, allowed_bytes, further_key_bytes, with_less};
 use super::keyed_leaf::KeyedRows;
-use super::wide_node::{ChildRef, MOST_ARENA_BYTES};
+use super::wide_node::ChildRef;
 use super::wide_source::WideSource;
 use super::wide_tree::WideTree;
 use super::write::{Nodes, set_children, words_of_nodes, write_blocks, write_node, write_time};
 use crate::bvh::{BinaryNode, Reference, ReplacedSubtree};
 use crate::error::BuildError;
 use crate::geometry::{LinearBox3, TimeInterval};
-use crate::limits::{MAX_TIME_SLICES, MOST_REFERENCES};
 use crate::parallel;
 use crate::params::{Division, WideParams};
-use crate::primitive::SPHERE_KEY_BYTES;
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES, fill, huge_vec};
 use crate::time::{
@@ -27,7 +26,6 @@ use crate::time::{
 use crate::tuning::lazy::NEIGHBOURS;
 use crate::tuning::slices::LEAST_TREELET;
 use crate::tuning::wide::NEAR;
-use glam::Vec3;
 
 /// A written subtree: its bounds over the whole shutter, and its root.
 struct Subtree {
@@ -70,7 +68,7 @@ impl WideTree {
     /// Builds over some primitives, mostly in spatial order, on one thread; the leaf blocks of single triangles are not
     /// recorded.
     ///
-    /// The tree may be larger than the parameters allow. Fails only beyond the size of [`most_in_subtree`].
+    /// The tree may be larger than the parameters allow. Fails only beyond the size of [`most_in_subtree`](super::budget::most_in_subtree).
     pub(super) fn subtree<S: WideSource>(set: &S, ids: &[u32], params: &DraftParams) -> Result<WideTree, BuildError> {
         parallel::alone(|| {
             // Several ascending runs, of which a merge sort is made.
@@ -81,7 +79,13 @@ impl WideTree {
             if params.wide.division != Division::Whole && !any_changes(set, &ids) {
                 params.wide.division = Division::Whole;
             }
-            WideTree::sorted_subtree(set, &ids, &params)
+            let further = ids.iter().map(|&id| further_key_bytes(set, id)).sum();
+            let budget = allowed_bytes(&params.wide, ids.len(), further);
+            let (listed, held): (Vec<u32>, Vec<u32>) = ids.iter().partition(|&&id| set.is_listed(id));
+            let mut tree = WideTree::fitted(set, [&held, &listed], &params, budget, &Progress::new(None))?;
+            tree.counts = tree.counted(set);
+            tree.find_masks(set);
+            Ok(tree)
         })
     }
 
@@ -98,17 +102,6 @@ impl WideTree {
             };
             DraftParams { wide: WideParams { division, ..params.wide }, ..params }
         })
-    }
-
-    /// [`WideTree::subtree`] over sorted ids.
-    fn sorted_subtree<S: WideSource>(set: &S, ids: &[u32], params: &DraftParams) -> Result<WideTree, BuildError> {
-        let (listed, held): (Vec<u32>, Vec<u32>) = ids.iter().partition(|&&id| set.is_listed(id));
-        let further = ids.iter().map(|&id| further_key_bytes(set, id)).sum();
-        let budget = allowed_bytes(&params.wide, ids.len(), further);
-        let mut tree = WideTree::fitted(set, [&held, &listed], params, budget, &Progress::new(None))?;
-        tree.counts = tree.counted(set);
-        tree.find_masks(set);
-        Ok(tree)
     }
 
     /// Builds over triangles and listed primitives within the allowed bytes, or else with as few as possible.
@@ -369,25 +362,6 @@ fn some_change<S: WideSource>(set: &S, ids: &[u32]) -> bool {
     any_changes(set, &few)
 }
 
-/// Further builds that are tried if a tree is larger than allowed.
-const ATTEMPTS: usize = 2;
-
-/// The parameters after an attempt that took too much memory: the estimates of the choices were too low. The last attempt is
-/// without pre-splitting and temporal splits. `share` is the share of the tree's bytes that is allowed, if these are known.
-fn with_less(wide: WideParams, share: Option<f32>, primitives: usize, attempt: usize) -> WideParams {
-    if attempt + 1 == ATTEMPTS {
-        return WideParams { max_references: 1.0, division: Division::Whole, ..wide };
-    }
-    let most = match share {
-        Some(share) => share * wide.bytes_per_primitive,
-        None => 0.5 * wide.bytes_per_primitive.min(MOST_ARENA_BYTES as f32 / primitives as f32),
-    };
-    WideParams { bytes_per_primitive: 0.8 * most, ..wide }
-}
-
-/// Bytes that every tree may use in addition: the nodes of tiny trees are mostly empty.
-const LEAST_BYTES: usize = 8192;
-
 /// The division of the largest region of a sample, if all regions together have at least half of it.
 fn division_of_most<S: WideSource>(set: &S, draft: &Draft, params: &DraftParams) -> Division {
     let regions = regions(set, draft, params, NEIGHBOURS, &Progress::new(None));
@@ -396,29 +370,6 @@ fn division_of_most<S: WideSource>(set: &S, draft: &Draft, params: &DraftParams)
         return Division::Whole;
     }
     regions.iter().max_by_key(|region| count(region)).map_or(Division::Whole, |region| region.division)
-}
-
-/// The allowed size of a tree: the bytes per primitive, and the positions at further keys.
-fn allowed_bytes(params: &WideParams, primitives: usize, further_key_bytes: usize) -> usize {
-    let bytes = f64::from(params.bytes_per_primitive) * primitives as f64;
-    bytes as usize + further_key_bytes + LEAST_BYTES
-}
-
-/// The most bytes that a triangle takes in leaf blocks for keys beyond the second, and a sphere for all.
-fn further_key_bytes<S: WideSource>(set: &S, id: u32) -> usize {
-    match set.sphere(id) {
-        Some(sphere) => sphere.keys.len() * SPHERE_KEY_BYTES,
-        None => (set.leaf_kind(id) as usize).saturating_sub(2) * size_of::<[Vec3; 3]>(),
-    }
-}
-
-/// A number of primitives that certainly fits one tree ([`WideTree::subtree`]), whatever the parameters are: each split
-/// into as many references as are allowed, with as many separate trees as there can be, of 256 bytes and the keys each.
-pub(super) fn most_in_subtree<S: WideSource>(set: &S) -> usize {
-    const REFERENCES: usize = MOST_REFERENCES * MAX_TIME_SLICES;
-    let any = set.further_key_bytes() > 0;
-    let most = if any { (0..set.len() as u32).map(|id| further_key_bytes(set, id)).max() } else { None };
-    (MOST_ARENA_BYTES / REFERENCES / (256 + most.unwrap_or(0))).max(1)
 }
 
 /// Writes leaf blocks. In large scenes their primitives come from memory, so the next ones are prefetched.
@@ -474,23 +425,10 @@ mod tests {
                 Ok(_) => assert!(division.is_forced(), "{division:?}"),
                 Err(BuildError::OverBudget { bytes, budget }) => {
                     assert!(!division.is_forced() && bytes > budget, "{division:?}");
-                    assert_eq!(budget, 2000 + LEAST_BYTES);
+                    assert_eq!(budget, 2000 + 8192);
                 }
                 Err(other) => panic!("{other}"),
             }
         }
-    }
-
-    #[test]
-    fn after_a_tree_that_is_too_large_less_is_allowed_and_at_last_nothing() {
-        let given = WideParams { bytes_per_primitive: 1000.0, ..WideParams::default() };
-        let half = with_less(given, Some(0.5), 100, 0);
-        assert_eq!((half.bytes_per_primitive, half.division), (400.0, Division::Automatic));
-        // Ten million primitives have 215 bytes each in an arena.
-        let less = with_less(given, None, 10_000_000, 0);
-        assert!((80.0..90.0).contains(&less.bytes_per_primitive), "{less:?}");
-        assert_eq!(with_less(given, None, 100, 0).bytes_per_primitive, 400.0);
-        let last = with_less(given, None, 10_000_000, ATTEMPTS - 1);
-        assert_eq!((last.max_references, last.division), (1.0, Division::Whole));
     }
 }
