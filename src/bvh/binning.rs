@@ -274,13 +274,12 @@ impl Sides {
 /// the units of [`Reference::centre`]. In small `overlapping` nodes only planes across the widest axis are tried: there no
 /// split gains much.
 pub(super) fn find_split(
-    simd: SimdLevel,
     references: &[Reference],
     centres: Box3,
     overlapping: bool,
     table: &mut Table,
 ) -> Option<Split> {
-    let bins = bins_for(references.len());
+    let (simd, bins) = (SimdLevel::best(), bins_for(references.len()));
     let mut binning = Binning::new(centres, bins);
     if overlapping && references.len() <= SMALL {
         binning.keep_widest(centres);
@@ -438,7 +437,8 @@ fn paired1<S: Simd>(s: S, a: S::F, b: S::F) -> S::F {
 }
 
 /// Bounds of references and the box of their centres.
-pub(super) fn summary(simd: SimdLevel, references: &[Reference]) -> (LinearBox3, Box3) {
+pub(super) fn summary(references: &[Reference]) -> (LinearBox3, Box3) {
+    let simd = SimdLevel::best();
     let parts = parallel::chunks(references.len(), |of| dispatch(simd, Summary(&references[of])));
     let nothing = (LinearBox3::EMPTY, Box3::EMPTY);
     parts.into_iter().reduce(|a, b| (a.0.union(b.0), a.1.union(b.1))).unwrap_or(nothing)

@@ -6,13 +6,13 @@
 //! bounded for any input.
 
 use super::binning::{Table, find_split, summary};
-use super::partition::{Partitioned, partition};
+use super::partition::partition;
 use super::reference::Reference;
 use super::visits::{SurfaceDensity, mean_half_area};
 use crate::geometry::{Box3, LinearBox3};
 use crate::parallel;
 use crate::progress::Progress;
-use crate::simd::{SimdLevel, concat, huge_vec};
+use crate::simd::{concat, huge_vec};
 use crate::tuning::wide::{LARGE_LEAF, MANY_BOXES, MIN_OVERLAP};
 use core::ops::RangeInclusive;
 
@@ -70,8 +70,7 @@ pub(crate) fn build_binary(
     if n == 0 {
         return BinaryTree::new();
     }
-    let simd = SimdLevel::best();
-    let (bounds, centres) = summary(simd, references);
+    let (bounds, centres) = summary(references);
     let alone = match parallel::threads() {
         1 => usize::MAX,
         threads => PARALLEL.max(n / (SUBTREES * threads)),
@@ -79,7 +78,7 @@ pub(crate) fn build_binary(
     // A single reference far away makes the root box large, but not the sum over references.
     let (small, bent) = (*leaf.start().max(&1), kinds.is_some());
     let large = density.map(|density| (density, large_visits(density, &bounds, references, small, bent)));
-    let builder = Builder { simd, leaf: small, overlapping_leaf: *leaf.end(), large, alone, kinds, progress };
+    let builder = Builder { leaf: small, overlapping_leaf: *leaf.end(), large, alone, kinds, progress };
     let task = Task { first: 0, depth: 0, overlapping: false, bounds, centres, share: 1.0 };
     let mut subtrees = builder.subtrees(references, task);
     match subtrees.len() {
@@ -112,62 +111,7 @@ fn most_nodes(references: usize, leaf: usize) -> usize {
     4 * references / (leaf.max(1) + 1) + 1
 }
 
-/// The greatest number of references that sample boxes are found among; if there are more, evenly spaced ones are used.
-const SAMPLED: usize = 4096;
-
-/// The least number of references per task when neighbours are collected.
-const PER_TASK: usize = 16384;
-
-/// Groups of about `most` neighbours around evenly spaced references: samples of the tree over all references.
-///
-/// Object splits of a subset of the references find a box around each sample; one pass over all references collects
-/// those with their centres in it.
-pub(crate) fn neighbourhoods(references: &[Reference], count: usize, most: usize) -> Vec<Vec<Reference>> {
-    let step = references.len() / SAMPLED + 1;
-    let mut few: Vec<Reference> = references.iter().step_by(step).copied().collect();
-    let places: Vec<Box3> = (0..count)
-        .map(|i| {
-            let at = (2 * i + 1) * few.len() / (2 * count);
-            summary(SimdLevel::best(), isolate(&mut few, at, most / step)).1
-        })
-        .collect();
-    let chunk = PER_TASK.max(references.len() / 64);
-    let found = parallel::map(references.len().div_ceil(chunk), |task| {
-        let mut found = vec![Vec::new(); count];
-        for r in &references[task * chunk..references.len().min((task + 1) * chunk)] {
-            for (place, found) in places.iter().zip(&mut found) {
-                if place.holds(r.centre().truncate()) {
-                    found.push(*r);
-                }
-            }
-        }
-        found
-    });
-    let mut all = vec![Vec::new(); count];
-    for found in found {
-        for (all, found) in all.iter_mut().zip(found) {
-            all.extend(found.into_iter().take(2 * most - all.len()));
-        }
-    }
-    all
-}
-
-/// Reorders references by object splits until index `at` is in a group of at most `most` neighbours, and returns the
-/// group.
-fn isolate(mut references: &mut [Reference], mut at: usize, most: usize) -> &mut [Reference] {
-    let simd = SimdLevel::best();
-    let (_, mut centres) = summary(simd, references);
-    while references.len() > most.max(1) {
-        let Some(split) = Table::lend(|table| find_split(simd, references, centres, false, table)) else { break };
-        let Partitioned { middle, low, high } = partition(simd, references, &split);
-        let sides = references.split_at_mut(middle);
-        (references, centres, at) = if at < middle { (sides.0, low, at) } else { (sides.1, high, at - middle) };
-    }
-    references
-}
-
 struct Builder<'a> {
-    simd: SimdLevel,
     leaf: usize,
     overlapping_leaf: usize,
     /// The number of visits above which a leaf counts as large, and the density that predicts them; `None` if no leaf
@@ -285,12 +229,13 @@ impl Builder<'_> {
         // Two references can be partitioned in one way only.
         if references.len() > 2
             && task.depth < SAH_DEPTH
-            && let Some(split) = find_split(self.simd, references, task.centres, task.overlapping, table)
+            && let Some(split) = find_split(references, task.centres, task.overlapping, table)
         {
-            let Partitioned { middle, low, high } = partition(self.simd, references, &split);
+            let [low, high] = partition(references, &split);
             let areas = mean_half_area(&split.low) + mean_half_area(&split.high);
             let overlapping = areas >= MIN_OVERLAP * mean_half_area(&task.bounds);
-            return (side(0, overlapping, split.low, low), side(middle, overlapping, split.high, high), middle);
+            let (low, high) = (side(0, overlapping, split.low, low), side(split.middle, overlapping, split.high, high));
+            return (low, high, split.middle);
         }
         self.split_at(references, task, references.len() / 2)
     }
@@ -298,7 +243,7 @@ impl Builder<'_> {
     /// Splits references at an index without reordering them.
     fn split_at(&self, references: &[Reference], task: &Task, middle: usize) -> (Task, Task, usize) {
         let of = |begin: usize, references: &[Reference]| {
-            let (bounds, centres) = summary(self.simd, references);
+            let (bounds, centres) = summary(references);
             let first = task.first + begin as u32;
             Task { first, depth: task.depth + 1, overlapping: false, bounds, centres, share: 0.0 }
         };
@@ -364,7 +309,7 @@ mod tests {
         assert!(after.len() > before.len() && after.len() <= before.len() + 20, "{} {}", before.len(), after.len());
         // No leaf of several references is visited by more than its share of the rays.
         let references = room();
-        let most = large_visits(density, &summary(SimdLevel::best(), &references).0, &references, 8, false);
+        let most = large_visits(density, &summary(&references).0, &references, 8, false);
         let large = |leaves: &[BinaryNode]| leaves.iter().any(|l| l.count > 1 && visits(l) > most);
         assert!(large(&before) && !large(&after));
     }

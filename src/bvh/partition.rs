@@ -12,22 +12,15 @@ use crate::parallel;
 use crate::simd::{Kernel, Lanes, Simd, SimdLevel, dispatch};
 use glam::Vec3;
 
-/// The result of a partition: the number of low references, and the boxes of the centres of both sides.
-pub(super) struct Partitioned {
-    pub middle: usize,
-    pub low: Box3,
-    pub high: Box3,
-}
-
-/// Moves the low side of a split to the front; the order depends on the input only.
-pub(super) fn partition(simd: SimdLevel, references: &mut [Reference], split: &Split) -> Partitioned {
+/// Moves the low side of a split to the front; the order depends on the input only. Returns the boxes of the centres of both sides.
+pub(super) fn partition(references: &mut [Reference], split: &Split) -> [Box3; 2] {
     let centres = match references.len() < PARALLEL {
-        true => dispatch(simd, Partition { references, split }),
-        false => exchanged(simd, references, split),
+        true => dispatch(SimdLevel::best(), Partition { references, split }),
+        false => exchanged(references, split),
     };
     let at = |i: usize| Vec3::new(centres.0[i], centres.0[i + 1], centres.0[i + 2]);
     let boxed = |i: usize| Box3 { min: at(i), max: -at(i + 4) };
-    Partitioned { middle: split.middle, low: boxed(0), high: boxed(8) }
+    [boxed(0), boxed(8)]
 }
 
 /// Partitions a node that stays in the caches.
@@ -157,7 +150,7 @@ impl Kernel for Exchange<'_> {
 }
 
 /// Partitions a large node, by several threads if it was counted in chunks.
-fn exchanged(simd: SimdLevel, references: &mut [Reference], split: &Split) -> Packed {
+fn exchanged(references: &mut [Reference], split: &Split) -> Packed {
     let borders = borders(references, split, parallel::threads());
     let (mut front, mut back) = references.split_at_mut(split.middle);
     let (mut done_front, mut done_back) = (0, split.middle);
@@ -171,6 +164,7 @@ fn exchanged(simd: SimdLevel, references: &mut [Reference], split: &Split) -> Pa
         (done_front, done_back) = (at_front, at_back);
     }
     tasks.push((front, back));
+    let simd = SimdLevel::best();
     let parts = parallel::each(&mut tasks, |(front, back)| dispatch(simd, Exchange { front, back, split }));
     parts.into_iter().fold(Packed::EMPTY, Packed::least)
 }
@@ -241,20 +235,16 @@ mod tests {
             let mut first = None;
             for threads in [1, 2, 3, 7] {
                 let mut references = given.clone();
-                let partitioned = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
-                    let simd = SimdLevel::best();
-                    let (_, centres) = summary(simd, &references);
-                    let split = Table::lend(|table| find_split(simd, &references, centres, false, table)).unwrap();
-                    let partitioned = partition(simd, &mut references, &split);
-                    let sides = split.sides();
-                    let side = |r: &Reference| sides.is_low(r);
-                    assert!(references[..partitioned.middle].iter().all(side));
-                    assert!(!references[partitioned.middle..].iter().any(side));
-                    partitioned
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                let (split, centres) = pool.install(|| {
+                    let (_, centres) = summary(&references);
+                    let split = Table::lend(|table| find_split(&references, centres, false, table)).unwrap();
+                    let centres = partition(&mut references, &split);
+                    (split, centres)
                 });
-                let simd = SimdLevel::best();
-                assert_eq!(partitioned.low, summary(simd, &references[..partitioned.middle]).1);
-                assert_eq!(partitioned.high, summary(simd, &references[partitioned.middle..]).1);
+                let (sides, (low, high)) = (split.sides(), references.split_at(split.middle));
+                assert!(low.iter().all(|r| sides.is_low(r)) && !high.iter().any(|r| sides.is_low(r)));
+                assert_eq!(centres, [summary(low).1, summary(high).1]);
                 let ids: Vec<u32> = references.iter().map(Reference::id).collect();
                 let mut sorted = ids.clone();
                 sorted.sort_unstable();
