@@ -4,7 +4,7 @@
 
 mod binning;
 mod builder;
-mod cells;
+mod coarse_tree;
 mod collapse;
 mod costs;
 mod join_leaves;
@@ -17,7 +17,7 @@ mod replace_subtree;
 mod visits;
 
 pub(crate) use builder::{BinaryNode, BinaryTree, LeafKind, build_binary};
-pub(crate) use cells::coarse_tree;
+pub(crate) use coarse_tree::coarse_tree;
 pub(crate) use collapse::{Collapse, WideChild};
 pub(crate) use costs::{leaf_cost, motion_factor};
 pub(crate) use join_leaves::join_leaves;

@@ -1,4 +1,4 @@
-//! The top levels of a binary tree, by grids.
+//! The coarse tree of a lazy one: the top levels of a binary tree, by grids.
 //!
 //! Object splits visit every reference once per level. If only the first levels are wanted, one pass over the primitives is enough:
 //! each is put into the cell of a grid that holds its centre, and object splits then partition the cells. No reference is stored: a
