@@ -13,7 +13,7 @@
 use super::leaf_ids::ids_of_leaf;
 use super::node_boxes::{BoxRows, MeasuredBoxes, read_box};
 use super::refit_parts::Parts;
-use super::refit_plan::{Above, RefitPlan, Slice, Touched};
+use super::refit_plan::{Above, RefitPlan, Slice, Touched, moved_meshes};
 use super::shared_blocks::{SharedBlocks, SharedBounds, SharedLeaf};
 use super::wide_node::{ChildRef, Kind, node_rows};
 use super::wide_source::{MovedLeaf, WideSource};
@@ -50,7 +50,7 @@ impl Moved {
     /// The numbers of the meshes, unless everything is to be visited.
     fn list(&self) -> Option<Vec<u32>> {
         match self {
-            Moved::Some(meshes) => Some((0..).zip(meshes).filter(|&(_, &moved)| moved).map(|(i, _)| i).collect()),
+            Moved::Some(meshes) => Some(moved_meshes(meshes)),
             Moved::All | Moved::Nothing => None,
         }
     }

@@ -3,7 +3,7 @@
 //!
 //! It also says which parts of split triangles leaf blocks hold ([`super::refit_parts`]).
 //!
-//! The hierarchies of time slices may share leaf blocks (*segments*). Those are stored apart, and are rewritten first.
+//! Leaf blocks that hierarchies of time slices share are stored apart, and are rewritten first.
 
 use super::built_place::BuiltPlace;
 use super::keyed_leaf::KeyedLeaf;
@@ -246,6 +246,11 @@ impl<S: WideSource> Exploration<'_, S> {
     }
 }
 
+/// The numbers of the meshes that are marked.
+pub(super) fn moved_meshes(moved: &[bool]) -> Vec<u32> {
+    (0..).zip(moved).filter(|&(_, &moved)| moved).map(|(mesh, _)| mesh).collect()
+}
+
 /// Records that a part holds these meshes, of which some may be repeated.
 fn add(to: &mut Holders, meshes: &mut [u32], part: usize) {
     meshes.sort_unstable();
@@ -257,9 +262,7 @@ impl WideTree {
     /// and in the few leaf blocks that are the whole tree or a whole time slice, since these have no box in a node. `None` if there
     /// are more than `most`.
     pub fn beside<S: WideSource>(&self, set: &S, moved: &[bool], plan: &RefitPlan, most: usize) -> Option<Vec<u32>> {
-        let list = (0..).zip(moved).filter(|&(_, &moved)| moved).map(|(mesh, _)| mesh);
-        let list: Vec<u32> = list.collect();
-        let touched = plan.mixed_of.of_meshes(&list, plan.mixed.len());
+        let touched = plan.mixed_of.of_meshes(&moved_meshes(moved), plan.mixed.len());
         let mixed = plan.mixed.iter().zip(touched).filter(|&(_, touched)| touched).map(|(&leaf, _)| leaf);
         let times = plan.above.iter().filter(|above| above.at.kind() == Kind::Time);
         let slices = times.flat_map(|above| self.children(above.at));

@@ -1,6 +1,5 @@
 //! Boxes around all that a tree holds.
 
-use super::compiled::Layout;
 use super::ray_tree::{Geometry, RayTree};
 use crate::geometry::{Aabb, LinearBounds};
 
@@ -44,21 +43,13 @@ impl<G: Geometry> RayTree<G> {
 
     /// Linear bounds of all primitives over the shutter, in world space, as wide as the boxes of queries.
     fn own_bounds(&self) -> LinearBounds {
-        let swept = LinearBounds::fixed(self.geometry.frame().bounds);
-        match &self.layout {
-            Layout::Wide(tree) => tree.linear_bounds(self.geometry.frame()).unwrap_or(swept),
-            Layout::Lazy(tree) => tree.top.linear_bounds(self.geometry.frame()).unwrap_or(swept),
-            Layout::Kd(_) => swept,
-        }
+        let bounds = self.layout.top().and_then(|tree| tree.linear_bounds(self.frame()));
+        bounds.unwrap_or(LinearBounds::fixed(self.frame().bounds))
     }
 
     /// Linear bounds of several subtrees, which together hold all primitives.
     pub(crate) fn linear_bounds_of_subtrees(&self) -> Vec<LinearBounds> {
-        let subtrees = match &self.layout {
-            Layout::Wide(tree) => tree.bounds_of_children(self.geometry.frame()),
-            Layout::Lazy(tree) => tree.top.bounds_of_children(self.geometry.frame()),
-            Layout::Kd(_) => None,
-        };
+        let subtrees = self.layout.top().and_then(|tree| tree.bounds_of_children(self.frame()));
         subtrees.unwrap_or_else(|| vec![self.own_bounds()])
     }
 }

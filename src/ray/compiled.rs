@@ -53,13 +53,18 @@ pub(crate) enum Layout {
 }
 
 impl Layout {
+    /// The wide tree at the top: all of a wide tree, or what is above the subtrees of a lazy one.
+    pub fn top(&self) -> Option<&WideTree> {
+        match self {
+            Layout::Wide(tree) => Some(tree),
+            Layout::Lazy(tree) => Some(&tree.top),
+            Layout::Kd(_) => None,
+        }
+    }
+
     /// The outline of a tree with this layout.
     pub fn outline(&self, frame: &Frame) -> Outline {
-        let bounds = match self {
-            Layout::Wide(tree) => tree.linear_bounds(&Frame::WORLD),
-            Layout::Lazy(tree) => tree.top.linear_bounds(&Frame::WORLD),
-            Layout::Kd(_) => None,
-        };
+        let bounds = self.top().and_then(|tree| tree.linear_bounds(&Frame::WORLD));
         let swept = || LinearBounds::fixed(Frame::WORLD.box_to_world(frame.outward(frame.bounds)));
         Outline::new(&bounds.unwrap_or_else(swept), frame)
     }
