@@ -3,7 +3,7 @@
 //! For tests after builds, and for development of the builder.
 
 use super::validation_error::ValidationError;
-use crate::geometry::{Box3, TimeInterval, ULP};
+use crate::geometry::{TimeInterval, ULP};
 use crate::kd::{KdTree, KdView};
 use crate::primitive::PrimitiveSet;
 
@@ -52,10 +52,7 @@ impl KdTree {
             }
             match self.nodes[node].view() {
                 KdView::Inner { plane, right } => {
-                    let at = plane.at(time) as f32;
-                    let (mut below, mut above): (Box3, Box3) = (cell, cell);
-                    below.max[plane.axis] = below.max[plane.axis].min(at);
-                    above.min[plane.axis] = above.min[plane.axis].max(at);
+                    let [below, above] = plane.halves(cell, time);
                     stack.extend([(right as usize, above), (node + 1, below)]);
                 }
                 KdView::Leaf { first, count } => {

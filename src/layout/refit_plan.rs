@@ -59,6 +59,12 @@ struct Holders(
 );
 
 impl Holders {
+    /// Records that a part holds these meshes, of which some may be repeated.
+    fn add(&mut self, meshes: &mut [u32], part: usize) {
+        meshes.sort_unstable();
+        self.0.extend(meshes.chunk_by(|a, b| a == b).map(|same| (same[0], part as u32)));
+    }
+
     fn of_mesh(&self, mesh: u32) -> impl Iterator<Item = usize> {
         let first = self.0.partition_point(|&(other, _)| other < mesh);
         self.0[first..].iter().take_while(move |&&(other, _)| other == mesh).map(|&(_, part)| part as usize)
@@ -165,7 +171,7 @@ impl<S: WideSource> Exploration<'_, S> {
     /// Makes a subtree a unit, unless it contains units already.
     fn close(&mut self, root: ChildRef, extent: Extent, over: TimeInterval, slice: Option<Slice>) {
         if extent.open && !root.kind().is_leaf() {
-            add(&mut self.plan.units_of, &mut self.meshes[extent.meshes], self.plan.units.len());
+            self.plan.units_of.add(&mut self.meshes[extent.meshes], self.plan.units.len());
             self.plan.units.push(Unit { root, words: extent.begin..extent.end, over, slice, cost: 0.0 });
         }
     }
@@ -210,7 +216,7 @@ impl<S: WideSource> Exploration<'_, S> {
         // treated as their own.
         let shared = shared_leaves(&of_slices).map(|leaves| {
             let end = leaves.iter().fold(0, |_, of| self.leaf(of.leaf, None).end);
-            add(&mut self.plan.shared_of, &mut self.meshes[first..], self.plan.shared.len());
+            self.plan.shared_of.add(&mut self.meshes[first..], self.plan.shared.len());
             self.plan.shared.push(SharedBlocks::new(leaves, end, slices.len()));
             self.plan.shared.len() - 1
         });
@@ -238,7 +244,7 @@ impl<S: WideSource> Exploration<'_, S> {
             return Extent { begin: usize::MAX, end: 0, lines: 0, meshes, open: true };
         }
         if meshes.len() > 1 {
-            add(&mut self.plan.mixed_of, &mut self.meshes[first..], self.plan.mixed.len());
+            self.plan.mixed_of.add(&mut self.meshes[first..], self.plan.mixed.len());
             self.plan.mixed.push(leaf);
         }
         let lines = self.tree.words(leaf).div_ceil(LANES);
@@ -249,12 +255,6 @@ impl<S: WideSource> Exploration<'_, S> {
 /// The numbers of the meshes that are marked.
 pub(super) fn moved_meshes(moved: &[bool]) -> Vec<u32> {
     (0..).zip(moved).filter(|&(_, &moved)| moved).map(|(mesh, _)| mesh).collect()
-}
-
-/// Records that a part holds these meshes, of which some may be repeated.
-fn add(to: &mut Holders, meshes: &mut [u32], part: usize) {
-    meshes.sort_unstable();
-    to.0.extend(meshes.chunk_by(|a, b| a == b).map(|same| (same[0], part as u32)));
 }
 
 impl WideTree {

@@ -121,10 +121,7 @@ impl<G: Geometry> Hierarchy for KdAt<'_, G> {
     ) {
         match self.tree.nodes[node as usize].view() {
             KdView::Inner { plane, right } => {
-                let at = plane.at(self.time) as f32;
-                let (mut below, mut above) = (cell, cell);
-                below.max[plane.axis] = cell.max[plane.axis].min(at);
-                above.min[plane.axis] = cell.min[plane.axis].max(at);
+                let [below, above] = plane.halves(cell, self.time);
                 for (child, cell) in [(node + 1, below), (right, above)] {
                     // The far side of a plane that has left the cell is empty but for rounding.
                     let bounds = Box3 { min: cell.min.min(cell.max), max: cell.max.max(cell.min) };
