@@ -109,7 +109,7 @@ impl TriangleTests {
     /// If there is no such triangle.
     #[inline]
     pub fn hit(&self, ray: &PreparedRay, index: u32, limit: f32) -> Option<Hit> {
-        if !self.scene.always_active() && !self.scene.active(index).contains(ray.time()) {
+        if !self.scene.exists_at(index, ray.time()) {
             return None;
         }
         test(&self.scene, index, ray, limit)

@@ -49,7 +49,7 @@ impl WideTree {
 
     /// Checks everything except the recorded blocks, for a tree over these primitives, sorted.
     pub(super) fn validate_ids<S: WideSource>(&self, set: &S, ids: &[u32]) -> Result<(), ValidationError> {
-        self.validate_where(set, ids, |id, time| set.always_active() || set.active(id).contains(time))
+        self.validate_where(set, ids, |id, time| set.exists_at(id, time))
     }
 
     /// The same for ids of whatever exists at the times for which `exists` says so.

@@ -24,6 +24,11 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     fn active(&self, id: u32) -> TimeInterval;
     /// Whether all primitives exist throughout the shutter.
     fn always_active(&self) -> bool;
+    /// Whether a primitive exists at a time.
+    #[inline(always)]
+    fn exists_at(&self, id: u32, time: f32) -> bool {
+        self.always_active() || self.active(id).contains(time)
+    }
     /// The active interval of each mesh and, after these, of each shape.
     fn active_intervals(&self) -> Vec<TimeInterval> {
         (0..self.len() as u32).map(|id| self.active(id)).collect()

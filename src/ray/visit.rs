@@ -26,7 +26,7 @@ fn primitives<'a>(
     time: f32,
     ids: impl Iterator<Item = u32> + 'a,
 ) -> impl Iterator<Item = TreePrimitive> + 'a {
-    ids.filter(move |&id| set.always_active() || set.active(id).contains(time)).map(|id| {
+    ids.filter(move |&id| set.exists_at(id, time)).map(|id| {
         let (mesh, primitive) = set.mesh_and_primitive(id);
         TreePrimitive { mesh, primitive }
     })

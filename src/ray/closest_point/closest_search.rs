@@ -128,8 +128,7 @@ impl<G: PrimitiveSet, F: Filter<ClosestPoint>> Best<'_, G, F> {
     /// which takes longer.
     #[inline(always)]
     fn sees(&self, id: u32) -> bool {
-        (self.set.always_active() || self.set.active(id).contains(self.query.time))
-            && self.filter.sees(|| self.set.mask(id))
+        self.set.exists_at(id, self.query.time) && self.filter.sees(|| self.set.mask(id))
     }
 
     /// Whether the mask of the query hides everything in a block.

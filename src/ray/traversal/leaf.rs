@@ -279,7 +279,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
     /// leaf blocks need not store it.
     #[inline(always)]
     pub(super) fn sees(&self, id: u32, ray: &TreeRay) -> bool {
-        (self.set.always_active() || self.set.active(id).contains(ray.time())) && self.filter.sees(|| self.set.mask(id))
+        self.set.exists_at(id, ray.time()) && self.filter.sees(|| self.set.mask(id))
     }
 }
 
