@@ -68,7 +68,8 @@ impl WideTree {
     /// Builds over some primitives, mostly in spatial order, on one thread; the leaf blocks of single triangles are not
     /// recorded.
     ///
-    /// The tree may be larger than the parameters allow. Fails only beyond the size of [`most_in_subtree`](super::budget::most_in_subtree).
+    /// The tree may be larger than the parameters allow. Fails only beyond the size that
+    /// [`most_in_subtree`](super::budget::most_in_subtree) gives.
     pub(super) fn subtree<S: WideSource>(set: &S, ids: &[u32], params: &DraftParams) -> Result<WideTree, BuildError> {
         parallel::alone(|| {
             // Several ascending runs, of which a merge sort is made.

@@ -151,8 +151,8 @@ struct Drafter<'a, S> {
 }
 
 impl<'a, S: PrimitiveSet> Drafter<'a, S> {
-    /// Makes a reference for each primitive. Also returns how many references per primitive pre-splitting may make, unless it is out
-    /// of the question.
+    /// Makes a reference for each primitive. Also returns how many references per primitive pre-splitting may make, unless it is
+    /// out of the question.
     fn new(
         set: &'a S,
         ids: &[u32],
