@@ -3,7 +3,7 @@
 //! There are two groups of primitives: triangles, whose corners are in leaf blocks, and others, which leaves list
 //! (spheres, whose positions follow such a list, and custom primitives). Each group is first drafted: the binary tree
 //! and its collapse are made (`time/drafting.rs`), and the subtrees that get a temporal split are chosen
-//! (`time/choose.rs`). Those are written first, each below a time node of its own; then the rest of the tree, in which
+//! (`time/regions.rs`). Those are written first, each below a time node of its own; then the rest of the tree, in which
 //! they are children like leaf blocks.
 
 use super::budget::{ATTEMPTS, allowed_bytes, further_key_bytes, with_less};
@@ -290,7 +290,7 @@ impl WideTree {
     ) -> Result<ChildRef, BuildError> {
         self.presplit |= draft.presplit;
         // A block may be in a slice without some of its primitives, which its box there does not hold.
-        let of_blocks = shared.clusters.iter().flat_map(|block| draft.references(block)).map(Reference::id);
+        let of_blocks = shared.leaves.iter().flat_map(|block| draft.references(block)).map(Reference::id);
         self.leaves_out |= any_is_left_out(set, of_blocks, shared.trees.len());
         let leaves =
             |arena: &mut Arena, of: &[BinaryNode], blocks: &mut [ChildRef]| leaf_blocks(arena, set, draft, of, blocks);
@@ -298,12 +298,12 @@ impl WideTree {
         let further = shared.trees.iter().map(|tree| words_of_nodes(&tree.binary, &tree.collapse)).sum::<usize>();
         // The sizes of blocks of sub-references of one primitive are slightly too large.
         let mut words = Vec::new();
-        fill(&mut words, shared.clusters.len(), |i| {
-            let of = draft.references(&shared.clusters[i]);
+        fill(&mut words, shared.leaves.len(), |i| {
+            let of = draft.references(&shared.leaves[i]);
             set.leaf_words(&Reference::ids(of)[..of.len()], draft.slice).next_multiple_of(LANES) as u32
         });
         let blocks =
-            write_blocks(&mut self.arena, &shared.clusters, &words, further, &leaves, &progress.rest(SHARED_BLOCKS))?;
+            write_blocks(&mut self.arena, &shared.leaves, &words, further, &leaves, &progress.rest(SHARED_BLOCKS))?;
         let mut slices = Vec::new();
         let rest = progress.rest(1.0);
         for tree in &shared.trees {

@@ -7,7 +7,7 @@
 //! So is what comes and goes, since what exists for half of the shutter may exist in both halves.
 
 use super::draft::Draft;
-use super::slices::{include_slice_bounds, slice_bounds};
+use super::slice_bounds::{include_slice_bounds, slice_bounds};
 use super::time_slice::TimeSlice;
 use crate::bvh::{Reference, mean_half_area};
 use crate::geometry::{LinearBox3, TimeInterval};

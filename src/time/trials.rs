@@ -7,7 +7,7 @@
 use super::draft::{Draft, PresplitDecision};
 use super::drafting::{DraftParams, WhenToReinsert, draft_tree};
 use super::existence::{held_in, share_of_slices, slices_with};
-use super::slices::SharedLeaves;
+use super::shared_leaves::SharedLeaves;
 use super::time_slice::TimeSlice;
 use crate::bvh::Reference;
 use crate::limits::MAX_TIME_SLICES;

@@ -1,0 +1,179 @@
+//! A temporal split with shared leaves: one hierarchy per time slice over the same leaf blocks.
+
+use super::draft::Draft;
+use super::slice_bounds::include_slice_bounds;
+use super::time_slice::{TimeSlice, time_slice};
+use crate::bvh::{BinaryNode, BinaryTree, Collapse, Reference, SurfaceDensity, build_binary, leaf_cost};
+use crate::geometry::{Box3, LinearBox3, TimeInterval};
+use crate::parallel;
+use crate::primitive::{Intervals, PrimitiveSet};
+use crate::progress::Progress;
+use crate::simd::{fill, huge_vec, huge_vec_of};
+
+/// The hierarchies and their shared leaf blocks.
+pub(crate) struct SharedLeaves {
+    /// The binary nodes that are leaf blocks.
+    pub leaves: Vec<BinaryNode>,
+    pub trees: Vec<Slice>,
+}
+
+/// The hierarchy of one time slice.
+pub(crate) struct Slice {
+    pub over: TimeInterval,
+    pub binary: BinaryTree,
+    pub collapse: Collapse,
+    /// The leaf at each index of the binary tree's order.
+    pub order: Vec<u32>,
+}
+
+impl SharedLeaves {
+    /// Rebuilds the nodes above the leaf blocks of a draft's subtree for some of `count` equal time slices of the shutter, in
+    /// order. Of no use once `progress` is cancelled.
+    pub fn build<S: PrimitiveSet>(
+        set: &S,
+        draft: &Draft,
+        of: u32,
+        count: usize,
+        slices: &[usize],
+        progress: &Progress,
+    ) -> SharedLeaves {
+        let leaves = draft.collapse.leaves(&draft.binary, of);
+        // The boxes at the beginning of each slice, where they are needed.
+        let needed = |i: usize| i > 0 && (slices.contains(&i) || slices.contains(&(i - 1)));
+        let of_bounds = progress.subtask(BOUNDS);
+        let of_bounds = of_bounds.in_units((0..count).filter(|&i| needed(i)).count());
+        let boundary = |i: usize| {
+            if !needed(i) || progress.cancelled() {
+                return Some(Vec::new());
+            }
+            let boxes = boundary(set, draft, &leaves, i, count)?;
+            of_bounds.finished(1.0);
+            Some(boxes)
+        };
+        let boundaries: Option<Vec<Vec<Box3>>> = (0..count).map(boundary).collect();
+        let of_count: Vec<TimeSlice> = slices.iter().map(|&index| TimeSlice { index, of: count }).collect();
+        let over: Vec<TimeInterval> = of_count.iter().map(|slice| slice.interval()).collect();
+        let in_slices =
+            if boundaries.is_none() { bounds_in(set, draft, &leaves, &of_count, &of_bounds) } else { Vec::new() };
+        drop(of_bounds);
+        if progress.cancelled() {
+            return SharedLeaves { leaves, trees: Vec::new() };
+        }
+        let share = progress.rest(1.0);
+        let trees = parallel::map(slices.len(), |nth| {
+            let (slice, over) = (slices[nth], over[nth]);
+            let bounds = |i: usize| match &boundaries {
+                Some(boundaries) => LinearBox3 {
+                    begin: if slice == 0 { leaves[i].bounds.begin } else { boundaries[slice][i] },
+                    end: if slice + 1 == count { leaves[i].bounds.end } else { boundaries[slice + 1][i] },
+                },
+                None => in_slices[i * slices.len() + nth],
+            };
+            Slice::build(&leaves, over, draft.density, bounds, &share.subtask(1.0 / slices.len() as f64))
+        });
+        SharedLeaves { leaves, trees }
+    }
+
+    /// Expected cost of a ray.
+    pub fn cost(&self) -> f32 {
+        self.trees.iter().map(|t| t.collapse.total()).sum::<f32>() / self.trees.len() as f32
+    }
+}
+
+/// The share of the bounds of leaf blocks, about.
+const BOUNDS: f64 = 0.3;
+
+/// The share of object splits in a hierarchy over leaf blocks, about.
+const SPLITTING: f64 = 0.8;
+
+/// Leaf blocks whose bounds are computed by one thread.
+const BLOCKS: usize = 256;
+
+/// The bounds of the leaf blocks over each of some time slices, block by block.
+fn bounds_in<S: PrimitiveSet>(
+    set: &S,
+    draft: &Draft,
+    leaves: &[BinaryNode],
+    slices: &[TimeSlice],
+    progress: &Progress,
+) -> Vec<LinearBox3> {
+    let over: Vec<TimeInterval> = slices.iter().map(|slice| slice.interval()).collect();
+    let times: Vec<TimeInterval> = slices.iter().map(|slice| slice.query_times()).collect();
+    let mut all = huge_vec_of(LinearBox3::EMPTY, leaves.len() * over.len());
+    let mut parts: Vec<_> = leaves.chunks(BLOCKS).zip(all.chunks_mut(BLOCKS * over.len())).collect();
+    let needed = over.iter().copied().reduce(TimeInterval::hull).unwrap_or(TimeInterval::FULL);
+    let progress = progress.in_units(leaves.len());
+    parallel::each(&mut parts, |(leaves, bounds)| {
+        if progress.cancelled() {
+            return;
+        }
+        let mut intervals = Intervals::new(&over);
+        for (i, (leaf, bounds)) in leaves.iter().zip(bounds.chunks_mut(over.len())).enumerate() {
+            draft.prefetch(set, leaves, i, needed);
+            include_slice_bounds(set, draft.references(leaf), draft, (&mut intervals, &times), bounds);
+        }
+        progress.finished(leaves.len() as f64);
+    });
+    all
+}
+
+/// The boxes of the leaf blocks at the beginning of time slice `i`; `None` if a block's motion between such times is
+/// not linear.
+///
+/// Corners move on lines up to their slack, so linear interpolation between the boxes at both ends of a slice bounds
+/// them at all its times. The slice before ends slightly later than this one begins: the boxes hold the corners at both
+/// times.
+fn boundary<S: PrimitiveSet>(
+    set: &S,
+    draft: &Draft,
+    leaves: &[BinaryNode],
+    i: usize,
+    count: usize,
+) -> Option<Vec<Box3>> {
+    let over = time_slice(i, count).intersect(time_slice(i - 1, count))?;
+    if draft.presplit
+        || set.bent()
+        || !set.always_active()
+        || set.corner_bounds(draft.references.first()?.id(), over).is_none()
+    {
+        return None;
+    }
+    let mut boxes = huge_vec(leaves.len());
+    fill(&mut boxes, leaves.len(), |i| {
+        draft.prefetch(set, leaves, i, over);
+        draft.references(&leaves[i]).iter().fold(Box3::EMPTY, |b, r| {
+            let Some(bounds) = set.corner_bounds(r.id(), over) else { return b };
+            b.union(bounds.union().swept().pad(bounds.slack))
+        })
+    });
+    Some(boxes)
+}
+
+impl Slice {
+    fn build(
+        leaves: &[BinaryNode],
+        over: TimeInterval,
+        density: SurfaceDensity,
+        bounds: impl Fn(usize) -> LinearBox3 + Sync,
+        progress: &Progress,
+    ) -> Slice {
+        let n = leaves.len();
+        let mut blocks = huge_vec(n);
+        fill(&mut blocks, n, |i| Reference::new(bounds(i), i as u32));
+        // Blocks of which nothing exists in the slice.
+        blocks.retain(|block| !block.is_empty());
+        if blocks.is_empty() {
+            // No hierarchy is empty.
+            blocks.push(Reference::new(leaves[0].bounds, 0));
+        }
+        let binary = build_binary(&mut blocks, 1..=1, None, None, &progress.subtask(SPLITTING));
+        let cost = |node: &BinaryNode| {
+            (node.count == 1).then(|| {
+                let block = &leaves[blocks[node.first as usize].id() as usize];
+                leaf_cost(block.count as usize)
+            })
+        };
+        let collapse = Collapse::new(&binary, density, cost, &progress.rest(1.0));
+        Slice { over, binary, collapse, order: blocks.iter().map(Reference::id).collect() }
+    }
+}
