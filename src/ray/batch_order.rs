@@ -43,13 +43,13 @@ const MAX_SLICES: usize = 16;
 
 /// The coherence of a batch.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Coming {
+enum Coherence {
     /// Most rays have nearly the direction of the ray before, as from a camera.
-    Together,
+    Direction,
     /// Most rays begin near the origin of the ray before, in the same time slice.
-    Near,
-    /// Incoherent.
-    Scattered,
+    Origin,
+    /// Neither.
+    Incoherent,
 }
 
 /// The indices of the rays of a task in the caller's batch.
@@ -78,8 +78,8 @@ pub(crate) fn answer_in_order<T: Copy + Send>(
 ) {
     for (window, (rays, answers)) in rays.chunks(WINDOW).zip(answers.chunks_mut(WINDOW)).enumerate() {
         let window = window * WINDOW;
-        let coming = coming(rays, space);
-        if coming == Coming::Scattered && !space.cached {
+        let coherence = coherence(rays, space);
+        if coherence == Coherence::Incoherent && !space.cached {
             let order = sorted(rays, space);
             let in_order: Vec<Ray> = order.iter().map(|&i| rays[i as usize]).collect();
             let mut found = answers.to_vec();
@@ -91,7 +91,7 @@ pub(crate) fn answer_in_order<T: Copy + Send>(
             }
         } else {
             in_tasks(rays, answers, |first, rays, answers| {
-                fill(coming == Coming::Together, Indices { first: window + first, order: None }, rays, answers);
+                fill(coherence == Coherence::Direction, Indices { first: window + first, order: None }, rays, answers);
             });
         }
     }
@@ -120,7 +120,7 @@ fn in_tasks<Q: Sync, T: Send>(queries: &[Q], answers: &mut [T], answer: impl Fn(
 }
 
 /// Estimates the coherence of a batch from a sample of successive pairs.
-fn coming(rays: &[Ray], space: Space) -> Coming {
+fn coherence(rays: &[Ray], space: Space) -> Coherence {
     const SAMPLES: usize = 64;
     /// The cosine of about eight degrees. (Not fitted.)
     const SAME_WAY: f32 = 0.99;
@@ -136,11 +136,11 @@ fn coming(rays: &[Ray], space: Space) -> Coming {
         pairs += 1;
     }
     if 2 * together > pairs {
-        Coming::Together
+        Coherence::Direction
     } else if 2 * near > pairs {
-        Coming::Near
+        Coherence::Origin
     } else {
-        Coming::Scattered
+        Coherence::Incoherent
     }
 }
 
@@ -213,15 +213,18 @@ mod tests {
     fn coherence_is_recognized_and_depends_on_the_time_slices_of_the_tree() {
         for count in [2, 9, 256] {
             let come =
-                |ray: &dyn Fn(usize) -> Ray, space: Space| coming(&(0..count).map(ray).collect::<Vec<_>>(), space);
-            assert_eq!((come(&camera, SPACE), come(&camera, DIVIDED)), (Coming::Together, Coming::Together));
-            assert_eq!((come(&near, SPACE), come(&near, DIVIDED)), (Coming::Near, Coming::Scattered));
-            assert_eq!(come(&|i| near(i).at_time(0.5), DIVIDED), Coming::Near);
-            assert_eq!((come(&scattered, SPACE), come(&scattered, DIVIDED)), (Coming::Scattered, Coming::Scattered));
+                |ray: &dyn Fn(usize) -> Ray, space: Space| coherence(&(0..count).map(ray).collect::<Vec<_>>(), space);
+            assert_eq!((come(&camera, SPACE), come(&camera, DIVIDED)), (Coherence::Direction, Coherence::Direction));
+            assert_eq!((come(&near, SPACE), come(&near, DIVIDED)), (Coherence::Origin, Coherence::Incoherent));
+            assert_eq!(come(&|i| near(i).at_time(0.5), DIVIDED), Coherence::Origin);
+            assert_eq!(
+                (come(&scattered, SPACE), come(&scattered, DIVIDED)),
+                (Coherence::Incoherent, Coherence::Incoherent)
+            );
         }
         let nowhere = Ray { dir: Vec3::NAN, origin: DVec3::NAN, time: f32::NAN, ..camera(0) };
         for few in [&[][..], &[camera(0)], &[nowhere; 4]] {
-            assert_ne!(coming(few, SPACE), Coming::Together);
+            assert_ne!(coherence(few, SPACE), Coherence::Direction);
             assert!(sorted(few, DIVIDED).into_iter().eq(0..few.len() as u32));
         }
     }
