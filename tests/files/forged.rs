@@ -84,6 +84,29 @@ fn boxes_around_nothing_are_refused_in_ray_trees() {
     }
 }
 
+#[test]
+fn blocks_of_triangles_in_a_tree_of_shapes_are_refused() {
+    let mut random = Random(45);
+    let balls: Vec<MovingSphere> = (0..200).map(|_| MovingSphere::fixed(random.vec().as_dvec3(), 0.1)).collect();
+    let tree = RayTree::of_primitives(balls.clone(), &BuildParams::default()).unwrap();
+    let mut bytes = Vec::new();
+    tree.write_to(&mut bytes).unwrap();
+    let all = words(&bytes);
+    // Wide; root; not pre-split; one slice; lists from word 0; the number of lines that follow.
+    let begins = |&at: &usize| {
+        let lines = ((all.len() - at - 8) / 16) as u32;
+        all[at] == 0 && all[at + 2..at + 8] == [0, 1, 0, 0, lines, 0]
+    };
+    let layouts: Vec<usize> = (HEADER..all.len() - 8).filter(begins).collect();
+    let [layout] = layouts[..] else { panic!("{layouts:?}") };
+    let read = |bytes: &[u8]| RayTree::read_primitives_from(&mut &bytes[..], balls.clone());
+    assert!(read(&bytes).is_ok());
+    for lists in [[1, 0], [u32::MAX; 2]] {
+        let forged = with(&bytes, &[(layout + 4, lists[0]), (layout + 5, lists[1])]);
+        assert!(read(&forged).unwrap_err().to_string().contains("blocks of triangles"), "{lists:?}");
+    }
+}
+
 /// Any small word may be a number of keys. With another one, the file is refused or its tree answers something.
 #[test]
 fn other_numbers_of_keys_are_refused_or_answer_something() {
