@@ -21,6 +21,7 @@ mod gather_case;
 mod gather_theory;
 #[cfg(feature = "rayon")]
 mod lists;
+mod lists_scattered;
 #[cfg(feature = "rayon")]
 mod lists_skin;
 #[cfg(feature = "rayon")]

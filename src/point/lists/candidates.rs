@@ -192,7 +192,8 @@ impl Candidates {
         }
     }
 
-    /// Adds what the group can reach in a view, or what can reach the group.
+    /// Adds what the group can reach in a view, or what can reach the group. Stops with `false` once there are more blocks than
+    /// `most`.
     #[inline(always)]
     pub(super) fn add<S: Simd, V: CoordinateView>(
         &mut self,
@@ -201,7 +202,8 @@ impl Candidates {
         group: &Group,
         periodic_box: &PeriodicBox,
         (radii, reach): (&Radii, Option<&Reach>),
-    ) {
+        most: usize,
+    ) -> bool {
         let within = Within::Radius(radii, group.radius, group.margin);
         self.open.clear();
         self.open.push(view.root());
@@ -260,7 +262,11 @@ impl Candidates {
                 }
                 self.boxes.push(s, &BoxVector { candidate: s.load_u(&number), ..boxes }, near);
             }
+            if self.blocks.len() > most {
+                return false;
+            }
         }
+        true
     }
 }
 

@@ -95,6 +95,45 @@ impl Group {
     }
 }
 
+impl Group {
+    /// Whether the points are scattered: most of what is within reach of the box around them is within reach of none of them.
+    /// `others` is the largest radius of points that are listed.
+    ///
+    /// The volume of the box, grown by the radius, is compared with that of the cubes around the points, twice over. Leaves of a
+    /// set among itself are never searched so: they are as dense as what they are searched in.
+    pub(super) fn is_scattered(&self, radii: &Radii, others: f32) -> bool {
+        let (mut count, mut cubes) = (0, 0.0);
+        for points in self.members.iter().map(|member| &member.points) {
+            for lane in (0..LANES).filter(|&lane| points.at[0][lane] != f32::INFINITY) {
+                let width = 2.0 * f64::from(radii.of_pair(radii.of(points.id[lane]), others));
+                (count, cubes) = (count + 1, cubes + width.powi(3));
+            }
+        }
+        let width = 2.0 * f64::from(radii.of_pair(self.radius, others));
+        let side = |axis: usize| f64::from(self.hi[axis]) - f64::from(self.lo[axis]) + width;
+        count > 1 && side(0) * side(1) * side(2) > 2.0 * cubes
+    }
+
+    /// Becomes a group of one point, of a member of another group; `false` where that has none in the lane.
+    pub(super) fn take_one(&mut self, of: &Group, member: usize, lane: usize) -> bool {
+        let Member { points, radius, .. } = of.members[member];
+        let at = points.at.map(|row| row[lane]);
+        if at[0] == f32::INFINITY {
+            return false;
+        }
+        self.members.clear();
+        self.exact.clear();
+        let mut alone = BlockPoints { id: points.id, ..BlockPoints::NONE };
+        for (row, at) in alone.at.iter_mut().zip(at) {
+            row[lane] = at;
+        }
+        self.members.push(Member { points: alone, lo: at, hi: at, radius });
+        self.exact.extend(of.exact.get(member));
+        (self.lo, self.hi, self.radius, self.margin) = (at, at, radius, of.margin);
+        true
+    }
+}
+
 impl Member {
     /// Nothing where no point exists.
     #[inline(always)]

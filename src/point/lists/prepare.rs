@@ -20,6 +20,8 @@ pub(super) struct Prepared {
     pub(super) groups: Vec<BottomNode>,
     /// By layer of the listed set, where radii of the listed points count.
     pub(super) reaches: Vec<Reach>,
+    /// The largest of these radii.
+    pub(super) most_reach: f32,
 }
 
 impl Prepared {
@@ -33,6 +35,7 @@ impl Prepared {
 pub(super) fn prepare(request: &ListRequest<'_>, prepared: &mut Prepared) -> Result<(), ListError> {
     let (simd, time) = (request.tree.simd, request.time);
     prepared.groups.clear();
+    prepared.most_reach = 0.0;
     // Positions in f64 are measured from here.
     let origin = request.tree.origin();
     for (number, layer) in ListLayer::all(request.tree).enumerate() {
@@ -63,7 +66,10 @@ pub(super) fn prepare(request: &ListRequest<'_>, prepared: &mut Prepared) -> Res
         Radii::Own(own) => measure(request.tree, own, RadiusOf::Point),
         Radii::Larger { own, others } | Radii::Sum { own, others } => {
             measure(request.tree, own, RadiusOf::Point)?;
-            measure(request.among, others, RadiusOf::Listed)
+            measure(request.among, others, RadiusOf::Listed)?;
+            let reaches = &prepared.reaches[..ListLayer::all(request.among).count()];
+            prepared.most_reach = reaches.iter().fold(0.0, |most, reach| reach.most.max(most));
+            Ok(())
         }
     }
 }

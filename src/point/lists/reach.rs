@@ -10,6 +10,8 @@ use glam::Vec3;
 pub(super) struct Reach {
     /// By node.
     pub(super) nodes: Vec<Lanes<f32>>,
+    /// The largest of all.
+    pub(super) most: f32,
     /// The lowest id of a point that exists at the time and for which there is no radius.
     pub(super) missing: Option<u32>,
 }
@@ -36,7 +38,8 @@ impl<V: CoordinateView> Kernel for Measure<'_, V> {
         reach.missing = None;
         reach.nodes.clear();
         reach.nodes.resize(node + 1, [0.0; LANES]);
-        s.call(MeasureNode { view: &view, level, node, radii, reach });
+        let most = s.call(MeasureNode { view: &view, level, node, radii, reach });
+        reach.most = most;
     }
 }
 

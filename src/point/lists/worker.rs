@@ -9,10 +9,10 @@ use super::radii::Radii;
 use super::reach::Reach;
 use super::row::{GroupLists, Lists, RowBuilder};
 use crate::point::layout::snapshot::CoordinateView;
-use crate::simd::{Kernel, Simd};
+use crate::simd::{Kernel, LANES, Simd};
 use core::marker::PhantomData;
 use core::ops::Range;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// What one worker needs.
 #[derive(Clone, Debug, Default)]
@@ -20,6 +20,8 @@ pub(super) struct Worker {
     /// Which of the groups.
     pub(super) share: Range<usize>,
     group: Group,
+    /// A point of the group, where its points are searched for one by one.
+    alone: Group,
     candidates: Candidates,
     near: RowBuilder,
     pub(super) lists: Lists,
@@ -57,24 +59,69 @@ impl<V: CoordinateView> Kernel for TakeGroup<'_, V> {
     }
 }
 
-/// Adds what a group can reach in a view, or what can reach the group.
+/// Adds what a group can reach in a view, or what can reach the group; see [`Candidates::add`].
 struct AddCandidates<'a, V> {
     view: V,
     candidates: &'a mut Candidates,
     group: &'a Group,
     listing: &'a Listing<'a>,
     reach: Option<&'a Reach>,
+    most: usize,
 }
 
 impl<V: CoordinateView> Kernel for AddCandidates<'_, V> {
-    type Output = ();
+    type Output = bool;
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let AddCandidates { view, candidates, group, listing, reach } = self;
+    fn run<S: Simd>(self, s: S) -> bool {
+        let AddCandidates { view, candidates, group, listing, reach, most } = self;
         let target = view.target(s, Vec3::ZERO);
-        candidates.add(s, (&view, &target), group, &listing.periodic_box, (&listing.radii, reach));
+        candidates.add(s, (&view, &target), group, &listing.periodic_box, (&listing.radii, reach), most)
     }
 }
+
+/// The lists of a group, whose positions are relative to `center` where they are in f64. None and `false` if it has more candidates
+/// than `most` blocks.
+struct ListGroup<'a> {
+    request: &'a ListRequest<'a>,
+    prepared: &'a Prepared,
+    group: &'a Group,
+    center: DVec3,
+    most: usize,
+    candidates: &'a mut Candidates,
+    builder: &'a mut RowBuilder,
+    lists: &'a mut Lists,
+}
+
+impl Kernel for ListGroup<'_> {
+    type Output = bool;
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> bool {
+        let ListGroup { request, prepared, group, center, most, candidates, builder, lists } = self;
+        let listing = &request.listing;
+        candidates.clear();
+        for (number, layer) in ListLayer::all(request.among).enumerate() {
+            let reach = listing.radii.others().and_then(|_| prepared.reaches.get(number));
+            let candidates = &mut *candidates;
+            let all = with_view!(layer.at(center, request.time), view => {
+                s.call(AddCandidates { view, candidates, group, listing, reach, most })
+            });
+            if !all {
+                return false;
+            }
+        }
+        if group.exact.is_empty() {
+            s.call(GroupLists::<f32> { builder, listing, group, candidates, lists, coordinate: PhantomData });
+        } else {
+            s.call(GroupLists::<f64> { builder, listing, group, candidates, lists, coordinate: PhantomData });
+        }
+        true
+    }
+}
+
+/// Blocks of candidates for each point from which on scattered points are searched for one by one.
+///
+/// A point alone takes the time of gathering about a dozen blocks, and the points of a group are compared with what was gathered.
+const MOST_BLOCKS: usize = 4;
 
 impl Kernel for Share<'_> {
     type Output = ();
@@ -85,26 +132,25 @@ impl Kernel for Share<'_> {
         for &(layer, node) in &prepared.groups[worker.share.clone()] {
             let layer = ListLayer::of(request.tree, layer);
             let center = layer.center(node, request.time);
-            let group = &mut worker.group;
+            let Worker { group, alone, candidates, near: builder, lists, .. } = &mut *worker;
             with_view!(layer.at(center, request.time), view => {
                 s.call(TakeGroup { view, group, node, radii: &listing.radii });
             });
-            if !worker.group.members.iter().any(|member| worker.lists.want_any(&member.points.id)) {
+            if !group.members.iter().any(|member| lists.want_any(&member.points.id)) {
                 continue;
             }
-            worker.candidates.clear();
-            for (number, layer) in ListLayer::all(request.among).enumerate() {
-                let reach = listing.radii.others().and_then(|_| prepared.reaches.get(number));
-                let (candidates, group) = (&mut worker.candidates, &worker.group);
-                with_view!(layer.at(center, request.time), view => {
-                    s.call(AddCandidates { view, candidates, group, listing, reach });
-                });
+            // Few points among many others lie far apart in a tree of their own.
+            let scattered = listing.other_set && group.is_scattered(&listing.radii, prepared.most_reach);
+            let lanes = group.members.len() * LANES;
+            let most = if scattered { MOST_BLOCKS * lanes } else { usize::MAX };
+            if s.call(ListGroup { request, prepared, group, center, most, candidates, builder, lists }) {
+                continue;
             }
-            let Worker { group, candidates, near: builder, lists, .. } = &mut *worker;
-            if group.exact.is_empty() {
-                s.call(GroupLists::<f32> { builder, listing, group, candidates, lists, coordinate: PhantomData });
-            } else {
-                s.call(GroupLists::<f64> { builder, listing, group, candidates, lists, coordinate: PhantomData });
+            for lane in 0..lanes {
+                if alone.take_one(group, lane / LANES, lane % LANES) {
+                    let most = usize::MAX;
+                    s.call(ListGroup { request, prepared, group: alone, center, most, candidates, builder, lists });
+                }
             }
         }
     }

@@ -115,6 +115,16 @@ impl<C: SweptCoordinate> Block<C> {
         }
         Block { points, paths, lo, hi, magnitude }
     }
+
+    /// The box around the path of a point.
+    fn path_box(&self, lane: usize) -> ([f32; 3], [f32; 3]) {
+        let ends = |axis: usize| {
+            let from = self.paths.start[axis][lane];
+            (from, from + self.paths.displacement[axis][lane])
+        };
+        let lo = core::array::from_fn(|axis| ends(axis).0.min(ends(axis).1));
+        (lo, core::array::from_fn(|axis| ends(axis).0.max(ends(axis).1)))
+    }
 }
 
 /// All lanes taken together, halves at a time.
@@ -184,6 +194,45 @@ impl<C: SweptCoordinate> Group<C> {
             self.blocks.push(block);
         }
         self.slack = self.magnitude * SLACK + excess;
+    }
+
+    /// Whether the points are scattered, as [`crate::point::lists::group::Group::is_scattered`] has it, with the boxes around paths
+    /// in place of points. `reach` is the largest radius of points that are listed.
+    pub(super) fn is_scattered(&self, criteria: &Criteria<'_>, reach: f32) -> bool {
+        let volume = |lo: [f32; 3], hi: [f32; 3], radius: f64| -> f64 {
+            (0..3).map(|axis| f64::from(hi[axis]) - f64::from(lo[axis]) + 2.0 * radius).product()
+        };
+        let (mut count, mut boxes, mut most) = (0, 0.0, 0.0);
+        for block in &self.blocks {
+            for lane in (0..LANES).filter(|&lane| block.points.id[lane] != u32::MAX) {
+                let (lo, hi) = block.path_box(lane);
+                let radius = criteria.longest(criteria.radii.of(block.points.id[lane]), reach);
+                most = greater(most, radius);
+                (count, boxes) = (count + 1, boxes + volume(lo, hi, radius));
+            }
+        }
+        count > 1 && volume(self.lo, self.hi, most) > 2.0 * boxes
+    }
+
+    /// Becomes a group of one point, of a block of another group; `false` where that has none in the lane.
+    pub(super) fn take_one(&mut self, of: &Group<C>, block: usize, lane: usize) -> bool {
+        let block = &of.blocks[block];
+        if block.points.id[lane] == u32::MAX {
+            return false;
+        }
+        let mut alone = block.clone();
+        for other in (0..LANES).filter(|&other| other != lane) {
+            alone.points.id[other] = u32::MAX;
+            alone.paths.start.iter_mut().for_each(|row| row[other] = f32::INFINITY);
+            alone.paths.displacement.iter_mut().for_each(|row| row[other] = 0.0);
+        }
+        (alone.lo, alone.hi) = block.path_box(lane);
+        (self.lo, self.hi) = (alone.lo, alone.hi);
+        (self.times, self.early, self.frame) = (of.times, of.early, of.frame);
+        (self.magnitude, self.slack) = (of.magnitude, of.slack);
+        self.blocks.clear();
+        self.blocks.push(alone);
+        true
     }
 
     /// The boxes of a node, swept between two phases, in the group's frame or an image of it, and the magnitudes of what is in
@@ -297,7 +346,8 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
         group: &Group<C>,
         (window, reach): (Window, &[Lanes<f32>]),
         (criteria, excluded_within): (&Criteria<'_>, Option<f64>),
-    ) {
+        most: usize,
+    ) -> bool {
         let (lo, hi) = group.swept_root(s, tree);
         let root = reach.get(tree.root_node().1).unwrap_or(&[0.0; LANES]);
         let within = criteria.longest(criteria.own, root.iter().fold(0.0, |most, &radius| f32::max(most, radius)));
@@ -308,15 +358,19 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
             for y in ys.clone() {
                 for z in zs.clone() {
                     let window = window.at_image(criteria.images.shift([x, y, z]));
-                    self.add::<S, T, true>(s, tree, group, (window, reach), (criteria, excluded_within));
+                    if !self.add::<S, T, true>(s, tree, group, (window, reach), (criteria, excluded_within), most) {
+                        return false;
+                    }
                 }
             }
         }
+        true
     }
 
     /// Adds the blocks of a tree that the group can come within a radius of during `window`; if `IMAGES`, at the window's image.
     /// Behind lane l of node i, no radius is greater than `reach[i][l]`, where the radii of others count. Pairs nearer than
-    /// `excluded_within` at the group's first time are excluded, if both points exist then.
+    /// `excluded_within` at the group's first time are excluded, if both points exist then. Stops with `false` once there are more
+    /// blocks than `most`.
     #[inline(always)]
     pub(super) fn add<S: Simd, T: BlockTree<Coordinate = C>, const IMAGES: bool>(
         &mut self,
@@ -325,7 +379,8 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
         group: &Group<C>,
         (window, reach): (Window, &[Lanes<f32>]),
         (criteria, excluded_within): (&Criteria<'_>, Option<f64>),
-    ) {
+        most: usize,
+    ) -> bool {
         let phases = phases(tree, group.times);
         let frame = if IMAGES { group.frame.of_image(window.shift) } else { group.frame };
         let within = criteria.within(criteria.own);
@@ -367,8 +422,12 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
                 }
                 self.boxes.push(s, &BoxVector { candidate: s.load_u(&number), ..boxes }, near);
             }
+            if self.blocks.len() > most {
+                return false;
+            }
         }
         self.windows.push((window, self.blocks.len()));
+        true
     }
 }
 

@@ -57,6 +57,7 @@ mod candidates;
 mod certify;
 mod coordinate;
 mod encounter;
+mod group_steps;
 mod images;
 mod lists;
 mod make;

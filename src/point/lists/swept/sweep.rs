@@ -3,15 +3,16 @@
 use super::candidates::{Group, SweptCandidates};
 use super::coordinate::SweptCoordinate;
 use super::encounter::{Criteria, EncounterVisitor, Segment, Window};
+use super::group_steps::{AddCandidates, ShowBlock, TakeGroup};
 use super::images::Images;
 use super::pair_filter::PairFilter;
 use super::time_slices::{Pairing, Slice, Tree, begins_with_a_slice, pairings, time_slices_of};
 use crate::parallel;
-use crate::point::layout::over_interval::{BlockTree, greater, lesser};
+use crate::point::layout::over_interval::{greater, lesser};
 use crate::point::lists::error::RadiusOf;
 use crate::point::lists::radii::{Allowance, Radii};
 use crate::point::tree::PointTree;
-use crate::simd::{Kernel, Lanes, Simd, dispatch};
+use crate::simd::{Kernel, LANES, Lanes, Simd, dispatch};
 use core::ops::Range;
 
 /// A search for all encounters of a set with itself or another one.
@@ -31,6 +32,8 @@ pub(super) struct Sweep<'a, C: SweptCoordinate> {
     allowance: Allowance,
     /// For each slice and node the greatest radius behind each lane, where those of listed points count.
     reaches: Vec<Vec<Lanes<f32>>>,
+    /// The greatest of these.
+    most_reach: f32,
     /// Whether each pair is in the list of the lower id only.
     pairs_once: bool,
     /// The largest number of segments between keys, and the most by which displacements between two keys differ along an axis; that
@@ -98,6 +101,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         let motion = relative_motion(&slices);
         let reach = |radii: &[f32]| parallel::map(slices.len(), |i| slices[i].reach(radii));
         let reaches = radii.others().map_or_else(Vec::new, reach);
+        let most_reach = reaches.iter().flatten().flatten().fold(0.0, |most: f32, &reach| most.max(reach));
         Sweep {
             tree,
             among,
@@ -112,6 +116,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
             radii,
             allowance: Allowance::default(),
             reaches,
+            most_reach,
             pairs_once: false,
             excluded_within: None,
             points_once,
@@ -261,6 +266,8 @@ fn relative_motion<C: SweptCoordinate>(slices: &[Slice<'_, C>]) -> f64 {
 pub(super) struct Worker<V, C> {
     pub(super) visitor: V,
     group: Group<C>,
+    /// A point of the group, where its points are searched for one by one.
+    alone: Group<C>,
     candidates: SweptCandidates<C>,
     filter: PairFilter,
 }
@@ -270,6 +277,7 @@ impl<V, C: SweptCoordinate> Worker<V, C> {
         Worker {
             visitor,
             group: Group::default(),
+            alone: Group::default(),
             candidates: SweptCandidates::default(),
             filter: PairFilter::default(),
         }
@@ -283,52 +291,51 @@ struct Share<'a, V, C: SweptCoordinate, const IMAGES: bool> {
     worker: &'a mut Worker<V, C>,
 }
 
-// What does not depend on the visitor is compiled once for all of them.
-
-/// See [`Group::take`].
-struct TakeGroup<'a, T: BlockTree> {
-    group: &'a mut Group<T::Coordinate>,
-    tree: &'a T,
-    node: usize,
-    times: [f32; 2],
-    excess: f64,
-}
-
-impl<C: SweptCoordinate, T: BlockTree<Coordinate = C>> Kernel for TakeGroup<'_, T> {
-    type Output = ();
-    #[inline(always)]
-    fn run<S: Simd>(self, _: S) {
-        self.group.take(self.tree, self.node, self.times, self.excess);
-    }
-}
-
-/// See [`SweptCandidates::add`], and [`SweptCandidates::add_images`] if `IMAGES`.
-struct AddCandidates<'a, T: BlockTree, const IMAGES: bool> {
-    candidates: &'a mut SweptCandidates<T::Coordinate>,
-    tree: &'a T,
-    group: &'a Group<T::Coordinate>,
-    window: (Window, &'a [Lanes<f32>]),
+/// Adds all candidates of a group, of one pairing; see [`SweptCandidates::add`].
+struct AddAll<'a, C: SweptCoordinate, const IMAGES: bool> {
+    sweep: &'a Sweep<'a, C>,
+    pairing: &'a Pairing,
+    group: &'a Group<C>,
+    candidates: &'a mut SweptCandidates<C>,
     criteria: (&'a Criteria<'a>, Option<f64>),
+    most: usize,
 }
 
-impl<C: SweptCoordinate, T: BlockTree<Coordinate = C>, const IMAGES: bool> Kernel for AddCandidates<'_, T, IMAGES> {
-    type Output = ();
+impl<C: SweptCoordinate, const IMAGES: bool> Kernel for AddAll<'_, C, IMAGES> {
+    type Output = bool;
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let AddCandidates { candidates, tree, group, window, criteria } = self;
-        if IMAGES {
-            candidates.add_images(s, tree, group, window, criteria);
-        } else {
-            candidates.add::<S, T, false>(s, tree, group, window, criteria);
+    fn run<S: Simd>(self, s: S) -> bool {
+        let AddAll { sweep, pairing, group, candidates, criteria, most } = self;
+        let slice = &sweep.slices[pairing.own];
+        candidates.clear();
+        for &other in &pairing.others {
+            let reach = sweep.reaches.get(other).map_or(&[][..], Vec::as_slice);
+            let other = &sweep.slices[other];
+            let (candidates, window) = (&mut *candidates, (sweep.window(slice, other), reach));
+            let all = match other.tree {
+                Tree::Static(tree) => {
+                    s.call(AddCandidates::<_, IMAGES> { candidates, tree, group, window, criteria, most })
+                }
+                Tree::Moving(tree) => {
+                    s.call(AddCandidates::<_, IMAGES> { candidates, tree, group, window, criteria, most })
+                }
+            };
+            if !all {
+                return false;
+            }
         }
+        true
     }
 }
+
+/// Blocks of candidates for each point from which on scattered points are searched for one by one.
+const MOST_BLOCKS: usize = 4;
 
 impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for Share<'_, V, C, IMAGES> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Share { sweep, groups, worker: Worker { visitor, group, candidates, filter } } = self;
+        let Share { sweep, groups, worker: Worker { visitor, group, alone, candidates, filter } } = self;
         let excess = sweep.excess;
         for &(number, node) in groups {
             let pairing = &sweep.pairings[number];
@@ -357,24 +364,28 @@ impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for Sha
             for block in &group.blocks {
                 criteria.own = criteria.own.max(criteria.greatest(&block.points.id));
             }
-            candidates.clear();
-            for &other in &pairing.others {
-                let reach = sweep.reaches.get(other).map_or(&[][..], Vec::as_slice);
-                let other = &sweep.slices[other];
-                let (window, criteria) = ((sweep.window(slice, other), reach), (&criteria, excluded_within));
-                match other.tree {
-                    Tree::Static(tree) => {
-                        s.call(AddCandidates::<_, IMAGES> { candidates, tree, group, window, criteria });
-                    }
-                    Tree::Moving(tree) => {
-                        s.call(AddCandidates::<_, IMAGES> { candidates, tree, group, window, criteria });
+            // Few points among many others lie far apart in a tree of their own.
+            let scattered = criteria.other_set && group.is_scattered(&criteria, sweep.most_reach);
+            let lanes = group.blocks.len() * LANES;
+            let most = if scattered { MOST_BLOCKS * lanes } else { usize::MAX };
+            let all = (&criteria, excluded_within);
+            if s.call(AddAll::<_, IMAGES> { sweep, pairing, group, candidates, criteria: all, most }) {
+                for block in &group.blocks {
+                    if block.points.id.iter().any(|&id| visitor.wants(id)) {
+                        s.call(ShowBlock::<_, _, IMAGES> { block, candidates, criteria: &criteria, filter, visitor });
                     }
                 }
+                continue;
             }
-            for block in &group.blocks {
-                if block.points.id.iter().any(|&id| visitor.wants(id)) {
-                    filter.visit::<S, V, C, IMAGES>(s, (block, candidates), &criteria, visitor);
+            for lane in 0..lanes {
+                if !alone.take_one(group, lane / LANES, lane % LANES) {
+                    continue;
                 }
+                let block = &alone.blocks[0];
+                criteria.own = criteria.greatest(&block.points.id);
+                let (all, most) = ((&criteria, excluded_within), usize::MAX);
+                s.call(AddAll::<_, IMAGES> { sweep, pairing, group: alone, candidates, criteria: all, most });
+                s.call(ShowBlock::<_, _, IMAGES> { block, candidates, criteria: &criteria, filter, visitor });
             }
         }
     }
@@ -389,7 +400,7 @@ mod tests {
     use crate::point::layout::over_interval::PointPath;
     use crate::primitive::PointArrays;
     use crate::random::Random;
-    use crate::{PointParams, PointStructure, Precision};
+    use crate::{MovingPoint, PointParams, PointStructure, Precision};
     use glam::Vec3;
 
     /// Counts the encounters that are reported to it.
@@ -509,5 +520,29 @@ mod tests {
             let most = if matches!(radii, Radii::Sum { .. }) { 50 } else { 10 };
             assert!((24 * 23..most * 24 * 23).contains(&reported), "{reported}, {radii:?}");
         }
+    }
+
+    /// Ten points among many: far apart, as they are, each is searched for alone. In a tree of their own they are one group, whose
+    /// box holds nearly all of the others.
+    #[test]
+    fn scattered_points_gather_little() {
+        let mut random = Random(8);
+        let mut set = |count: usize| -> Vec<MovingPoint> {
+            let mut random_vec = |by: f32| Vec3::from_array(core::array::from_fn(|_| random.signed() * by));
+            let moving = |_| {
+                let at = random_vec(1.0);
+                MovingPoint::new(at, at + random_vec(0.01))
+            };
+            (0..count).map(moving).collect()
+        };
+        let [many, few] = [20_000, 10].map(|count| PointTree::build(&set(count), &PointParams::default()).unwrap());
+        let sweep = Sweep::<f32>::new((&few, Some(&many)), [0.0, 1.0], 0.1.into(), [None; 2]);
+        let mut worker = Worker::new(Reported(0));
+        sweep.run_on_one_thread(&mut worker);
+        let found = (few.neighbor_lists_swept(TimeInterval::FULL, 0.1).among(&many)).collect().unwrap();
+        assert_eq!(worker.visitor.0, found.encounters().len());
+        assert!(worker.visitor.0 > 50);
+        let gathered = worker.candidates.blocks.capacity();
+        assert!(gathered < 800, "{gathered} of more than 1250 blocks");
     }
 }

@@ -1,0 +1,66 @@
+//! The steps of a search for a group, each of which is compiled once: what does not depend on the visitor for all of them.
+
+use super::candidates::{Block, Group, SweptCandidates};
+use super::coordinate::SweptCoordinate;
+use super::encounter::{Criteria, EncounterVisitor, Window};
+use super::pair_filter::PairFilter;
+use crate::point::layout::over_interval::BlockTree;
+use crate::simd::{Kernel, Lanes, Simd};
+
+/// See [`Group::take`].
+pub(super) struct TakeGroup<'a, T: BlockTree> {
+    pub(super) group: &'a mut Group<T::Coordinate>,
+    pub(super) tree: &'a T,
+    pub(super) node: usize,
+    pub(super) times: [f32; 2],
+    pub(super) excess: f64,
+}
+
+impl<C: SweptCoordinate, T: BlockTree<Coordinate = C>> Kernel for TakeGroup<'_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        self.group.take(self.tree, self.node, self.times, self.excess);
+    }
+}
+
+/// See [`SweptCandidates::add`], and [`SweptCandidates::add_images`] if `IMAGES`.
+pub(super) struct AddCandidates<'a, T: BlockTree, const IMAGES: bool> {
+    pub(super) candidates: &'a mut SweptCandidates<T::Coordinate>,
+    pub(super) tree: &'a T,
+    pub(super) group: &'a Group<T::Coordinate>,
+    pub(super) window: (Window, &'a [Lanes<f32>]),
+    pub(super) criteria: (&'a Criteria<'a>, Option<f64>),
+    pub(super) most: usize,
+}
+
+impl<C: SweptCoordinate, T: BlockTree<Coordinate = C>, const IMAGES: bool> Kernel for AddCandidates<'_, T, IMAGES> {
+    type Output = bool;
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> bool {
+        let AddCandidates { candidates, tree, group, window, criteria, most } = self;
+        if IMAGES {
+            candidates.add_images(s, tree, group, window, criteria, most)
+        } else {
+            candidates.add::<S, T, false>(s, tree, group, window, criteria, most)
+        }
+    }
+}
+
+/// See [`PairFilter::visit`].
+pub(super) struct ShowBlock<'a, V, C: SweptCoordinate, const IMAGES: bool> {
+    pub(super) block: &'a Block<C>,
+    pub(super) candidates: &'a SweptCandidates<C>,
+    pub(super) criteria: &'a Criteria<'a>,
+    pub(super) filter: &'a mut PairFilter,
+    pub(super) visitor: &'a mut V,
+}
+
+impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for ShowBlock<'_, V, C, IMAGES> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let ShowBlock { block, candidates, criteria, filter, visitor } = self;
+        filter.visit::<S, V, C, IMAGES>(s, (block, candidates), criteria, visitor);
+    }
+}
