@@ -55,7 +55,7 @@ impl PointLayerStatistics {
     }
 }
 
-/// The layers of a point tree.
+/// The layers of a point tree. Printed with `{}`, there is a line for each of them.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct PointStatistics {
     /// The layers, in the order in which they are searched.
@@ -78,18 +78,14 @@ impl PointStatistics {
 
 impl fmt::Display for PointStatistics {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for layer in &self.layers {
-            writeln!(
+        for (i, layer) in self.layers.iter().enumerate() {
+            let PointLayerStatistics { kind, points, keys, references, nodes, levels, bytes, why } = layer;
+            let begin = if i > 0 { "\n" } else { "" };
+            let s = if *keys == 1 { "" } else { "s" };
+            write!(
                 f,
-                "{:?}: {} points at {} keys, {} references, {} nodes in {} levels, {} bytes; {}",
-                layer.kind,
-                layer.points,
-                layer.keys,
-                layer.references,
-                layer.nodes,
-                layer.levels,
-                layer.bytes,
-                layer.why
+                "{begin}{kind:?}: {points} points at {keys} key{s}, {references} references, {nodes} nodes in {levels} levels, \
+                 {bytes} bytes; {why}"
             )?;
         }
         Ok(())
