@@ -269,7 +269,7 @@ impl fmt::Display for RefitError {
             RefitError::Active { mesh } => {
                 write!(
                     f,
-                    "mesh {mesh} (or a shape, where there is no such mesh) exists at times that the tree left out: build it again"
+                    "mesh {mesh} (shapes count on behind the meshes) exists at times at which it did not when the tree was built: build it again"
                 )
             }
             RefitError::NoMesh { mesh, meshes } => {

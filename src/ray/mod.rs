@@ -3,20 +3,21 @@
 //! [`RayTree::build`] takes triangle meshes, [`RayTree::of_scene`] meshes, spheres and custom primitives
 //! ([`Primitive`](crate::Primitive)) together, and [`RayTree::of_primitives`] primitives of one type; [`BuildParams`] selects the
 //! tree. [`RayTree::closest_hit`], [`RayTree::any_hit`] and [`RayTree::all_hits`] answer one [`Ray`], their plural forms many.
-//!
-//! Data flows through the modules in this order; none imports from a later one (`tests/layers.rs`).
-//!
-//! | module | contents |
-//! |---|---|
-//! | `filter`, `hit`, `observer` | what a query accepts, its answers, counted work |
-//! | `interaction` | the surface at a hit, and rays that leave it |
-//! | `kernel` | the arithmetic of one ray, against boxes and triangles |
-//! | `traversal` | traversals of the layouts by single rays and batches |
-//! | `closest_point` | the same for closest points |
-//! | `compiled`, `erased_shapes` | all queries, compiled once in this crate |
-//! | `ray_tree`, `refit`, `in_file` | [`RayTree`]: builds and single queries, refits, files |
-//! | `batch_order`, `filtered_queries`, `filtered_batches`, `closest_point_queries`, `visit` | its other queries |
-//! | `bounds`, `surface` | boxes around all; corners, normals and points of what was hit |
+//! [`RayTree::closest_point`] finds the nearest surface, and [`RayTree::refit`] prepares a tree for the next frame (docs/rays.md).
+
+// Data flows through the modules in this order; none imports from a later one (`tests/layers.rs`).
+//
+// | module | contents |
+// |---|---|
+// | `filter`, `hit`, `observer` | what a query accepts, its answers, counted work |
+// | `interaction` | the surface at a hit, and rays that leave it |
+// | `kernel` | the arithmetic of one ray, against boxes and triangles |
+// | `traversal` | traversals of the layouts by single rays and batches |
+// | `closest_point` | the same for closest points |
+// | `compiled`, `erased_shapes` | all queries, compiled once in this crate |
+// | `ray_tree`, `refit`, `in_file` | `RayTree`: builds and single queries, refits, files |
+// | `batch_order`, `filtered_queries`, `filtered_batches`, `closest_point_queries`, `visit` | its other queries |
+// | `bounds`, `surface` | boxes around all; corners, normals and points of what was hit |
 
 mod batch_order;
 mod bounds;
