@@ -136,7 +136,7 @@ pub enum Division {
     /// [`WideParams::bytes_per_primitive`].
     #[default]
     Automatic,
-    /// One hierarchy for the whole shutter everywhere.
+    /// One hierarchy for the whole shutter everywhere: the quickest to build, for trees that are soon replaced (docs/rays.md).
     Whole,
     /// This many hierarchies (2 to 16) over common leaf blocks, for the whole scene, whatever their size: for comparisons.
     SharedLeaves(usize),
