@@ -103,7 +103,9 @@ impl fmt::Display for ListError {
         match self {
             ListError::Radius { of: Some(of) } => write!(f, "the radius of {of} is negative or NaN"),
             ListError::Radius { of: None } => f.write_str("the radius is negative or NaN"),
-            ListError::Skin => f.write_str("the skin is negative or NaN"),
+            ListError::Skin => f.write_str(
+                "the skin is negative or NaN: lists must be made with at least the radii within which they shall hold",
+            ),
             ListError::RadiiDiffer => f.write_str("lists and what they shall hold need radii of the same kind: equal, own, larger or sum"),
             ListError::MissingRadius { of: of @ RadiusOf::Query(_) } => {
                 write!(f, "there is no radius for {of}; give one for each query")
