@@ -75,8 +75,8 @@ pub fn neighbor_lists<'py>(
     hand_over(py, lists, by_id.then_some(tree.len()), workers)
 }
 
-/// The lists at a time with radii, as for [`neighbor_lists`], that are longer by a skin for each pair; and the time until which they
-/// contain every pair within the radii themselves.
+/// The lists at a time with radii, as for [`neighbor_lists`], that are longer by a skin for each pair; and the time until which
+/// they contain every pair within the radii themselves.
 #[pyfunction]
 pub fn neighbor_lists_with_skin<'py>(
     py: Python<'py>,

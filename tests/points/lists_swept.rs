@@ -548,3 +548,48 @@ fn crowds_that_just_touch_the_radius_are_met() {
         }
     }
 }
+
+/// Points with the same id have one list together, with one encounter for each other id, whatever the structure.
+#[test]
+fn points_with_the_same_id_have_one_list() {
+    let mut met_twice = 0;
+    for (kind, cloud, _) in clouds(90) {
+        let ids: Vec<u32> = (0..90).map(|i| i * 7 % 40).collect();
+        let radius = 0.3 * size(&cloud);
+        let mut expected = vec![Vec::<Encounter>::new(); 40];
+        for (row, &id) in meet_all(&cloud, TimeInterval::FULL, radius).into_iter().zip(&ids) {
+            let others = row.into_iter().map(|e| Encounter { id: ids[e.id as usize], ..e });
+            for new in others.filter(|other| other.id != id) {
+                let list = &mut expected[id as usize];
+                let Some(known) = list.iter_mut().find(|known| known.id == new.id) else {
+                    list.push(new);
+                    continue;
+                };
+                let order = |e: &Encounter| (e.distance_squared.to_bits(), e.closest.to_bits());
+                let nearest = if order(&new) < order(known) { new } else { *known };
+                *known = Encounter { enter: known.enter.min(new.enter), leave: known.leave.max(new.leave), ..nearest };
+                met_twice += 1;
+            }
+        }
+        expected.iter_mut().for_each(|list| list.sort_unstable_by_key(|e| e.id));
+        let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();
+        for structure in STRUCTURES {
+            let params = PointParams { structure, max_references: 3.0, ..PointParams::default() };
+            let tree =
+                PointTree::build(&PointArrays { keys: &keys, active: &cloud.active, ids: &ids }, &params).unwrap();
+            let swept = tree.neighbor_lists_swept(TimeInterval::FULL, radius);
+            check(&swept.collect().unwrap(), &expected, &format!("{kind}, {structure:?}"));
+            // The ids of another set are not those of this one.
+            let among = swept.among(&tree).collect().unwrap();
+            for (id, row) in among.iter() {
+                let mut others: Vec<u32> = row.iter().map(|e| e.id).collect();
+                others.sort_unstable();
+                let known: Vec<u32> = expected[id as usize].iter().map(|e| e.id).collect();
+                assert!(others.windows(2).all(|two| two[0] < two[1]) && others.contains(&id), "{kind}, {structure:?}");
+                others.retain(|&other| other != id);
+                assert_eq!(others, known, "{kind}, {structure:?}, among itself, {id}");
+            }
+        }
+    }
+    assert!(met_twice > 1000, "{met_twice}");
+}

@@ -105,8 +105,8 @@ impl ListQuery<'_> {
     ///
     /// # Errors
     /// - [`ListError::Radius`] for a radius that is negative or NaN, [`ListError::MissingRadius`] for a point without one.
-    /// - [`ListError::Skin`] for a radius that is greater than that of the lists, [`ListError::RadiiDiffer`] for [`Radii`] of another
-    ///   kind than those of the lists.
+    /// - [`ListError::Skin`] for a radius that is greater than that of the lists, [`ListError::RadiiDiffer`] for [`Radii`] of
+    ///   another kind than those of the lists.
     /// - [`ListError::Origins`] and [`ListError::Double`] if the two trees keep their positions in different ways
     ///   ([`ListQuery::among`]).
     /// - [`ListError::Time`] for lists at a time outside the shutter, [`ListError::Until`] for an `until` before it or beyond the

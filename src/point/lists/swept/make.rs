@@ -81,7 +81,7 @@ impl EncounterVisitor for Maker {
 /// Makes the lists of a sweep; returns the lowest id of a point that has more than `most` neighbours, whose list is then
 /// incomplete.
 pub(super) fn lists<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Sweep<'_, C>, most: usize) -> Option<u32> {
-    if !sweep.points_once {
+    if !sweep.ids_come_up_once() {
         return merged(lists, sweep, most);
     }
     if parallel::threads() > 1 {
@@ -167,7 +167,7 @@ mod tests {
         let points = PointArrays { keys: &keys, active: &[], ids: &[] };
         let tree = PointTree::build(&points, &PointParams::default()).unwrap();
         let sweep = Sweep::<f32>::new((&tree, None), [0.0, 1.0], 0.02f32.into(), [None; 2]);
-        assert!(!sweep.points_once);
+        assert!(!sweep.ids_come_up_once());
         let mut makers = sweep.run(|| Maker::new(EncounterLists::cleared(), usize::MAX, false));
         makers.iter_mut().for_each(Maker::end_list);
         let (mut kept, mut met) = (0, 0);

@@ -43,8 +43,8 @@ impl PointTree {
     ///
     /// The encounters do not depend on the structure, the number of threads or the instruction set. Unless refined, the order of
     /// lists, and of the encounters within them, is that of the tree, or that of ids where it consists of several; a point that
-    /// does not exist in the interval may have an empty list or none. Points with the same id are no neighbours of each other;
-    /// where the tree consists of several, they have one list together.
+    /// does not exist in the interval may have an empty list or none. Points with the same id are one point in several
+    /// places: they are no neighbours of each other, have one list together, and are in another's list once.
     ///
     /// Cost: several times that of lists at a time, even of points that do not move, as each encounter is computed in f64, while
     /// points move less than their spacing relative to their neighbours. Motion that all have in common adds little. Of radii

@@ -44,8 +44,8 @@ pub(super) struct Sweep<'a, C: SweptCoordinate> {
     excess: f64,
     /// Pairs that are nearer than this at the first time are excluded.
     excluded_within: Option<f64>,
-    /// Whether each point comes up once.
-    pub(super) points_once: bool,
+    /// Whether each point is in one slice, once unless ids repeat.
+    undivided: bool,
     /// Whether some points do not exist throughout the shutter.
     has_active_intervals: bool,
     images: Images,
@@ -90,7 +90,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         };
         let groups = pairings.iter().enumerate().flat_map(nodes).collect();
         // Several references with the same id and disjoint active intervals are the same point.
-        let points_once = pairings.len() == own
+        let undivided = pairings.len() == own
             && own_once
             && layers.iter().all(|layer| layer.len() <= 1)
             && !slices.iter().any(Slice::timed);
@@ -119,7 +119,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
             most_reach,
             pairs_once: false,
             excluded_within: None,
-            points_once,
+            undivided,
             has_active_intervals,
             images: Images::default(),
         }
@@ -131,8 +131,6 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         if images.any() {
             let magnitude = || magnitude(&self.slices) + images.longest();
             self.excess = f64::excess(self.segments, magnitude, self.motion);
-            // Points with the same id are one point, in whatever image they are.
-            self.points_once &= self.has_distinct_ids();
         }
         self
     }
@@ -203,9 +201,20 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         })
     }
 
-    /// Whether no two points of a set have the same id.
+    /// Whether no two points of a set have the same id for certain.
     pub(super) fn has_distinct_ids(&self) -> bool {
         self.tree.distinct && self.among.is_none_or(|among| among.distinct)
+    }
+
+    /// Whether each id comes up once, as that of a point and as that of another which it meets.
+    pub(super) fn ids_come_up_once(&self) -> bool {
+        let differ = |slices: &[Slice<'a, C>]| {
+            let mut ids: Vec<u32> = slices.iter().flat_map(Slice::ids).collect();
+            ids.sort_unstable();
+            ids.is_sorted_by(|a, b| a < b)
+        };
+        let (own, others) = self.slices.split_at(self.own);
+        self.undivided && (self.has_distinct_ids() || differ(own) && differ(others))
     }
 
     /// The ids of all points that exist at some time of the interval; some several times.
