@@ -211,8 +211,13 @@ pub enum RefitError {
     /// A mesh exists at times when it did not when the tree was built, and the tree left it out of time slices, or its keys at
     /// these times.
     Active {
-        /// The mesh; shapes count as meshes after the last one.
+        /// The mesh.
         mesh: usize,
+    },
+    /// The same of a sphere or custom primitive.
+    ActiveShape {
+        /// Its index among the shapes.
+        shape: usize,
     },
     /// There is no mesh with this index.
     NoMesh {
@@ -267,10 +272,10 @@ impl fmt::Display for RefitError {
                 )
             }
             RefitError::Active { mesh } => {
-                write!(
-                    f,
-                    "mesh {mesh} (shapes count on behind the meshes) exists at times at which it did not when the tree was built: build it again"
-                )
+                write!(f, "mesh {mesh} exists at times at which it did not when the tree was built: build it again")
+            }
+            RefitError::ActiveShape { shape } => {
+                write!(f, "shape {shape} exists at times at which it did not when the tree was built: build it again")
             }
             RefitError::NoMesh { mesh, meshes } => {
                 write!(f, "mesh {mesh} is named as moved, but there are only {meshes}")

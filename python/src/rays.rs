@@ -71,7 +71,7 @@ impl Rays {
                 (Some(spheres), Some(moved)) => tree.refit_moved_with_shapes(&meshes, &moved, spheres),
             }
         })?;
-        done(refit, meshes.len())
+        done(refit)
     }
 
     /// Another tree with the same contents, which are copied when one of the two is refitted.

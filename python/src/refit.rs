@@ -17,10 +17,10 @@ pyo3::create_exception!(
 pub type Done = (f64, bool, [usize; 4]);
 
 /// The result of a refit.
-pub fn done(refit: Result<Refit, mbkd::RefitError>, meshes: usize) -> PyResult<Done> {
+pub fn done(refit: Result<Refit, mbkd::RefitError>) -> PyResult<Done> {
     match refit {
         Ok(refit) => Ok((refit.cost, refit.is_worn(), [refit.nodes, refit.leaves, refit.kept, refit.skipped])),
-        Err(error) => Err(refit_error(error, meshes)),
+        Err(error) => Err(refit_error(error)),
     }
 }
 
@@ -36,8 +36,8 @@ pub fn build_error(error: BuildError) -> PyErr {
     }
 }
 
-/// Converts an error of a refit to so many meshes. What no tree could be built of either is not [`RefitError`].
-fn refit_error(error: mbkd::RefitError, meshes: usize) -> PyErr {
+/// Converts an error of a refit. What no tree could be built of either is not [`RefitError`].
+fn refit_error(error: mbkd::RefitError) -> PyErr {
     let text = match error {
         mbkd::RefitError::Input(error) => return build_error(error),
         mbkd::RefitError::NoMesh { .. } => return value_error(error),
@@ -48,11 +48,8 @@ fn refit_error(error: mbkd::RefitError, meshes: usize) -> PyErr {
             "mesh {mesh} needs {found} keys after merging redundant ones, and the tree was built for {expected}: build it again \
              (with `keep_keys` all keys are kept)"
         ),
-        mbkd::RefitError::Active { mesh } if mesh >= meshes => {
-            format!("sphere {} exists at times that the tree left out: build it again", mesh - meshes)
-        }
-        mbkd::RefitError::Active { mesh } => {
-            format!("mesh {mesh} exists at times that the tree left out: build it again")
+        mbkd::RefitError::ActiveShape { shape } => {
+            format!("sphere {shape} exists at times at which it did not when the tree was built: build it again")
         }
         mbkd::RefitError::Shapes { expected, found } => {
             format!("the tree was built of {expected} spheres, not of {found}: build it again")

@@ -85,11 +85,13 @@ impl<G: Geometry> RayTree<G> {
         if built > 0.0 { tree.cost_within(frame.outward(place.bounds())) / built } else { 0.0 }
     }
 
-    /// An error if the tree left out one of the meshes and shapes with these active intervals at some of their times.
-    fn existed_before(&self, active: impl Iterator<Item = TimeInterval>) -> Result<(), RefitError> {
+    /// An error if the tree left out one of so many meshes, or of the shapes behind them, with these active intervals at some of
+    /// their times.
+    fn existed_before(&self, meshes: usize, active: impl Iterator<Item = TimeInterval>) -> Result<(), RefitError> {
         let Layout::Wide(tree) = &self.layout else { return Ok(()) };
         match tree.first_lacking(active) {
-            Some(mesh) => Err(RefitError::Active { mesh }),
+            Some(mesh) if mesh < meshes => Err(RefitError::Active { mesh }),
+            Some(index) => Err(RefitError::ActiveShape { shape: index - meshes }),
             None => Ok(()),
         }
     }
@@ -226,7 +228,7 @@ impl RayTree {
             // With another number of meshes there is another error.
             if meshes.len() == self.geometry.triangles.mesh_count() {
                 let of_shapes = shapes.iter().flat_map(OtherShapes::active);
-                self.existed_before(meshes.iter().map(|mesh| mesh.active).chain(of_shapes))?;
+                self.existed_before(meshes.len(), meshes.iter().map(|mesh| mesh.active).chain(of_shapes))?;
             }
             // Other shapes have to be put among the primitives, which takes all meshes.
             if shapes.is_none()
@@ -295,7 +297,7 @@ impl<P: Primitive> RayTree<Shapes<P>> {
         }
         parallel::entered(expected, || {
             let geometry = Shapes::new(primitives)?;
-            self.existed_before(geometry.active_intervals().into_iter())?;
+            self.existed_before(0, geometry.active_intervals().into_iter())?;
             self.refit_to(geometry, Moved::All)
         })
     }

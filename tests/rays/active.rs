@@ -391,7 +391,7 @@ fn spheres_of_many_keys_take_only_those_of_their_active_interval() {
             assert!(hits > 50 && before == 0, "{hits} hits, {before} before");
         }
         let longer = TimeInterval::new(0.3, 0.5).unwrap();
-        assert_eq!(tree.refit_primitives(balls(longer)), Err(RefitError::Active { mesh: 0 }));
+        assert_eq!(tree.refit_primitives(balls(longer)), Err(RefitError::ActiveShape { shape: 0 }));
     }
 }
 
@@ -405,12 +405,12 @@ fn spheres_that_a_tree_left_out_cannot_come_back_by_a_refit() {
     let params = BuildParams::wide(WideParams { division: Division::SeparateTrees(8), ..WideParams::default() });
     let mut tree = RayTree::of_primitives(balls(0.1), &params).unwrap();
     tree.refit_primitives(balls(0.05)).unwrap();
-    assert_eq!(tree.refit_primitives(balls(0.2)), Err(RefitError::Active { mesh: 0 }));
+    assert_eq!(tree.refit_primitives(balls(0.2)), Err(RefitError::ActiveShape { shape: 0 }));
     let shapes = |life: f32| balls(life).into_iter().map(Shape::from).collect::<Vec<_>>();
     let mesh = [soup(10, 1, 0.1, 0.0, 1)];
     let mut tree = RayTree::of_scene(&mesh, shapes(0.1), &params).unwrap();
     tree.refit_with_shapes(&mesh, shapes(0.1)).unwrap();
-    assert_eq!(tree.refit_with_shapes(&mesh, shapes(0.2)), Err(RefitError::Active { mesh: 1 }));
+    assert_eq!(tree.refit_with_shapes(&mesh, shapes(0.2)), Err(RefitError::ActiveShape { shape: 0 }));
     tree.refit(&mesh).unwrap();
 }
 

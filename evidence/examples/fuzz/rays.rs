@@ -351,7 +351,10 @@ fn frames(random: &mut Random, scene: &Scene, mut tree: RayTree, what: &str) -> 
             Ok(_) => now = next,
             Err(RefitError::Policy | RefitError::Lazy) => break,
             Err(
-                RefitError::Keys { .. } | RefitError::Active { .. } | RefitError::Input(BuildError::TooLarge { .. }),
+                RefitError::Keys { .. }
+                | RefitError::Active { .. }
+                | RefitError::ActiveShape { .. }
+                | RefitError::Input(BuildError::TooLarge { .. }),
             ) => {}
             Err(_) => return Err(what),
         }
