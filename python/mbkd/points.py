@@ -311,19 +311,19 @@ class PointTree:
             raise ValueError("eps must not be negative or NaN")
         if not bound >= 0:
             raise ValueError("distance_upper_bound must not be negative or NaN")
-        # More neighbours than points would only take memory.
-        found = max(min(most, self.n), 1)
-        d, i = self._tree.query(queries, times, found, eps, bound, workers, progress)
+        # With n as the tree had it then: another thread may rebuild it meanwhile.
+        d, i, n = self._tree.query(queries, times, most, eps, bound, workers, progress)
+        found = d.shape[1]
         if not single:
             shape += wanted.shape
             there = wanted <= found
             column = np.where(there, wanted, 1).astype(np.intp) - 1
             d, i = d[:, column], i[:, column]
-            d[:, ~there], i[:, ~there] = np.inf, self.n
+            d[:, ~there], i[:, ~there] = np.inf, n
             return d.reshape(shape), i.reshape(shape)
         if most > found:
             d = np.pad(d, ((0, 0), (0, most - found)), constant_values=np.inf)
-            i = np.pad(i, ((0, 0), (0, most - found)), constant_values=self.n)
+            i = np.pad(i, ((0, 0), (0, most - found)), constant_values=n)
         if most > 1:
             return d.reshape(*shape, most), i.reshape(*shape, most)
         return (d.reshape(shape), i.reshape(shape)) if shape else (float(d[0, 0]), int(i[0, 0]))
@@ -576,9 +576,10 @@ class PointTree:
     ) -> NeighborLists:
         """Neighbour lists with the radius r + skin, and the time until which they contain every pair within r.
 
-        With one radius for each point, the skin is added to that of each pair. Every pair within r is in the lists from `time` until just before `NeighborLists.valid_until`. That time follows
-        from the exact motion of the points, not from a bound on speeds. It is at most `until`, and at most the time of the
-        next key. In a periodic box, distances are to the nearest image. Other options are as for `neighbor_lists`.
+        With one radius for each point, the skin is added to that of each pair. Every pair within r is in the lists from `time`
+        until just before `NeighborLists.valid_until`. That time follows from the exact motion of the points, not from a bound
+        on speeds. It is at most `until`, and at most the time of the next key. In a periodic box, distances are to the nearest
+        image. Other options are as for `neighbor_lists`.
         """
         if among is not None:
             _same_kind(among, "among")

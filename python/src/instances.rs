@@ -2,7 +2,7 @@
 
 use crate::arrays::{Corners, PerQuery, corners, intervals, slice, table, value_error};
 use crate::rays::Rays;
-use crate::surfaces::{PlacedHitArrays, Surfaces, points_at, secondary_origins, surfaces};
+use crate::surfaces::{PlacedHitArrays, Surfaces, path_of, points_at, secondary_origins, surfaces};
 use crate::threads::long;
 use crate::traced::{NOTHING, PointArrays, RayArrays, Report, all, columns, each, nearest, on_surface, positions};
 use mbkd::glam::{DAffine3, DMat3, DQuat, DVec3};
@@ -242,12 +242,7 @@ impl Instances {
         let times = PerQuery::times(slice(&times)?, count)?;
         let mut entries = Vec::with_capacity(12 * count);
         for (i, path) in paths.chunks(levels).enumerate() {
-            // After its end a path has -1 only.
-            let end = path.iter().position(|&of| of == -1).unwrap_or(levels);
-            let (path, after) = path.split_at(end);
-            let path: Option<Vec<u32>> = path.iter().map(|&of| u32::try_from(of).ok()).collect();
-            let path = path.filter(|_| after.iter().all(|&of| of == -1));
-            match path.and_then(|path| self.tree.matrix(&path, times.of(i))) {
+            match path_of(path).and_then(|path| self.tree.matrix(&path, times.of(i))) {
                 Some(of) => (0..3).for_each(|row| {
                     entries.extend(of.matrix3.row(row).to_array());
                     entries.push(of.translation[row]);

@@ -22,8 +22,8 @@ pub struct Points {
     pub periods: Option<Periods>,
 }
 
-/// Distances and ids.
-type Nearest<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<i64>>);
+/// Distances and ids, and the id of missing neighbours.
+type Nearest<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<i64>>, i64);
 
 /// Offsets and ids.
 type Lists<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i32>>);
@@ -161,7 +161,8 @@ impl Points {
         Ok(format!("{:#?}", self.tree.get(py)?.statistics()))
     }
 
-    /// Distances and ids `(m, k)` of the k nearest points of each query, nearest first; `inf` and n for missing neighbours.
+    /// Distances and ids `(m, k)` of the k nearest points of each query, nearest first; `inf` and n for missing neighbours; and n.
+    /// More neighbours than there are points would only take memory: then there are n columns, or one of an empty tree.
     fn query<'py>(
         &self,
         py: Python<'py>,
@@ -178,6 +179,7 @@ impl Points {
         let times = PerQuery::times(slice(&times)?, places.len())?;
         let tree = self.tree.get(py)?;
         let missing = tree.len() as i64;
+        let k = k.min(tree.len()).max(1);
         let shape = (places.len(), k);
         let (distances, ids): (Bound<'_, PyArray2<f64>>, Bound<'_, PyArray2<i64>>) =
             (zeros(py, shape)?, zeros(py, shape)?);
@@ -232,7 +234,7 @@ impl Points {
                 begin = end;
             }
         })?;
-        Ok((distances, ids))
+        Ok((distances, ids, missing))
     }
 
     /// The points within the radius of each query: offsets `(m + 1)` and ids.

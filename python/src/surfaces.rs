@@ -58,8 +58,8 @@ impl PlacedHitArrays<'_> {
     }
 }
 
-/// The path with these instances, and -1 after the last one.
-fn path_of(levels: &[i64]) -> Option<InstancePath> {
+/// The path with these instances, and -1 after the last one; `None` if there is none.
+pub fn path_of(levels: &[i64]) -> Option<InstancePath> {
     let end = levels.iter().position(|&of| of == -1).unwrap_or(levels.len());
     let (path, after) = levels.split_at(end);
     let path = path.iter().map(|&of| u32::try_from(of).ok()).collect::<Option<Vec<u32>>>()?;

@@ -187,6 +187,23 @@ def test_threads_see_one_step_or_another():
         assert any(np.array_equal(distances, of) for of in expected)
 
 
+class Busy(PointTree):
+    """A tree that another thread rebuilds whenever this one has asked for the number of points."""
+
+    @property
+    def n(self):
+        before = super().n
+        self.rebuild(POINTS)
+        return before
+
+
+@pytest.mark.parametrize("k", [5, [1, 5]], ids=str)
+def test_a_query_counts_the_points_of_the_tree_that_it_asks(k):
+    found = Busy(POINTS[:2]).query(QUERIES, k)
+    expected = [PointTree(of).query(QUERIES, k) for of in (POINTS[:2], POINTS)]
+    assert any(np.array_equal(found, of) for of in expected)
+
+
 def test_boxes_follow():
     tree = PointTree(POINTS)
     tree.rebuild(step(4))

@@ -178,5 +178,13 @@ mod tests {
         assert!(0 < kept && kept <= met && kept < 20 * SEGMENTS, "{kept} lists of {met} encounters");
         let lists = tree.neighbor_lists_swept(TimeInterval::FULL, 0.02).collect().unwrap();
         assert_eq!(lists.points(), Vec::from_iter(0..300));
+        // Among points with many keys, those at rest have a slice for each segment, and each id once.
+        let still = PointTree::build(&first, &PointParams::default()).unwrap();
+        let sweep = Sweep::<f32>::new((&still, Some(&tree)), [0.0, 1.0], 0.02f32.into(), [None; 2]);
+        let mut ids = sweep.ids();
+        ids.sort_unstable();
+        assert_eq!(ids, Vec::from_iter(0..300));
+        let lists = still.neighbor_lists_swept(TimeInterval::FULL, 0.02).among(&tree).collect().unwrap();
+        assert_eq!(lists.points(), ids);
     }
 }

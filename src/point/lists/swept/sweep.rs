@@ -170,8 +170,8 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
     /// The lowest id, of a point that exists at some time of the interval, that has none of these radii.
     pub(super) fn lowest_without(&self, radii: Radii<'_>) -> Option<RadiusOf> {
         let without = |slices: &[Slice<'a, C>], radii: &[f32], of: fn(u32) -> RadiusOf| {
-            let lowest = |slice: &Slice<'a, C>| slice.ids().into_iter().filter(|&id| id as usize >= radii.len()).min();
-            slices.iter().filter_map(lowest).min().map(of)
+            let lowest = |ids: Vec<u32>| ids.into_iter().filter(|&id| id as usize >= radii.len()).min();
+            ids_of(slices).filter_map(lowest).min().map(of)
         };
         let slices_of_own = &self.slices[..self.own];
         let slices_of_others = if self.among.is_some() { &self.slices[self.own..] } else { slices_of_own };
@@ -209,7 +209,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
     /// Whether each id comes up once, as that of a point and as that of another which it meets.
     pub(super) fn ids_come_up_once(&self) -> bool {
         let differ = |slices: &[Slice<'a, C>]| {
-            let mut ids: Vec<u32> = slices.iter().flat_map(Slice::ids).collect();
+            let mut ids: Vec<u32> = ids_of(slices).flatten().collect();
             ids.sort_unstable();
             ids.is_sorted_by(|a, b| a < b)
         };
@@ -219,7 +219,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
 
     /// The ids of all points that exist at some time of the interval; some several times.
     pub(super) fn ids(&self) -> Vec<u32> {
-        self.slices[..self.own].iter().flat_map(Slice::ids).collect()
+        ids_of(&self.slices[..self.own]).flatten().collect()
     }
 
     /// The number of groups of points.
@@ -253,6 +253,12 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
             segments.map(|segment| segment.unwrap_or((1, 0))).map(|(keys, number)| Segment::new(keys, number));
         Window::of_segments(segments, self.times).reported_by([a.reports, b.reports])
     }
+}
+
+/// The ids of the points of each tree that exist at some time of its slice. (Points at rest have one tree, which may come up in as
+/// many slices as there are segments.)
+fn ids_of<C: SweptCoordinate>(slices: &[Slice<'_, C>]) -> impl Iterator<Item = Vec<u32>> {
+    slices.chunk_by(Slice::has_same_points).map(|slices| slices[0].ids())
 }
 
 /// The largest magnitude of a coordinate. (Looked for only where it counts: it takes a look at every point.)

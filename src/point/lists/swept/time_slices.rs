@@ -78,6 +78,11 @@ impl<C: SweptCoordinate> Slice<'_, C> {
         }
     }
 
+    /// Whether these are slices of the same points at rest.
+    pub(super) fn has_same_points(&self, other: &Self) -> bool {
+        matches!((&self.tree, &other.tree), (Tree::Static(tree), Tree::Static(same)) if core::ptr::eq(*tree, *same))
+    }
+
     /// The greatest radius behind each lane of each node.
     pub(super) fn reach(&self, radii: &[f32]) -> Vec<Lanes<f32>> {
         match self.tree {
