@@ -2,10 +2,10 @@
 
 import copy
 import pickle
-import threading
 
 import numpy as np
 import pytest
+from asking import answers_during, assert_each_is_one_of
 from mbkd import PointTree
 
 RNG = np.random.default_rng(12)
@@ -166,25 +166,10 @@ def test_a_query_in_progress_goes_on_in_the_tree_as_it_was():
 def test_threads_see_one_step_or_another():
     tree, steps = PointTree(POINTS), [POINTS, step(3)]
     expected = [PointTree(of).query(QUERIES, 3)[0] for of in steps]
-    found, done = [], threading.Event()
-
-    def ask():
-        while not done.is_set():
-            found.append(tree.query(QUERIES, 3)[0])
-
-    askers = [threading.Thread(target=ask) for _ in range(2)]
-    for asker in askers:
-        asker.start()
-    try:
-        for number in range(1, 101):
-            tree.rebuild(steps[number % 2], workers=2)
-    finally:
-        done.set()
-        for asker in askers:
-            asker.join()
-    assert found
-    for distances in found:
-        assert any(np.array_equal(distances, of) for of in expected)
+    found = answers_during(
+        lambda: tree.query(QUERIES, 3)[0], lambda number: tree.rebuild(steps[number % 2], workers=2)
+    )
+    assert_each_is_one_of(found, expected)
 
 
 class Busy(PointTree):

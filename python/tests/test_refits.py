@@ -2,10 +2,10 @@
 
 import copy
 import pickle
-import threading
 
 import numpy as np
 import pytest
+from asking import answers_during, assert_each_is_one_of
 from mbkd import InstanceTree, RayTree, Refit, RefitError
 
 RNG = np.random.default_rng(11)
@@ -284,25 +284,11 @@ def test_threads_see_one_frame_or_another():
     tree, frames = RayTree.from_meshes(frame(0)), [frame(0), frame(3)]
     expected = [RayTree.from_meshes(of).closest_hits(ORIGINS, DIRECTIONS, time=TIMES).t for of in frames]
     assert (expected[0] != expected[1]).any()
-    found, done = [], threading.Event()
-
-    def ask():
-        while not done.is_set():
-            found.append(tree.closest_hits(ORIGINS, DIRECTIONS, time=TIMES, workers=2).t)
-
-    askers = [threading.Thread(target=ask) for _ in range(2)]
-    for asker in askers:
-        asker.start()
-    try:
-        for number in range(1, 101):
-            tree.refit_meshes(frames[number % 2], workers=2)
-    finally:
-        done.set()
-        for asker in askers:
-            asker.join()
-    assert found
-    for t in found:
-        assert any(np.array_equal(t, of) for of in expected)
+    found = answers_during(
+        lambda: tree.closest_hits(ORIGINS, DIRECTIONS, time=TIMES, workers=2).t,
+        lambda number: tree.refit_meshes(frames[number % 2], workers=2),
+    )
+    assert_each_is_one_of(found, expected)
     np.testing.assert_array_equal(tree.closest_hits(ORIGINS, DIRECTIONS, time=TIMES).t, expected[0])
 
 

@@ -388,8 +388,8 @@ impl PointTree {
             return None;
         }
         let layers = self.layers.iter().map(replacement).collect();
-        // Points in f64 are in no k-d trees.
-        Some(PointTree { layers, precise: Vec::new(), statistics: self.statistics.clone(), distinct: false, ..*self })
+        // Points in f64 are in no k-d trees. The trees of boxes have each point once, as this one does.
+        Some(PointTree { layers, precise: Vec::new(), statistics: self.statistics.clone(), ..*self })
     }
 
     /// The numbers that positions are kept in: [`Precision::Single`] or [`Precision::Double`], of an empty tree the former.

@@ -4,6 +4,11 @@ use super::radii::{Margin, Radii, radius_of};
 use crate::point::layout::snapshot::{CoordinateView, ExactRows, Target};
 use crate::simd::{LANES, Lanes, Simd};
 
+/// Blocks of candidates for each point from which on scattered points are searched for one by one.
+///
+/// A point alone takes the time of gathering about a dozen blocks, and the points of a group are compared with what was gathered.
+pub(super) const MOST_BLOCKS: usize = 4;
+
 /// The points of a block at a time, in rows. In lanes without a point, the first coordinate is infinite.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
@@ -93,9 +98,7 @@ impl Group {
         let size = (0..3).fold(0.0f32, |size, axis| size.max(self.lo[axis].abs()).max(self.hi[axis].abs()));
         self.margin = if self.exact.is_empty() { Margin::NONE } else { Margin::of_rounding(size) };
     }
-}
 
-impl Group {
     /// Whether the points are scattered: most of what is within reach of the box around them is within reach of none of them.
     /// `others` is the largest radius of points that are listed.
     ///

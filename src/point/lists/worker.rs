@@ -1,7 +1,7 @@
 //! What one thread does: the lists of a share of the groups.
 
 use super::candidates::Candidates;
-use super::group::Group;
+use super::group::{Group, MOST_BLOCKS};
 use super::list_layer::{ListLayer, ListView, with_view};
 use super::list_request::{ListRequest, Listing};
 use super::prepare::Prepared;
@@ -117,11 +117,6 @@ impl Kernel for ListGroup<'_> {
         true
     }
 }
-
-/// Blocks of candidates for each point from which on scattered points are searched for one by one.
-///
-/// A point alone takes the time of gathering about a dozen blocks, and the points of a group are compared with what was gathered.
-const MOST_BLOCKS: usize = 4;
 
 impl Kernel for Share<'_> {
     type Output = ();

@@ -136,7 +136,11 @@ fn first_missing<C: SweptCoordinate>(
     let among = listing.other_set.then_some(request.among);
     let sets = [tree, request.among];
     let images = Images::new::<C>(periods, (tree, among))?;
+    // Positions are the same numbers at all times.
     let at_rest = sets.iter().flat_map(|tree| C::layers(tree)).all(|layer| matches!(layer, SweptLayer::Static(_)));
+    if at_rest && matches!(radii, Radii::Equal(_)) {
+        return Ok(until);
+    }
     let keys = sets.map(PointTree::keys);
     let segments = keys.map(|keys| C::segment(time, keys));
     let ends = [0, 1].map(|set| C::segment_end(segments[set], keys[set]));
@@ -162,7 +166,6 @@ fn first_missing<C: SweptCoordinate>(
         return Err(ListError::MissingRadius { of });
     }
     if at_rest {
-        // Positions are the same numbers at all times.
         return Ok(until);
     }
     let firsts = sweep.run(|| First { time: f32::INFINITY, listed: &listed });

@@ -10,6 +10,7 @@ use super::time_slices::{Pairing, Slice, Tree, begins_with_a_slice, pairings, ti
 use crate::parallel;
 use crate::point::layout::over_interval::{greater, lesser};
 use crate::point::lists::error::RadiusOf;
+use crate::point::lists::group::MOST_BLOCKS;
 use crate::point::lists::radii::{Allowance, Radii};
 use crate::point::tree::PointTree;
 use crate::simd::{Kernel, LANES, Lanes, Simd, dispatch};
@@ -163,6 +164,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         let segments = self.segments + usize::from(self.images.any());
         self.allowance = C::rounding(segments, magnitude, self.motion);
         let rounding = self.allowance.added_to(listed_within) - f64::from(listed_within);
+        // NaN for lists of all pairs, which counts as the greatest distance there is.
         self.excluded_within = Some(f64::from(listed_within) - 2.0 * rounding);
         self
     }
@@ -342,9 +344,6 @@ impl<C: SweptCoordinate, const IMAGES: bool> Kernel for AddAll<'_, C, IMAGES> {
         true
     }
 }
-
-/// Blocks of candidates for each point from which on scattered points are searched for one by one.
-const MOST_BLOCKS: usize = 4;
 
 impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for Share<'_, V, C, IMAGES> {
     type Output = ();
