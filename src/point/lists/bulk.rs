@@ -29,10 +29,9 @@ impl PointTree {
     /// Unless refined, the lists hold ids only, in no particular order, and come in the order in which they are made, where
     /// queries that are close in space follow each other; [`NeighborLists::points`] says which query each belongs to.
     ///
-    /// Queries may come in any order: they are put into a tree of their own, so that neighbouring ones are answered
-    /// together. A tenth as many queries as points take .4 and as many .2 of the time of [`PointTree::within_batch`]. Fewer ones that
-    /// are far apart are searched for one by one: a hundredth as many and less take 1.4 to 1.5 times as long, with the build over
-    /// them.
+    /// Queries may come in any order: they are put into a tree of their own, so that neighbouring ones are answered together. A
+    /// tenth as many queries as points take .4 and as many .2 of the time of [`PointTree::within_batch`]. Fewer ones that are far
+    /// apart are searched for one by one: a hundredth as many and less take 1.4 to 1.5 times as long, with the build over them.
     ///
     /// ```
     /// use mbkd::{NeighborLists, PointParams, PointTree};
