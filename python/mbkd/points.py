@@ -463,7 +463,8 @@ class PointTree:
         -------
         d, i, t : float64, intp, float64 (...)
             The least distance, the point, and the first time at which the point has that distance; ``inf``, ``n`` and NaN
-            if no point exists.
+            if no point exists. In a periodic box, distances are to the nearest image, and paths that are longer than sixteen
+            periods find nothing.
         """
         (first, shape), (last, other) = places(start, "start"), places(end, "end")
         if shape != other:

@@ -357,19 +357,23 @@ impl Points {
         workers: isize,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Approaches<'py>> {
-        if self.periods.is_some() {
-            return Err(PyValueError::new_err("closest approach is not for periodic boxes"));
-        }
         let (from, to) = (rows(&from)?, rows(&to)?);
         if from.len() != to.len() {
             return Err(PyValueError::new_err(format!("{} ends of {} ways", to.len(), from.len())));
         }
         let interval = TimeInterval::new(between[0], between[1]).map_err(value_error)?;
         let tree = self.tree.get(py)?;
+        let periodic = periodic(&tree, self.periods)?;
         let (mut d, mut i) = (vec![f64::INFINITY; from.len()], vec![tree.len() as i64; from.len()]);
         let mut t = vec![f64::NAN; from.len()];
         let run = |queries: &[u32]| {
-            let one = |&query: &u32| tree.closest_approach(from[query as usize], to[query as usize], interval);
+            let one = |&query: &u32| {
+                let (from, to) = (from[query as usize], to[query as usize]);
+                match &periodic {
+                    None => tree.closest_approach(from, to, interval),
+                    Some(periodic) => periodic.closest_approach(from, to, interval),
+                }
+            };
             queries.iter().map(one).collect::<Vec<_>>()
         };
         in_waves(py, &order(py, Places::Double(from), 0), workers, progress.as_ref(), run, |queries, run| {

@@ -232,6 +232,22 @@ def test_closest_approach():
     assert tree.closest_approach(start[0], end[0]) == (d[0], i[0], t[0])
 
 
+def test_closest_approach_in_a_periodic_box():
+    start, end = QUERIES[:30], QUERIES[30:60]
+    by = np.stack(np.meshgrid(*3 * [np.arange(-3, 4)], indexing="ij"), -1).reshape(-1, 3)
+    copies = PointTree(np.concatenate([SINGLE + b for b in by]), keys=np.concatenate([CLOSE + b for b in by]))
+    tree = PointTree(SINGLE, keys=CLOSE, boxsize=1)
+    d, i, t = tree.closest_approach(start, end)
+    near, of, _ = copies.closest_approach(start, end)
+    np.testing.assert_allclose(d, near, atol=1e-5)
+    assert np.mean(i == of % len(SINGLE)) > 0.9
+    again = tree.closest_approach(start + [2, -3, 0], end + [2, -3, 0])
+    np.testing.assert_allclose(again[0], d, atol=1e-6)
+    assert np.any(d < PointTree(SINGLE, keys=CLOSE).closest_approach(start, end)[0])
+    d, i, t = tree.closest_approach([0, 0, 0], [17, 0, 0])
+    assert d == np.inf and i == len(SINGLE) and np.isnan(t)
+
+
 def test_input_of_any_kind():
     ours = PointTree(SINGLE)
     d, i = ours.query(QUERIES, 3)

@@ -39,6 +39,7 @@ mod outliers;
 mod paddings;
 #[cfg(feature = "rayon")]
 mod periodic;
+mod periodic_approach;
 mod periodic_queries;
 #[cfg(feature = "rayon")]
 mod progress;

@@ -8,10 +8,10 @@ use mbkd::{
 };
 
 /// Lengths of the periodic axes.
-type Lengths = [Option<f64>; 3];
+pub type Lengths = [Option<f64>; 3];
 
 /// The place moved by whole periods: to all around a box, and farther.
-fn images(place: DVec3, lengths: Lengths, (low, high): (DVec3, DVec3)) -> Vec<DVec3> {
+pub fn images(place: DVec3, lengths: Lengths, (low, high): (DVec3, DVec3)) -> Vec<DVec3> {
     let along = |axis: usize| {
         let Some(length) = lengths[axis] else { return vec![place[axis]] };
         let inside = (0.0..length).contains(&place[axis]);
@@ -72,12 +72,12 @@ fn check(periodic: &PeriodicPoints<'_>, (place, time): (DVec3, f32), all: &[Neig
 }
 
 /// The lengths of a box of about a size, and of open axes.
-fn lengths(rng: &mut Rng, size: f32) -> Lengths {
+pub fn lengths(rng: &mut Rng, size: f32) -> Lengths {
     [0, 1, 2].map(|_| (rng.unit() < 0.7).then(|| f64::from(size) * f64::from(0.7 + rng.unit())))
 }
 
 /// Places near the points, far from them, and on the faces of boxes.
-fn place(rng: &mut Rng, size: f32, away: f32) -> Vec3 {
+pub fn place(rng: &mut Rng, size: f32, away: f32) -> Vec3 {
     let far = if rng.unit() < 0.3 { 50.0 } else { 1.5 };
     let place = (rng.vec() * far + Vec3::splat(away)) * size;
     if rng.unit() < 0.2 { Vec3::new(0.0, place.y, 0.5 * size) } else { place }

@@ -49,7 +49,7 @@ pub struct Approach {
 
 impl Approach {
     /// Order of answers: nearer first, then earlier, then the lower id.
-    fn key(&self) -> (u32, u32, u32) {
+    pub(super) fn key(&self) -> (u32, u32, u32) {
         (self.distance.to_bits(), self.time.to_bits(), self.id)
     }
 }
@@ -84,9 +84,7 @@ const MAX_PENDING: usize = 64;
 impl Search {
     /// Adds a point whose distance is known up to the slack.
     fn add(&mut self, path: &QueryPath, (about, slack): (f64, f64), point: PointPath, overlap: Overlap) {
-        // A point that is farther by less than an f32 ulp may be equally near when rounded, and have the lower id.
-        self.most =
-            self.most.min((about + slack) * (1.0 + 2.0 * f64::from(f32::EPSILON)) + f64::from(f32::from_bits(1)));
+        self.most = self.most.min(equally_near(about + slack));
         self.pending.push(Pending { least: about - slack, point, overlap });
         if self.pending.len() == MAX_PENDING {
             self.resolve(path);
@@ -132,6 +130,12 @@ impl<T: BoxTree> Kernel for Bounds<'_, T> {
     fn run<S: Simd>(self, _: S) -> Lanes<f64> {
         self.path.bounds(self.tree, self.node)
     }
+}
+
+/// Up to where points may be as near as a distance when both are rounded, and so have the earlier time or the lower id: an f32 ulp
+/// farther, and one more.
+pub(super) fn equally_near(distance: f64) -> f64 {
+    distance * (1.0 + 2.0 * f64::from(f32::EPSILON)) + f64::from(f32::from_bits(1))
 }
 
 /// Whether a lower bound of squared distances excludes better answers.
@@ -341,7 +345,7 @@ impl PointTree {
     /// nearest moment in each segment between keys. Ties of their distances, as rounded to f32, go to the earlier time, then to the
     /// lower id. The distance is the exact one of these numbers, rounded to f32, as long as it is more than 2^-70 of the largest
     /// coordinate. The time is rounded to f32 from one in f64. Finds nothing for positions that are not finite or farther from the
-    /// origin than [`MAX_POINT_COORDINATE`]. Cost: 3 to 16 microseconds among points that move little, some dozens if they move far
+    /// origin than [`MAX_POINT_COORDINATE`]. In periodic boxes: [`PeriodicPoints::closest_approach`](crate::PeriodicPoints::closest_approach). Cost: 3 to 16 microseconds among points that move little, some dozens if they move far
     /// across each other. All points that come equally near are compared, as those of a straight row beside the query's path do.
     ///
     /// ```
@@ -375,6 +379,17 @@ impl PointTree {
         interval: TimeInterval,
         keep: impl Fn(u32) -> bool,
     ) -> Option<Approach> {
+        self.approach_within([from, to], interval, f64::INFINITY, &keep)
+    }
+
+    /// The same among points that come as near as a distance. Finds others only if there are none of these.
+    pub(super) fn approach_within<Q: Position>(
+        &self,
+        [from, to]: [Q; 2],
+        interval: TimeInterval,
+        most: f64,
+        keep: &impl Fn(u32) -> bool,
+    ) -> Option<Approach> {
         let relative = [from, to].map(|p| p.relative(self.origin).as_dvec3());
         // Also false for NaN.
         let valid = |p: DVec3| p.abs().cmple(DVec3::splat(MAX_POINT_COORDINATE)).all();
@@ -387,21 +402,21 @@ impl PointTree {
         let path = QueryPath { from: relative[0], to: relative[1], times, keys };
         // All positions are f64 ones, or all are f32 ones.
         let path = if self.precise.is_empty() { path } else { exact };
-        let mut search = Search { most: f64::INFINITY, pending: Vec::new(), best: None };
+        let mut search = Search { most, pending: Vec::new(), best: None };
         let around = [interval.begin() - BESIDE_KEY, interval.end() + BESIDE_KEY];
         for layer in &self.layers {
             match layer {
-                Layer::Static(tree) => path.search_boxes(self.simd, tree, &keep, &mut search),
+                Layer::Static(tree) => path.search_boxes(self.simd, tree, keep, &mut search),
                 Layer::Moving(trees) => slices_during(trees, around)
                     .iter()
-                    .for_each(|tree| path.search_boxes(self.simd, tree, &keep, &mut search)),
+                    .for_each(|tree| path.search_boxes(self.simd, tree, keep, &mut search)),
                 Layer::Planes(trees) => slices_during(trees, around)
                     .iter()
-                    .for_each(|tree| path.search_planes(tree, plane_slack, &keep, &mut search)),
+                    .for_each(|tree| path.search_planes(tree, plane_slack, keep, &mut search)),
             }
         }
         for tree in self.precise.iter().flat_map(|layer| slices_during(&layer.trees, around)) {
-            path.search_boxes(self.simd, tree, &keep, &mut search);
+            path.search_boxes(self.simd, tree, keep, &mut search);
         }
         search.resolve(&path);
         search.best.map(|best| best.answer)

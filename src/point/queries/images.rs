@@ -58,6 +58,16 @@ impl Images {
         Images { lengths, low, high, slack, apart }
     }
 
+    /// The images of a straight path as those of its begin: whatever is near to the path is near to its begin if the box around all
+    /// points is moved by any part of the path. `None` if it is longer than [`MOST_EXTENT`] periods along an axis.
+    pub fn of_path(&self, displacement: DVec3) -> Option<Images> {
+        let periods = |axis: usize| displacement[axis].abs() / self.lengths[axis];
+        let fits = (0..3).all(|axis| self.lengths[axis] <= 0.0 || periods(axis) <= MOST_EXTENT);
+        let min = DVec3::from_array(self.low) - displacement.max(DVec3::ZERO);
+        let max = DVec3::from_array(self.high) - displacement.min(DVec3::ZERO);
+        fits.then(|| Images::new(self.lengths, Aabb { min, max }))
+    }
+
     /// Whether two images of a place may be within this squared distance of the same point.
     #[inline(always)]
     pub fn may_repeat(&self, bound: f32) -> bool {

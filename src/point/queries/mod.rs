@@ -9,6 +9,7 @@ pub(super) mod images;
 pub(super) mod iter;
 mod pair_approach;
 pub(super) mod periodic;
+mod periodic_approach;
 pub(super) mod query;
 mod tree_queries;
 pub(super) mod visit;

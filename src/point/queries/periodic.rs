@@ -56,8 +56,8 @@ impl core::error::Error for PeriodError {}
 /// The points of a tree in space that repeats along some axes; made by [`PointTree::periodic`].
 #[derive(Clone, Copy, Debug)]
 pub struct PeriodicPoints<'a> {
-    tree: &'a PointTree,
-    images: Images,
+    pub(super) tree: &'a PointTree,
+    pub(super) images: Images,
 }
 
 impl PointTree {
