@@ -41,6 +41,7 @@
 //! # Ok::<(), mbkd::BuildError>(())
 //! ```
 
+#![warn(missing_debug_implementations)]
 #![warn(clippy::missing_errors_doc, clippy::missing_panics_doc)]
 
 pub mod baseline;

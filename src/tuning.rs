@@ -1,5 +1,5 @@
 //! All constants that were fitted rather than derived, with the command that shows the effect of another value: change it,
-//! run the command before and after, and compare the rows.
+//! run the command before and after, and compare the rows. Some beside them are chosen, and say so.
 //!
 //! None of them changes an answer. Sizes of caches are round numbers between typical ones: `NEAR` fits a second level,
 //! `FAR` exceeds one core's share of a third. A size that is off by a factor of two costs superfluous prefetches,

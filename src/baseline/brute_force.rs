@@ -7,6 +7,7 @@ use crate::ray::{
     ClosestPoint, ClosestPointQuery, Everything, Filter, Geometry, Hit, PlacedQuery, Ray, Sheared, TreeRay, Visible,
     closest_point_of_all,
 };
+use core::fmt;
 
 /// Answers ray queries by testing every primitive.
 ///
@@ -25,6 +26,12 @@ use crate::ray::{
 pub struct BruteForce<G = Scene> {
     geometry: G,
     spheres: Spheres,
+}
+
+impl<G: fmt::Debug> fmt::Debug for BruteForce<G> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("BruteForce").field("geometry", &self.geometry).finish_non_exhaustive()
+    }
 }
 
 impl BruteForce {

@@ -35,6 +35,7 @@ use glam::{Vec3, Vec3A};
 /// assert_eq!(best, BruteForce::new(&meshes)?.closest_hit(&ray));
 /// # Ok::<(), mbkd::BuildError>(())
 /// ```
+#[derive(Debug)]
 pub struct TriangleTests {
     scene: Scene,
 }
@@ -124,6 +125,7 @@ fn test<G: Geometry>(geometry: &G, index: u32, ray: &PreparedRay, limit: f32) ->
 
 /// A ray in tree space, for [`TriangleTests::hit`] and for slab tests: a point of it is `origin + direction * distance`, where the
 /// direction is the ray's, scaled by a power of two so that its largest component is in [1, 2).
+#[derive(Debug)]
 pub struct PreparedRay<'a> {
     ray: TreeRay<'a>,
     sheared: Sheared,

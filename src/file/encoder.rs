@@ -45,20 +45,27 @@ pub(crate) fn write(
 }
 
 /// Writes a temporary file by `write` next to `path`, and then renames it: a reader of `path` finds either the previous
-/// file or the complete new one, whoever else saves there. What is no regular file, as a pipe, is written to directly.
+/// file or the complete new one, whoever else saves there. The new file has the permissions of the previous one. What is no
+/// regular file, as a pipe, is written to directly.
 pub(crate) fn save(path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<(), FileError>) -> Result<(), FileError> {
     replace(path, write).map_err(|error| error.at(path))
 }
 
 fn replace(path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<(), FileError>) -> Result<(), FileError> {
-    if std::fs::metadata(path).is_ok_and(|of| !of.is_file()) {
+    let before = std::fs::metadata(path);
+    if before.as_ref().is_ok_and(|of| !of.is_file()) {
         return write(&mut File::options().write(true).open(path)?);
     }
     // The file behind a symbolic link, not the link, is replaced.
     let path = std::fs::canonicalize(path).unwrap_or_else(|_| behind_links(path));
     let (part, mut file) = temporary_file(&path)?;
+    // Before anything is written: a file that others may not read is never readable.
+    let allowed = before.map_or(Ok(()), |before| file.set_permissions(before.permissions()));
     // Without the sync, a machine that stops soon afterwards may have the name and not the contents.
-    let written = write(&mut file).and_then(|()| Ok(file.sync_all().and_then(|()| std::fs::rename(&part, &path))?));
+    let written = allowed
+        .map_err(FileError::from)
+        .and_then(|()| write(&mut file))
+        .and_then(|()| Ok(file.sync_all().and_then(|()| std::fs::rename(&part, &path))?));
     if written.is_err() {
         // An error of the removal matters less than the error of the write.
         let _ = std::fs::remove_file(&part);

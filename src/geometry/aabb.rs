@@ -83,6 +83,18 @@ impl LinearBounds {
         self.begin.max += high;
         self.end.max += high;
     }
+
+    /// Linear bounds of the successive slices of an interval, each linear between two fractions of it: the line between the first
+    /// and the last state, moved outward until it holds each slice at both of its ends. `None` of no slices.
+    pub fn of_slices(slices: &[([f64; 2], LinearBounds)]) -> Option<LinearBounds> {
+        let ((_, first), (_, last)) = (slices.first()?, slices.last()?);
+        let mut all = LinearBounds { begin: first.begin, end: last.end };
+        for ([begin, end], slice) in slices {
+            all.include(*begin, slice.begin);
+            all.include(*end, slice.end);
+        }
+        Some(all)
+    }
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ pub const MAX_NESTING: usize = 4;
 const NONE: u32 = u32::MAX;
 
 /// The instances that lead to a tree: an index into those of the outermost tree, then into those of the tree placed
-/// there, and so on. Paths are ordered lexicographically.
+/// there, and so on. Paths of one tree are ordered lexicographically.
 ///
 /// ```
 /// use mbkd::InstancePath;

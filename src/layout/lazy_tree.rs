@@ -71,7 +71,7 @@ const DIVIDING: f64 = 0.98;
 impl LazyTree {
     /// Divides the primitives of a set into subtrees, and builds the tree above them.
     pub fn build<S: WideSource>(set: &S, params: &LazyParams, progress: &Progress) -> Result<LazyTree, BuildError> {
-        let most = params.subtree.min(most_in_subtree(set));
+        let most = params.subtree.min(most_in_subtree(set, params.wide.division)?);
         let bounds = |ids: &[u32], out: &mut [LaneBounds]| {
             set.lane_bounds(ids, TimeInterval::FULL, &VertexTubes::default(), out)
         };
@@ -146,6 +146,7 @@ impl LazyTree {
         (all.leaves, all.references) = (0, 0);
         all.subtrees = self.len();
         all.bytes += self.ids.capacity() * size_of::<u32>() + self.subtrees.capacity() * size_of::<Subtree>();
+        all.bytes += self.groups.capacity() * size_of::<Group>();
         let (mut primitives, mut in_slices, mut seen) = (0, InSlices::default(), Vec::new());
         for (subtree, tree) in (0..).map(|subtree| (subtree, self.built(subtree))).take(self.len()) {
             let Some(tree) = tree else { continue };

@@ -431,29 +431,21 @@ impl<S: WideSource> Pass<'_, S> {
         lanes.fold(LinearBox3::EMPTY, |all, lane| all.union(read_box(block, at.kind(), lane, over)))
     }
 
-    /// Linear bounds of all slices of a time node: the line between the first and the last state, moved outward until it holds each
-    /// slice at both of its ends. Each slice is linear between its ends.
+    /// Linear bounds of all slices of a time node ([`LinearBounds::of_slices`]).
     ///
     /// Computed in f64, whose rounding errors are negligible beside the padding of the result.
     fn bounds_of_slices(&self, place: &Place<'_>, at: ChildRef, over: TimeInterval) -> LinearBox3 {
         let slices = slices_of(place, at);
         let fine = |b: Box3| Aabb { min: b.min.as_dvec3(), max: b.max.as_dvec3() };
-        let mut all: Option<LinearBounds> = None;
-        let each: Vec<(TimeInterval, LinearBox3)> = (0..slices.len())
-            .map(|i| time_slice(i, slices.len()))
-            .zip(&slices)
-            .map(|(over, &slice)| (over, self.bounds(place, slice, over)))
-            .collect();
-        for (_, slice) in &each {
-            let begin = all.map_or(fine(slice.begin), |all| all.begin);
-            all = Some(LinearBounds { begin, end: fine(slice.end) });
-        }
-        let Some(mut all) = all else { return LinearBox3::EMPTY };
-        for (over_slice, slice) in each {
-            let w = |t: f32| (f64::from(t) - f64::from(over.begin())) / over.fine_duration();
-            all.include(w(over_slice.begin()), fine(slice.begin));
-            all.include(w(over_slice.end()), fine(slice.end));
-        }
+        let fraction = |t: f32| (f64::from(t) - f64::from(over.begin())) / over.fine_duration();
+        let bounds = |(i, &slice): (usize, &ChildRef)| {
+            let over = time_slice(i, slices.len());
+            let bounds = self.bounds(place, slice, over);
+            let fine = LinearBounds { begin: fine(bounds.begin), end: fine(bounds.end) };
+            ([over.begin(), over.end()].map(fraction), fine)
+        };
+        let each: Vec<([f64; 2], LinearBounds)> = slices.iter().enumerate().map(bounds).collect();
+        let Some(all) = LinearBounds::of_slices(&each) else { return LinearBox3::EMPTY };
         let outward = |b: Aabb| {
             let b = Box3 { min: b.min.as_vec3(), max: b.max.as_vec3() };
             b.pad(4.0 * ULP * b.magnitude())

@@ -18,15 +18,9 @@ impl WideTree {
         let slices = self.slots(self.root);
         let count = slices.len() as f32;
         let over = |i: usize| [i as f32 / count, (i + 1) as f32 / count];
-        let each = slices.iter().enumerate().map(|(i, &slice)| self.node_bounds(ChildRef(slice), over(i), frame));
-        let each: Vec<LinearBounds> = each.collect::<Option<_>>()?;
-        let mut all = LinearBounds { begin: each.first()?.begin, end: each.last()?.end };
-        for (i, slice) in each.iter().enumerate() {
-            let [begin, end] = over(i).map(f64::from);
-            all.include(begin, slice.begin);
-            all.include(end, slice.end);
-        }
-        Some(all)
+        let bounds = |i: usize| Some((over(i).map(f64::from), self.node_bounds(ChildRef(slices[i]), over(i), frame)?));
+        let each: Vec<([f64; 2], LinearBounds)> = (0..slices.len()).map(bounds).collect::<Option<_>>()?;
+        LinearBounds::of_slices(&each)
     }
 
     /// Linear bounds of each of the root's children, if the root is a node.

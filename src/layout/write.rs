@@ -75,7 +75,8 @@ pub(crate) fn write_blocks(
         fragment.tops.resize(tasks[task].len(), ChildRef::NOTHING);
         leaves(&mut fragment.arena, tasks[task], &mut fragment.tops)
     };
-    let sizes: Vec<u32> = words.chunks(BLOCKS).map(|words| words.iter().sum()).collect();
+    let sizes: Vec<u32> =
+        words.chunks(BLOCKS).map(|words| words.iter().fold(0, |sum: u32, &of| sum.saturating_add(of))).collect();
     write_in_order(arena, &sizes, further, 1, &|_| true, &write)
 }
 

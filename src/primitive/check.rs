@@ -191,7 +191,7 @@ fn check_hit(
         return Err(PrimitiveError::OtherSphere { ray });
     }
     let Some(t) = hit.map(|hit| hit.t).filter(|t| !t.is_nan()) else { return Ok(None) };
-    if t < ray.t_min || t > ray.t_max {
+    if t < ray.t_min || t > ray.t_max || t.is_infinite() {
         return Err(PrimitiveError::OutsideRange { ray, t });
     }
     // t is rounded to f32, and the fraction of the interval in f64.
@@ -315,6 +315,7 @@ mod tests {
             Err(PrimitiveError::BadBounds { .. })
         ));
         assert!(matches!(check(|b| b, |_, t| -t), Err(PrimitiveError::OutsideRange { .. })));
+        assert!(matches!(check(|b| b, |_, _| f32::INFINITY), Err(PrimitiveError::OutsideRange { .. })));
         // The front again, for a ray that begins behind it.
         struct Hasty(MovingSphere);
         impl Primitive for Hasty {

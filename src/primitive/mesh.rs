@@ -117,7 +117,7 @@ impl TriangleMesh {
         TriangleMesh { indices, keys: keys.into(), active: TimeInterval::FULL, mask: u32::MAX, keep_keys: false }
     }
 
-    /// A mesh that does not move.
+    /// A mesh that does not move. (With f64 positions: [`TriangleMesh::new`] with one key.)
     pub fn fixed(indices: Vec<[u32; 3]>, positions: Vec<Vec3>) -> TriangleMesh {
         TriangleMesh::new(indices, vec![positions])
     }

@@ -12,6 +12,7 @@ use super::vertex_tubes::VertexTubes;
 use crate::error::{BuildError, RefitError};
 use crate::geometry::{Box3, CornerBounds, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
 use crate::progress::Progress;
+use core::fmt;
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -28,6 +29,15 @@ pub enum Shape {
     Sphere(MovingSphere),
     /// A custom primitive.
     Custom(Box<dyn Primitive>),
+}
+
+impl fmt::Debug for Shape {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Shape::Sphere(sphere) => f.debug_tuple("Sphere").field(sphere).finish(),
+            Shape::Custom(_) => f.debug_tuple("Custom").finish_non_exhaustive(),
+        }
+    }
 }
 
 impl Shape {
@@ -121,6 +131,14 @@ pub struct Scene {
     /// Number of meshes: the mesh index of shapes.
     meshes: u32,
     always_active: bool,
+}
+
+impl fmt::Debug for Scene {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (meshes, triangles, shapes) = (self.meshes, self.first, self.shapes.len());
+        let mut scene = f.debug_struct("Scene");
+        scene.field("meshes", &meshes).field("triangles", &triangles).field("shapes", &shapes).finish_non_exhaustive()
+    }
 }
 
 /// Shapes that a refit puts in the place of others, after checking their bounds.

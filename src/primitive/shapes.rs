@@ -9,6 +9,7 @@ use crate::limits::MAX_COORDINATE;
 use crate::parallel::{self, CHUNK};
 use crate::progress::Progress;
 use crate::simd::prefetch;
+use core::fmt;
 use core::sync::atomic::{AtomicU32, Ordering};
 use glam::DVec3;
 use std::sync::Arc;
@@ -31,6 +32,12 @@ pub struct Shapes<P> {
     swept: Aabb,
     /// The lowest primitive that returned invalid bounds over a part of its interval, or [`NONE`].
     bad: AtomicU32,
+}
+
+impl<P> fmt::Debug for Shapes<P> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Shapes").field("len", &self.shapes.len()).finish_non_exhaustive()
+    }
 }
 
 /// What a sphere at one key takes in a leaf block, in f32 and in f64, at most: an arena may be a thirty-second larger than its

@@ -120,15 +120,15 @@ impl MovingSphere {
     /// [`Primitive::intersect`](super::Primitive::intersect) returns it.
     #[inline(always)]
     pub(crate) fn intersection(sphere: (DVec3, f64), ray: &Ray) -> Option<Intersection> {
-        let Chord { middle, half, .. } = Chord::of(sphere, ray)?;
+        let Chord { middle, half, aside } = Chord::of(sphere, ray)?;
         let in_range = |t: f32| ray.t_min <= t && t <= ray.t_max;
         let (near, far) = ((middle - half) as f32, (middle + half) as f32);
-        let t = if in_range(near) { near } else { far };
+        let (t, to_hit) = if in_range(near) { (near, -half) } else { (far, half) };
         if !in_range(t) {
             return None;
         }
-        let (center, radius) = sphere;
-        let normal = (ray.point(t) - center) * radius.recip();
+        // From the chord, since `t` is rounded: far from the origin of the ray by more than the radius.
+        let normal = (ray.dir.as_dvec3() * to_hit - aside) * sphere.1.recip();
         // Zero is added so that neither is -0: leaf blocks have zeros of centers with either sign.
         Some(Intersection { t, u: normal.x as f32 + 0.0, v: normal.y as f32 + 0.0 })
     }
@@ -141,7 +141,8 @@ impl MovingSphere {
         (ray.dir.as_dvec3() * if first { -half } else { half } - aside).try_normalize()
     }
 
-    /// The outward unit normal at a point of the surface, at a time in [0, 1]; zero at the center.
+    /// The outward unit normal at a point of the surface, at a time in [0, 1]; zero at the center. Where a ray hits,
+    /// [`RayTree::surface_normal`](crate::RayTree::surface_normal) does not depend on the rounding of `t`.
     ///
     /// ```
     /// use mbkd::glam::{DVec3, Vec3};

@@ -239,6 +239,22 @@ fn threads_may_save_to_the_same_path() {
 
 #[cfg(unix)]
 #[test]
+fn a_file_keeps_its_permissions_when_it_is_replaced() {
+    use std::os::unix::fs::PermissionsExt;
+    let path = std::env::temp_dir().join(format!("mbkd-permissions-{}", std::process::id()));
+    let (_, tree) = trees().pop().unwrap();
+    for mode in [0o600, 0o400, 0o644] {
+        std::fs::write(&path, b"before").unwrap();
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(mode)).unwrap();
+        tree.save(&path).unwrap();
+        assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, mode);
+        assert_eq!(std::fs::read(&path).unwrap(), file(&tree));
+        std::fs::remove_file(&path).unwrap();
+    }
+}
+
+#[cfg(unix)]
+#[test]
 fn links_are_followed_and_what_is_no_file_is_written_to() {
     let folder = std::env::temp_dir().join(format!("mbkd-links-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();

@@ -376,6 +376,32 @@ fn points_of_grazing_hits_are_known_at_other_times() {
     assert!(hits > 2000, "{hits}");
 }
 
+/// `t` is rounded by more than the radius there.
+#[test]
+fn normals_of_hits_from_far_away_are_not_rounded_as_distances_are() {
+    let mut random = Random(77);
+    for distance in [10.0, 1e5, 1e8] {
+        for _ in 0..200 {
+            let (center, radius) = (random.vec().as_dvec3(), f64::from(0.2 + random.unit()));
+            let dir = random.vec().normalize();
+            let along = dir.as_dvec3().normalize();
+            let aside = along.cross(random.vec().as_dvec3()).normalize() * (0.9 * f64::from(random.unit()));
+            // The unit normal where the ray enters.
+            let normal = aside - along * (1.0 - aside.length_squared()).sqrt();
+            let ray = Ray::new(center + aside * radius - dir.as_dvec3() * distance, dir);
+            let sphere = MovingSphere::fixed(center, radius);
+            let tree = RayTree::of_scene(&[], vec![sphere.into()], &BuildParams::default()).unwrap();
+            let hit = tree.closest_hit(&ray).unwrap();
+            // The origin is an f64: at 1e8, less than 1e-7 beside the line.
+            let found = [hit.u, hit.v].map(f64::from);
+            let error = (found[0] - normal.x).abs().max((found[1] - normal.y).abs());
+            assert!(error < 1e-6, "{error:e} from {distance:e} away");
+            let whole = tree.surface_normal(&ray, &hit);
+            assert!((whole.as_dvec3() - normal).abs().max_element() < 1e-6);
+        }
+    }
+}
+
 /// Centers at -0 are +0 in a leaf block or not, which hits do not show.
 #[test]
 fn signs_of_zeros_do_not_reach_the_hits() {

@@ -23,7 +23,7 @@ use crate::traverse::Faces;
 use glam::{Vec3, Vec3A};
 
 /// The data of a ray for the slab test, per axis.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Slabs {
     /// Words from the first of an axis' two rows to the row of the near faces: zero, or one row if the direction is negative.
     pub(in crate::ray) near: [usize; 3],

@@ -10,7 +10,7 @@ use glam::{DVec3, Vec3, Vec3A};
 ///
 /// This struct holds the data for tests of nodes. The data for tests of triangles ([`Sheared`](super::shear::Sheared)) is derived
 /// from it when a ray reaches its first triangle; many rays never do.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct TreeRay<'a> {
     /// The data of the slab test. Components of the direction smaller than [`LEAST_COMPONENT`] are replaced by it.
     pub slabs: Slabs,
