@@ -345,8 +345,10 @@ impl PointTree {
     /// nearest moment in each segment between keys. Ties of their distances, as rounded to f32, go to the earlier time, then to the
     /// lower id. The distance is the exact one of these numbers, rounded to f32, as long as it is more than 2^-70 of the largest
     /// coordinate. The time is rounded to f32 from one in f64. Finds nothing for positions that are not finite or farther from the
-    /// origin than [`MAX_POINT_COORDINATE`]. In periodic boxes: [`PeriodicPoints::closest_approach`](crate::PeriodicPoints::closest_approach). Cost: 3 to 16 microseconds among points that move little, some dozens if they move far
-    /// across each other. All points that come equally near are compared, as those of a straight row beside the query's path do.
+    /// origin than [`MAX_POINT_COORDINATE`]. In periodic boxes:
+    /// [`PeriodicPoints::closest_approach`](crate::PeriodicPoints::closest_approach). Cost: 3 to 16 microseconds among points that
+    /// move little, some dozens if they move far across each other. All points that come equally near are compared, as those of a
+    /// straight row beside the query's path do.
     ///
     /// ```
     /// use mbkd::{MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};

@@ -5,7 +5,8 @@
 //! at rest, if the box around all points is enlarged by the way.
 //!
 //! **Rounding.** Both ends of an image may be rounded to f32. Their coordinates are up to twice as large as those of the enlarged
-//! box and a period, since each end lies within a period and a displacement of the box around all points. The slack of an image's distance, 2^-22 of these, is twice that rounding.
+//! box and a period, since each end lies within a period and a displacement of the box around all points. The slack of an image's
+//! distance, 2^-22 of these, is twice that rounding.
 
 use super::approach::{Approach, equally_near};
 use super::periodic::PeriodicPoints;
@@ -18,8 +19,9 @@ impl PeriodicPoints<'_> {
     ///
     /// `from` may be in any period, and `to` is where the query goes from there, perhaps through faces of the box. Points may pass
     /// through faces as well, as their keys say. Answers equal brute force over the images of the query: each begins at an image of
-    /// `from`, as computed in f64, and is moved by `to - from`. Finds nothing for paths longer than sixteen periods along an axis. Cost: that of one search in open space for each image that comes as near as the answer: one inside of the box, two
-    /// at a face.
+    /// `from`, as computed in f64, and is moved by `to - from`. Finds nothing for paths longer than sixteen periods along an axis.
+    /// Cost: that of one search in open space for each image that comes as near as the answer: one inside of the box, two at a
+    /// face.
     ///
     /// ```
     /// use mbkd::{MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
