@@ -64,9 +64,14 @@ pub enum Problem {
         /// Its length.
         found: usize,
     },
-    /// A rank would hold more particles than 32-bit numbers can name.
+    /// A rank would hold more particles than 32-bit numbers can name, copies of others' included.
     TooMany {
         /// How many.
+        found: usize,
+    },
+    /// A [`Route`](crate::Route) was made by more or fewer ranks than are to use it.
+    Ranks {
+        /// By how many.
         found: usize,
     },
     /// An argument, or the call itself, is not that of rank 0.
@@ -104,8 +109,12 @@ impl fmt::Display for Problem {
             Problem::Query { index } => write!(f, "query {index} is not finite or too far from zero"),
             Problem::Length { found } => write!(f, "an array of {found} elements has not one for each particle"),
             Problem::TooMany { found } => {
-                write!(f, "{found} particles are more than one rank can hold; use more ranks")
+                write!(
+                    f,
+                    "{found} particles, copies included, are more than one rank can hold; use more ranks or a smaller reach"
+                )
             }
+            Problem::Ranks { found } => write!(f, "a route between {found} ranks is used by another number of ranks"),
             Problem::Differs { argument } => write!(f, "{argument} is not that of rank 0"),
         }
     }
@@ -127,6 +136,7 @@ impl Problem {
             Problem::Query { index } => [8, index as u64],
             Problem::Length { found } => [9, found as u64],
             Problem::TooMany { found } => [10, found as u64],
+            Problem::Ranks { found } => [11, found as u64],
             Problem::Differs { .. } => unreachable!("found out by comparing, not sent"),
         }
     }
@@ -145,6 +155,7 @@ impl Problem {
             8 => Problem::Query { index },
             9 => Problem::Length { found: index },
             10 => Problem::TooMany { found: index },
+            11 => Problem::Ranks { found: index },
             _ => return None,
         })
     }
@@ -156,11 +167,11 @@ mod tests {
 
     #[test]
     fn problems_arrive_as_they_were_sent() {
-        for kind in 1..=10 {
+        for kind in 1..=11 {
             let problem = Problem::decode([kind, 2]).expect("all kinds have names");
             assert_eq!(problem.encode()[0], kind);
             assert_eq!(Problem::decode(problem.encode()), Some(problem));
         }
-        assert_eq!((Problem::decode([0, 7]), Problem::decode([11, 0])), (None, None));
+        assert_eq!((Problem::decode([0, 7]), Problem::decode([12, 0])), (None, None));
     }
 }

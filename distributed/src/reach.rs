@@ -23,7 +23,8 @@ pub const SHORTEST_PERIOD: f32 = 1e-12;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reach {
-    /// The largest radius that lists of the step will be asked for; at most half of any period.
+    /// The largest radius that lists of the step will be asked for; at most half of any period. Infinity copies every particle to
+    /// every rank.
     pub radius: f32,
     /// Lengths of periodic axes, each from [`SHORTEST_PERIOD`] to [`LONGEST_PERIOD`]. Positions should lie within a period of zero
     /// or little beyond; more than [`MOST_PERIODS`] from zero is an error.

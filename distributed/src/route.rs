@@ -24,7 +24,7 @@ use bytemuck::Pod;
 /// });
 /// assert_eq!(masses, [Ok(vec![20.0, 30.0]), Ok(vec![0.0, 10.0])]);
 /// ```
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Route {
     /// Values that the sender has.
     len: usize,
@@ -53,10 +53,14 @@ impl Route {
     /// Takes values the same way: `values[i]` belongs to particle i of the sender; returns one value for each particle
     /// that arrived, in the order of these. All ranks call this together.
     ///
-    /// Errors: [`Problem::Length`] where there is not one value for each particle.
+    /// Errors: [`Problem::Length`] where there is not one value for each particle, [`Problem::Ranks`] where the route is one between
+    /// more or fewer ranks.
     pub fn carry<T: Pod>(&self, exchange: &impl Exchange, values: &[T]) -> Result<Vec<T>, Error> {
-        let fits = values.len() == self.len;
-        let checked = if fits { Ok(()) } else { Err(Problem::Length { found: values.len() }) };
+        let checked = match (self.sent.len(), values.len()) {
+            (ranks, _) if ranks != exchange.size() => Err(Problem::Ranks { found: ranks }),
+            (_, values) if values != self.len => Err(Problem::Length { found: values }),
+            _ => Ok(()),
+        };
         agree(exchange, Arguments::new(Call::Carry).k(size_of::<T>()), checked)?;
         let arrived = self.send(exchange, values);
         Ok(self.order.iter().map(|&i| arrived[i]).collect())
@@ -72,5 +76,22 @@ impl Route {
     pub fn leaving(&self, exchange: &impl Exchange) -> usize {
         let others = (0..).zip(&self.sent).filter(|(rank, _)| *rank != exchange.rank());
         others.map(|(_, sent): (usize, _)| sent.len()).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Particle, Threads, distribute};
+
+    #[test]
+    fn a_route_is_between_the_ranks_that_made_it() {
+        let own = [Particle::fixed(0, [0.0; 3])];
+        let routes = Threads::run(2, |ranks| distribute(ranks, &own, &[], [None; 3]).map(|(_, route)| route));
+        let [Ok(route), Ok(_)] = &routes[..] else { panic!("two routes") };
+        for size in [1, 3] {
+            let carried = Threads::run(size, |ranks| route.carry(ranks, &[1u8]));
+            assert_eq!(carried, vec![Err(Error { rank: 0, problem: Problem::Ranks { found: 2 } }); size]);
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! A step: the particles of a rank, what of other ranks comes near them, and trees of both.
 
 use crate::agree::{Arguments, Call, agree};
-use crate::error::Error;
+use crate::error::{Error, Problem};
 use crate::exchange::Exchange;
 use crate::particle::{Particle, Points};
 use crate::reach::{Reach, check_particles};
@@ -50,14 +50,27 @@ impl<'e, E: Exchange> Step<'e, E> {
     /// may come within the radius of its particles during the step, and builds trees. All ranks call this together.
     ///
     /// Particles may be on any rank, also all on one; answers do not depend on it. Costs little where they come from
-    /// [`distribute`](crate::distribute). Errors: [`Problem`](crate::Problem) names them.
+    /// [`distribute`](crate::distribute), and where the reach is short: everything that is within it is copied. Errors:
+    /// [`Problem`] names them; [`Problem::TooMany`] is found before anything is sent.
     pub fn new(exchange: &'e E, particles: &[Particle], reach: &Reach) -> Result<Step<'e, E>, Error> {
+        Step::of_fewer(u32::MAX.into(), exchange, particles, reach)
+    }
+
+    /// [`Step::new`] for ranks that hold fewer particles than a limit, copies included.
+    fn of_fewer(limit: u64, exchange: &'e E, particles: &[Particle], reach: &Reach) -> Result<Step<'e, E>, Error> {
         let arguments = Arguments::new(Call::Step).radius(reach.radius).periods(reach.periods);
         agree(exchange, arguments, reach.check().and_then(|()| check_particles(particles, reach.periods)))?;
         let mut particles = particles.to_vec();
         particles.sort_by_key(|particle| particle.id);
         let (top, chunks) = Top::new(exchange, &particles, reach.periods);
         let to = top.halo(exchange.rank(), &chunks, &particles, reach.radius.into());
+        let mut held: Vec<u64> = to.iter().map(|to| to.len() as u64).collect();
+        held[exchange.rank()] += particles.len() as u64;
+        exchange.sum(&mut held);
+        // All ranks see the same numbers.
+        if let Some(rank) = held.iter().position(|&held| held >= limit) {
+            return Err(Error { rank, problem: Problem::TooMany { found: held[rank] as usize } });
+        }
         let (route, halo) = Route::of(exchange, &particles, to, |particle| particle.id);
         let (own, near) = (tree(&particles), tree(&halo));
         Ok(Step { exchange, reach: *reach, particles, halo, route, top, own, near })
@@ -83,4 +96,30 @@ impl<'e, E: Exchange> Step<'e, E> {
 pub(crate) fn tree(particles: &[Particle]) -> PointTree {
     let tree = PointTree::build(&Points(particles), &PointParams::default());
     tree.unwrap_or_else(|error| unreachable!("the particles have been checked: {error}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Threads;
+
+    #[test]
+    fn a_halo_that_does_not_fit_is_an_error_on_every_rank() {
+        let errors = |limit: u64, radius: f32| {
+            Threads::run(3, |ranks| {
+                // Two particles on rank 0, one on each of the others.
+                let at = |x: f32| Particle::fixed(x as u64, [x, 0.0, 0.0]);
+                let own = [at(ranks.rank() as f32), at(10.0)];
+                let own = if ranks.rank() == 0 { &own[..] } else { &own[..1] };
+                Step::of_fewer(limit, ranks, own, &Reach::within(radius)).err()
+            })
+        };
+        let error = Some(Error { rank: 0, problem: Problem::TooMany { found: 4 } });
+        assert_eq!(errors(4, f32::INFINITY), [error; 3]);
+        assert_eq!(errors(5, f32::INFINITY), [None; 3]);
+        // The particle at 10 is a copy nowhere; ranks 0 and 1 hold three.
+        let error = Some(Error { rank: 0, problem: Problem::TooMany { found: 3 } });
+        assert_eq!(errors(3, 1.0), [error; 3]);
+        assert_eq!(errors(4, 1.0), [None; 3]);
+    }
 }
