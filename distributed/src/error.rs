@@ -44,11 +44,6 @@ pub enum Problem {
     },
     /// A radius is negative or NaN.
     Radius,
-    /// A radius is more than half a period: more than one image of a particle would lie within it.
-    HalfPeriod {
-        /// The axis.
-        axis: usize,
-    },
     /// A radius is larger than the one that the step was prepared for.
     BeyondReach,
     /// A time is outside [0, 1] or NaN.
@@ -103,7 +98,6 @@ impl fmt::Display for Problem {
                 )
             }
             Problem::Radius => f.write_str("a radius is negative or NaN"),
-            Problem::HalfPeriod { axis } => write!(f, "a radius is more than half the period of axis {axis}"),
             Problem::BeyondReach => f.write_str("a radius is larger than the one that the step was prepared for"),
             Problem::Time => f.write_str("a time is not in [0, 1]"),
             Problem::Query { index } => write!(f, "query {index} is not finite or too far from zero"),
@@ -130,13 +124,12 @@ impl Problem {
             Problem::FarFromPeriod { id } => [2, id],
             Problem::Period { axis } => [3, axis as u64],
             Problem::Radius => [4, 0],
-            Problem::HalfPeriod { axis } => [5, axis as u64],
-            Problem::BeyondReach => [6, 0],
-            Problem::Time => [7, 0],
-            Problem::Query { index } => [8, index as u64],
-            Problem::Length { found } => [9, found as u64],
-            Problem::TooMany { found } => [10, found as u64],
-            Problem::Ranks { found } => [11, found as u64],
+            Problem::BeyondReach => [5, 0],
+            Problem::Time => [6, 0],
+            Problem::Query { index } => [7, index as u64],
+            Problem::Length { found } => [8, found as u64],
+            Problem::TooMany { found } => [9, found as u64],
+            Problem::Ranks { found } => [10, found as u64],
             Problem::Differs { .. } => unreachable!("found out by comparing, not sent"),
         }
     }
@@ -149,13 +142,12 @@ impl Problem {
             2 => Problem::FarFromPeriod { id },
             3 => Problem::Period { axis: index },
             4 => Problem::Radius,
-            5 => Problem::HalfPeriod { axis: index },
-            6 => Problem::BeyondReach,
-            7 => Problem::Time,
-            8 => Problem::Query { index },
-            9 => Problem::Length { found: index },
-            10 => Problem::TooMany { found: index },
-            11 => Problem::Ranks { found: index },
+            5 => Problem::BeyondReach,
+            6 => Problem::Time,
+            7 => Problem::Query { index },
+            8 => Problem::Length { found: index },
+            9 => Problem::TooMany { found: index },
+            10 => Problem::Ranks { found: index },
             _ => return None,
         })
     }
@@ -167,11 +159,11 @@ mod tests {
 
     #[test]
     fn problems_arrive_as_they_were_sent() {
-        for kind in 1..=11 {
+        for kind in 1..=10 {
             let problem = Problem::decode([kind, 2]).expect("all kinds have names");
             assert_eq!(problem.encode()[0], kind);
             assert_eq!(Problem::decode(problem.encode()), Some(problem));
         }
-        assert_eq!((Problem::decode([0, 7]), Problem::decode([12, 0])), (None, None));
+        assert_eq!((Problem::decode([0, 7]), Problem::decode([11, 0])), (None, None));
     }
 }

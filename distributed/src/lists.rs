@@ -7,6 +7,7 @@
 use crate::agree::{Arguments, Call, agree};
 use crate::error::{Error, Problem};
 use crate::exchange::Exchange;
+use crate::particle::Particle;
 use crate::reach::{check_radius, check_time};
 use crate::rows::Rows;
 use crate::step::Step;
@@ -38,17 +39,9 @@ impl<E: Exchange> Step<'_, E> {
         self.run(self.own.neighbor_lists(time, radius).among(&self.near), &mut among_halo);
         let mut rows = Rows::new();
         for i in 0..self.particles.len() {
-            let own = row(&among_own, i).map(|(j, distance_squared)| Near {
-                id: self.particles[j as usize].id,
-                place: j,
-                distance_squared,
-            });
-            let halo = row(&among_halo, i).map(|(j, distance_squared)| Near {
-                id: self.halo[j as usize].id,
-                place: self.particles.len() as u32 + j,
-                distance_squared,
-            });
-            rows.push(merged(own, halo));
+            let own = row(&among_own, i, &self.particles, 0);
+            let halo = row(&among_halo, i, &self.halo, self.particles.len() as u32);
+            rows.push(merged(own, halo, |near| near.id));
         }
         Ok(rows)
     }
@@ -65,18 +58,26 @@ impl<E: Exchange> Step<'_, E> {
     }
 }
 
-/// A row of lists in the order of ids: neighbours and squared distances.
-fn row(lists: &NeighborLists, row: usize) -> impl Iterator<Item = (u32, f32)> {
+/// A row of lists in the order of ids, among some particles, of which the first has this place.
+fn row(lists: &NeighborLists, row: usize, of: &[Particle], first: u32) -> impl Iterator<Item = Near> {
     let ends = lists.offsets()[row]..lists.offsets()[row + 1];
     let (ids, distances) = (&lists.ids()[ends.clone()], &lists.distances_squared()[ends]);
-    ids.iter().copied().zip(distances.iter().copied())
+    ids.iter().zip(distances).map(move |(&place, &distance_squared)| Near {
+        id: of[place as usize].id,
+        place: first + place,
+        distance_squared,
+    })
 }
 
 /// Two lists in the order of ids as one.
-fn merged(a: impl Iterator<Item = Near>, b: impl Iterator<Item = Near>) -> impl Iterator<Item = Near> {
+pub(crate) fn merged<T>(
+    a: impl Iterator<Item = T>,
+    b: impl Iterator<Item = T>,
+    id: impl Fn(&T) -> u64,
+) -> impl Iterator<Item = T> {
     let (mut a, mut b) = (a.peekable(), b.peekable());
     core::iter::from_fn(move || match (a.peek(), b.peek()) {
-        (Some(first), Some(second)) if second.id < first.id => b.next(),
+        (Some(first), Some(second)) if id(second) < id(first) => b.next(),
         (Some(_), _) => a.next(),
         (None, _) => b.next(),
     })

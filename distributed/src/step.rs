@@ -93,7 +93,7 @@ impl<'e, E: Exchange> Step<'e, E> {
 }
 
 /// The tree of particles that have been checked.
-pub(crate) fn tree(particles: &[Particle]) -> PointTree {
+fn tree(particles: &[Particle]) -> PointTree {
     let tree = PointTree::build(&Points(particles), &PointParams::default());
     tree.unwrap_or_else(|error| unreachable!("the particles have been checked: {error}"))
 }

@@ -1,9 +1,8 @@
 //! Lists in one process: the library asked about the whole set, and comparing all where the library has no such question.
 
 use super::sets::Set;
-use core::ops::RangeInclusive;
-use mbkd::{NeighborLists, PointArrays, PointParams, PointTree, TimeInterval};
-use mbkd_distributed::{Meeting, Nearest, Particle, Query};
+use mbkd::{Encounter, NeighborLists, PointArrays, PointParams, PointTree, TimeInterval};
+use mbkd_distributed::{Nearest, Particle, Query};
 use std::collections::HashMap;
 
 /// Particles by id, and their lists.
@@ -40,59 +39,20 @@ impl<'a> Whole<'a> {
         (0..lists.len()).map(|i| (self.particles[i].id, row(i))).collect()
     }
 
-    /// Numbers of periods along an axis, up to three.
-    fn periods(&self, axis: usize) -> RangeInclusive<i32> {
-        if self.set.periods[axis].is_some() { -3..=3 } else { 0..=0 }
-    }
-
-    fn images(&self) -> Vec<[i32; 3]> {
-        let [x, y, z] = [0, 1, 2].map(|axis| self.periods(axis));
-        x.flat_map(|x| y.clone().map(move |y| [x, y])).flat_map(|[x, y]| z.clone().map(move |z| [x, y, z])).collect()
-    }
-
     fn moved(&self, at: [f32; 3], image: [i32; 3]) -> [f32; 3] {
         let by = |axis: usize| f64::from(image[axis]) * f64::from(self.set.periods[axis].unwrap_or(0.0));
         [0, 1, 2].map(|axis| (f64::from(at[axis]) + by(axis)) as f32)
     }
 
-    /// The particles among themselves and all images that could possibly matter.
-    pub fn swept(&self, interval: TimeInterval, radius: f32) -> HashMap<u64, Vec<Meeting>> {
-        let places = || self.particles.iter().flat_map(|p| [p.open, p.close]);
-        let least = [0, 1, 2].map(|axis| places().map(|at| at[axis]).fold(f32::INFINITY, f32::min));
-        let most = [0, 1, 2].map(|axis| places().map(|at| at[axis]).fold(f32::NEG_INFINITY, f32::max));
-        let mut all = self.particles.clone();
-        let mut images = vec![[0; 3]; all.len()];
-        for image in self.images().into_iter().filter(|image| *image != [0; 3]) {
-            for p in &self.particles {
-                let [open, close] = [p.open, p.close].map(|at| self.moved(at, image));
-                let reaches = |axis: usize| {
-                    open[axis].min(close[axis]) <= most[axis] + radius + 0.01
-                        && open[axis].max(close[axis]) >= least[axis] - radius - 0.01
-                };
-                if (0..3).all(reaches) {
-                    all.push(Particle { open, close, ..*p });
-                    images.push(image);
-                }
-            }
-        }
-        let lists = tree(&all).neighbor_lists_swept(interval, radius).collect().unwrap();
-        let mut rows = HashMap::new();
-        for (own, list) in lists.iter().filter(|(own, _)| (*own as usize) < self.particles.len()) {
-            let mut row: Vec<Meeting> = list
-                .iter()
-                .map(|e| Meeting {
-                    id: all[e.id as usize].id,
-                    image: images[e.id as usize],
-                    enter: e.enter,
-                    leave: e.leave,
-                    closest: e.closest,
-                    distance_squared: e.distance_squared,
-                })
-                .collect();
-            row.sort_by_key(|meeting| (meeting.id, meeting.image));
-            rows.insert(self.particles[own as usize].id, row);
-        }
-        rows
+    /// Ids, and times and squared distances.
+    pub fn swept(&self, interval: TimeInterval, radius: f32) -> HashMap<u64, Vec<(u64, [f32; 4])>> {
+        let query = self.tree.neighbor_lists_swept(interval, radius).periodic(self.set.periods);
+        let lists = query.sorted().in_order().collect().unwrap();
+        let id = |place: u32| self.particles[place as usize].id;
+        let row = |list: &[Encounter]| {
+            list.iter().map(|e| (id(e.id), [e.enter, e.leave, e.closest, e.distance_squared])).collect()
+        };
+        lists.iter().map(|(place, list)| (id(place), row(list))).collect()
     }
 
     /// Compares all particles; without periodic axes, asks the library too.

@@ -42,12 +42,14 @@ pub fn sets() -> Vec<Set> {
     let mut random = Random(1);
     let mut sets = Vec::new();
     let (open, torus) = ([None; 3], [Some(1.0); 3]);
-    for (name, periods) in [("uniform", open), ("uniform, periodic", torus)] {
+    for (name, periods, radius) in
+        [("uniform", open, 0.15), ("uniform, periodic", torus, 0.15), ("uniform, beyond half a period", torus, 0.6)]
+    {
         let mut one = |i| {
             let at = random.place();
             numbered(i, at, random.near(at, 0.05))
         };
-        sets.push(Set { name, particles: (0..300).map(&mut one).collect(), periods, radius: 0.15 });
+        sets.push(Set { name, particles: (0..300).map(&mut one).collect(), periods, radius });
     }
     for (name, periods) in [("clusters", open), ("clusters, periodic along x and z", [Some(1.0), None, Some(1.0)])] {
         let centres: Vec<_> = (0..6).map(|_| random.place()).collect();
