@@ -4,8 +4,8 @@
 //! replicated top says within which distance there are enough. So one round is enough: ranks that have a box within the
 //! bound are queried with the bound, and what they find is merged in the order of (distance, id).
 //!
-//! Along periodic axes it is the query that is moved by whole periods, each coordinate rounded to f32, and sent once
-//! for each image that may be the nearest of some particle. A particle counts at the nearest of its images.
+//! Along periodic axes it is the query that is moved by whole periods, as [`mbkd::PeriodicQuery`] moves it, and sent once for each
+//! image that may be the nearest of some particle. A particle counts at the nearest of its images.
 
 use crate::agree::{Arguments, Call, agree};
 use crate::curve::Curve;
@@ -17,7 +17,7 @@ use crate::rows::Rows;
 use crate::step::Step;
 use crate::swept_box::{Image, SweptBox, moved, near, shift};
 use bytemuck::{Pod, Zeroable};
-use mbkd::{Neighbor, NeighborBuffer};
+use mbkd::{Neighbor, NeighborBatch};
 use std::collections::BTreeMap;
 
 /// A place to find particles near.
@@ -38,7 +38,7 @@ pub struct Nearest {
     pub distance_squared: f32,
 }
 
-/// A query on its way to another rank.
+/// A search among the particles of a rank for a query, of this rank or of another.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct Request {
@@ -63,31 +63,41 @@ const TOGETHER: usize = 256;
 
 impl<E: Exchange> Step<'_, E> {
     /// For each query the `k` nearest particles of all ranks at `time`, in the order of (distance, id): what
-    /// [`mbkd::NeighborQuery::nearest_n`] finds in one process. All ranks call this together, each with queries of its
-    /// own, or none.
+    /// [`mbkd::NeighborQuery::nearest_n`] finds in one process, along periodic axes [`mbkd::PeriodicQuery::nearest_n`]. All ranks
+    /// call this together, each with queries of its own, or none.
     ///
     /// The radius of the step does not limit the search. Cost: a search among the own particles for each query, and for those near
-    /// other ranks' boxes one more there. Far from the own particles many ranks are queried: let those query that are near. Errors:
-    /// [`Problem::Time`], [`Problem::Query`], [`Problem::Differs`].
+    /// other ranks' boxes one more there; searches use all threads. Far from the own particles many ranks are queried: let those
+    /// query that are near. Errors: [`Problem::Time`], [`Problem::Query`], [`Problem::Differs`].
     pub fn k_nearest(&self, queries: &[Query], time: f32, k: usize) -> Result<Rows<Nearest>, Error> {
         let checked = check_time(time).and_then(|()| self.check_queries(queries));
         agree(self.exchange, Arguments::new(Call::Nearest).times([time; 2]).k(k), checked)?;
-        let mut buffer = NeighborBuffer::new();
-        let own: Rows<Nearest> = queries.iter().fold(Rows::new(), |mut rows, query| {
-            rows.push(self.search(query.at, query.except, f32::INFINITY, time, k, &mut buffer));
-            rows
-        });
+        let here = |(i, query): (u32, &Query)| Request {
+            except: query.except.unwrap_or(0),
+            excepts: query.except.is_some().into(),
+            query: i,
+            at: moved(query.at, [0; 3], self.reach.periods),
+            radius: f32::INFINITY,
+        };
+        let searches: Vec<Request> = (0..).zip(queries).map(here).collect();
+        let mut own = Rows::new();
+        for (search, found) in searches.iter().zip(self.search(&searches, time, k).iter()) {
+            own.push(self.named(found, search, k));
+        }
         let mut requests = vec![Vec::new(); self.exchange.size()];
         if k > 0 {
-            for members in together(queries) {
-                self.add_requests(queries, &members, &own, k, &mut requests);
+            for members in together(&searches) {
+                self.add_requests(queries, &searches, &members, &own, k, &mut requests);
             }
         }
-        let mut answers = vec![Vec::new(); self.exchange.size()];
-        for (answers, received) in answers.iter_mut().zip(swap(self.exchange, &requests)) {
-            for Request { except, excepts, query, at, radius } in received {
-                let found = self.search(at, (excepts != 0).then_some(except), radius, time, k, &mut buffer);
-                answers.extend(found.map(|Nearest { id, distance_squared }| Answer { id, distance_squared, query }));
+        let received = swap(self.exchange, &requests);
+        let found = self.search(&received.concat(), time, k);
+        let mut found = found.iter();
+        let mut answers = vec![Vec::new(); received.len()];
+        for (answers, received) in answers.iter_mut().zip(&received) {
+            for (request, found) in received.iter().zip(&mut found) {
+                let answer = |Nearest { id, distance_squared }| Answer { id, distance_squared, query: request.query };
+                answers.extend(self.named(found, request, k).map(answer));
             }
         }
         Ok(merged(&own, swap(self.exchange, &answers).concat(), k))
@@ -101,38 +111,33 @@ impl<E: Exchange> Step<'_, E> {
         queries.iter().position(bad).map_or(Ok(()), |index| Err(Problem::Query { index }))
     }
 
-    /// The nearest of this rank's particles.
-    fn search<'b>(
-        &self,
-        at: [f32; 3],
-        except: Option<u64>,
-        radius: f32,
-        time: f32,
-        k: usize,
-        buffer: &'b mut NeighborBuffer,
-    ) -> impl Iterator<Item = Nearest> + use<'_, 'b, E> {
-        let query = self.own.query(at, time).radius(radius);
-        let except = except.and_then(|id| self.particles.binary_search_by_key(&id, |particle| particle.id).ok());
-        let found = match except {
-            Some(except) => query.filter(|place| place as usize != except).nearest_n_into(k, buffer),
-            None => query.nearest_n_into(k, buffer),
-        };
+    /// The nearest of this rank's particles: `k`, and one more in the place of one that does not count.
+    fn search(&self, searches: &[Request], time: f32, k: usize) -> NeighborBatch {
+        let places: Vec<([f32; 3], f32)> = searches.iter().map(|search| (search.at, time)).collect();
+        let most = if k > 0 { k.saturating_add(1) } else { 0 };
+        self.own.nearest_n_batch_with(&places, most, |i, query| query.radius(searches[i].radius))
+    }
+
+    /// What a search has found, without what does not count.
+    fn named(&self, found: &[Neighbor], search: &Request, k: usize) -> impl Iterator<Item = Nearest> {
+        let except = (search.excepts != 0).then_some(search.except);
         let nearest =
             |&Neighbor { id, distance_squared }| Nearest { id: self.particles[id as usize].id, distance_squared };
-        found.iter().map(nearest)
+        found.iter().map(nearest).filter(move |nearest| Some(nearest.id) != except).take(k)
     }
 
     /// Adds the requests to each rank for some queries that are close to each other.
     fn add_requests(
         &self,
         queries: &[Query],
+        searches: &[Request],
         members: &[u32],
         own: &Rows<Nearest>,
         k: usize,
         requests: &mut [Vec<Request>],
     ) {
         let rank = self.exchange.rank();
-        let around = SweptBox::around(members.iter().map(|&i| SweptBox::of_place(queries[i as usize].at)));
+        let around = SweptBox::around(members.iter().map(|&i| SweptBox::of_place(searches[i as usize].at)));
         let found = |i: u32| {
             let row = own.row(i as usize);
             row.get(k - 1).map_or(f64::INFINITY, |last| upper(f64::from(last.distance_squared).sqrt()))
@@ -151,16 +156,11 @@ impl<E: Exchange> Step<'_, E> {
             for (image, boxes) in boxes.iter().filter(|(image, _)| (to, **image) != (rank, [0; 3])) {
                 let by = shift(*image, periods);
                 for &i in members {
-                    let (Query { at, except }, bound) = (queries[i as usize], bound(i));
-                    let place = SweptBox::of_place(at);
+                    let (search, bound) = (searches[i as usize], bound(i));
+                    let place = SweptBox::of_place(search.at);
                     if boxes.iter().any(|b| near(&place, b, by, bound)) {
-                        requests.push(Request {
-                            except: except.unwrap_or(0),
-                            excepts: except.is_some().into(),
-                            query: i,
-                            at: moved(at, *image, periods),
-                            radius: (bound as f32).next_up(),
-                        });
+                        let at = moved(queries[i as usize].at, *image, periods);
+                        requests.push(Request { at, radius: (bound as f32).next_up(), ..search });
                     }
                 }
             }
@@ -173,12 +173,12 @@ fn upper(distance: f64) -> f64 {
     distance * (1.0 + 1e-6) + 1e-18
 }
 
-/// Queries in groups that are close to each other.
-fn together(queries: &[Query]) -> impl Iterator<Item = Vec<u32>> {
-    let hull = SweptBox::around(queries.iter().map(|query| SweptBox::of_place(query.at)));
+/// Searches in groups that are close to each other.
+fn together(searches: &[Request]) -> impl Iterator<Item = Vec<u32>> + use<> {
+    let hull = SweptBox::around(searches.iter().map(|search| SweptBox::of_place(search.at)));
     let curve = Curve::new(&hull, [None; 3]);
-    let mut order: Vec<(u64, u32)> =
-        (0..).zip(queries).map(|(i, query)| (curve.place(&Particle::fixed(0, query.at)), i)).collect();
+    let place = |search: &Request| (curve.place(&Particle::fixed(0, search.at)), search.query);
+    let mut order: Vec<(u64, u32)> = searches.iter().map(place).collect();
     order.sort_unstable();
     let groups = order.len().div_ceil(TOGETHER);
     (0..groups).map(move |group| {

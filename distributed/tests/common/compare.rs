@@ -54,6 +54,9 @@ fn nearest_of<E: Exchange>(ranks: &E, set: &Set, whole: &Whole, step: &Step<E>) 
         let x = ranks.rank() as f32 / ranks.size() as f32;
         queries.push(Query { at: [1.0 - x, x, 0.5], except: None });
         queries.push(Query { at: [-1.9 + x, 1.5, 0.5], except: Some(u64::MAX) });
+        // Of which a period more would not leave much.
+        queries.push(Query { at: [-1e-12; 3], except: None });
+        queries.push(Query { at: [3.25; 3], except: Some(set.particles.first().map_or(7, |p| p.id)) });
         if ranks.rank() == 1 {
             queries.clear();
         }
