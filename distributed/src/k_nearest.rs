@@ -11,13 +11,13 @@ use crate::agree::{Arguments, Call, agree};
 use crate::curve::Curve;
 use crate::error::{Error, Problem};
 use crate::exchange::{Exchange, swap};
+use crate::lists::Lists;
 use crate::particle::Particle;
 use crate::reach::{check_time, fits, near_zero};
-use crate::rows::Rows;
 use crate::step::Step;
 use crate::swept_box::{Image, SweptBox, moved, near, shift};
 use bytemuck::{Pod, Zeroable};
-use mbkd::{Neighbor, NeighborBatch};
+use mbkd::NeighborBatch;
 use std::collections::BTreeMap;
 
 /// A place to find particles near.
@@ -29,9 +29,9 @@ pub struct Query {
     pub except: Option<u64>,
 }
 
-/// A particle that was found.
+/// A particle that was found, on any rank.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Nearest {
+pub struct Neighbor {
     /// Its number among the particles of all ranks.
     pub id: u64,
     /// The squared distance, computed in f32.
@@ -69,7 +69,7 @@ impl<E: Exchange> Step<'_, E> {
     /// The radius of the step does not limit the search. Cost: a search among the own particles for each query, and for those near
     /// other ranks' boxes one more there; searches use all threads. Far from the own particles many ranks are queried: let those
     /// query that are near. Errors: [`Problem::Time`], [`Problem::Query`], [`Problem::Differs`].
-    pub fn k_nearest(&self, queries: &[Query], time: f32, k: usize) -> Result<Rows<Nearest>, Error> {
+    pub fn k_nearest(&self, queries: &[Query], time: f32, k: usize) -> Result<Lists<Neighbor>, Error> {
         let checked = check_time(time).and_then(|()| self.check_queries(queries));
         agree(self.exchange, Arguments::new(Call::Nearest).times([time; 2]).k(k), checked)?;
         let here = |(i, query): (u32, &Query)| Request {
@@ -80,7 +80,7 @@ impl<E: Exchange> Step<'_, E> {
             radius: f32::INFINITY,
         };
         let searches: Vec<Request> = (0..).zip(queries).map(here).collect();
-        let mut own = Rows::new();
+        let mut own = Lists::new();
         for (search, found) in searches.iter().zip(self.search(&searches, time, k).iter()) {
             own.push(self.named(found, search, k));
         }
@@ -96,7 +96,7 @@ impl<E: Exchange> Step<'_, E> {
         let mut answers = vec![Vec::new(); received.len()];
         for (answers, received) in answers.iter_mut().zip(&received) {
             for (request, found) in received.iter().zip(&mut found) {
-                let answer = |Nearest { id, distance_squared }| Answer { id, distance_squared, query: request.query };
+                let answer = |Neighbor { id, distance_squared }| Answer { id, distance_squared, query: request.query };
                 answers.extend(self.named(found, request, k).map(answer));
             }
         }
@@ -119,10 +119,12 @@ impl<E: Exchange> Step<'_, E> {
     }
 
     /// What a search has found, without what does not count.
-    fn named(&self, found: &[Neighbor], search: &Request, k: usize) -> impl Iterator<Item = Nearest> {
+    fn named(&self, found: &[mbkd::Neighbor], search: &Request, k: usize) -> impl Iterator<Item = Neighbor> {
         let except = (search.excepts != 0).then_some(search.except);
-        let nearest =
-            |&Neighbor { id, distance_squared }| Nearest { id: self.particles[id as usize].id, distance_squared };
+        let nearest = |&mbkd::Neighbor { id, distance_squared }| Neighbor {
+            id: self.particles[id as usize].id,
+            distance_squared,
+        };
         found.iter().map(nearest).filter(move |nearest| Some(nearest.id) != except).take(k)
     }
 
@@ -132,7 +134,7 @@ impl<E: Exchange> Step<'_, E> {
         queries: &[Query],
         searches: &[Request],
         members: &[u32],
-        own: &Rows<Nearest>,
+        own: &Lists<Neighbor>,
         k: usize,
         requests: &mut [Vec<Request>],
     ) {
@@ -188,14 +190,14 @@ fn together(searches: &[Request]) -> impl Iterator<Item = Vec<u32>> + use<> {
 }
 
 /// The k nearest of what was found here and elsewhere.
-fn merged(own: &Rows<Nearest>, mut answers: Vec<Answer>, k: usize) -> Rows<Nearest> {
+fn merged(own: &Lists<Neighbor>, mut answers: Vec<Answer>, k: usize) -> Lists<Neighbor> {
     answers.sort_unstable_by_key(|answer| answer.query);
-    let (mut rows, mut answers, mut row) = (Rows::new(), answers.into_iter().peekable(), Vec::new());
+    let (mut rows, mut answers, mut row) = (Lists::new(), answers.into_iter().peekable(), Vec::new());
     for (i, found) in (0..).zip(own.iter()) {
         row.clear();
         row.extend_from_slice(found);
         while let Some(Answer { id, distance_squared, .. }) = answers.next_if(|answer| answer.query == i) {
-            row.push(Nearest { id, distance_squared });
+            row.push(Neighbor { id, distance_squared });
         }
         if row.len() > found.len() {
             // Of each particle the nearest image.

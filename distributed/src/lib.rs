@@ -27,13 +27,13 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | `particle`, `rows` | input and output |
+//! | `particle`, `lists` | input and output |
 //! | `error`, `exchange` | errors; communication between ranks: MPI, or threads for tests |
 //! | `agree`, `reach` | comparing and checking arguments |
 //! | `swept_box`, `curve` | boxes and their periodic images; the Morton curve |
 //! | `route`, `partition`, `top` | routing of messages; the ranges; the replicated boxes |
 //! | `step` | a prepared step |
-//! | `lists`, `swept`, `k_nearest` | queries of a step |
+//! | `neighbor_lists`, `swept`, `k_nearest` | queries of a step |
 
 mod agree;
 mod curve;
@@ -41,11 +41,11 @@ mod error;
 mod exchange;
 mod k_nearest;
 mod lists;
+mod neighbor_lists;
 mod particle;
 mod partition;
 mod reach;
 mod route;
-mod rows;
 mod step;
 mod swept;
 mod swept_box;
@@ -55,12 +55,12 @@ pub use error::{Error, Problem};
 #[cfg(feature = "mpi")]
 pub use exchange::Mpi;
 pub use exchange::{Counted, Exchange, Threads, Volume};
-pub use k_nearest::{Nearest, Query};
-pub use lists::Near;
+pub use k_nearest::{Neighbor, Query};
+pub use lists::Lists;
+pub use neighbor_lists::LocalNeighbor;
 pub use particle::Particle;
 pub use partition::distribute;
 pub use reach::{LONGEST_PERIOD, MOST_PERIODS, Reach, SHORTEST_PERIOD};
 pub use route::Route;
-pub use rows::Rows;
 pub use step::Step;
-pub use swept::Meeting;
+pub use swept::Encounter;

@@ -1,84 +1,55 @@
-//! Neighbour lists at a time.
-//!
-//! Two queries for each rank: its own particles among themselves, and among the halo. Both are run by the library with
-//! the positions as they were given, and periodic axes are its own too, so that every distance is computed as in one
-//! process.
+//! Lists one behind the other.
 
-use crate::agree::{Arguments, Call, agree};
-use crate::error::{Error, Problem};
-use crate::exchange::Exchange;
-use crate::particle::Particle;
-use crate::reach::{check_radius, check_time};
-use crate::rows::Rows;
-use crate::step::Step;
-use mbkd::{ListQuery, NeighborLists};
-
-/// A neighbour of a particle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Near {
-    /// Its number among the particles of all ranks.
-    pub id: u64,
-    /// Where its values are on this rank: its index in [`Step::particles`], or, with the number of these added, in
-    /// [`Step::halo`].
-    pub place: u32,
-    /// The squared distance, to the nearest image along periodic axes; computed in f32.
-    pub distance_squared: f32,
+/// A list for each particle of a rank, or for each query, one behind the other.
+///
+/// ```
+/// use mbkd_distributed::{Particle, Reach, Step, Threads};
+/// Threads::run(1, |ranks| {
+///     let particles = [3, 5].map(|id| Particle::fixed(id, [id as f32, 0.0, 0.0]));
+///     let step = Step::new(ranks, &particles, &Reach::within(2.5)).unwrap();
+///     let lists = step.neighbor_lists(0.0, 2.5).unwrap();
+///     assert_eq!((lists.len(), lists.row(0)[0].id, lists.row(1)[0].distance_squared), (2, 5, 4.0));
+/// });
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lists<T> {
+    offsets: Vec<usize>,
+    entries: Vec<T>,
 }
 
-impl<E: Exchange> Step<'_, E> {
-    /// For each particle of this rank all others within `radius` at `time`, in the order of ids: what
-    /// [`mbkd::PointTree::neighbor_lists`] finds in one process. All ranks call this together.
-    ///
-    /// Errors: [`Problem::Time`], [`Problem::Radius`], [`Problem::BeyondReach`] where the radius is larger than that of the step's
-    /// [`Reach`](crate::Reach), [`Problem::Differs`].
-    pub fn neighbor_lists(&self, time: f32, radius: f32) -> Result<Rows<Near>, Error> {
-        let checked = check_time(time).and_then(|()| self.check_radius(radius));
-        agree(self.exchange, Arguments::new(Call::Lists).times([time; 2]).radius(radius), checked)?;
-        let (mut among_own, mut among_halo) = (NeighborLists::new(), NeighborLists::new());
-        self.run(self.own.neighbor_lists(time, radius), &mut among_own);
-        self.run(self.own.neighbor_lists(time, radius).among(&self.near), &mut among_halo);
-        let mut rows = Rows::new();
-        for i in 0..self.particles.len() {
-            let own = row(&among_own, i, &self.particles, 0);
-            let halo = row(&among_halo, i, &self.halo, self.particles.len() as u32);
-            rows.push(merged(own, halo, |near| near.id));
-        }
-        Ok(rows)
+impl<T> Lists<T> {
+    pub(crate) fn new() -> Lists<T> {
+        Lists { offsets: vec![0], entries: Vec::new() }
     }
 
-    /// Whether the halo is made for a radius.
-    pub(crate) fn check_radius(&self, radius: f32) -> Result<(), Problem> {
-        check_radius(radius)?;
-        if radius <= self.reach.radius { Ok(()) } else { Err(Problem::BeyondReach) }
+    /// Appends a list.
+    pub(crate) fn push(&mut self, row: impl IntoIterator<Item = T>) {
+        self.entries.extend(row);
+        self.offsets.push(self.entries.len());
     }
 
-    fn run(&self, query: ListQuery<'_>, lists: &mut NeighborLists) {
-        let query = query.periodic(self.reach.periods).with_distances().sorted().in_order();
-        query.run(lists).unwrap_or_else(|error| unreachable!("the query has been checked: {error}"));
+    /// Number of lists.
+    pub fn len(&self) -> usize {
+        self.offsets.len() - 1
     }
-}
 
-/// A row of lists in the order of ids, among some particles, of which the first has this place.
-fn row(lists: &NeighborLists, row: usize, of: &[Particle], first: u32) -> impl Iterator<Item = Near> {
-    let ends = lists.offsets()[row]..lists.offsets()[row + 1];
-    let (ids, distances) = (&lists.ids()[ends.clone()], &lists.distances_squared()[ends]);
-    ids.iter().zip(distances).map(move |(&place, &distance_squared)| Near {
-        id: of[place as usize].id,
-        place: first + place,
-        distance_squared,
-    })
-}
+    /// Whether there is no list.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
 
-/// Two lists in the order of ids as one.
-pub(crate) fn merged<T>(
-    a: impl Iterator<Item = T>,
-    b: impl Iterator<Item = T>,
-    id: impl Fn(&T) -> u64,
-) -> impl Iterator<Item = T> {
-    let (mut a, mut b) = (a.peekable(), b.peekable());
-    core::iter::from_fn(move || match (a.peek(), b.peek()) {
-        (Some(first), Some(second)) if id(second) < id(first) => b.next(),
-        (Some(_), _) => a.next(),
-        (None, _) => b.next(),
-    })
+    /// A list. Panics where `row` is not less than [`Lists::len`].
+    pub fn row(&self, row: usize) -> &[T] {
+        &self.entries[self.offsets[row]..self.offsets[row + 1]]
+    }
+
+    /// All lists.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = &[T]> {
+        self.offsets.windows(2).map(|ends| &self.entries[ends[0]..ends[1]])
+    }
+
+    /// The entries of all lists.
+    pub fn entries(&self) -> &[T] {
+        &self.entries
+    }
 }

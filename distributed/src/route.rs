@@ -53,8 +53,8 @@ impl Route {
     /// Takes values the same way: `values[i]` belongs to particle i of the sender; returns one value for each particle
     /// that arrived, in the order of these. All ranks call this together.
     ///
-    /// Errors: [`Problem::Length`] where there is not one value for each particle, [`Problem::Ranks`] where the route is one between
-    /// more or fewer ranks.
+    /// Errors: [`Problem::Length`] where there is not one value for each particle, [`Problem::Ranks`] where more or fewer ranks
+    /// made the route.
     pub fn carry<T: Pod>(&self, exchange: &impl Exchange, values: &[T]) -> Result<Vec<T>, Error> {
         let checked = match (self.sent.len(), values.len()) {
             (ranks, _) if ranks != exchange.size() => Err(Problem::Ranks { found: ranks }),

@@ -7,6 +7,7 @@ use crate::particle::{Particle, Points};
 use crate::reach::{Reach, check_particles};
 use crate::route::Route;
 use crate::top::Top;
+use core::fmt;
 use mbkd::{PointParams, PointTree};
 
 /// A step of a simulation on one rank: all ranks call it together, and each gets the lists of its own particles.
@@ -43,6 +44,14 @@ pub struct Step<'e, E> {
     /// Trees of the own particles, and of the halo.
     pub(crate) own: PointTree,
     pub(crate) near: PointTree,
+}
+
+impl<E> fmt::Debug for Step<'_, E> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (particles, halo) = (self.particles.len(), self.halo.len());
+        let mut step = f.debug_struct("Step");
+        step.field("reach", &self.reach).field("particles", &particles).field("halo", &halo).finish_non_exhaustive()
+    }
 }
 
 impl<'e, E: Exchange> Step<'e, E> {

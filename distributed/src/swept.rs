@@ -1,18 +1,18 @@
-//! Neighbour lists over an interval of time: the own particles among themselves and among the halo, as [`lists`](crate::lists) at
-//! one time are.
+//! Neighbour lists over an interval of time: made as those at one time are, of the own particles among themselves and among the
+//! halo.
 
 use crate::agree::{Arguments, Call, agree};
 use crate::error::Error;
 use crate::exchange::Exchange;
-use crate::lists::merged;
+use crate::lists::Lists;
+use crate::neighbor_lists::merged;
 use crate::particle::Particle;
-use crate::rows::Rows;
 use crate::step::Step;
-use mbkd::{Encounter, EncounterLists, SweptQuery, TimeInterval};
+use mbkd::{EncounterLists, SweptQuery, TimeInterval};
 
-/// Two particles passing each other.
+/// A particle that passes another, and when. [`mbkd::Encounter`] has more on times.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Meeting {
+pub struct Encounter {
     /// The other particle.
     pub id: u64,
     /// Where its values are on this rank: its index in [`Step::particles`], or, with the number of these added, in
@@ -34,16 +34,16 @@ impl<E: Exchange> Step<'_, E> {
     /// [`mbkd::SweptQuery::periodic`]. All ranks call this together.
     ///
     /// A pair has one encounter, whatever images it meets in. Errors: those of [`Step::neighbor_lists`].
-    pub fn neighbor_lists_swept(&self, interval: TimeInterval, radius: f32) -> Result<Rows<Meeting>, Error> {
+    pub fn neighbor_lists_swept(&self, interval: TimeInterval, radius: f32) -> Result<Lists<Encounter>, Error> {
         let arguments = Arguments::new(Call::Swept).times([interval.begin(), interval.end()]).radius(radius);
         agree(self.exchange, arguments, self.check_radius(radius))?;
         let query = self.own.neighbor_lists_swept(interval, radius);
         let (among_own, among_halo) = (self.encounters(query), self.encounters(query.among(&self.near)));
-        let mut rows = Rows::new();
+        let mut rows = Lists::new();
         for i in 0..self.particles.len() {
             let own = named(among_own.row(i), &self.particles, 0);
             let halo = named(among_halo.row(i), &self.halo, self.particles.len() as u32);
-            rows.push(merged(own, halo, |meeting| meeting.id));
+            rows.push(merged(own, halo, |encounter| encounter.id));
         }
         Ok(rows)
     }
@@ -55,8 +55,8 @@ impl<E: Exchange> Step<'_, E> {
 }
 
 /// Encounters with some particles, of which the first has this place.
-fn named(row: &[Encounter], of: &[Particle], first: u32) -> impl Iterator<Item = Meeting> {
-    row.iter().map(move |&Encounter { id: place, enter, leave, closest, distance_squared }| Meeting {
+fn named(row: &[mbkd::Encounter], of: &[Particle], first: u32) -> impl Iterator<Item = Encounter> {
+    row.iter().map(move |&mbkd::Encounter { id: place, enter, leave, closest, distance_squared }| Encounter {
         id: of[place as usize].id,
         place: first + place,
         enter,

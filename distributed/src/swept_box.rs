@@ -3,10 +3,10 @@
 //! **Why nothing within the radius is overlooked.** Distances that decide are computed in f32 or from f32 positions
 //! elsewhere. With M the largest coordinate of two boxes, or of the way between their images, and u = 2^-24: a position
 //! between the keys is off by at most 4Mu, so it may be outside of the box by as much; the difference of two by 2Mu
-//! more; to the nearest periodic image, or to an image whose coordinates are rounded (in f64 first), by 8Mu. Along three axes that is below
-//! 32Mu. The rounded square of a distance and the rounded square of a radius are off by 4u of themselves together, where they are
-//! not below 1e-36, which f32 does not tell from zero with that precision. So boxes count as near up to
-//! `radius·(1 + 1e-6) + 64Mu + 1e-18`.
+//! more; to the nearest periodic image, or to an image whose coordinates are rounded, in f64 first, by 8Mu. Along three axes
+//! that is below 32Mu. The rounded square of a distance and the rounded square of a radius are off by 4u of themselves
+//! together, where they are not below 1e-36, which f32 does not tell from zero with that precision. So boxes count as near up
+//! to `radius·(1 + 1e-6) + 64Mu + 1e-18`.
 
 use crate::particle::Particle;
 use bytemuck::{Pod, Zeroable};
@@ -68,8 +68,8 @@ pub(crate) fn shift(image: Image, periods: Periods) -> [f64; 3] {
     core::array::from_fn(|axis| f64::from(image[axis]) * f64::from(periods[axis].unwrap_or(0.0)))
 }
 
-/// Where the image of a place is, rounded as in one process: an image is a whole number of periods from the one in the first period,
-/// both in f64.
+/// Where the image of a place is, rounded as in one process: a whole number of periods from the image in the first period, both
+/// in f64.
 pub(crate) fn moved(at: [f32; 3], image: Image, periods: Periods) -> [f32; 3] {
     core::array::from_fn(|axis| {
         let Some(length) = periods[axis].map(f64::from) else { return at[axis] };

@@ -65,7 +65,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         mpi.sum(&mut sums);
         let largest = [largest(&mpi, now.halo().len() as u64), largest(&mpi, own_work)];
         let seconds = clock.laps.map(|lap| largest_lap(&mpi, lap));
-        let [left, moved, for_halo, for_nearest, all_work, neighbours, meetings, found] = sums;
+        let [left, moved, for_halo, for_nearest, all_work, neighbours, encounters, found] = sums;
         if mpi.rank() == 0 {
             let balance = largest[1] as f64 * mpi.size() as f64 / all_work.max(1) as f64;
             let [a, b, c, d, e] = seconds;
@@ -77,7 +77,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 kilobytes(for_nearest),
                 kilobytes(replicated),
             );
-            println!("  {neighbours} neighbours, {meetings} meetings during the step, {found} nearest");
+            println!("  {neighbours} neighbours, {encounters} encounters during the step, {found} nearest");
         }
         particles = own.iter().map(|p| advanced(p, spacing)).collect();
     }

@@ -1,6 +1,7 @@
 //! How much ranks have to say to each other.
 
 use super::Exchange;
+use core::fmt;
 use std::cell::Cell;
 
 /// What a rank had to do with others.
@@ -30,6 +31,12 @@ pub struct Volume {
 pub struct Counted<'a, E> {
     exchange: &'a E,
     volume: Cell<Volume>,
+}
+
+impl<E> fmt::Debug for Counted<'_, E> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Counted").field("volume", &self.volume).finish_non_exhaustive()
+    }
 }
 
 impl<'a, E: Exchange> Counted<'a, E> {

@@ -1,6 +1,7 @@
 //! Ranks that are processes of an MPI program.
 
 use super::Exchange;
+use core::fmt;
 use mpi::collective::SystemOperation;
 use mpi::datatype::PartitionMut;
 use mpi::request::multiple_scope;
@@ -9,8 +10,8 @@ use mpi::traits::{Communicator, CommunicatorCollectives, Destination, Source};
 
 /// Ranks that are processes of an MPI program, over a communicator of their own.
 ///
-/// Calls come from the thread that has initialized MPI. Where threads of a rank search together, initialize with
-/// `mpi::initialize_with_threading(Threading::Funneled)`.
+/// Calls come from the thread that has initialized MPI. Trees, lists and searches use further threads, which do not call it: unless
+/// there is one thread only, initialize with `mpi::initialize_with_threading(Threading::Funneled)`.
 ///
 /// ```no_run
 /// use mbkd_distributed::{Exchange, Mpi};
@@ -20,6 +21,12 @@ use mpi::traits::{Communicator, CommunicatorCollectives, Destination, Source};
 /// ```
 pub struct Mpi {
     group: SimpleCommunicator,
+}
+
+impl fmt::Debug for Mpi {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Mpi").field("rank", &self.rank()).field("size", &self.size()).finish()
+    }
 }
 
 /// Bytes of a message: MPI counts in `i32`.

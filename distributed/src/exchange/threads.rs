@@ -15,6 +15,7 @@ use std::thread;
 /// });
 /// assert_eq!(sums, [3, 3, 3]);
 /// ```
+#[derive(Debug)]
 pub struct Threads {
     rank: usize,
     to: Vec<Sender<Vec<u8>>>,

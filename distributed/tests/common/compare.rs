@@ -34,9 +34,9 @@ fn lists_of(ranks: &impl Exchange, set: &Set) -> usize {
         let expected = whole.swept(interval, set.radius);
         let lists = step.neighbor_lists_swept(interval, set.radius).unwrap();
         for (particle, row) in own.iter().zip(lists.iter()) {
-            let found: Vec<_> = row.iter().map(|m| (m.id, [m.enter, m.leave, m.closest, m.distance_squared])).collect();
+            let found: Vec<_> = row.iter().map(|e| (e.id, [e.enter, e.leave, e.closest, e.distance_squared])).collect();
             assert_eq!(found, expected[&particle.id], "{}, swept, particle {}", set.name, particle.id);
-            assert!(row.iter().all(|meeting| all[meeting.place as usize].id == meeting.id));
+            assert!(row.iter().all(|e| all[e.place as usize].id == e.id));
         }
         compared += lists.len();
     }

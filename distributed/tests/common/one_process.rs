@@ -1,8 +1,8 @@
 //! Lists in one process: the library asked about the whole set.
 
 use super::sets::Set;
-use mbkd::{Encounter, Neighbor, NeighborLists, PointArrays, PointParams, PointTree, TimeInterval};
-use mbkd_distributed::{Nearest, Particle, Query};
+use mbkd::{Encounter, NeighborLists, PointArrays, PointParams, PointTree, TimeInterval};
+use mbkd_distributed::{Neighbor, Particle, Query};
 use std::collections::HashMap;
 
 /// Particles by id, and their lists.
@@ -50,12 +50,14 @@ impl<'a> Whole<'a> {
         lists.iter().map(|(place, list)| (id(place), row(list))).collect()
     }
 
-    pub fn nearest(&self, query: &Query, time: f32, k: usize) -> Vec<Nearest> {
+    pub fn nearest(&self, query: &Query, time: f32, k: usize) -> Vec<Neighbor> {
         let except = |place: u32| Some(self.particles[place as usize].id) != query.except;
         let periodic = self.tree.periodic(self.set.periods).unwrap();
         let found = periodic.query(query.at, time).filter(except).nearest_n(k);
-        let nearest =
-            |n: &Neighbor| Nearest { id: self.particles[n.id as usize].id, distance_squared: n.distance_squared };
+        let nearest = |n: &mbkd::Neighbor| Neighbor {
+            id: self.particles[n.id as usize].id,
+            distance_squared: n.distance_squared,
+        };
         found.iter().map(nearest).collect()
     }
 }
