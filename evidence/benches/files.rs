@@ -3,12 +3,11 @@
 //! Trees are saved to and loaded from a file in the temporary folder, which is in the page cache after the first time.
 //! `cargo bench --bench files > files.md`; `--help` lists the options.
 
-#[path = "embree/clock.rs"]
-mod clock;
-
 use clap::Parser;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{BuildParams, MovingPoint, PointArrays, PointParams, PointStructure, PointTree, RayTree};
+use mbkd_evidence::lcg::Lcg;
+use mbkd_evidence::timing::{median, timed};
 use mbkd_scenes as scene;
 use std::error::Error;
 use std::path::Path;
@@ -60,14 +59,9 @@ fn main() -> Tried<()> {
             }
         }
     }
-    let mut random = 1u64;
-    let mut next = || {
-        random = random.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (random >> 40) as f32 / (1 << 23) as f32 - 1.0
-    };
-    let mut place = || Vec3::new(next(), next(), next());
-    let still: Vec<Vec3> = (0..args.size).map(|_| place()).collect();
-    let moving: Vec<MovingPoint> = still.iter().map(|&at| MovingPoint::new(at, at + place() * 0.01)).collect();
+    let mut random = Lcg(1);
+    let still: Vec<Vec3> = (0..args.size).map(|_| random.signed()).collect();
+    let moving: Vec<MovingPoint> = still.iter().map(|&at| MovingPoint::new(at, at + random.signed() * 0.01)).collect();
     let wide: Vec<DVec3> = still.iter().map(|at| at.as_dvec3() + 0.1).collect();
     let points = |name: &str, build: &dyn Fn() -> Tried<PointTree>| {
         let title = format!("{name}, {} points", args.size);
@@ -93,19 +87,17 @@ fn measure<T>(args: &Args, name: &str, row: &Row<'_, T>) -> Tried<()> {
     let mut times = [const { Vec::new() }; 3];
     let mut bytes = 0;
     for _ in 0..args.runs {
-        let start = clock::seconds();
-        let tree = (row.build)()?;
-        let built = clock::seconds();
-        (row.save)(&tree, &path)?;
-        let saved = clock::seconds();
+        let (tree, built) = timed(row.build);
+        let tree = tree?;
+        let (done, saved) = timed(|| (row.save)(&tree, &path));
+        done?;
         // The built tree is still alive, so the load cannot reuse its memory.
-        let again = (row.load)(&path)?;
-        let loaded = clock::seconds();
-        for (times, time) in times.iter_mut().zip([built - start, saved - built, loaded - saved]) {
+        let (again, loaded) = timed(|| (row.load)(&path));
+        for (times, time) in times.iter_mut().zip([built, saved, loaded]) {
             times.push(time);
         }
         bytes = std::fs::metadata(&path)?.len();
-        drop((tree, again));
+        drop((tree, again?));
     }
     std::fs::remove_file(&path)?;
     let [build, save, load] = times.map(median);
@@ -118,9 +110,4 @@ fn measure<T>(args: &Args, name: &str, row: &Row<'_, T>) -> Tried<()> {
         build / load,
     );
     Ok(())
-}
-
-fn median(mut of: Vec<f64>) -> f64 {
-    of.sort_by(f64::total_cmp);
-    of.get(of.len() / 2).copied().unwrap_or(f64::NAN)
 }

@@ -6,15 +6,13 @@
 //!
 //! `cargo bench --bench keys > keys.md`; `--help` lists the options. For figures to publish give it an idle core.
 
-#[path = "embree/clock.rs"]
-mod clock;
-
 use clap::Parser;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
     BuildError, BuildParams, Counters, Division, Keys, MovingSphere, Ray, RayTree, Shape, TriangleMesh, WideParams,
 };
 use mbkd_evidence::lcg::Lcg;
+use mbkd_evidence::timing::{median, timed};
 use mbkd_scenes as scene;
 use std::hint::black_box;
 
@@ -168,9 +166,8 @@ impl Tree {
         let shapes = of.spheres.iter().cloned().map(Shape::from).collect();
         let division = if whole { Division::Whole } else { Division::Automatic };
         let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
-        let start = clock::seconds();
-        let tree = RayTree::of_scene(&of.meshes, shapes, &params)?;
-        Ok((tree, clock::seconds() - start))
+        let (tree, seconds) = timed(|| RayTree::of_scene(&of.meshes, shapes, &params));
+        Ok((tree?, seconds))
     }
 }
 
@@ -205,16 +202,15 @@ fn measure(args: &Args, row: &Row) -> Result<(), BuildError> {
         }
         for of in &mut trees {
             for round in 0..2 {
-                let start = clock::seconds();
-                rays.iter().for_each(|ray| _ = black_box(of.tree.closest_hit(ray)));
+                let ((), seconds) = timed(|| rays.iter().for_each(|ray| _ = black_box(of.tree.closest_hit(ray))));
                 // The first one warms the caches.
                 if round == 1 {
-                    of.rays.push((clock::seconds() - start) / rays.len() as f64);
+                    of.rays.push(seconds / rays.len() as f64);
                 }
             }
         }
     }
-    let ratio = |a: &[f64], b: &[f64]| median(a.iter().zip(b).map(|(a, b)| a / b).collect());
+    let ratio = |a: &[f64], b: &[f64]| median(a.iter().zip(b).map(|(a, b)| a / b));
     for of in &trees {
         let mut counters = Counters::default();
         rays.iter().for_each(|ray| _ = of.tree.closest_hit_observed(ray, &mut counters));
@@ -231,17 +227,12 @@ fn measure(args: &Args, row: &Row) -> Result<(), BuildError> {
             s.time_nodes,
             s.bytes as f64 / s.primitives as f64,
             if s.kept_positions > 0 { s.bytes as f64 / vertices } else { 0.0 },
-            median(of.build.clone()) * 1e3,
-            median(of.rays.clone()) * 1e9,
+            median(of.build.iter().copied()) * 1e3,
+            median(of.rays.iter().copied()) * 1e9,
             (counters.nodes + counters.leaves) as f64 / rays.len() as f64,
             ratio(&of.build, &trees[0].build),
             ratio(&of.rays, &trees[0].rays),
         );
     }
     Ok(())
-}
-
-fn median(mut of: Vec<f64>) -> f64 {
-    of.sort_by(f64::total_cmp);
-    of.get(of.len() / 2).copied().unwrap_or(f64::NAN)
 }

@@ -7,13 +7,11 @@
 //!
 //! `cargo bench --bench lazy > lazy.md`; `--help` lists the options. For figures to publish give it an idle core.
 
-#[path = "embree/clock.rs"]
-mod clock;
-
 use clap::Parser;
 use core::ops::ControlFlow;
 use mbkd::{Aabb, BuildParams, Division, LazyParams, Ray, RayTree, TreePrimitive, Visitor};
 use mbkd_evidence::lcg::Lcg;
+use mbkd_evidence::timing::{median, timed};
 use mbkd_scenes as scene;
 use std::collections::HashSet;
 use std::error::Error;
@@ -61,12 +59,6 @@ fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
     Ok(())
 }
 
-fn timed<T>(f: impl FnOnce() -> T) -> (f64, T) {
-    let start = clock::seconds();
-    let made = f();
-    (clock::seconds() - start, made)
-}
-
 fn measure(args: &Args, recipe: &scene::Recipe) -> Result<(), Box<dyn Error + Send + Sync>> {
     let scene = (recipe.make)((recipe.full as f32 * args.scale) as usize);
     let mut lazy = LazyParams { subtree: args.subtree, ..LazyParams::default() };
@@ -75,18 +67,18 @@ fn measure(args: &Args, recipe: &scene::Recipe) -> Result<(), Box<dyn Error + Se
     }
     let lazy = BuildParams::lazy(lazy);
     let build = |params: &BuildParams| timed(|| RayTree::build(&scene.meshes, params));
-    let whole = build(&BuildParams::default()).1?;
+    let whole = build(&BuildParams::default()).0?;
     let (rays, tested) = picture(&whole, &scene.camera, args);
     let [mut builds, mut of_build, mut with_subtrees, mut with_rays, mut of_rays] = [const { Vec::new() }; 5];
     let mut built = whole.statistics();
     let mut share = 0.0;
     for _ in 0..args.rounds {
-        let (whole_time, whole) = build(&BuildParams::default());
-        let (lazy_time, lazy) = build(&lazy);
+        let (whole, whole_time) = build(&BuildParams::default());
+        let (lazy, lazy_time) = build(&lazy);
         let (whole, lazy) = (whole?, lazy?);
-        let (first, _) = timed(|| run_query(&lazy, &rays));
-        let (of_whole, _) = timed(|| run_query(&whole, &rays));
-        let (again, _) = timed(|| run_query(&lazy, &rays));
+        let ((), first) = timed(|| run_query(&lazy, &rays));
+        let ((), of_whole) = timed(|| run_query(&whole, &rays));
+        let ((), again) = timed(|| run_query(&lazy, &rays));
         builds.push(whole_time);
         of_build.push(lazy_time / whole_time);
         with_subtrees.push((lazy_time + first - again) / whole_time);
@@ -176,9 +168,4 @@ impl Visitor<TreePrimitive> for RayVisitor<'_> {
         self.seen.insert(item);
         ControlFlow::Continue(())
     }
-}
-
-fn median(mut of: Vec<f64>) -> f64 {
-    of.sort_by(f64::total_cmp);
-    of.get(of.len() / 2).copied().unwrap_or(f64::NAN)
 }

@@ -5,13 +5,11 @@
 //!
 //! `cargo bench --bench refit > refit.md`; `--help` lists the options. For figures to publish give it an idle core.
 
-#[path = "embree/clock.rs"]
-mod clock;
-
 use clap::Parser;
 use mbkd::glam::Vec3;
 use mbkd::{BuildParams, Counters, Keys, Ray, RayTree, TriangleMesh};
 use mbkd_evidence::lcg::Lcg;
+use mbkd_evidence::timing::{median, timed};
 use mbkd_scenes as scene;
 use std::error::Error;
 use std::hint::black_box;
@@ -134,13 +132,6 @@ fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
     Ok(())
 }
 
-fn timed<T>(times: &mut Vec<f64>, f: impl FnOnce() -> T) -> T {
-    let start = clock::seconds();
-    let made = f();
-    times.push(clock::seconds() - start);
-    made
-}
-
 fn measure(args: &Args, row: &Row) -> Result<(), Box<dyn Error + Send + Sync>> {
     let triangles = (row.triangles as f32 * args.scale) as usize;
     let build = |meshes: &[TriangleMesh]| RayTree::build(meshes, &BuildParams::default());
@@ -148,27 +139,29 @@ fn measure(args: &Args, row: &Row) -> Result<(), Box<dyn Error + Send + Sync>> {
     let moving: Vec<usize> = ((row.moving)(first.meshes.len())..first.meshes.len()).collect();
     let mut tree = build(&first.meshes)?;
     let [mut builds, mut whole, mut parts, mut rays_of_both, mut work] = [const { Vec::new() }; 5];
-    let mut first_time = Vec::new();
-    timed(&mut first_time, || tree.refit(&first.meshes))?;
+    let (first_refit, first_time) = timed(|| tree.refit(&first.meshes));
+    first_refit?;
     let mut last = None;
     for i in 1..=args.frames {
         let now = (row.frame)(triangles, i);
         // Alternating, so that each has something to write.
-        let refit = match i % 2 {
-            0 => timed(&mut whole, || tree.refit(&now.meshes))?,
-            _ => timed(&mut parts, || tree.refit_moved(&now.meshes, &moving))?,
+        let (times, (refit, time)) = match i % 2 {
+            0 => (&mut whole, timed(|| tree.refit(&now.meshes))),
+            _ => (&mut parts, timed(|| tree.refit_moved(&now.meshes, &moving))),
         };
-        last = Some(refit);
+        times.push(time);
+        last = Some(refit?);
         if i % args.step == 0 {
-            let other = timed(&mut builds, || build(&now.meshes))?;
+            let (other, time) = timed(|| build(&now.meshes));
+            builds.push(time);
+            let other = other?;
             let rays = rays(&now.camera, args.rays);
             for round in 0..4 {
-                let [mut of_tree, mut of_other] = [const { Vec::new() }; 2];
-                timed(&mut of_tree, || run_query(&tree, &rays));
-                timed(&mut of_other, || run_query(&other, &rays));
+                let ((), of_tree) = timed(|| run_query(&tree, &rays));
+                let ((), of_other) = timed(|| run_query(&other, &rays));
                 // The first round warms the caches.
                 if round > 0 {
-                    rays_of_both.push(of_tree[0] / of_other[0]);
+                    rays_of_both.push(of_tree / of_other);
                 }
             }
             work.push(blocks(&tree, &rays) / blocks(&other, &rays));
@@ -183,7 +176,7 @@ fn measure(args: &Args, row: &Row) -> Result<(), Box<dyn Error + Send + Sync>> {
         row.name,
         statistics.primitives,
         build * 1e3,
-        first_time[0] * 1e3,
+        first_time * 1e3,
         whole * 1e3,
         parts * 1e3,
         build / whole,
@@ -210,9 +203,4 @@ fn blocks(tree: &RayTree, rays: &[Ray]) -> f64 {
     let mut counters = Counters::default();
     rays.iter().for_each(|ray| _ = tree.closest_hit_observed(ray, &mut counters));
     counters.steps() as f64
-}
-
-fn median(mut of: Vec<f64>) -> f64 {
-    of.sort_by(f64::total_cmp);
-    of.get(of.len() / 2).copied().unwrap_or(f64::NAN)
 }

@@ -8,6 +8,7 @@ use clap::Parser;
 use mbkd::glam::DVec3;
 use mbkd::{NeighborBuffer, NeighborLists, PointArrays, PointParams, PointTree, Precision};
 use mbkd_evidence::accuracy::Random;
+use mbkd_evidence::timing::median;
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -30,11 +31,6 @@ fn nanoseconds(run: impl FnOnce()) -> f64 {
     let start = Instant::now();
     run();
     start.elapsed().as_secs_f64() * 1e9
-}
-
-fn median(mut times: Vec<f64>) -> f64 {
-    times.sort_by(f64::total_cmp);
-    times[times.len() / 2]
 }
 
 fn run_query(tree: &PointTree, queries: &[(DVec3, f32)], k: usize, radius: f32, buffer: &mut NeighborBuffer) {

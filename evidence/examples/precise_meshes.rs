@@ -9,6 +9,7 @@
 use mbkd::glam::{DAffine3, DVec3, Vec3};
 use mbkd::{BuildParams, Counters, Instance, InstanceTree, Keys, Ray, RayTree, TriangleMesh, WideParams};
 use mbkd_evidence::accuracy::Random;
+use mbkd_evidence::timing::median;
 use mbkd_scenes as scene;
 use std::hint::black_box;
 use std::sync::Arc;
@@ -31,11 +32,6 @@ fn nanoseconds(run: impl FnOnce()) -> f64 {
     let start = cpu_time::ThreadTime::now();
     run();
     start.elapsed().as_secs_f64() * 1e9
-}
-
-fn median(mut times: Vec<f64>) -> f64 {
-    times.sort_by(f64::total_cmp);
-    times[times.len() / 2]
 }
 
 /// A mesh elsewhere, in f64.

@@ -8,3 +8,4 @@ pub mod pareto;
 pub mod peers;
 pub mod point_sets;
 pub mod simple_kernels;
+pub mod timing;

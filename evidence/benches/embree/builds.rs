@@ -1,11 +1,10 @@
 //! Build times and memory: in each round ours, then every Embree configuration, each tree dropped at once.
 
-use crate::clock;
 use crate::configs::{self, Config};
 use crate::ffi::Embree;
 use crate::options::{Mode, Only, Options};
 use crate::ours::{self, Ours};
-use crate::timing::median;
+use mbkd_evidence::timing::{median, seconds};
 use mbkd_scenes::Scene;
 use rayon::ThreadPool;
 use std::sync::{Arc, OnceLock};
@@ -35,7 +34,7 @@ pub struct Theirs {
 /// Processor time for one thread, wall-clock time for several.
 fn now(threads: usize) -> f64 {
     static START: OnceLock<Instant> = OnceLock::new();
-    if threads == 1 { clock::seconds() } else { START.get_or_init(Instant::now).elapsed().as_secs_f64() }
+    if threads == 1 { seconds() } else { START.get_or_init(Instant::now).elapsed().as_secs_f64() }
 }
 
 /// Measures the builds of a scene.
@@ -63,11 +62,11 @@ pub fn measure(options: &Options, embree: Option<&Embree>, scene: &Scene, thread
     Ok(Builds {
         scene: scene.name.clone(),
         threads,
-        ours: median(ours.seconds.into_iter()),
+        ours: median(ours.seconds),
         our_bytes: ours.bytes,
         theirs: theirs
             .into_iter()
-            .map(|(_, figures, seconds)| Theirs { seconds: median(seconds.into_iter()), ..figures })
+            .map(|(_, figures, seconds)| Theirs { seconds: median(seconds), ..figures })
             .collect(),
     })
 }

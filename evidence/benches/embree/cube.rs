@@ -3,9 +3,10 @@
 use crate::ffi::{Device, EmbreeRay, EmbreeScene};
 use crate::options::{Isa, Options};
 use crate::sum;
-use crate::timing::{in_turns, median};
+use crate::timing::in_turns;
 use mbkd::glam::Vec3;
 use mbkd::{Geometry, Ray, RayTree, SimdLevel};
+use mbkd_evidence::timing::median;
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 
@@ -64,7 +65,7 @@ pub fn last_of<T>(runs: u32, build: impl Fn() -> Result<(f64, T), String>) -> Re
         times.push(time);
         last = next;
     }
-    Ok((median(times.into_iter()), last))
+    Ok((median(times), last))
 }
 
 /// A row of the table but for its name. Each side is its time of building and its tree; `bytes` are ours.

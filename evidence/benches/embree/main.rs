@@ -8,7 +8,6 @@
 mod agree;
 mod boxes;
 mod builds;
-mod clock;
 mod closest_points;
 mod configs;
 mod cube;
@@ -27,6 +26,8 @@ mod timing;
 
 use clap::Parser;
 use ffi::Embree;
+// A module in the crate of static geometry, which shares `timing`.
+use mbkd_evidence::timing as clock;
 use mbkd_scenes::Scene;
 use options::{Only, Options};
 use run::Measured;

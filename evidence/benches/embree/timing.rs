@@ -1,6 +1,6 @@
 //! Clocks and checksums: both sides answer the same rays in alternation, and all answers are read.
 
-use crate::clock;
+use crate::clock::{median, timed};
 use mbkd::Hit;
 use std::hint::black_box;
 
@@ -51,13 +51,7 @@ pub type Side<'a> = Option<&'a dyn Fn() -> Checksum>;
 
 /// One untimed round, then `runs` timed ones: ours, theirs, ours, theirs, …
 pub fn in_turns(runs: u32, ours: Side<'_>, theirs: Side<'_>) -> Turns {
-    let time = |side: Side<'_>| {
-        side.map_or(f64::NAN, |answer_all| {
-            let start = clock::seconds();
-            black_box(answer_all());
-            clock::seconds() - start
-        })
-    };
+    let time = |side: Side<'_>| side.map_or(f64::NAN, |answer_all| timed(|| black_box(answer_all())).1);
     time(ours);
     time(theirs);
     let rounds: Vec<(f64, f64)> = (0..runs).map(|_| (time(ours), time(theirs))).collect();
@@ -66,11 +60,4 @@ pub fn in_turns(runs: u32, ours: Side<'_>, theirs: Side<'_>) -> Turns {
         theirs: median(rounds.iter().map(|r| r.1)),
         ratio: median(rounds.iter().map(|r| r.1 / r.0)),
     }
-}
-
-/// The middle value; NaN without values or for NaNs.
-pub fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }

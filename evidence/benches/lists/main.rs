@@ -16,6 +16,7 @@ use mbkd::{
     Radii, TimeInterval,
 };
 use mbkd_evidence::lcg::Lcg;
+use mbkd_evidence::timing::median;
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -65,12 +66,7 @@ fn race(repeat: usize, count: usize, contestants: &mut [Contestant]) -> Vec<f64>
             }
         }
     }
-    times.iter_mut().map(|times| median(times)).collect()
-}
-
-fn median(times: &mut [f64]) -> f64 {
-    times.sort_by(f64::total_cmp);
-    times[times.len() / 2]
+    times.into_iter().map(median).collect()
 }
 
 fn table(title: &str, args: &Args, count: usize, mut contestants: Vec<Contestant>) -> Vec<f64> {
@@ -229,7 +225,7 @@ fn all(args: &Args, name: &str, point: fn(&mut Lcg) -> Vec3) {
             tree.neighbor_lists(0.0, radius).run(&mut lists).unwrap();
             times.push(start.elapsed().as_nanos() as f64 / count as f64);
         }
-        (median(&mut times), median(&mut builds), kept, rounds)
+        (median(times), median(builds), kept, rounds)
     };
     let (mut buffer, tree) = (NeighborBuffer::new(), PointTree::build(&points, &PointParams::default()).unwrap());
     let mut columns = linkcell::PairColumns::default();
@@ -435,7 +431,7 @@ fn growth(args: &Args) {
             afresh.neighbor_lists(0.0, radius).run(&mut more).unwrap();
             time(3, begin);
         }
-        let [rebuilding, lists, building, fresh_lists] = times.map(|mut times| median(&mut times));
+        let [rebuilding, lists, building, fresh_lists] = times.map(median);
         let slower = lists / fresh_lists;
         let what = if order_kept { "kept" } else { "rebuilt" };
         println!(

@@ -6,8 +6,6 @@
 //!
 //! `cargo bench --bench point_choices`; `--help` lists the options.
 
-#[path = "../embree/clock.rs"]
-mod clock;
 mod kind;
 mod lifetimes;
 mod measure;

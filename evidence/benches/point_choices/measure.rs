@@ -1,8 +1,8 @@
 //! Builds in processor time, and the counted work of searches.
 
-use crate::clock;
 use mbkd::glam::Vec3;
 use mbkd::{MovingPoint, PointLayerKind, PointParams, PointStatistics, PointStructure, PointTree};
+use mbkd_evidence::timing::{median, timed};
 use std::hint::black_box;
 
 /// The costs of the engine (`points` in `src/tuning.rs`), in nodes.
@@ -104,12 +104,10 @@ fn race<const N: usize>(rounds: usize, builds: [&dyn Fn(); N]) -> [f64; N] {
     let mut times = [const { Vec::new() }; N];
     for _ in 0..rounds {
         for (times, build) in times.iter_mut().zip(builds) {
-            let start = clock::seconds();
-            build();
-            times.push(clock::seconds() - start);
+            times.push(timed(build).1);
         }
     }
-    times.map(|mut times| *times.select_nth_unstable_by(rounds / 2, f64::total_cmp).1)
+    times.map(median)
 }
 
 /// The number of time slices if there is only one layer.

@@ -7,8 +7,6 @@
 //! core (`taskset -c 1`). All scenes take about half an hour and 2 GB.
 
 mod choices;
-#[path = "../embree/clock.rs"]
-mod clock;
 #[path = "../embree/geometry.rs"]
 #[allow(dead_code)] // half of it is the other program's
 mod geometry;

@@ -1,8 +1,8 @@
 //! Trees and their times: two trees answer the same rays in alternation.
 
-use crate::clock;
 use crate::rays::{Kind, Rays};
 use mbkd::{BuildError, BuildParams, Counters, Hit, RayTree, TriangleMesh};
+use mbkd_evidence::timing::{median, timed};
 use std::fmt;
 use std::hint::black_box;
 
@@ -18,9 +18,8 @@ pub struct Built {
 
 impl Built {
     pub fn new(meshes: &[TriangleMesh], params: &BuildParams) -> Result<Built, BuildError> {
-        let start = clock::seconds();
-        let tree = RayTree::build(meshes, params)?;
-        Ok(Built { tree, seconds: clock::seconds() - start })
+        let (tree, seconds) = timed(|| RayTree::build(meshes, params));
+        Ok(Built { tree: tree?, seconds })
     }
 
     /// Bytes of the tree per triangle.
@@ -45,8 +44,7 @@ impl Built {
     /// Seconds for all rays of a kind.
     fn seconds(&self, rays: &Rays, kind: Kind, batch: bool, answers: &mut Answers) -> f64 {
         let rays = rays.of(kind);
-        let start = clock::seconds();
-        match (batch, kind) {
+        let ((), seconds) = timed(|| match (batch, kind) {
             (true, Kind::Ao) => self.tree.any_hits(rays, &mut answers.any),
             (true, _) => self.tree.closest_hits(rays, &mut answers.closest),
             (false, Kind::Ao) => {
@@ -57,8 +55,7 @@ impl Built {
                 answers.closest.clear();
                 answers.closest.extend(rays.iter().map(|ray| self.tree.closest_hit(ray)));
             }
-        }
-        let seconds = clock::seconds() - start;
+        });
         black_box(answers);
         seconds
     }
@@ -120,11 +117,4 @@ impl fmt::Display for Row {
         let cells = self.0.map(|x| if x.is_nan() { "-".into() } else { format!("{x:.2}") });
         f.write_str(&cells.join(" | "))
     }
-}
-
-/// The middle value.
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }

@@ -1,7 +1,7 @@
 //! One run of the report: how long it may take, its seed, its progress, and how it times things.
 
-use cpu_time::ProcessTime;
 use indicatif::{ProgressBar, ProgressStyle};
+use mbkd_evidence::timing::timed;
 use std::cell::Cell;
 use std::error::Error;
 use std::time::Instant;
@@ -91,9 +91,7 @@ impl Times {
 /// Processor time of this process that something takes, in seconds, all threads together: what else the machine does is not in
 /// it. Where the system does not tell it, the time that passes.
 pub fn seconds(what: impl FnOnce()) -> f64 {
-    let start = clock();
-    what();
-    clock() - start
+    timed(what).1
 }
 
 /// The time that passes while something is done, in seconds: for what uses several threads.
@@ -101,11 +99,6 @@ pub fn wall_seconds(what: impl FnOnce()) -> f64 {
     let start = Instant::now();
     what();
     start.elapsed().as_secs_f64()
-}
-
-/// Seconds of processor time since some moment in the past.
-fn clock() -> f64 {
-    ProcessTime::now().as_duration().as_secs_f64()
 }
 
 /// Times several things interleaved, each once per round, so that whatever else the machine does hits all of them alike.

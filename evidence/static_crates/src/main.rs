@@ -8,7 +8,7 @@
 //!
 //! `cargo run --release --package mbkd-static-crates -- --help` lists what can be chosen.
 
-#[path = "../../benches/embree/clock.rs"]
+#[path = "../../src/timing.rs"]
 mod clock;
 #[allow(dead_code)]
 #[path = "../../benches/embree/geometry.rs"]
@@ -22,6 +22,7 @@ use bvh::aabb::{Aabb, Bounded, IntersectsAabb};
 use bvh::bounding_hierarchy::BHShape;
 use bvh::bvh::Bvh;
 use clap::Parser;
+use clock::timed;
 use glam::{Vec3, Vec3A};
 use mbkd::{BuildParams, Hit, Ray, RayTree, TriangleMesh, glam};
 use mbkd_scenes::Scene;
@@ -212,12 +213,6 @@ fn answer_all<P: Peer>(peer: &P, kind: Kind, rays: &[Ray]) -> Checksum {
         _ => rays.iter().for_each(|ray| sum.closest(peer.closest_hit(ray))),
     }
     sum
-}
-
-fn timed<T>(build: impl FnOnce() -> T) -> (T, f64) {
-    let start = clock::seconds();
-    let built = build();
-    (built, clock::seconds() - start)
 }
 
 fn main() -> ExitCode {
