@@ -11,10 +11,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .map(|i| {
             let (ring, along) = ((i % 173) as f32 / 173.0, i as f32 * 0.618_034);
             let at = |turn: f32| {
-                // A rational parametrization of the circle: no trigonometry, so the same on every machine.
-                let h = 2.0 * ((along + turn).fract() - 0.5);
+                // A rational parametrization of half a circle, and its reflection: no trigonometry, so the same on every machine.
+                let halves = 2.0 * (along + turn);
+                let h = 2.0 * halves.fract() - 1.0;
+                let radius = if (halves as u32).is_multiple_of(2) { ring } else { -ring };
                 let (x, y) = ((1.0 - h * h) / (1.0 + h * h), 2.0 * h / (1.0 + h * h));
-                Vec3::new(ring * x, ring * y, 0.1 * (1.0 - ring))
+                Vec3::new(radius * x, radius * y, 0.1 * (1.0 - ring))
             };
             let spark = MovingPoint::new(at(0.0), at(0.02));
             Ok(if i % 3 == 0 { spark.with_active(TimeInterval::new(0.4, 0.6)?) } else { spark })
