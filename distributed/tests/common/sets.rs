@@ -75,8 +75,14 @@ pub fn sets() -> Vec<Set> {
     sets.push(Set { name: "heap", particles: heap, periods: open, radius: 0.0 });
     // Ties, also across the faces.
     let corner = |i: usize| [i / 16, i / 4 % 4, i % 4].map(|x| x as f32 / 4.0);
-    let grid = (0..64).map(|i| numbered(i, corner(i), corner(i))).collect();
-    sets.push(Set { name: "grid, periodic", particles: grid, periods: torus, radius: 0.25 });
+    for (name, periods, radius) in [
+        ("grid, periodic", torus, 0.25),
+        ("grid, periodic, of unlimited reach", torus, f32::INFINITY),
+        ("grid of unlimited reach", open, f32::INFINITY),
+    ] {
+        let particles = (0..64).map(|i| numbered(i, corner(i), corner(i))).collect();
+        sets.push(Set { name, particles, periods, radius });
+    }
     let two = [0, 1].map(|i| numbered(i, [0.9 * i as f32; 3], [1.0 - 0.9 * i as f32; 3])).to_vec();
     sets.push(Set { name: "two particles", particles: two, periods: [None, Some(1.0), None], radius: 0.5 });
     sets.push(Set { name: "no particles", particles: Vec::new(), periods: torus, radius: 0.1 });
