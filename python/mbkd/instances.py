@@ -62,7 +62,8 @@ class InstanceTree(Traced[InstanceHits]):
         These three replace `matrices`. The defaults are 0, no rotation, and 1. Scales of 0 along all axes at all keys hide an
         instance (as do matrices of zeros beside the translation): it keeps its index, and nothing of it is found.
     masks : (n,) of 32 bits, optional
-        A query sees an instance if their masks share a bit, and in it the meshes whose masks share a bit.
+        A query sees an instance if their masks share a bit, and in it the meshes whose masks share a bit. No query sees an
+        instance with the mask 0.
     active : (n, 2), optional
         The interval in which each instance exists: begin <= t < end (an end of 1 includes 1).
     workers : int

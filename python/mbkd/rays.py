@@ -143,7 +143,7 @@ class RayTree(Traced[Hits]):
         active : sequence of (begin, end), optional
             The interval in which each mesh exists.
         masks : sequence of int, optional
-            32 bits for each mesh: a query sees the mesh if their masks share a bit.
+            32 bits for each mesh: a query sees the mesh if their masks share a bit. No query sees a mesh with the mask 0.
         spheres : (centers, radii), optional
             Centers (n, 3), or (K, n, 3) at K keys spaced evenly over the shutter; radii (n,), (K, n), or one number. Both are
             used in float64. A hit on a sphere has the number of meshes as its `mesh`, the index of the sphere as its

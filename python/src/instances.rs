@@ -117,10 +117,7 @@ impl Instances {
         progress: Option<Py<PyAny>>,
     ) -> PyResult<PlacedHits<'py>> {
         let mut found = Found::default();
-        let one = |ray: &Ray| match mask {
-            u32::MAX => self.tree.closest_hit(ray),
-            _ => self.tree.closest_hit_masked(ray, mask),
-        };
+        let one = |ray: &Ray| self.tree.closest_hit_masked(ray, mask);
         each(py, rays.slices()?, (workers, progress.as_ref()), one, |hit| found.push(hit))?;
         found.columns(py)
     }
@@ -135,10 +132,7 @@ impl Instances {
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Bound<'py, PyArray1<bool>>> {
         let mut hits = Vec::new();
-        let one = |ray: &Ray| match mask {
-            u32::MAX => self.tree.any_hit(ray),
-            _ => self.tree.any_hit_masked(ray, mask),
-        };
+        let one = |ray: &Ray| self.tree.any_hit_masked(ray, mask);
         each(py, rays.slices()?, (workers, progress.as_ref()), one, |hit| hits.push(hit))?;
         Ok(hits.into_pyarray(py))
     }
@@ -171,10 +165,7 @@ impl Instances {
         workers: isize,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<(Bound<'py, PyArray2<f64>>, PlacedHits<'py>)> {
-        let one = |query: &ClosestPointQuery| match mask {
-            u32::MAX => self.tree.closest_point(query),
-            _ => self.tree.closest_point_masked(query, mask),
-        };
+        let one = |query: &ClosestPointQuery| self.tree.closest_point_masked(query, mask);
         let answers = nearest(py, &points, self.nbytes(), (workers, progress.as_ref()), &one)?;
         let mut found = Found::default();
         for answer in &answers {

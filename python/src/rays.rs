@@ -132,14 +132,8 @@ impl Rays {
     ) -> PyResult<Hits<'py>> {
         let (rays, tree) = (rays.slices()?, self.tree.get(py)?);
         let mut hits = Vec::with_capacity(rays.len());
-        let one = |ray: &Ray| match mask {
-            u32::MAX => tree.closest_hit(ray),
-            _ => tree.closest_hit_masked(ray, mask),
-        };
-        let many = |rays: &[Ray], found: &mut Vec<Option<Hit>>| match mask {
-            u32::MAX => tree.closest_hits(rays, found),
-            _ => tree.closest_hits_masked(rays, mask, found),
-        };
+        let one = |ray: &Ray| tree.closest_hit_masked(ray, mask);
+        let many = |rays: &[Ray], found: &mut Vec<Option<Hit>>| tree.closest_hits_masked(rays, mask, found);
         in_blocks(py, rays, (workers, progress), &one, &many, |found| {
             hits.extend(found.iter().map(|hit| hit.unwrap_or(NOTHING)));
         })?;
@@ -157,14 +151,8 @@ impl Rays {
     ) -> PyResult<Bound<'py, PyArray1<bool>>> {
         let (rays, tree) = (rays.slices()?, self.tree.get(py)?);
         let mut hits = Vec::with_capacity(rays.len());
-        let one = |ray: &Ray| match mask {
-            u32::MAX => tree.any_hit(ray),
-            _ => tree.any_hit_masked(ray, mask),
-        };
-        let many = |rays: &[Ray], found: &mut Vec<bool>| match mask {
-            u32::MAX => tree.any_hits(rays, found),
-            _ => tree.any_hits_masked(rays, mask, found),
-        };
+        let one = |ray: &Ray| tree.any_hit_masked(ray, mask);
+        let many = |rays: &[Ray], found: &mut Vec<bool>| tree.any_hits_masked(rays, mask, found);
         in_blocks(py, rays, (workers, progress), &one, &many, |found| hits.extend_from_slice(found))?;
         Ok(hits.into_pyarray(py))
     }
@@ -197,10 +185,7 @@ impl Rays {
         progress: Option<Py<PyAny>>,
     ) -> PyResult<(Bound<'py, PyArray2<f64>>, Hits<'py>)> {
         let tree = self.tree.get(py)?;
-        let one = |query: &ClosestPointQuery| match mask {
-            u32::MAX => tree.closest_point(query),
-            _ => tree.closest_point_masked(query, mask),
-        };
+        let one = |query: &ClosestPointQuery| tree.closest_point_masked(query, mask);
         let found = nearest(py, &points, bytes_of(&tree), (workers, progress.as_ref()), &one)?;
         let hits: Vec<Hit> = found.iter().map(|near| near.as_ref().map_or(NOTHING, on_surface)).collect();
         Ok((positions(py, found.iter().map(Option::as_ref))?, columns(py, &hits)))

@@ -75,6 +75,16 @@ def test_poses_masks_active_intervals_and_nesting():
     assert len(nested) == 2 and nested.nbytes > tree.nbytes and "InstanceTree" in repr(nested) and nested.statistics()
 
 
+def test_no_query_sees_a_mask_of_zero():
+    hidden = RayTree.from_meshes([(VERTICES, FACES)], masks=[0])
+    placed = {"translations": [[0, 0, 0]]}
+    for tree in (InstanceTree([RayTree(VERTICES, FACES)], [0], masks=[0], **placed), InstanceTree([hidden], [0], **placed)):
+        assert (tree.closest_hits(ORIGINS, DIRECTIONS).instance == -1).all()
+        assert not tree.intersects_any(ORIGINS, DIRECTIONS).any()
+        assert len(tree.all_hits(ORIGINS, DIRECTIONS)[0]) == 0
+        assert np.isinf(tree.closest_point(ORIGINS)[1]).all()
+
+
 def test_instances_of_scale_zero_are_hidden():
     tree = RayTree(VERTICES, FACES)
     places, sizes = [[0, 0, 0], [3, 0, 0], [0, 0, 0]], np.float64([0, 1, 0])

@@ -92,6 +92,17 @@ def test_meshes_masks_active_intervals_and_ranges():
     assert [tree.closest_point([[0.2, 0.2, 3]], mask=mask)[1].item() for mask in (1, 2, 3, 4)] == [3, 2, 2, np.inf]
 
 
+def test_no_query_sees_a_mask_of_zero():
+    square = np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    tree = RayTree.from_meshes([(square, [[0, 1, 2]])], masks=[0], spheres=([[0.2, 0.2, 1]], [0.5]), spheres_masks=[0])
+    for rays in (1, 1000):
+        down = (np.tile([0.2, 0.2, 3], (rays, 1)), [0, 0, -1])
+        assert (tree.closest_hits(*down).mesh == -1).all() and (tree.intersects_first(*down) == -1).all()
+        assert not tree.intersects_any(*down).any()
+        assert len(tree.all_hits(*down)[0]) == 0 and len(tree.intersects_location(*down)[0]) == 0
+        assert np.isinf(tree.closest_point(down[0])[1]).all()
+
+
 def test_closest_points():
     tree = RayTree(np.stack([OPEN, CLOSE]), FACES)
     points = RNG.random((50, 3)) * 2 - 0.5
