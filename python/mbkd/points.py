@@ -481,6 +481,7 @@ class PointTree:
         *,
         time: float = 0.0,
         among: PointTree | None = None,
+        r_among: ArrayLike | None = None,
         larger: bool = False,
         summed: bool = False,
         pairs_once: bool = False,
@@ -509,6 +510,8 @@ class PointTree:
             Two points are neighbours if they are within the sum of their radii: spheres that touch.
         among : PointTree, optional
             List the points of another tree instead, all of them.
+        r_among : float or (m,), optional
+            The radii of the points of `among`, for `larger` and `summed`: one, or one for each.
         pairs_once : bool
             List each pair only at the point with the lower index.
         distances, displacements : bool
@@ -526,9 +529,7 @@ class PointTree:
         """
         if rows not in ("points", "tree"):
             raise ValueError(f"rows must be 'points' or 'tree', not {rows!r}")
-        if among is not None:
-            _same_kind(among, "among")
-        radii = self._radii(r, larger, summed)
+        radii, r_among = self._radii(r, among, r_among, larger, summed)
         by_id = rows == "points"
         offsets, ids, points, far, ways = _mbkd.neighbor_lists(
             self._tree,
@@ -537,6 +538,7 @@ class PointTree:
             larger,
             summed,
             None if among is None else among._tree,
+            r_among,
             pairs_once,
             distances,
             displacements,
@@ -547,16 +549,18 @@ class PointTree:
         )
         return NeighborLists(offsets, ids, points, far if distances else None, ways if displacements else None)
 
-    def _radii(self, r: ArrayLike, larger: bool, summed: bool) -> np.ndarray:
-        """One radius, or one for each point."""
-        radii = numbers(r, "r")
-        if radii.ndim and radii.shape != (self.n,):
-            raise ValueError(f"r must be one radius or have the shape ({self.n},), not {radii.shape}")
+    def _radii(
+        self, r: ArrayLike, among: PointTree | None, r_among: ArrayLike | None, larger: bool, summed: bool
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """One radius, or one for each point; and one for each of the others, if they have their own."""
+        if among is not None:
+            _same_kind(among, "among")
         if larger and summed:
             raise ValueError("two points are neighbours within the larger of their radii or within the sum, not both")
-        if summed and not radii.ndim:
-            radii = np.full(self.n, radii)
-        return per_query(radii, (self.n,), "r")
+        if r_among is not None and not (among is not None and (larger or summed)):
+            raise ValueError("r_among has the radii of the points of `among`, for `larger` or `summed`")
+        radii = _radii_of(r, self.n, "r", each=summed or r_among is not None)
+        return radii, None if r_among is None else _radii_of(r_among, among.n, "r_among", each=True)
 
     def neighbor_lists_with_skin(
         self,
@@ -566,6 +570,7 @@ class PointTree:
         time: float = 0.0,
         until: float = 1.0,
         among: PointTree | None = None,
+        r_among: ArrayLike | None = None,
         larger: bool = False,
         summed: bool = False,
         pairs_once: bool = False,
@@ -582,17 +587,17 @@ class PointTree:
         on speeds. It is at most `until`, and at most the time of the next key. In a periodic box, distances are to the nearest
         image. Other options are as for `neighbor_lists`.
         """
-        if among is not None:
-            _same_kind(among, "among")
+        radii, r_among = self._radii(r, among, r_among, larger, summed)
         (offsets, ids, _, far, ways), valid_until = _mbkd.neighbor_lists_with_skin(
             self._tree,
             time,
-            self._radii(r, larger, summed),
+            radii,
             larger,
             summed,
             skin,
             until,
             None if among is None else among._tree,
+            r_among,
             pairs_once,
             distances,
             displacements,
@@ -610,6 +615,7 @@ class PointTree:
         between: Sequence[float] = (0.0, 1.0),
         *,
         among: PointTree | None = None,
+        r_among: ArrayLike | None = None,
         larger: bool = False,
         summed: bool = False,
         pairs_once: bool = False,
@@ -619,19 +625,19 @@ class PointTree:
         """Find all points that come within a radius of each point at any time of an interval, and the times.
 
         This is decided in float64, for exact linear motion between the positions at the keys, in float32 or float64.
-        `r`, `among`, `larger`, `summed`, `pairs_once` and `max_neighbors` are as for `neighbor_lists`: with `summed`, these are
-        the contacts of spheres that move; with `among`, those with another set, as walls that move. In a periodic box points are
+        `r`, `among`, `r_among`, `larger`, `summed`, `pairs_once` and `max_neighbors` are as for `neighbor_lists`: with `summed`,
+        these are the contacts of spheres that move; with `among` and `r_among`, those with another set, as walls that move. In a periodic box points are
         as far apart as their nearest images; a pair comes up once, whatever images it meets in.
         """
-        if among is not None:
-            _same_kind(among, "among")
+        radii, r_among = self._radii(r, among, r_among, larger, summed)
         offsets, ids, columns = _mbkd.neighbor_lists_swept(
             self._tree,
             interval(between),
-            self._radii(r, larger, summed),
+            radii,
             larger,
             summed,
             None if among is None else among._tree,
+            r_among,
             pairs_once,
             _most(max_neighbors),
             workers,
@@ -643,6 +649,14 @@ def _same_kind(tree: PointTree, name: str) -> None:
     """Refuses other kinds of trees, those of scipy for example."""
     if not isinstance(tree, PointTree):
         raise TypeError(f"{name} must be a PointTree, not {type(tree).__name__}")
+
+
+def _radii_of(r: ArrayLike, count: int, name: str, each: bool) -> np.ndarray:
+    """One radius, or one for each of so many points; the latter if it must be."""
+    radii = numbers(r, name)
+    if radii.ndim and radii.shape != (count,):
+        raise ValueError(f"{name} must be one radius or have the shape ({count},), not {radii.shape}")
+    return per_query(np.full(count, radii) if each and not radii.ndim else radii, (count,), name)
 
 
 def _most(max_neighbors: int | None) -> int | None:

@@ -24,28 +24,37 @@ static MEMORY: Mutex<Option<NeighborLists>> = Mutex::new(None);
 /// Memory beyond this is released.
 const MOST_KEPT: usize = 1 << 29;
 
-/// How far neighbours may be: one radius for all, or one for each point, of two of which the larger or the sum may count.
-pub fn radii_of(radii: &[f32], larger: bool, summed: bool) -> Radii<'_> {
-    match radii {
-        &[radius] => Radii::Equal(radius),
-        own if larger => Radii::Larger { own, others: own },
-        own if summed => Radii::Sum { own, others: own },
-        own => Radii::Own(own),
+/// How far neighbours may be: one radius for all, or one for each point, of two of which the larger or the sum may count. `others`
+/// has those of another set.
+pub fn radii_of<'a>(own: &'a [f32], others: Option<&'a [f32]>, larger: bool, summed: bool) -> Radii<'a> {
+    match (own, others) {
+        (own, Some(others)) if larger => Radii::Larger { own, others },
+        (own, Some(others)) => Radii::Sum { own, others },
+        (&[radius], None) => Radii::Equal(radius),
+        (own, None) if larger => Radii::Larger { own, others: own },
+        (own, None) if summed => Radii::Sum { own, others: own },
+        (own, None) => Radii::Own(own),
     }
 }
 
-/// Refuses requests among another set that need its radii.
-pub fn without_radii_of_others(radii: &[f32], among: bool, larger: bool, summed: bool) -> PyResult<()> {
-    if among && (summed || larger && radii.len() > 1) {
-        let text = "the larger of two radii and their sum need those of both sets; give one radius for all pairs";
+/// The radii of another set, as a slice. An error for a request among another set that needs its radii and has none.
+pub fn radii_of_others<'a>(
+    radii: &[f32],
+    of_others: Option<&'a PyReadonlyArray1<'_, f32>>,
+    among: bool,
+    larger: bool,
+    summed: bool,
+) -> PyResult<Option<&'a [f32]>> {
+    if among && of_others.is_none() && (summed || larger && radii.len() > 1) {
+        let text = "the larger of two radii and their sum need those of both sets: give `r_among`, or one radius for all pairs";
         return Err(PyValueError::new_err(text));
     }
-    Ok(())
+    of_others.map(slice).transpose()
 }
 
 /// The lists of all points at a time. `radii` has one element, or one for each point. In the second case, if `larger`, two points
 /// are neighbours if they are within the larger of their radii, if `summed` within the sum; otherwise each point lists the points
-/// within its own radius. With `max_neighbors` a longer list is an error.
+/// within its own radius. The points of `among` have the radii `radii_among`, one for each. With `max_neighbors` a longer list is an error.
 #[pyfunction]
 pub fn neighbor_lists<'py>(
     py: Python<'py>,
@@ -55,6 +64,7 @@ pub fn neighbor_lists<'py>(
     larger: bool,
     summed: bool,
     among: Option<&Points>,
+    radii_among: Option<PyReadonlyArray1<'py, f32>>,
     pairs_once: bool,
     distances: bool,
     displacements: bool,
@@ -64,9 +74,9 @@ pub fn neighbor_lists<'py>(
     workers: isize,
 ) -> PyResult<Columns<'py>> {
     let radii = slice(&radii)?;
-    without_radii_of_others(radii, among.is_some(), larger, summed)?;
+    let others = radii_of_others(radii, radii_among.as_ref(), among.is_some(), larger, summed)?;
     let (tree, among) = (points.tree.get(py)?, among.map(|among| among.tree.get(py)).transpose()?);
-    let mut query = tree.neighbor_lists(time, radii_of(radii, larger, summed));
+    let mut query = tree.neighbor_lists(time, radii_of(radii, others, larger, summed));
     query = with_options(query, [pairs_once, distances, displacements, sorted], max_neighbors);
     query = among.as_deref().map_or(query, |among| query.among(among));
     query = points.periods.map_or(query, |lengths| query.periodic(lengths));
@@ -88,6 +98,7 @@ pub fn neighbor_lists_with_skin<'py>(
     skin: f32,
     until: f32,
     among: Option<&Points>,
+    radii_among: Option<PyReadonlyArray1<'py, f32>>,
     pairs_once: bool,
     distances: bool,
     displacements: bool,
@@ -96,18 +107,19 @@ pub fn neighbor_lists_with_skin<'py>(
     workers: isize,
 ) -> PyResult<(Columns<'py>, f32)> {
     let radii = slice(&radii)?;
-    without_radii_of_others(radii, among.is_some(), larger, summed)?;
+    let others = radii_of_others(radii, radii_among.as_ref(), among.is_some(), larger, summed)?;
     // Of two radii that are added, each has half of the skin.
-    let skin_of_each = if summed && radii.len() > 1 { 0.5 * skin } else { skin };
-    let listed: Vec<f32> = radii.iter().map(|radius| radius + skin_of_each).collect();
+    let skin_of_each = if summed && (radii.len() > 1 || others.is_some()) { 0.5 * skin } else { skin };
+    let with_skin = |radii: &[f32]| radii.iter().map(|radius| radius + skin_of_each).collect::<Vec<_>>();
+    let (listed, others_listed) = (with_skin(radii), others.map(with_skin));
     let (tree, among) = (points.tree.get(py)?, among.map(|among| among.tree.get(py)).transpose()?);
-    let mut query = tree.neighbor_lists(time, radii_of(&listed, larger, summed));
+    let mut query = tree.neighbor_lists(time, radii_of(&listed, others_listed.as_deref(), larger, summed));
     query = with_options(query, [pairs_once, distances, displacements, sorted], max_neighbors);
     query = among.as_deref().map_or(query, |among| query.among(among));
     query = points.periods.map_or(query, |lengths| query.periodic(lengths));
     let mut lists = memory();
     let made = on(py, workers, || {
-        let valid_until = query.certified_until(radii_of(radii, larger, summed), until)?;
+        let valid_until = query.certified_until(radii_of(radii, others, larger, summed), until)?;
         query.run(&mut lists)?;
         Ok(valid_until)
     })?;

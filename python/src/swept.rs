@@ -1,7 +1,7 @@
 //! Encounters of points during an interval, as compressed sparse rows.
 
 use crate::arrays::{slice, value_error};
-use crate::lists::{list_error, radii_of, without_radii_of_others};
+use crate::lists::{list_error, radii_of, radii_of_others};
 use crate::points::Points;
 use crate::threads::on;
 use mbkd::{Encounter, TimeInterval};
@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 type Encounters<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i32>>, [Bound<'py, PyArray1<f32>>; 4]);
 
 /// The points that come within a radius of each point between two times. Row i belongs to point i and is sorted by id. `radii`,
-/// `larger` and `summed` are as for lists at a time.
+/// `larger`, `summed` and `radii_among` are as for lists at a time.
 #[pyfunction]
 pub fn neighbor_lists_swept<'py>(
     py: Python<'py>,
@@ -22,15 +22,16 @@ pub fn neighbor_lists_swept<'py>(
     larger: bool,
     summed: bool,
     among: Option<&Points>,
+    radii_among: Option<PyReadonlyArray1<'py, f32>>,
     pairs_once: bool,
     max_neighbors: Option<usize>,
     workers: isize,
 ) -> PyResult<Encounters<'py>> {
     let interval = TimeInterval::new(between[0], between[1]).map_err(value_error)?;
     let radii = slice(&radii)?;
-    without_radii_of_others(radii, among.is_some(), larger, summed)?;
+    let others = radii_of_others(radii, radii_among.as_ref(), among.is_some(), larger, summed)?;
     let (tree, among) = (points.tree.get(py)?, among.map(|among| among.tree.get(py)).transpose()?);
-    let radii = radii_of(radii, larger, summed);
+    let radii = radii_of(radii, others, larger, summed);
     let found = on(py, workers, || {
         let query = tree.neighbor_lists_swept(interval, radii).in_order().sorted();
         let query = among.as_deref().map_or(query, |among| query.among(among));

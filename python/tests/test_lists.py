@@ -54,6 +54,25 @@ def test_own_radii_and_another_set():
     for both in ({"larger": True}, {"summed": True}):
         with pytest.raises(ValueError, match="those of both sets"):
             tree.neighbor_lists(radii, among=other, **both)
+    walls = RNG.random(50).astype(np.float32) * 0.2
+    apart = np.linalg.norm(CLOSE[None, :50].astype(np.float64) - OPEN[:, None], axis=2)
+    for own, others in ((radii, walls), (0.05, walls), (radii, 0.05), (0.05, 0.1)):
+        a, b = np.broadcast_to(own, 400)[:, None], np.broadcast_to(others, 50)
+        for kind, reach in (({"larger": True}, np.maximum(a, b)), ({"summed": True}, a + b)):
+            lists = tree.neighbor_lists(own, among=other, r_among=others, sorted=True, **kind)
+            assert [row.tolist() for row in lists] == [np.flatnonzero(r).tolist() for r in apart <= reach]
+            swept = tree.neighbor_lists_swept(own, (0, 0.5), among=other, r_among=others, **kind)
+            np.testing.assert_array_equal(swept.ids, lists.ids)
+    for wrong, message in (
+        ({"r_among": walls, "summed": True}, "r_among has the radii"),
+        ({"r_among": walls, "among": other}, "r_among has the radii"),
+        ({"r_among": walls[1:], "among": other, "summed": True}, r"r_among must be one radius or have the shape \(50,\)"),
+        ({"r_among": -walls, "among": other, "summed": True}, "negative or NaN"),
+        ({"r_among": walls, "among": other, "summed": True, "larger": True}, "not both"),
+    ):
+        for ask in (tree.neighbor_lists, tree.neighbor_lists_swept, lambda r, **how: tree.neighbor_lists_with_skin(r, 0.1, **how)):
+            with pytest.raises(ValueError, match=message):
+                ask(radii, **wrong)
     among = tree.neighbor_lists(0.1, among=other, sorted=True)
     expected = other.query_ball_point(OPEN, 0.1)
     assert [row.tolist() for row in among] == [row.tolist() for row in expected]
@@ -176,6 +195,23 @@ def test_lists_with_a_skin_and_radii_of_their_own_miss_nothing_until_they_say(ki
     for wrong in ({"skin": -0.01}, {"skin": np.nan}):
         with pytest.raises(ValueError, match="negative or NaN"):
             tree.neighbor_lists_with_skin(radii, **wrong, **kind)
+
+
+@pytest.mark.parametrize("kind", [{"larger": True}, {"summed": True}], ids=["larger", "summed"])
+def test_lists_with_a_skin_among_others_with_radii_of_their_own(kind):
+    tree, wall = PointTree(OPEN, keys=CLOSE), PointTree(CLOSE[:50])
+    own, others = (RNG.uniform(0.02, 0.12, n).astype(np.float32) for n in (400, 50))
+    how = {"among": wall, **kind}
+    lists = tree.neighbor_lists_with_skin(own, 0.04, time=0.25, r_among=others, **how)
+    assert 0.25 < lists.valid_until < 1
+    listed, skin = set(map(tuple, lists.pairs().tolist())), np.float32(0.02 if kind.get("summed") else 0.04)
+    assert listed == set(map(tuple, tree.neighbor_lists(own + skin, time=0.25, r_among=others + skin, **how).pairs().tolist()))
+    for time in np.linspace(0.25, np.nextafter(np.float32(lists.valid_until), np.float32(0)), 20):
+        assert set(map(tuple, tree.neighbor_lists(own, time=time, r_among=others, **how).pairs().tolist())) <= listed
+    # A pair that comes within its radius soon afterwards is missing.
+    later = tree.neighbor_lists_swept(own, (0.25, min(lists.valid_until + 1e-4, 1)), r_among=others, **how)
+    pairs = np.column_stack([np.repeat(np.arange(400), np.diff(later.offsets)), later.ids])
+    assert set(map(tuple, pairs.tolist())) - listed
 
 
 def test_options_of_lists_with_a_skin():
