@@ -68,7 +68,14 @@ class Points:
         progress: _Progress,
     ) -> tuple[_F64, _I64, int]: ...
     def within(
-        self, points: _Floats, radii: _F32, times: _F32, sorted: bool, workers: int, progress: _Progress
+        self,
+        points: _Floats,
+        radii: _F32,
+        times: _F32,
+        sorted: bool,
+        max_neighbors: int | None,
+        workers: int,
+        progress: _Progress,
     ) -> tuple[_I64, _I32]: ...
     def count(self, points: _Floats, radii: _F32, times: _F32, workers: int, progress: _Progress) -> _I64: ...
     def count_pairs(

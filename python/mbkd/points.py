@@ -340,6 +340,7 @@ class PointTree:
         *,
         time: ArrayLike = 0.0,
         output_type: str = "csr",
+        max_neighbors: int | None = None,
         progress: Progress | None = None,
     ):
         """Find all points within a radius: squared distance at most r * r, in float32.
@@ -360,6 +361,8 @@ class PointTree:
             The time of each query, in [0, 1].
         output_type : {'csr', 'object'}
             'object' gives lists as scipy does: convenient for few queries, slow and large for many.
+        max_neighbors : int, optional
+            A list with more points raises a ValueError, before memory runs out where points clump. (Lengths have no limit.)
         workers, progress
             As for `query`.
 
@@ -381,7 +384,8 @@ class PointTree:
             counts = self._tree.count(queries, radii, times, workers, progress)
             return counts.reshape(shape) if shape else int(counts[0])
         is_sorted = bool(shape) if return_sorted is None else bool(return_sorted)
-        lists = NeighborLists(*self._tree.within(queries, radii, times, is_sorted, workers, progress))
+        most = _most(max_neighbors)
+        lists = NeighborLists(*self._tree.within(queries, radii, times, is_sorted, most, workers, progress))
         if output_type == "csr":
             return lists
         return lists.to_objects().reshape(shape) if shape else lists[0].tolist()

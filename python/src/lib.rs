@@ -11,6 +11,7 @@ mod files;
 mod instances;
 mod lists;
 mod meshes;
+mod parts;
 mod photons;
 mod point_builds;
 mod points;

@@ -1,15 +1,16 @@
 //! Density estimates over photons at a time.
 
 use crate::arrays::{PerQuery, rows, slice, table, value_error};
-use crate::threads::{long, poll_python, pool};
+use crate::parts::{Sizes, in_parts};
+use crate::threads::{long, pool};
 use mbkd::glam::Vec3;
 use mbkd::point::{GatherError, GatherParams, GatherQuery, Gathered, Kernel, Photon, PhotonMap};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-/// The number of gathers between two checks for Ctrl-C and calls of `progress`.
-const BLOCK: usize = 1 << 15;
+/// The number of gathers between two checks for Ctrl-C.
+const BLOCKS: Sizes = Sizes { first: 1 << 8, most: 1 << 15 };
 
 /// A map of photons with time stamps.
 #[pyclass(frozen)]
@@ -90,24 +91,22 @@ impl Photons {
         };
         let pool = pool(workers)?;
         let mut answers: Vec<Gathered<Vec3>> = Vec::with_capacity(positions.len());
-        for begin in (0..positions.len()).step_by(BLOCK) {
-            let end = positions.len().min(begin + BLOCK);
-            let block = py.detach(|| {
-                let queries: Vec<GatherQuery<'_>> = (begin..end).map(query).collect();
-                pool.install(|| self.map.gather_batch(&queries))
-            });
+        in_parts(py, positions.len(), BLOCKS, progress.as_ref(), |part| {
+            let queries: Vec<GatherQuery<'_>> = part.clone().map(query).collect();
             // Indices in errors are those of all queries.
-            let block = block.map_err(|error| match error {
-                GatherError::At { index, error } => GatherError::At { index: begin + index, error },
+            let block = pool.install(|| self.map.gather_batch(&queries)).map_err(|error| match error {
+                GatherError::At { index, error } => GatherError::At { index: part.start + index, error },
                 other => other,
             });
             answers.extend(block.map_err(value_error)?);
-            poll_python(py, progress.as_ref(), end as f32 / positions.len() as f32)?;
-        }
-        let density = answers.iter().flat_map(|answer| answer.density.to_array()).collect();
-        let radius: Vec<f32> = answers.iter().map(|answer| answer.radius).collect();
-        let count: Vec<i64> = answers.iter().map(|answer| answer.count as i64).collect();
-        Ok((table(py, density, 3)?, radius.into_pyarray(py), count.into_pyarray(py)))
+            Ok(())
+        })?;
+        let (density, radius, count) = py.detach(|| {
+            let density = answers.iter().map(|answer| answer.density.to_array()).collect::<Vec<_>>();
+            let radius = answers.iter().map(|answer| answer.radius).collect::<Vec<_>>();
+            (density, radius, answers.iter().map(|answer| answer.count as i64).collect::<Vec<_>>())
+        });
+        Ok((table(py, density.into_flattened(), 3)?, radius.into_pyarray(py), count.into_pyarray(py)))
     }
 }
 

@@ -3,7 +3,7 @@
 use crate::arrays::{Corners, PerQuery, Places, Positions, all_valid, corners, rows, slice, table, value_error, zeros};
 use crate::files::{file_error, from_bytes, read, to_bytes};
 use crate::point_builds::{build, exist, params, places_at, rebuild};
-use crate::queries::{in_waves, order};
+use crate::queries::{as_given, in_waves, order};
 use crate::shared::Shared;
 use crate::threads::long;
 use mbkd::{Neighbor, NeighborBuffer, NeighborQuery, PeriodError, PeriodicPoints, PointTree, TimeInterval};
@@ -180,6 +180,7 @@ impl Points {
         let tree = self.tree.get(py)?;
         let missing = tree.len() as i64;
         let k = k.min(tree.len()).max(1);
+        let order = order(py, places, tree.statistics().bytes())?;
         let shape = (places.len(), k);
         let (distances, ids): (Bound<'_, PyArray2<f64>>, Bound<'_, PyArray2<i64>>) =
             (zeros(py, shape)?, zeros(py, shape)?);
@@ -218,7 +219,6 @@ impl Points {
             }
             (found, ends)
         };
-        let order = order(py, places, tree.statistics().bytes());
         in_waves(py, &order, workers, progress.as_ref(), run, |queries, (found, ends)| {
             let mut begin = 0;
             for (&query, end) in queries.iter().zip(ends) {
@@ -233,11 +233,12 @@ impl Points {
                 i[next..].fill(missing);
                 begin = end;
             }
+            Ok(())
         })?;
         Ok((distances, ids, missing))
     }
 
-    /// The points within the radius of each query: offsets `(m + 1)` and ids.
+    /// The points within the radius of each query: offsets `(m + 1)` and ids. With `max_neighbors` a longer list is an error.
     fn within<'py>(
         &self,
         py: Python<'py>,
@@ -245,6 +246,7 @@ impl Points {
         radii: Numbers<'py>,
         times: Numbers<'py>,
         sorted: bool,
+        max_neighbors: Option<usize>,
         workers: isize,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Lists<'py>> {
@@ -257,26 +259,34 @@ impl Points {
         let run = |queries: &[u32]| {
             let mut buffer = NeighborBuffer::new();
             let (mut ids, mut ends) = (Vec::new(), Vec::with_capacity(queries.len()));
-            for &query in queries {
-                let query = query as usize;
+            for &number in queries {
+                let query = number as usize;
                 let (time, radius, begin) = (times.of(query), radii.of(query), ids.len());
                 let near = match &periodic {
                     None => query_at(&tree, places, query, time).radius(radius).collect_into(&mut buffer),
                     Some(periodic) => periodic.query(places.wide(query), time).radius(radius).collect_into(&mut buffer),
                 };
+                if max_neighbors.is_some_and(|most| near.len() > most) {
+                    return Err(number);
+                }
                 ids.extend(near.iter().map(|near| near.id as i32));
                 if sorted {
                     ids[begin..].sort_unstable();
                 }
                 ends.push(ids.len());
             }
-            (ids, ends)
+            Ok((ids, ends))
         };
-        let order = order(py, places, tree.statistics().bytes());
+        let order = order(py, places, tree.statistics().bytes())?;
         let mut runs: Vec<(Vec<i32>, Vec<usize>)> = Vec::new();
-        in_waves(py, &order, workers, progress.as_ref(), run, |_, run| runs.push(run))?;
-        Ok(py.detach(|| in_order_of_queries(&order, &runs)))
-            .map(|(offsets, ids)| (offsets.into_pyarray(py), ids.into_pyarray(py)))
+        in_waves(py, &order, workers, progress.as_ref(), run, |_, run| {
+            let too_long =
+                |query| PyValueError::new_err(format!("query {query} has more neighbours than `max_neighbors` allows"));
+            runs.push(run.map_err(too_long)?);
+            Ok(())
+        })?;
+        let (offsets, ids) = py.detach(|| in_order_of_queries(&order, &runs));
+        Ok((offsets.into_pyarray(py), ids.into_pyarray(py)))
     }
 
     /// The number of points within the radius of each query.
@@ -294,12 +304,14 @@ impl Points {
         let times = PerQuery::times(slice(&times)?, places.len())?;
         let radii = radii_of(slice(&radii)?, places.len())?;
         let tree = self.tree.get(py)?;
+        let order = order(py, places, tree.statistics().bytes())?;
         let mut counts = vec![0; places.len()];
         let periodic = periodic(&tree, self.periods)?;
-        let run = |queries: &[u32]| counts_of(&tree, (places, &periodic), queries, |i| times.of(i), |i| radii.of(i));
-        let order = order(py, places, tree.statistics().bytes());
-        in_waves(py, &order, workers, progress.as_ref(), run, |queries, run: Vec<i64>| {
+        let one = |query: usize| count(&tree, (places, query), &periodic, times.of(query), radii.of(query));
+        let run = |queries: &[u32]| queries.iter().map(|&query| one(query as usize)).collect::<Vec<_>>();
+        in_waves(py, &order, workers, progress.as_ref(), run, |queries, run| {
             queries.iter().zip(run).for_each(|(&query, count)| counts[query as usize] = count);
+            Ok(())
         })?;
         Ok(counts.into_pyarray(py))
     }
@@ -322,16 +334,25 @@ impl Points {
         PerQuery::times(&[time], 1)?;
         all_valid(&radii, "radius", "at index", NO_RADIUS, is_radius)?;
         // In the order of the tree.
-        let places: Vec<[f64; 3]> = tree.points_at(time).into_iter().map(|point| point.position.to_array()).collect();
-        let (places, order): (_, Vec<u32>) = (Places::Double(&places), (0..places.len() as u32).collect());
+        let places: Vec<[f64; 3]> =
+            py.detach(|| tree.points_at(time).into_iter().map(|point| point.position.to_array()).collect());
+        let (places, order) = (Places::Double(&places), as_given(places.len())?);
         let mut sums = vec![0; radii.len()];
-        for (number, (sum, radius)) in sums.iter_mut().zip(radii).enumerate() {
-            let run = |queries: &[u32]| {
-                counts_of(&other, (places, &periodic), queries, |_| time, |_| radius).into_iter().sum::<i64>()
-            };
-            let progress = if number == 0 { progress.as_ref() } else { None };
-            in_waves(py, &order, workers, progress, run, |_, of_run| *sum += of_run)?;
-        }
+        let run = |queries: &[u32]| {
+            let mut counts = vec![0; radii.len()];
+            for &query in queries {
+                let place = (places, query as usize);
+                counts
+                    .iter_mut()
+                    .zip(&radii)
+                    .for_each(|(sum, &radius)| *sum += count(&other, place, &periodic, time, radius));
+            }
+            counts
+        };
+        in_waves(py, &order, workers, progress.as_ref(), run, |_, of_run| {
+            sums.iter_mut().zip(of_run).for_each(|(sum, of_run)| *sum += of_run);
+            Ok(())
+        })?;
         Ok(sums)
     }
 
@@ -364,6 +385,7 @@ impl Points {
         let interval = TimeInterval::new(between[0], between[1]).map_err(value_error)?;
         let tree = self.tree.get(py)?;
         let periodic = periodic(&tree, self.periods)?;
+        let order = as_given(from.len())?;
         let (mut d, mut i) = (vec![f64::INFINITY; from.len()], vec![tree.len() as i64; from.len()]);
         let mut t = vec![f64::NAN; from.len()];
         let run = |queries: &[u32]| {
@@ -376,13 +398,14 @@ impl Points {
             };
             queries.iter().map(one).collect::<Vec<_>>()
         };
-        in_waves(py, &order(py, Places::Double(from), 0), workers, progress.as_ref(), run, |queries, run| {
+        in_waves(py, &order, workers, progress.as_ref(), run, |queries, run| {
             for (&query, near) in queries.iter().zip(run) {
                 let place = query as usize;
                 if let Some(near) = near {
                     (d[place], i[place], t[place]) = (near.distance.into(), near.id.into(), near.time.into());
                 }
             }
+            Ok(())
         })?;
         Ok((d.into_pyarray(py), i.into_pyarray(py), t.into_pyarray(py)))
     }
@@ -408,24 +431,19 @@ fn periodic(tree: &PointTree, periods: Option<Periods>) -> PyResult<Option<Perio
     })
 }
 
-/// The number of points within the radius of each query.
-fn counts_of(
+/// The number of points within the radius of a query.
+fn count(
     tree: &PointTree,
-    (places, periodic): (Places<'_>, &Option<PeriodicPoints<'_>>),
-    queries: &[u32],
-    time: impl Fn(usize) -> f32,
-    radius: impl Fn(usize) -> f32,
-) -> Vec<i64> {
-    let one = |&query: &u32| {
-        let query = query as usize;
-        let (time, radius) = (time(query), radius(query));
-        let count = match periodic {
-            None => query_at(tree, places, query, time).radius(radius).count(),
-            Some(periodic) => periodic.query(places.wide(query), time).radius(radius).count(),
-        };
-        count as i64
+    (places, query): (Places<'_>, usize),
+    periodic: &Option<PeriodicPoints<'_>>,
+    time: f32,
+    radius: f32,
+) -> i64 {
+    let count = match periodic {
+        None => query_at(tree, places, query, time).radius(radius).count(),
+        Some(periodic) => periodic.query(places.wide(query), time).radius(radius).count(),
     };
-    queries.iter().map(one).collect()
+    count as i64
 }
 
 /// What is wrong with a number that is not a radius.

@@ -3,10 +3,11 @@
 use crate::arrays::{Corners, PerQuery, corners, slice};
 use crate::files::{file_error, from_bytes, read, to_bytes};
 use crate::meshes::{MeshArrays, SphereArrays, meshes, spheres};
+use crate::parts::{Sizes, in_parts};
 use crate::refit::{Done, build_error, done};
 use crate::shared::Shared;
 use crate::surfaces::{HitArrays, Surfaces, points_at, secondary_origins, surfaces};
-use crate::threads::{long, poll_python, pool};
+use crate::threads::{long, pool};
 use crate::traced::{
     Hits, NOTHING, PointArrays, RayArrays, RaySlices, Report, all, columns, each, nearest, on_surface, positions,
 };
@@ -18,8 +19,8 @@ use pyo3::types::PyBytes;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// The number of rays between two checks for Ctrl-C and calls of `progress`: at most a few tenths of a second.
-const BLOCK: usize = 1 << 17;
+/// The number of rays in a block: of those that are answered together.
+const BLOCKS: Sizes = Sizes { first: 1 << 10, most: 1 << 17 };
 
 /// Up to this many rays are answered on one thread.
 const FEW: usize = 256;
@@ -257,7 +258,7 @@ impl Rays {
     }
 }
 
-/// The number of rays of a block, which are answered together.
+/// Answers the rays of a block.
 type Many<'a, A> = &'a (dyn Fn(&[Ray], &mut Vec<A>) + Sync);
 
 /// Answers rays block by block: with `many`, or with `one` if there are few rays.
@@ -274,17 +275,13 @@ fn in_blocks<A: Send>(
     }
     let pool = pool(workers)?;
     let (mut block, mut answers) = (Vec::new(), Vec::new());
-    for begin in (0..rays.len()).step_by(BLOCK) {
-        let end = rays.len().min(begin + BLOCK);
-        py.detach(|| {
-            block.clear();
-            block.extend((begin..end).map(|i| rays.ray(i)));
-            pool.install(|| many(&block, &mut answers));
-            take(&answers);
-        });
-        poll_python(py, progress.as_ref(), end as f32 / rays.len() as f32)?;
-    }
-    Ok(())
+    in_parts(py, rays.len(), BLOCKS, progress.as_ref(), |part| {
+        block.clear();
+        block.extend(part.map(|i| rays.ray(i)));
+        pool.install(|| many(&block, &mut answers));
+        take(&answers);
+        Ok(())
+    })
 }
 
 /// The memory of a tree and its primitives.

@@ -1,8 +1,7 @@
 //! The surface where rays hit it: points and normals, points at other times, and the origins of rays that leave it.
 
 use crate::arrays::{PerQuery, rows, slice, table};
-use crate::queries::in_waves;
-use crate::traced::RaySlices;
+use crate::traced::{RaySlices, each_numbered};
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{Hit, InstanceHit, InstancePath, MAX_NESTING, Ray, SurfaceInteraction};
 use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2};
@@ -78,7 +77,7 @@ pub fn surfaces<'py, H: Sync>(
         let surface = interaction(ray, hits[i].as_ref()?);
         Some((surface.point().to_array(), surface.normal()))
     };
-    each(py, rays, workers, &one, |surface| {
+    each_numbered(py, rays, (workers, None), one, |surface| {
         let (point, normal) = surface.unwrap_or((UNKNOWN, Vec3::ZERO));
         points.push(point);
         normals.push(if normal == Vec3::ZERO { [f32::NAN; 3] } else { normal.to_array() });
@@ -96,8 +95,11 @@ pub fn points_at<'py, H: Sync>(
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let times = PerQuery::times(slice(times)?, rays.len())?;
     let mut points = Vec::with_capacity(hits.len());
-    let one = |i: usize, ray: &Ray| point_at(ray, hits[i].as_ref()?, times.of(i));
-    each(py, rays, workers, &one, |point| points.push(point.map_or(UNKNOWN, |point| point.to_array())))?;
+    let one = |i: usize, ray: &Ray| {
+        let point = hits[i].as_ref().and_then(|hit| point_at(ray, hit, times.of(i)));
+        point.map_or(UNKNOWN, |point| point.to_array())
+    };
+    each_numbered(py, rays, (workers, None), one, |point| points.push(point))?;
     table(py, points.into_flattened(), 3)
 }
 
@@ -117,19 +119,6 @@ pub fn secondary_origins<'py, H: Sync>(
     let one = |i: usize, ray: &Ray| {
         Some(interaction(ray, hits[i].as_ref()?).secondary_ray(Vec3::from(directions[i])).origin.to_array())
     };
-    each(py, rays, workers, &one, |origin| origins.push(origin.unwrap_or(UNKNOWN)))?;
+    each_numbered(py, rays, (workers, None), one, |origin| origins.push(origin.unwrap_or(UNKNOWN)))?;
     table(py, origins.into_flattened(), 3)
-}
-
-/// Calls `one` with each ray and its index; `take` gets the answers in order.
-fn each<A: Send>(
-    py: Python<'_>,
-    rays: RaySlices<'_>,
-    workers: isize,
-    one: &(dyn Fn(usize, &Ray) -> A + Sync),
-    mut take: impl FnMut(A) + Send,
-) -> PyResult<()> {
-    let order: Vec<u32> = (0..rays.len() as u32).collect();
-    let run = |run: &[u32]| run.iter().map(|&i| one(i as usize, &rays.ray(i as usize))).collect::<Vec<_>>();
-    in_waves(py, &order, workers, None, run, |_, run| run.into_iter().for_each(&mut take))
 }

@@ -1,7 +1,7 @@
 //! Code that trees of meshes and trees of instances share: arrays of rays, places and hits, and batches of queries.
 
 use crate::arrays::{PerQuery, Places, rows, slice, table};
-use crate::queries::{in_waves, order};
+use crate::queries::{as_given, in_waves, order};
 use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{ClosestPoint, ClosestPointQuery, Hit, Ray};
@@ -82,13 +82,26 @@ pub type Report<'a, H> = &'a mut dyn FnMut(H) -> ControlFlow<()>;
 pub fn each<A: Send>(
     py: Python<'_>,
     rays: RaySlices<'_>,
-    (workers, progress): How<'_>,
+    how: How<'_>,
     one: impl Fn(&Ray) -> A + Sync,
+    take: impl FnMut(A) + Send,
+) -> PyResult<()> {
+    each_numbered(py, rays, how, |_, ray| one(ray), take)
+}
+
+/// The same, with the number of each ray.
+pub fn each_numbered<A: Send>(
+    py: Python<'_>,
+    rays: RaySlices<'_>,
+    (workers, progress): How<'_>,
+    one: impl Fn(usize, &Ray) -> A + Sync,
     mut take: impl FnMut(A) + Send,
 ) -> PyResult<()> {
-    let order: Vec<u32> = (0..rays.len() as u32).collect();
-    let run = |queries: &[u32]| queries.iter().map(|&i| one(&rays.ray(i as usize))).collect::<Vec<_>>();
-    in_waves(py, &order, workers, progress, run, |_, run| run.into_iter().for_each(&mut take))
+    let run = |run: &[u32]| run.iter().map(|&i| one(i as usize, &rays.ray(i as usize))).collect::<Vec<_>>();
+    in_waves(py, &as_given(rays.len())?, workers, progress, run, |_, run| {
+        run.into_iter().for_each(&mut take);
+        Ok(())
+    })
 }
 
 /// All hits of all rays and the indices of the rays. They are sorted by ray, and along each ray by t and the key from `along`.
@@ -133,11 +146,12 @@ pub fn nearest<A: Send + Clone>(
     let most = PerQuery::new(slice(&places.2)?, points.len(), "max_distance")?;
     let query =
         |i: usize| ClosestPointQuery { point: DVec3::from(points[i]), time: times.of(i), max_distance: most.of(i) };
+    let order = order(py, Places::Double(points), bytes)?;
     let mut answers = vec![None; points.len()];
     let run = |queries: &[u32]| queries.iter().map(|&i| one(&query(i as usize))).collect::<Vec<_>>();
-    let order = order(py, Places::Double(points), bytes);
     in_waves(py, &order, workers, progress, run, |queries, run| {
         queries.iter().zip(run).for_each(|(&query, answer)| answers[query as usize] = answer);
+        Ok(())
     })?;
     Ok(answers)
 }
@@ -150,7 +164,7 @@ pub fn on_surface(near: &ClosestPoint) -> Hit {
 /// The positions of nearest points, (m, 3); NaN if there is none.
 pub fn positions<'py, 'a>(
     py: Python<'py>,
-    found: impl Iterator<Item = Option<&'a ClosestPoint>>,
+    found: impl Iterator<Item = Option<&'a ClosestPoint>> + Send,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     table(py, found.flat_map(|near| near.map_or([f64::NAN; 3], |near| near.point.to_array())).collect(), 3)
 }

@@ -95,6 +95,16 @@ def test_a_limit_of_neighbours():
     with pytest.raises(ValueError, match="more neighbours"):
         tree.neighbor_lists(0.2, max_neighbors=most - 1)
     assert len(tree.neighbor_lists(0.2, max_neighbors=2**32).ids) == len(lists.ids)
+    many = np.tile(OPEN, (10, 1))
+    for box in (None, 1):
+        tree = PointTree(OPEN, boxsize=box)
+        lists = tree.query_ball_point(many, 0.2)
+        most = int(lists.counts.max())
+        np.testing.assert_array_equal(tree.query_ball_point(many, 0.2, max_neighbors=most).ids, lists.ids)
+        first = int(np.argmax(lists.counts == most))
+        for workers in (1, 2):
+            with pytest.raises(ValueError, match=f"query {first} has more neighbours than `max_neighbors`"):
+                tree.query_ball_point(many, 0.2, max_neighbors=most - 1, workers=workers)
 
 
 # In float64, so far away that float32 does not tell the points from each other.

@@ -28,7 +28,7 @@ def test_a_gather_is_the_sum_of_photons():
     assert (most.count == 20).all() and most.density.shape == (40, 3)
 
 
-# So many places that they are gathered in two parts. One in the second has a normal that is no unit vector.
+# So many places that they are gathered in several parts. One in the last has a normal that is no unit vector.
 MANY = np.tile(PLACES, (1000, 1))
 NORMALS = np.where(np.arange(len(MANY))[:, None] == 39_007, [0, 0, 2], [0, 0, 1])
 

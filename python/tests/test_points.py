@@ -2,12 +2,14 @@
 
 import itertools
 import os
+import pathlib
 import pickle
 import signal
+from time import sleep
 
 import numpy as np
 import pytest
-from mbkd import PointTree
+from mbkd import PointTree, RayTree
 from scipy.spatial import cKDTree
 
 RNG = np.random.default_rng(5)
@@ -440,6 +442,13 @@ def test_progress_is_told_and_may_end_a_query():
 
     def enough(done):
         raise RuntimeError("enough")
+
+    # Few queries may cost much, so the first ones are told soon.
+    for ask in (tree.query, lambda at, **how: tree.count_neighbors(PointTree(at), [0.1, 0.2, 0.3], **how)):
+        done = []
+        ask(many[:2000], progress=done.append)
+        assert len(done) >= 2 and done == sorted(done) and done[-1] == 1.0
+        assert done[0] < 0.2
 
     for ask in (lambda: tree.query(many, progress=enough), lambda: tree.query_ball_point(many, 0.1, progress=enough, workers=2)):
         with pytest.raises(RuntimeError, match="enough"):

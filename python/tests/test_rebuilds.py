@@ -148,7 +148,7 @@ def test_the_order_of_a_tree(points, keys):
 
 
 def test_a_query_in_progress_goes_on_in_the_tree_as_it_was():
-    # So many queries that they are answered in two waves; the rebuild comes in between.
+    # So many queries that they are answered in several waves; the rebuild comes in between.
     tree, many = PointTree(POINTS), np.tile(QUERIES, (200, 1))
     for ask in (
         lambda progress: tree.query(many, 3, progress=progress)[0],
@@ -160,7 +160,7 @@ def test_a_query_in_progress_goes_on_in_the_tree_as_it_was():
         expected, kept = ask(None), []
         found = ask(lambda _: kept.append(tree.rebuild(step(4))))
         np.testing.assert_array_equal(found, expected)
-        assert len(kept) == 2 and not np.array_equal(ask(None), expected)
+        assert len(kept) >= 2 and not np.array_equal(ask(None), expected)
 
 
 def test_threads_see_one_step_or_another():

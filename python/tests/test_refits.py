@@ -268,13 +268,13 @@ def test_instances_keep_the_tree_that_they_were_made_of():
 
 
 def test_a_query_in_progress_goes_on_in_the_tree_as_it_was():
-    # So many rays that they are answered in two blocks; the refit comes in between.
+    # So many rays that they are answered in several blocks; the refit comes in between.
     tree = RayTree.from_meshes(frame(0))
     many = [np.tile(rows, (60, 1)) for rows in (ORIGINS, DIRECTIONS)]
     times, refits = np.tile(TIMES, 60), []
     expected = tree.closest_hits(*many, time=times)
     found = tree.closest_hits(*many, time=times, progress=lambda _: refits.append(tree.refit_meshes(frame(3))))
-    assert len(refits) == 2 and refits[1].leaves == 0
+    assert len(refits) >= 2 and refits[1].leaves == 0
     np.testing.assert_array_equal(found.t, expected.t)
     np.testing.assert_array_equal(found.triangle, expected.triangle)
     assert_same(tree, RayTree.from_meshes(frame(3)))
