@@ -55,9 +55,8 @@ impl Points {
         let keys = keys.iter().map(Positions::of).collect::<PyResult<Vec<_>>>()?;
         let keys = places_at(&keys)?;
         let active = exist(active.as_ref())?;
-        let params = params(structure, max_references, precision)?;
+        let (params, periods) = (params(structure, max_references, precision)?, periods_of(boxsize)?);
         let tree = long(py, workers, progress.as_ref(), |control| build(&keys, &active, &params, control))??;
-        let periods = periods_of(boxsize)?;
         periodic(&tree, periods)?;
         Ok(Points { tree: Shared::new(tree), periods })
     }

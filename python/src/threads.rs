@@ -13,21 +13,33 @@ use std::time::Duration;
 /// The greatest number of threads, whatever is requested: each takes memory, and threads beyond the processors do not help.
 const MOST: usize = 256;
 
+/// The number of pools that a process keeps.
+const KEPT: usize = 2;
+
 /// The time between two checks of long work for Ctrl-C.
 const PAUSE: Duration = Duration::from_millis(50);
 
-/// The pools made so far, by process: a forked process has none of its parent's threads.
+/// The pools that were used last, each with its process and number of threads: a forked process has none of its parent's threads.
 static POOLS: Mutex<Vec<(u32, usize, Arc<ThreadPool>)>> = Mutex::new(Vec::new());
 
 /// The pool for the argument `workers` of scipy: that many threads, or with -1 one for each processor.
 pub fn pool(workers: isize) -> PyResult<Arc<ThreadPool>> {
     let (process, threads) = (std::process::id(), count(workers)?);
     let mut pools = POOLS.lock().map_err(value_error)?;
-    if let Some((.., pool)) = pools.iter().find(|(of, n, _)| (*of, *n) == (process, threads)) {
-        return Ok(pool.clone());
-    }
-    let pool = Arc::new(ThreadPoolBuilder::new().num_threads(threads).build().map_err(value_error)?);
+    let pool = match pools.iter().position(|(of, n, _)| (*of, *n) == (process, threads)) {
+        Some(known) => pools.remove(known).2,
+        None => Arc::new(ThreadPoolBuilder::new().num_threads(threads).build().map_err(value_error)?),
+    };
     pools.push((process, threads, pool.clone()));
+    // Pools of the parent stay: to drop one is to wake its threads, which are not here.
+    let mut newer = 0;
+    let mut is_old = |of: u32| {
+        newer += usize::from(of == process);
+        of == process && newer > KEPT
+    };
+    if let Some(old) = pools.iter().rposition(|(of, ..)| is_old(*of)) {
+        pools.remove(old);
+    }
     Ok(pool)
 }
 

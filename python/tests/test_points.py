@@ -305,6 +305,7 @@ WRONG = [
     (lambda: PointTree(SINGLE, workers=0), ValueError, "workers"),
     (lambda: PointTree(SINGLE, boxsize=0.5), ValueError, "periodic"),
     (lambda: PointTree(SINGLE, boxsize=-1), ValueError, "boxsize"),
+    (lambda: PointTree(SINGLE, SINGLE + 1e19, boxsize=-1), ValueError, "boxsize"),  # before the points, of which a tree takes long
     (lambda: PointTree(SINGLE, boxsize=[1, 1, -np.inf]), ValueError, "boxsize"),
     (lambda: PointTree(SINGLE, boxsize=[1, 1, np.nan]), ValueError, "boxsize"),
     (lambda: PointTree(SINGLE, boxsize=[np.inf, 1, 0.5]), ValueError, "periodic"),
@@ -453,6 +454,42 @@ def test_progress_is_told_and_may_end_a_query():
     for ask in (lambda: tree.query(many, progress=enough), lambda: tree.query_ball_point(many, 0.1, progress=enough, workers=2)):
         with pytest.raises(RuntimeError, match="enough"):
             ask()
+
+
+def test_more_queries_than_can_be_numbered_are_refused(tmp_path):
+    # Of a file without contents, which takes no memory.
+    try:
+        with open(tmp_path / "empty", "wb") as file:
+            file.truncate(2**32 * 24)
+        many = np.memmap(tmp_path / "empty", np.float32, "r", shape=(2**32, 3))
+        wide = np.memmap(tmp_path / "empty", np.float64, "r", shape=(2**32, 3))
+    except (OSError, ValueError):
+        pytest.skip("no file of this size")
+    tree, one, mesh = PointTree(SINGLE)._tree, np.float32([0.5]), RayTree(SINGLE[:3], [[0, 1, 2]])._tree
+    for ask in (
+        lambda: tree.query(many, one, 1, 0.0, 1.0, 1, None),
+        lambda: tree.within(many, one, one, False, None, 1, None),
+        lambda: tree.count(many, one, one, 1, None),
+        lambda: tree.closest_approach(wide, wide, [0, 1], 1, None),
+        lambda: mesh.all_hits((wide, many, one, one, one), 1, 1, None),
+        lambda: mesh.closest_points((wide, one, one), 1, 1, None),
+    ):
+        with pytest.raises(ValueError, match="4294967296 queries"):
+            ask()
+
+
+def test_few_pools_of_threads_are_kept():
+    tasks = pathlib.Path("/proc/self/task")
+    if not tasks.exists():
+        pytest.skip("threads cannot be counted")
+    for workers in range(2, 42):
+        PointTree(SINGLE, workers=workers)
+    # Those that are not kept end by themselves, after a while. All of them together would be 860.
+    for _ in range(3000):
+        if len(list(tasks.iterdir())) < 200:
+            return
+        sleep(0.01)
+    raise AssertionError("there are too many threads")
 
 
 def test_trees_are_asked_from_threads():
