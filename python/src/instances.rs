@@ -152,7 +152,7 @@ impl Instances {
         let along = |of: &InstanceHit| (of.hit.t, (of.path, of.hit.mesh, of.hit.primitive));
         let (index, hits) = all(py, rays.slices()?, (workers, progress.as_ref()), &every, along)?;
         let mut found = Found::default();
-        hits.into_iter().for_each(|hit| found.push(Some(hit)));
+        py.detach(|| hits.into_iter().for_each(|hit| found.push(Some(hit))));
         Ok((index.into_pyarray(py), found.columns(py)?))
     }
 
@@ -168,9 +168,11 @@ impl Instances {
         let one = |query: &ClosestPointQuery| self.tree.closest_point_masked(query, mask);
         let answers = nearest(py, &points, self.nbytes(), (workers, progress.as_ref()), &one)?;
         let mut found = Found::default();
-        for answer in &answers {
-            found.push(answer.map(|InstancePoint { path, near }| InstanceHit { path, hit: on_surface(&near) }));
-        }
+        py.detach(|| {
+            for answer in &answers {
+                found.push(answer.map(|InstancePoint { path, near }| InstanceHit { path, hit: on_surface(&near) }));
+            }
+        });
         let near = answers.iter().map(|answer| answer.as_ref().map(|of| &of.near));
         Ok((positions(py, near)?, found.columns(py)?))
     }
@@ -185,7 +187,7 @@ impl Instances {
     ) -> PyResult<Surfaces<'py>> {
         let rays = rays.slices()?;
         let tree = &self.tree;
-        surfaces(py, (rays, &hits.hits(rays)?), workers, &|ray, hit| tree.interaction(ray, hit))
+        surfaces(py, (rays, &hits.hits(py, rays)?), workers, &|ray, hit| tree.interaction(ray, hit))
     }
 
     /// Where the points that rays hit are at other times, (n, 3).
@@ -199,7 +201,7 @@ impl Instances {
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let rays = rays.slices()?;
         let tree = &self.tree;
-        points_at(py, (rays, &hits.hits(rays)?), &times, workers, &|ray, hit, time| tree.point_at(ray, hit, time))
+        points_at(py, (rays, &hits.hits(py, rays)?), &times, workers, &|ray, hit, time| tree.point_at(ray, hit, time))
     }
 
     /// The origins (n, 3) of rays that leave from the points that rays hit, into these directions.
@@ -213,7 +215,9 @@ impl Instances {
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let rays = rays.slices()?;
         let tree = &self.tree;
-        secondary_origins(py, (rays, &hits.hits(rays)?), &directions, workers, &|ray, hit| tree.interaction(ray, hit))
+        secondary_origins(py, (rays, &hits.hits(py, rays)?), &directions, workers, &|ray, hit| {
+            tree.interaction(ray, hit)
+        })
     }
 
     /// The matrices (m, 12), row by row, from the space of the tree at the end of each path to the space of this tree; NaN for
@@ -231,16 +235,19 @@ impl Instances {
         let paths = slice(&paths)?;
         let count = paths.len() / levels;
         let times = PerQuery::times(slice(&times)?, count)?;
-        let mut entries = Vec::with_capacity(12 * count);
-        for (i, path) in paths.chunks(levels).enumerate() {
-            match path_of(path).and_then(|path| self.tree.matrix(&path, times.of(i))) {
-                Some(of) => (0..3).for_each(|row| {
-                    entries.extend(of.matrix3.row(row).to_array());
-                    entries.push(of.translation[row]);
-                }),
-                None => entries.extend([f64::NAN; 12]),
+        let entries = py.detach(|| {
+            let mut entries = Vec::with_capacity(12 * count);
+            for (i, path) in paths.chunks(levels).enumerate() {
+                match path_of(path).and_then(|path| self.tree.matrix(&path, times.of(i))) {
+                    Some(of) => (0..3).for_each(|row| {
+                        entries.extend(of.matrix3.row(row).to_array());
+                        entries.push(of.translation[row]);
+                    }),
+                    None => entries.extend([f64::NAN; 12]),
+                }
             }
-        }
+            entries
+        });
         table(py, entries, 12)
     }
 }

@@ -1,7 +1,7 @@
 //! The compiled part of the Python package `mbkd`: flat arrays in, flat arrays out.
 //!
 //! The Python modules (`mbkd/*.py`) implement shapes, defaults and the conventions of scipy and trimesh, and pass C-contiguous
-//! arrays. All functions here check their input, release the GIL while they work, and return arrays without a copy.
+//! arrays. All functions here check their input, release the GIL while they work on it, and return arrays without a copy.
 
 // Keyword arguments of Python arrive here as parameters.
 #![allow(clippy::too_many_arguments)]

@@ -162,23 +162,25 @@ fn memory() -> NeighborLists {
 /// Copies lists into arrays of their size and keeps their memory. Row i belongs to point i, or the rows are in the order of
 /// their computation.
 fn hand_over(py: Python<'_>, lists: NeighborLists, points: Option<usize>, workers: isize) -> PyResult<Columns<'_>> {
-    let rows: Vec<u32> = match points {
+    let rows: Vec<u32> = py.detach(|| match points {
         None => (0..lists.len() as u32).collect(),
         Some(points) => {
             let mut rows = vec![ABSENT; points];
             (0..).zip(lists.points()).for_each(|(row, &point)| rows[point as usize] = row);
             rows
         }
-    };
+    });
     let from = lists.offsets();
     let length = |row: u32| if row == ABSENT { 0 } else { from[row as usize + 1] - from[row as usize] };
-    let mut offsets = Vec::with_capacity(rows.len() + 1);
-    offsets.push(0);
-    let mut end = 0;
-    for &row in &rows {
-        end += length(row);
-        offsets.push(end as i64);
-    }
+    let (offsets, end) = py.detach(|| {
+        let (mut offsets, mut end) = (Vec::with_capacity(rows.len() + 1), 0);
+        offsets.push(0);
+        for &row in &rows {
+            end += length(row);
+            offsets.push(end as i64);
+        }
+        (offsets, end)
+    });
     let order = Order { rows: &rows, from, to: &offsets };
     // Signed, as numpy and scipy count; no tree here has more than 2^31 points.
     let ids = filled(py, workers, &order, end, |at, to: &mut [i32]| {
@@ -202,7 +204,10 @@ fn hand_over(py: Python<'_>, lists: NeighborLists, points: Option<usize>, worker
         })?;
         Ok::<_, PyErr>(array)
     });
-    let made_for = points.is_none().then(|| lists.points().iter().map(|&point| point as i32).collect::<Vec<_>>());
+    let made_for = points.is_none().then(|| {
+        let signed = || lists.points().iter().map(|&point| point as i32).collect::<Vec<_>>();
+        py.detach(signed)
+    });
     let columns = (
         offsets.into_pyarray(py),
         ids,

@@ -134,7 +134,7 @@ impl Points {
     fn from_bytes(py: Python<'_>, bytes: &[u8], periods: Option<Periods>) -> PyResult<Points> {
         let tree = from_bytes(py, bytes, |bytes| PointTree::read_from(bytes))?;
         periodic(&tree, periods)?;
-        indexed(tree, periods)
+        indexed(py, tree, periods)
     }
 
     /// Number of points.
@@ -359,12 +359,12 @@ impl Points {
     fn positions<'py>(&self, py: Python<'py>, time: f32) -> PyResult<Bound<'py, PyArray2<f64>>> {
         PerQuery::times(&[time], 1)?;
         let tree = self.tree.get(py)?;
-        let mut positions = vec![f64::NAN; 3 * tree.len()];
-        for point in tree.points_at(time) {
-            let place = 3 * point.id as usize;
-            positions[place..place + 3].copy_from_slice(&point.position.to_array());
-        }
-        table(py, positions, 3)
+        let positions = py.detach(|| {
+            let mut positions = vec![[f64::NAN; 3]; tree.len()];
+            tree.points_at(time).into_iter().for_each(|point| positions[point.id as usize] = point.position.to_array());
+            positions
+        });
+        table(py, positions.into_flattened(), 3)
     }
 
     /// The points that come nearest to queries that move from `from` to `to` between two times: distances, ids, times.
@@ -459,11 +459,14 @@ fn radii_of(radii: &[f32], count: usize) -> PyResult<PerQuery<'_>> {
 }
 
 /// A tree whose ids are the indices of its points, as in all trees that are built here.
-fn indexed(tree: PointTree, periods: Option<Periods>) -> PyResult<Points> {
-    let mut there = vec![false; tree.len()];
-    // A tree for each time slice may have the same point.
-    let valid = tree.ids().all(|id| there.get_mut(id as usize).map(|there| *there = true).is_some());
-    if tree.len() > i32::MAX as usize || !valid || !there.into_iter().all(|there| there) {
+fn indexed(py: Python<'_>, tree: PointTree, periods: Option<Periods>) -> PyResult<Points> {
+    let complete = py.detach(|| {
+        let mut there = vec![false; tree.len()];
+        // A tree for each time slice may have the same point.
+        let valid = tree.ids().all(|id| there.get_mut(id as usize).map(|there| *there = true).is_some());
+        valid && there.into_iter().all(|there| there)
+    });
+    if tree.len() > i32::MAX as usize || !complete {
         return Err(PyValueError::new_err("the ids of its points are not 0, 1, 2, ..."));
     }
     Ok(Points { tree: Shared::new(tree), periods })

@@ -188,7 +188,7 @@ impl Rays {
         let tree = self.tree.get(py)?;
         let one = |query: &ClosestPointQuery| tree.closest_point_masked(query, mask);
         let found = nearest(py, &points, bytes_of(&tree), (workers, progress.as_ref()), &one)?;
-        let hits: Vec<Hit> = found.iter().map(|near| near.as_ref().map_or(NOTHING, on_surface)).collect();
+        let hits: Vec<Hit> = py.detach(|| found.iter().map(|near| near.as_ref().map_or(NOTHING, on_surface)).collect());
         Ok((positions(py, found.iter().map(Option::as_ref))?, columns(py, &hits)))
     }
 
@@ -202,7 +202,7 @@ impl Rays {
     ) -> PyResult<Surfaces<'py>> {
         let rays = rays.slices()?;
         let tree = self.tree.get(py)?;
-        surfaces(py, (rays, &hits.hits(rays)?), workers, &|ray, hit| tree.interaction(ray, hit))
+        surfaces(py, (rays, &hits.hits(py, rays)?), workers, &|ray, hit| tree.interaction(ray, hit))
     }
 
     /// Where the points that rays hit are at other times, (n, 3).
@@ -216,7 +216,7 @@ impl Rays {
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let rays = rays.slices()?;
         let tree = self.tree.get(py)?;
-        points_at(py, (rays, &hits.hits(rays)?), &times, workers, &|ray, hit, time| tree.point_at(ray, hit, time))
+        points_at(py, (rays, &hits.hits(py, rays)?), &times, workers, &|ray, hit, time| tree.point_at(ray, hit, time))
     }
 
     /// The origins (n, 3) of rays that leave from the points that rays hit, into these directions.
@@ -230,7 +230,9 @@ impl Rays {
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let rays = rays.slices()?;
         let tree = self.tree.get(py)?;
-        secondary_origins(py, (rays, &hits.hits(rays)?), &directions, workers, &|ray, hit| tree.interaction(ray, hit))
+        secondary_origins(py, (rays, &hits.hits(py, rays)?), &directions, workers, &|ray, hit| {
+            tree.interaction(ray, hit)
+        })
     }
 
     /// The corners of triangles at times, (m, 3, 3); NaN if there is no such triangle.
@@ -247,14 +249,16 @@ impl Rays {
         }
         let times = PerQuery::times(slice(&times)?, triangle.len())?;
         let tree = self.tree.get(py)?;
-        let mut corners = Vec::with_capacity(9 * triangle.len());
-        for (i, (&mesh, &triangle)) in mesh.iter().zip(triangle).enumerate() {
-            // -1 and indices out of range are no triangle.
-            let name = |of: i64| u32::try_from(of).unwrap_or(u32::MAX);
-            let triangle = tree.triangle(name(mesh.into()), name(triangle), times.of(i));
-            corners.extend(triangle.into_iter().flat_map(|corner| corner.to_array()));
-        }
-        numpy::PyArray::from_vec(py, corners).reshape([triangle.len(), 3, 3])
+        // -1 and indices out of range are no triangle.
+        let name = |of: i64| u32::try_from(of).unwrap_or(u32::MAX);
+        let corners = py.detach(|| {
+            let corners_of = |i: usize| {
+                let corners = tree.triangle(name(mesh[i].into()), name(triangle[i]), times.of(i));
+                corners.map(|corner| corner.to_array())
+            };
+            (0..triangle.len()).map(corners_of).collect::<Vec<_>>()
+        });
+        numpy::PyArray::from_vec(py, corners.into_flattened().into_flattened()).reshape([triangle.len(), 3, 3])
     }
 }
 

@@ -30,7 +30,7 @@ const UNKNOWN: [f64; 3] = [f64::NAN; 3];
 
 impl HitArrays<'_> {
     /// The hits of these rays; `None` for rays that hit nothing.
-    pub fn hits(&self, rays: RaySlices<'_>) -> PyResult<Vec<Option<Hit>>> {
+    pub fn hits(&self, py: Python<'_>, rays: RaySlices<'_>) -> PyResult<Vec<Option<Hit>>> {
         let (t, mesh, triangle) = (slice(&self.0)?, slice(&self.1)?, slice(&self.2)?);
         let (u, v) = (slice(&self.3)?, slice(&self.4)?);
         let n = rays.len();
@@ -41,19 +41,19 @@ impl HitArrays<'_> {
             let (mesh, primitive) = (u32::try_from(mesh[i]).ok()?, u32::try_from(triangle[i]).ok()?);
             Some(Hit { t: t[i], u: u[i], v: v[i], mesh, primitive })
         };
-        Ok((0..n).map(hit).collect())
+        Ok(py.detach(|| (0..n).map(hit).collect()))
     }
 }
 
 impl PlacedHitArrays<'_> {
     /// The hits of these rays; `None` for rays that hit nothing.
-    pub fn hits(&self, rays: RaySlices<'_>) -> PyResult<Vec<Option<InstanceHit>>> {
-        let (hits, paths) = (self.0.hits(rays)?, slice(&self.1)?);
+    pub fn hits(&self, py: Python<'_>, rays: RaySlices<'_>) -> PyResult<Vec<Option<InstanceHit>>> {
+        let (hits, paths) = (self.0.hits(py, rays)?, slice(&self.1)?);
         if self.1.as_array().shape() != [hits.len(), MAX_NESTING] {
             return Err(PyValueError::new_err(format!("paths must have the shape ({}, {MAX_NESTING})", hits.len())));
         }
         let placed = |(hit, path): (Option<Hit>, &[i64])| Some(InstanceHit { path: path_of(path)?, hit: hit? });
-        Ok(hits.into_iter().zip(paths.chunks(MAX_NESTING)).map(placed).collect())
+        Ok(py.detach(|| hits.into_iter().zip(paths.chunks(MAX_NESTING)).map(placed).collect()))
     }
 }
 

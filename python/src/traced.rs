@@ -166,18 +166,15 @@ pub fn positions<'py, 'a>(
     py: Python<'py>,
     found: impl Iterator<Item = Option<&'a ClosestPoint>> + Send,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    table(py, found.flat_map(|near| near.map_or([f64::NAN; 3], |near| near.point.to_array())).collect(), 3)
+    let positions = found.map(|near| near.map_or([f64::NAN; 3], |near| near.point.to_array()));
+    table(py, py.detach(|| positions.collect::<Vec<_>>()).into_flattened(), 3)
 }
 
 /// Hits as arrays.
 pub fn columns<'py>(py: Python<'py>, hits: &[Hit]) -> Hits<'py> {
+    let number = |of: fn(&Hit) -> f32| py.detach(|| hits.iter().map(of).collect::<Vec<_>>()).into_pyarray(py);
     // u32::MAX becomes -1.
-    let triangle = |hit: &Hit| i64::from(hit.primitive as i32);
-    (
-        hits.iter().map(|hit| hit.t).collect::<Vec<_>>().into_pyarray(py),
-        hits.iter().map(|hit| hit.mesh as i32).collect::<Vec<_>>().into_pyarray(py),
-        hits.iter().map(triangle).collect::<Vec<_>>().into_pyarray(py),
-        hits.iter().map(|hit| hit.u).collect::<Vec<_>>().into_pyarray(py),
-        hits.iter().map(|hit| hit.v).collect::<Vec<_>>().into_pyarray(py),
-    )
+    let mesh = py.detach(|| hits.iter().map(|hit| hit.mesh as i32).collect::<Vec<_>>());
+    let triangle = py.detach(|| hits.iter().map(|hit| i64::from(hit.primitive as i32)).collect::<Vec<_>>());
+    (number(|hit| hit.t), mesh.into_pyarray(py), triangle.into_pyarray(py), number(|hit| hit.u), number(|hit| hit.v))
 }
