@@ -83,8 +83,13 @@ class PhotonMap:
     def __len__(self) -> int:
         return self._map.n
 
+    @property
+    def nbytes(self) -> int:
+        """Memory of the map in bytes."""
+        return self._map.nbytes
+
     def __repr__(self) -> str:
-        return f"<PhotonMap of {len(self)} photons>"
+        return f"<PhotonMap of {len(self)} photons, {self.nbytes / 1e6:.1f} MB>"
 
     def gather(
         self,

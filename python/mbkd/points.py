@@ -115,7 +115,8 @@ class PointTree:
     ) -> bool:
         """Put other positions into the tree, as those of the next step of a simulation.
 
-        Answers are those of a new tree with the same `boxsize`, `structure`, `max_references` and `precision`. Points that
+        Answers are those of a new tree with the same `boxsize`, `structure`, `max_references` and `precision` (the defaults of
+        these three in a tree that was loaded from a file). Points that
         stand still during a step, in float32, and as many as before, keep the order of the tree where they have moved a little
         since, which takes less time than a new tree. All others take as long as a new tree.
 
@@ -205,10 +206,11 @@ class PointTree:
         self._tree.save(os.fspath(path))
 
     @classmethod
-    def load(cls, path: str | os.PathLike) -> PointTree:
-        """Read a tree from a file.
+    def load(cls, path: str | os.PathLike, *, workers: int = 1) -> PointTree:
+        """Read a tree from a file, on so many threads (-1 for all processors).
 
-        The tree gives the same answers as the saved one. Its `data` is None.
+        The tree gives the same answers as the saved one. Its `data` is None. The file does not have `structure`,
+        `max_references` and `precision`, so `rebuild` uses their defaults. (A pickled tree has them.)
 
         Raises
         ------
@@ -218,7 +220,7 @@ class PointTree:
             If the file is damaged or invalid, has another version, is not a tree of points, or has ids that are not
             indices.
         """
-        return cls._of(_mbkd.Points.load(os.fspath(path)), None, None, _USUAL)
+        return cls._of(_mbkd.Points.load(os.fspath(path), workers), None, None, _USUAL)
 
     @classmethod
     def _of(

@@ -295,8 +295,8 @@ class RayTree(Traced[Hits]):
         self._tree.save(os.fspath(path))
 
     @classmethod
-    def load(cls, path: str | os.PathLike) -> RayTree:
-        """Read a tree from a file.
+    def load(cls, path: str | os.PathLike, *, workers: int = 1) -> RayTree:
+        """Read a tree from a file, on so many threads (-1 for all processors).
 
         The tree gives the same answers as the saved one. Reading takes a small part of the time of a build. A loaded tree
         cannot be refitted.
@@ -308,7 +308,7 @@ class RayTree(Traced[Hits]):
         ValueError
             If the file is damaged or invalid, has another version, or is not a tree of triangles.
         """
-        return cls._of(_mbkd.Rays.load(os.fspath(path)), [])
+        return cls._of(_mbkd.Rays.load(os.fspath(path), workers), [])
 
     @classmethod
     def _of(cls, compiled: _mbkd.Rays, options: list[_Options]) -> RayTree:

@@ -36,13 +36,14 @@ pub fn to_bytes<'py>(
     Ok(PyBytes::new(py, &bytes))
 }
 
-/// Runs the reading of a tree in a pool of this process. (In the global pool of rayon, a forked process would wait for threads
+/// Runs the reading of a tree in a pool of this process with so many threads. (In the global pool of rayon, a forked process would wait for threads
 /// that only its parent has.)
 pub fn read<T: Send>(
     py: Python<'_>,
+    workers: isize,
     work: impl FnOnce() -> Result<T, FileError> + Send,
 ) -> PyResult<Result<T, FileError>> {
-    on(py, -1, work)
+    on(py, workers, work)
 }
 
 /// The result of `of`, which must consume all bytes.
@@ -51,7 +52,8 @@ pub fn from_bytes<T: Send>(
     mut bytes: &[u8],
     of: impl FnOnce(&mut &[u8]) -> Result<T, FileError> + Send,
 ) -> PyResult<T> {
-    read(py, || {
+    // On one thread: several processes may get their trees at the same time.
+    read(py, 1, || {
         let expected = bytes.len() as u64;
         let tree = of(&mut bytes)?;
         let found = expected - bytes.len() as u64;

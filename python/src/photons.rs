@@ -58,6 +58,12 @@ impl Photons {
         self.map.len()
     }
 
+    /// Memory of the map in bytes.
+    #[getter]
+    fn nbytes(&self) -> usize {
+        self.map.bytes()
+    }
+
     /// The density of light at positions and times.
     fn gather<'py>(
         &self,

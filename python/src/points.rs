@@ -119,8 +119,8 @@ impl Points {
 
     /// Reads a tree from a file.
     #[staticmethod]
-    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Points> {
-        indexed(read(py, || PointTree::load(&path))?.map_err(file_error)?, None)
+    fn load(py: Python<'_>, path: PathBuf, workers: isize) -> PyResult<Points> {
+        indexed(py, read(py, workers, || PointTree::load(&path))?.map_err(file_error)?, None)
     }
 
     /// The bytes of a file of the tree, and the lengths of the periodic box.

@@ -88,8 +88,8 @@ impl Rays {
 
     /// Reads a tree from a file.
     #[staticmethod]
-    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Rays> {
-        Ok(Rays { tree: Shared::new(read(py, || RayTree::load(&path))?.map_err(file_error)?) })
+    fn load(py: Python<'_>, path: PathBuf, workers: isize) -> PyResult<Rays> {
+        Ok(Rays { tree: Shared::new(read(py, workers, || RayTree::load(&path))?.map_err(file_error)?) })
     }
 
     /// The bytes of a file of the tree.

@@ -24,7 +24,9 @@ def test_point_trees_come_back(structure, tmp_path):
             assert len(again) == 500
             for new, old in zip(again.query(QUERIES, k=5, time=TIMES), tree.query(QUERIES, k=5, time=TIMES)):
                 np.testing.assert_array_equal(new, old)
-    assert PointTree.load(tmp_path / "tree").data is None
+    assert PointTree.load(tmp_path / "tree", workers=2).data is None
+    with pytest.raises(ValueError, match="workers"):
+        PointTree.load(tmp_path / "tree", workers=0)
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(trees[0])).data, POINTS)
 
 

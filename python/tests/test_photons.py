@@ -26,6 +26,7 @@ def test_a_gather_is_the_sum_of_photons():
     np.testing.assert_array_equal(gray.density, found.density[:, 0])
     most = photons.gather(PLACES, [0, 0, 1], 0.5, k=20, window=0.3, kernels=("cone", "gaussian"), cosine=0.5, workers=2)
     assert (most.count == 20).all() and most.density.shape == (40, 3)
+    assert photons.nbytes >= POSITIONS.nbytes + FLUX.nbytes
 
 
 # So many places that they are gathered in several parts. One in the last has a normal that is no unit vector.
