@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Callable, Generic, TypeVar
+from typing import Callable, Generic, Tuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +13,9 @@ from ._arrays import contiguous, corners_of, floats, per_query, places, whole, w
 
 Progress = Callable[[float], object]
 EVERYTHING = 0xFFFF_FFFF
+
+# Origins, directions, times, t_min and t_max; one of the last three may be for all rays.
+Rays = Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 H = TypeVar("H", bound="Hits")
 
@@ -30,7 +33,8 @@ class Hits:
     triangle : int64
         The index of the triangle in its mesh; -1 if nothing is hit.
     u, v : float32
-        Barycentric coordinates: the weights of the triangle's second and third corner. The first corner has 1 - u - v.
+        Barycentric coordinates: the weights of the triangle's second and third corner. The first corner has 1 - u - v. On a
+        sphere, x and y of the unit normal. NaN if nothing is hit.
     """
 
     t: np.ndarray
@@ -91,11 +95,12 @@ class Traced(Generic[H]):
 
         Parameters
         ----------
-        origins : (n, 3)
-            The origins of rays. float64 origins are not rounded.
+        origins : (n, 3) or (3,)
+            The origins of rays, or one for all. float64 origins are not rounded.
         directions : (n, 3) or (3,)
-            Directions of any length except zero; t is in units of that length. A ray whose direction is zero or not finite
-            hits nothing.
+            Directions of any length except zero, or one for all; t is in units of that length. float64 directions are rounded to
+            float32, which moves a ray aside by up to 6e-8 of the distance from its origin. A ray whose direction is zero or not
+            finite hits nothing.
         time : float or (n,)
             The time of each ray, in [0, 1].
         t_min, t_max : float or (n,)
@@ -127,9 +132,21 @@ class Traced(Generic[H]):
         index, hits = self._tree.all_hits(rays, mask_of(mask), workers, progress)
         return index, self._hits(*hits)
 
-    def intersects_any(self, ray_origins: ArrayLike, ray_directions: ArrayLike, **options) -> np.ndarray:
+    def intersects_any(
+        self,
+        ray_origins: ArrayLike,
+        ray_directions: ArrayLike,
+        *,
+        time: ArrayLike = 0.0,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        mask: int = EVERYTHING,
+        workers: int = 1,
+        progress: Progress | None = None,
+    ) -> np.ndarray:
         """Whether each ray hits anything, bool (n,). Options as for `closest_hits`."""
-        return _with(self._tree.any_hits, ray_origins, ray_directions, **options)
+        rays = rays_of(ray_origins, ray_directions, time, t_min, t_max)
+        return self._tree.any_hits(rays, mask_of(mask), workers, progress)
 
     def surface(
         self, origins: ArrayLike, directions: ArrayLike, hits: H, *, time: ArrayLike = 0.0, workers: int = 1
@@ -238,7 +255,7 @@ class Traced(Generic[H]):
             raise TypeError(f"hits must be {self._hits.__name__}, not {type(hits).__name__}")
         return query(rays_of(origins, directions, time, 0.0, np.inf), hits._arrays(), *arguments)
 
-    def _nearest(
+    def closest_points(
         self,
         points: ArrayLike,
         *,
@@ -248,7 +265,38 @@ class Traced(Generic[H]):
         workers: int = 1,
         progress: Progress | None = None,
     ) -> tuple[np.ndarray, H]:
-        """The nearest points, float64 (n, 3), and the triangles they lie on; t is their distance."""
+        """Find the nearest point of the surface to each point.
+
+        Distances are measured in the coordinates of this tree, also to what instances place under any matrix.
+
+        Parameters
+        ----------
+        points : (n, 3)
+        time : float or (n,)
+            The time of each query, in [0, 1].
+        max_distance : float or (n,)
+            Points farther away are not found.
+        mask, workers, progress
+            As for `closest_hits`.
+
+        Returns
+        -------
+        closest : float64 (n, 3)
+            The nearest points; NaN if nothing is near enough.
+        near : Hits, or InstanceHits of a tree of instances
+            What they lie on: mesh, triangle, u and v (and path). t is the distance. Ties go to the lowest path of instances, and
+            then to the lowest (mesh, triangle).
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from mbkd import RayTree
+        >>> corners, faces = np.float32([[-1, -1, 0], [1, -1, 0], [0, 1, 0]]), [[0, 1, 2]]
+        >>> tree = RayTree.from_meshes([(corners, faces), (corners + np.float32([0, 0, 4]), faces)])
+        >>> closest, near = tree.closest_points([[0, 0, 1], [0, 0, 3.5]])
+        >>> near.mesh, near.triangle, near.t
+        (array([0, 1], dtype=int32), array([0, 0]), array([1. , 0.5], dtype=float32))
+        """
         queries, shape = places(points, "points")
         times, most = per_query(time, shape, "time"), per_query(max_distance, shape, "max_distance")
         if not (most >= 0).all():
@@ -256,10 +304,6 @@ class Traced(Generic[H]):
         wide = contiguous(queries, np.float64)
         closest, near = self._tree.closest_points((wide, times, most), mask_of(mask), workers, progress)
         return closest, self._hits(*near)
-
-
-def _with(query, origins, directions, *, time=0.0, t_min=0.0, t_max=np.inf, mask=EVERYTHING, workers=1, progress=None):
-    return query(rays_of(origins, directions, time, t_min, t_max), mask_of(mask), workers, progress)
 
 
 def mask_of(mask: int) -> int:
@@ -278,20 +322,21 @@ def masks_of(masks: ArrayLike, count: int, name: str) -> np.ndarray:
 
 
 def ends(origins: ArrayLike, directions: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Origins in float64 and directions in float32, both (n, 3)."""
+    """Origins in float64 and directions in float32, both (n, 3); one of either may be given for all."""
     begin, to = floats(origins, "origins"), floats(directions, "directions")
     for array, name in ((begin, "origins"), (to, "directions")):
         if array.ndim not in (1, 2) or array.shape[-1] != 3:
             raise ValueError(f"{name} must have the shape (n, 3), not {array.shape}")
-    begin = np.atleast_2d(begin)
+    begin, to = np.atleast_2d(begin, to)
     try:
-        to = np.broadcast_to(to, begin.shape)
+        begin, to = np.broadcast_arrays(begin, to)
     except ValueError:
         raise ValueError(f"{len(begin)} origins and {len(to)} directions of rays") from None
     return contiguous(begin, np.float64), contiguous(to, np.float32)
 
 
-def rays_of(origins: ArrayLike, directions: ArrayLike, time, t_min, t_max) -> tuple[np.ndarray, ...]:
+def rays_of(origins: ArrayLike, directions: ArrayLike, time: ArrayLike, t_min: ArrayLike, t_max: ArrayLike) -> Rays:
+    """Rays as the compiled part takes them."""
     begin, to = ends(origins, directions)
     if not np.isfinite(begin).all():
         raise ValueError("origins must be finite; check for nan or inf values")

@@ -143,16 +143,19 @@ class InstanceTree(Traced[InstanceHits]):
     def __repr__(self) -> str:
         return f"<InstanceTree of {len(self)} instances, {self.nbytes / 1e6:.1f} MB>"
 
-    def closest_point(self, points: ArrayLike, **options) -> tuple[np.ndarray, np.ndarray, InstanceHits]:
+    def closest_point(
+        self,
+        points: ArrayLike,
+        *,
+        time: ArrayLike = 0.0,
+        max_distance: ArrayLike = np.inf,
+        mask: int = EVERYTHING,
+        workers: int = 1,
+        progress: Progress | None = None,
+    ) -> tuple[np.ndarray, np.ndarray, InstanceHits]:
         """The nearest point of any instance to each point.
 
-        Distances are measured to the placed triangles, in the coordinates of this tree, under any matrix.
-
-        Parameters
-        ----------
-        points : (n, 3)
-            Options as for `RayTree.closest_point`. `mask` selects the instances, and in them the meshes, whose masks share a
-            bit with it.
+        The answers of `closest_points`, with the distance by itself. Options are as there.
 
         Returns
         -------
@@ -172,7 +175,9 @@ class InstanceTree(Traced[InstanceHits]):
         >>> closest, distance, near.instance
         (array([[9., 0., 1.]]), array([4.], dtype=float32), array([1]))
         """
-        closest, near = self._nearest(points, **options)
+        closest, near = self.closest_points(
+            points, time=time, max_distance=max_distance, mask=mask, workers=workers, progress=progress
+        )
         return closest, near.t, near
 
     def matrices(self, path: ArrayLike, *, time: ArrayLike = 0.0) -> np.ndarray:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from . import _mbkd
 from ._arrays import contiguous, floats, interval, keys_of, per_query, whole_numbers
-from ._traced import EVERYTHING, Hits, Progress, Traced, ends, mask_of, masks_of
+from ._traced import EVERYTHING, Hits, Progress, Rays, Traced, mask_of, masks_of, rays_of
 
 
 # Centers and radii at no keys, and neither active intervals nor masks.
@@ -322,9 +322,29 @@ class RayTree(Traced[Hits]):
     def __repr__(self) -> str:
         return f"<RayTree, {self.nbytes / 1e6:.1f} MB>"
 
-    def intersects_first(self, ray_origins: ArrayLike, ray_directions: ArrayLike, **options) -> np.ndarray:
+    def intersects_first(
+        self,
+        ray_origins: ArrayLike,
+        ray_directions: ArrayLike,
+        *,
+        time: ArrayLike = 0.0,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        mask: int = EVERYTHING,
+        workers: int = 1,
+        progress: Progress | None = None,
+    ) -> np.ndarray:
         """The first triangle that each ray hits, int64 (n,); -1 if there is none. Options as for `closest_hits`."""
-        return self.closest_hits(ray_origins, ray_directions, **options).triangle
+        return self.closest_hits(
+            ray_origins,
+            ray_directions,
+            time=time,
+            t_min=t_min,
+            t_max=t_max,
+            mask=mask,
+            workers=workers,
+            progress=progress,
+        ).triangle
 
     def intersects_id(
         self,
@@ -332,57 +352,82 @@ class RayTree(Traced[Hits]):
         ray_directions: ArrayLike,
         multiple_hits: bool = True,
         return_locations: bool = False,
-        **options,
+        *,
+        time: ArrayLike = 0.0,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        mask: int = EVERYTHING,
+        workers: int = 1,
+        progress: Progress | None = None,
     ) -> tuple[np.ndarray, ...]:
         """The triangles and rays of all hits (or of the first hit of each ray), and on request their positions.
 
-        Returns ``index_tri, index_ray`` and ``locations``, one row for each hit. Options as for `closest_hits`.
+        Returns ``index_tri, index_ray`` and ``locations``, one row for each hit, as `intersects_location` gives them. Options as
+        for `closest_hits`.
         """
-        locations, index_ray, index_tri = self.intersects_location(
-            ray_origins, ray_directions, multiple_hits, **options
-        )
-        return (index_tri, index_ray, locations) if return_locations else (index_tri, index_ray)
+        rays = rays_of(ray_origins, ray_directions, time, t_min, t_max)
+        index_ray, hits = self._found(rays, multiple_hits, mask, workers, progress)
+        if return_locations:
+            return hits.triangle, index_ray, self._locations(rays, index_ray, hits, workers)
+        return hits.triangle, index_ray
 
     def intersects_location(
-        self, ray_origins: ArrayLike, ray_directions: ArrayLike, multiple_hits: bool = True, **options
+        self,
+        ray_origins: ArrayLike,
+        ray_directions: ArrayLike,
+        multiple_hits: bool = True,
+        *,
+        time: ArrayLike = 0.0,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        mask: int = EVERYTHING,
+        workers: int = 1,
+        progress: Progress | None = None,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The positions of hits.
 
         Returns
         -------
         locations : float64 (hits, 3)
+            The points of the surface, as `points_at` gives them at the times of the rays.
         index_ray : int64 (hits,)
         index_tri : int64 (hits,)
             One row for each hit: all hits, sorted by ray and along each ray; or the first hit of each ray that hits
             anything. Options as for `closest_hits`.
         """
-        if multiple_hits:
-            index_ray, hits = self.all_hits(ray_origins, ray_directions, **options)
-            t, triangle = hits.t, hits.triangle
-        else:
-            hits = self.closest_hits(ray_origins, ray_directions, **options)
-            index_ray = np.flatnonzero(hits.triangle >= 0)
-            t, triangle = hits.t[index_ray], hits.triangle[index_ray]
-        origins, directions = ends(ray_origins, ray_directions)
-        directions = directions.astype(np.float64)
-        return origins[index_ray] + directions[index_ray] * t[:, None].astype(np.float64), index_ray, triangle
+        rays = rays_of(ray_origins, ray_directions, time, t_min, t_max)
+        index_ray, hits = self._found(rays, multiple_hits, mask, workers, progress)
+        return self._locations(rays, index_ray, hits, workers), index_ray, hits.triangle
 
-    def closest_point(self, points: ArrayLike, **options) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _found(
+        self, rays: Rays, all_of_them: bool, mask: int, workers: int, progress: Progress | None
+    ) -> tuple[np.ndarray, Hits]:
+        """All hits, or the first one of each ray that hits anything, with the indices of their rays."""
+        if all_of_them:
+            index, hits = self._tree.all_hits(rays, mask_of(mask), workers, progress)
+            return index, Hits(*hits)
+        hits = Hits(*self._tree.closest_hits(rays, mask_of(mask), workers, progress))
+        index = np.flatnonzero(hits.triangle >= 0)
+        return index, hits[index]
+
+    def _locations(self, rays: Rays, index: np.ndarray, hits: Hits, workers: int) -> np.ndarray:
+        """The points that these of the rays hit."""
+        of_hits = tuple(part if part.ndim == 1 and len(part) == 1 else part.take(index, axis=0) for part in rays)
+        return self._tree.points_at(of_hits, hits._arrays(), of_hits[2], workers)
+
+    def closest_point(
+        self,
+        points: ArrayLike,
+        *,
+        time: ArrayLike = 0.0,
+        max_distance: ArrayLike = np.inf,
+        mask: int = EVERYTHING,
+        workers: int = 1,
+        progress: Progress | None = None,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The nearest point of the surface to each point, as ``trimesh.proximity.closest_point``.
 
-        Parameters
-        ----------
-        points : (n, 3)
-        time : float or (n,)
-            The time of each query, in [0, 1].
-        max_distance : float or (n,)
-            Points farther away are not found.
-        mask : int
-            The query sees the meshes whose masks share a bit with this one.
-        workers : int
-            Threads; -1 for all processors.
-        progress : callable, optional
-            Called with the finished fraction from time to time.
+        In a tree of several meshes `closest_points` tells which one each triangle is of. Options are as there.
 
         Returns
         -------
@@ -391,7 +436,9 @@ class RayTree(Traced[Hits]):
         triangle_id : int64 (n,)
             NaN, ``inf`` and -1 if nothing is near enough.
         """
-        closest, near = self._nearest(points, **options)
+        closest, near = self.closest_points(
+            points, time=time, max_distance=max_distance, mask=mask, workers=workers, progress=progress
+        )
         return closest, near.t, near.triangle
 
     def triangles(self, mesh: ArrayLike, triangle: ArrayLike, *, time: ArrayLike = 0.0) -> np.ndarray:

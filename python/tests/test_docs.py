@@ -1,6 +1,7 @@
 """What the documentation shows runs."""
 
 import doctest
+import inspect
 import pathlib
 import re
 
@@ -31,7 +32,7 @@ def test_snippets_of_the_guide_run():
 
 
 def test_examples_of_docstrings_run():
-    for module in (mbkd.instances, mbkd.points, mbkd.rays):
+    for module in (mbkd.instances, mbkd.points, mbkd.rays, mbkd._traced):
         done = doctest.testmod(module)
         assert done.attempted > 0 and done.failed == 0
 
@@ -44,3 +45,10 @@ def test_everything_public_has_a_docstring():
             value = getattr(thing, member)
             if (callable(value) or isinstance(value, property)) and not member.startswith("_"):
                 assert value.__doc__, f"{name}.{member}"
+
+
+def test_no_method_hides_its_arguments():
+    for name in mbkd.__all__:
+        for member, value in inspect.getmembers(getattr(mbkd, name), inspect.isfunction):
+            kinds = {parameter.kind for parameter in inspect.signature(value).parameters.values()}
+            assert member.startswith("_") or inspect.Parameter.VAR_KEYWORD not in kinds, f"{name}.{member}"

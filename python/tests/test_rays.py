@@ -119,6 +119,78 @@ def test_closest_points():
         assert far <= least.min() + 1e-6 and least[index] <= far + 0.02
     near = tree.closest_point(points, time=TIMES[:50], max_distance=0.01)[2]
     np.testing.assert_array_equal(near >= 0, distance <= np.float32(0.01))
+    place, hits = tree.closest_points(points, time=TIMES[:50])
+    for ours, theirs in ((place, closest), (hits.t, distance), (hits.triangle, triangle)):
+        np.testing.assert_array_equal(ours, theirs)
+    # The weights are those of the point.
+    weights = np.column_stack([1 - hits.u.astype(np.float64) - hits.v, hits.u, hits.v])
+    corners = tree.triangles(hits.mesh, hits.triangle, time=TIMES[:50])
+    np.testing.assert_allclose(np.einsum("nc,ncx->nx", weights, corners), place, atol=1e-6)
+
+
+def test_closest_points_tell_the_mesh():
+    corners = np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    meshes = [(corners + np.float32([0, 0, z]), [[0, 1, 2]]) for z in (0, 4)]
+    tree = RayTree.from_meshes(meshes, spheres=([[0, 0, 20]], 1))
+    points = [[0.2, 0.2, 1], [0.2, 0.2, 3.5], [0, 0, 30], [0, 0, -50]]
+    closest, near = tree.closest_points(points, max_distance=20)
+    assert near.mesh.tolist() == [0, 1, 2, -1] and near.triangle.tolist() == [0, 0, 0, -1]
+    assert near.t.tolist() == [1, 0.5, 9, np.inf] and closest[2].tolist() == [0, 0, 21] and np.isnan(closest[3]).all()
+    closest, near = tree.closest_points(points[:2], mask=0)
+    assert np.isnan(closest).all() and (near.mesh == -1).all()
+
+
+def test_one_origin_has_many_directions_and_one_direction_many_origins():
+    tree = RayTree(np.stack([OPEN, CLOSE]), FACES)
+    eye, down = np.float64([0.5, 0.5, 3]), np.float32([0, 0, -1])
+    for some, all_of_them in (
+        ((eye, DIRECTIONS), (np.tile(eye, (200, 1)), DIRECTIONS)),
+        ((eye[None], DIRECTIONS), (np.tile(eye, (200, 1)), DIRECTIONS)),
+        ((ORIGINS, down), (ORIGINS, np.tile(down, (200, 1)))),
+        ((ORIGINS, down[None]), (ORIGINS, np.tile(down, (200, 1)))),
+    ):
+        hits, expected = (tree.closest_hits(*rays, time=TIMES) for rays in (some, all_of_them))
+        np.testing.assert_array_equal(hits.t, expected.t)
+        assert len(hits) == 200 and np.isfinite(hits.t).sum() > 5
+        np.testing.assert_array_equal(tree.intersects_any(*some, time=TIMES), hits.triangle >= 0)
+        for ours, theirs in zip(*(tree.intersects_location(*rays, time=TIMES) for rays in (some, all_of_them))):
+            np.testing.assert_array_equal(ours, theirs)
+        surface, expected = (tree.surface(*rays, hits, time=TIMES)[0] for rays in (some, all_of_them))
+        np.testing.assert_array_equal(surface, expected)
+    assert len(tree.closest_hits(eye, down).t) == 1
+    assert len(tree.closest_hits(np.empty((0, 3)), down).t) == 0
+    with pytest.raises(ValueError, match="200 origins and 3 directions"):
+        tree.closest_hits(ORIGINS, DIRECTIONS[:3])
+
+
+@pytest.mark.parametrize("multiple", [False, True])
+def test_locations_lie_on_the_surface_also_far_from_the_origin(multiple):
+    plane = np.float32([[-50, -50, 0], [50, -50, 0], [0, 50, 0]])
+    tree = RayTree(np.stack([plane, plane + np.float32([0, 0, 1])]), [[0, 1, 2]])
+    origins = np.column_stack([RNG.random((50, 2)), np.full(50, 1e5 + 1 / 3)])
+    directions = -(origins - np.column_stack([RNG.random((50, 2)), np.zeros(50)]))
+    times = RNG.integers(0, 5, 50) / 4
+    locations, index, triangle = tree.intersects_location(origins, directions, multiple, time=times)
+    assert index.tolist() == list(range(50)) and (triangle == 0).all()
+    # origin + t * direction is off by some thousandths.
+    np.testing.assert_allclose(locations[:, 2], times, atol=1e-6)
+    assert np.abs(locations[:, 2] - times).max() < 1e-6
+    same = tree.intersects_id(origins, directions, multiple, return_locations=True, time=times)[2]
+    np.testing.assert_array_equal(same, locations)
+    assert len(tree.intersects_location(origins, -directions, multiple)[0]) == 0
+
+
+def test_few_rays_that_cost_much_are_told_in_parts():
+    layers = np.repeat(np.float32([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]]), 200, axis=0)
+    tree = RayTree(layers.reshape(-1, 3), np.arange(600).reshape(200, 3))
+    origins = np.tile([0.2, 0.2, 3], (2000, 1))
+    for ask in (tree.closest_hits, tree.all_hits, tree.intersects_any):
+        told = []
+        ask(origins, [0, 0, -1], progress=told.append)
+        assert len(told) >= 2 and told == sorted(told) and told[-1] == 1
+    told = []
+    tree.closest_points(origins, progress=told.append, workers=2)
+    assert len(told) >= 3 and told == sorted(told) and told[-1] == 1
 
 
 def test_spheres_are_hit_where_brute_force_hits_them():
