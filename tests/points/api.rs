@@ -28,21 +28,24 @@ fn batches_equal_single_queries_for_any_number_of_threads() {
     queries[17] = (Vec3::NAN, 0.5);
     queries[18] = (Vec3::ZERO, 1.5);
     queries[19] = (Vec3::INFINITY, 0.5);
-    let run = || (tree.nearest_batch(&queries), tree.nearest_n_batch(&queries, 9), tree.within_batch(&queries, 0.1));
+    let lists = || (tree.nearest_n_batch(&queries, 9), tree.within_batch(&queries, 0.1));
+    let run = || (tree.nearest_batch(&queries), lists(), tree.count_batch(&queries, 0.1));
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap().install(run);
     let four = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap().install(run);
     assert_eq!(one, four);
-    let (nearest, lists, within) = one;
+    let (nearest, (lists, within), counts) = one;
     assert_eq!((lists.len(), within.len(), within.is_empty()), (queries.len(), queries.len(), false));
     for (i, (q, t)) in queries.iter().enumerate() {
         assert_eq!(nearest[i], tree.nearest(*q, *t));
         assert_eq!(lists.row(i), tree.nearest_n(*q, *t, 9));
         assert_eq!(within.row(i), tree.query(*q, *t).radius(0.1).collect_sorted());
+        assert_eq!(counts[i], tree.count_within(*q, *t, 0.1));
     }
     assert!(nearest[17].is_none() && nearest[18].is_none() && lists.row(19).is_empty());
     assert_eq!(lists.iter().count(), queries.len());
     let empty: [(Vec3, f32); 0] = [];
     assert!(tree.nearest_n_batch(&empty, 3).is_empty() && tree.nearest_batch(&empty).is_empty());
+    assert!(tree.count_batch(&empty, 1.0).is_empty());
 }
 
 #[test]
@@ -66,6 +69,8 @@ fn batches_with_options_are_single_queries_with_options() {
             let within = tree.within_batch_with(&queries, |i, query| {
                 query.radius(radius(i)).radius(0.2).filter(move |id| accept(i, id))
             });
+            let counts =
+                tree.count_batch_with(&queries, |i, query| query.radius(radius(i)).filter(move |id| accept(i, id)));
             for (i, (q, t)) in queries.iter().enumerate() {
                 let query = tree.query(*q, *t).filter(|id| accept(i, id));
                 assert_eq!(nearest[i], query.nearest(), "{kind}, {structure:?}");
@@ -76,6 +81,7 @@ fn batches_with_options_are_single_queries_with_options() {
                 );
                 let query = query.radius(radius(i));
                 assert_eq!(lists.row(i), query.approximate(error(i)).nearest_n(6), "{kind}, {structure:?}");
+                assert_eq!(counts[i], query.count(), "{kind}, {structure:?}");
                 assert_eq!(within.row(i), query.radius(0.2).collect_sorted(), "{kind}, {structure:?}");
             }
             assert!(

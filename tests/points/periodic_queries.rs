@@ -134,6 +134,47 @@ fn points_in_f64_are_found_at_their_nearest_image() {
 }
 
 #[test]
+fn batches_are_single_queries() {
+    let mut rng = Rng(31);
+    // More than fit the cache up to which queries keep their order.
+    let points: Vec<[f32; 3]> = (0..150_000).map(|_| rng.vec().to_array()).collect();
+    let tree = PointTree::build(&points, &PointParams::default()).unwrap();
+    assert!(tree.statistics().bytes() > 2 << 20);
+    let periodic = tree.periodic([Some(2.0), None, Some(2.5)]).unwrap();
+    let accept = |query: usize, id: u32| id as usize % 3 != query % 3;
+    let radius = |query: usize| [0.01, 0.03, 0.0][query % 3];
+    let mut queries: Vec<(Vec3, f32)> = (0..2000).map(|_| (3.0 * rng.vec(), rng.unit())).collect();
+    queries[7] = (Vec3::NAN, 0.5);
+    queries[8] = (Vec3::ZERO, 1.5);
+    let run = || {
+        let lists = (periodic.nearest_n_batch(&queries, 4), periodic.within_batch(&queries, 0.03));
+        (periodic.nearest_batch(&queries), lists, periodic.count_batch(&queries, 0.03))
+    };
+    let (nearest, (lists, within), counts) = run();
+    let four = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap().install(run);
+    assert_eq!((&nearest, &lists, &within, &counts), (&four.0, &four.1.0, &four.1.1, &four.2));
+    let some = periodic.nearest_batch_with(&queries, |i, query| query.filter(move |id| accept(i, id)));
+    let own = periodic.nearest_n_batch_with(&queries, 3, |i, query| query.radius(radius(i)));
+    let all = periodic.within_batch_with(&queries, |i, query| query.radius(radius(i)).filter(move |id| accept(i, id)));
+    let number =
+        periodic.count_batch_with(&queries, |i, query| query.radius(radius(i)).filter(move |id| accept(i, id)));
+    for (i, &(place, time)) in queries.iter().enumerate() {
+        let query = || periodic.query(place, time);
+        let filtered = || query().filter(|id| accept(i, id));
+        assert_eq!((nearest[i], some[i]), (query().nearest(), filtered().nearest()), "{i}");
+        assert_eq!(lists.row(i), query().nearest_n(4), "{i}");
+        assert_eq!(own.row(i), query().radius(radius(i)).nearest_n(3), "{i}");
+        assert_eq!(within.row(i), query().radius(0.03).collect_sorted(), "{i}");
+        assert_eq!(all.row(i), filtered().radius(radius(i)).collect_sorted(), "{i}");
+        assert_eq!(counts[i], within.row(i).len(), "{i}");
+        assert_eq!(number[i], all.row(i).len(), "{i}");
+    }
+    assert!(nearest[7].is_none() && lists.row(8).is_empty() && counts[7..9] == [0, 0]);
+    assert!(counts.iter().sum::<usize>() > 500 && number.iter().sum::<usize>() > 100);
+    assert!(periodic.nearest_batch::<Vec3>(&[]).is_empty() && periodic.count_batch::<Vec3>(&[], 1.0).is_empty());
+}
+
+#[test]
 fn an_open_box_is_no_box() {
     let mut rng = Rng(4);
     let points: Vec<Vec3> = (0..500).map(|_| rng.vec()).collect();

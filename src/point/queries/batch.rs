@@ -120,8 +120,9 @@ impl PointTree {
         k: usize,
         options: impl Fn(usize, NeighborQuery<'a>) -> NeighborQuery<'a, K> + Sync,
     ) -> NeighborBatch {
-        self.lists(queries, |index, query, buffer, out| {
-            out.extend_from_slice(options(index, query).nearest_n_into(k, buffer));
+        lists_in_order(&self.order(queries), |index, buffer, out| {
+            let (point, time) = queries[index];
+            out.extend_from_slice(options(index, self.query(point, time)).nearest_n_into(k, buffer));
         })
     }
 
@@ -155,50 +156,51 @@ impl PointTree {
         queries: &[(Q, f32)],
         options: impl Fn(usize, NeighborQuery<'a>) -> NeighborQuery<'a, K> + Sync,
     ) -> NeighborBatch {
-        self.lists(queries, |index, query, buffer, out| {
-            out.extend_from_slice(options(index, query).collect_sorted_into(buffer));
+        lists_in_order(&self.order(queries), |index, buffer, out| {
+            let (point, time) = queries[index];
+            out.extend_from_slice(options(index, self.query(point, time)).collect_sorted_into(buffer));
         })
     }
 
-    fn lists<'a, Q: Position>(
+    /// The number of points within `radius` of each query, as [`PointTree::count_within`] gives it.
+    ///
+    /// ```
+    /// use mbkd::{PointParams, PointTree};
+    /// let tree = PointTree::build(&[[0.0f32; 3], [1.0, 0.0, 0.0], [5.0; 3]], &PointParams::default())?;
+    /// assert_eq!(tree.count_batch(&[([0.75f32, 0.0, 0.0], 0.0), ([9.0; 3], 0.0)], 1.0), [2, 0]);
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    pub fn count_batch<Q: Position>(&self, queries: &[(Q, f32)], radius: f32) -> Vec<usize> {
+        self.count_batch_with(queries, |_, query| query.radius(radius))
+    }
+
+    /// The number of points that each query with options of its own finds, as [`NeighborQuery::count`] gives it: see
+    /// [`PointTree::nearest_batch_with`]. A query without a radius counts all points.
+    ///
+    /// ```
+    /// use mbkd::{PointParams, PointTree};
+    /// let tree = PointTree::build(&[[0.0f32; 3], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]], &PointParams::default())?;
+    /// let queries = [([0.0f32; 3], 0.0), ([2.0, 0.0, 0.0], 0.0)];
+    /// let counts = tree.count_batch_with(&queries, |index, query| query.radius([1.5, 0.5][index]).filter(|id| id != 1));
+    /// assert_eq!(counts, [1, 1]);
+    /// # Ok::<(), mbkd::PointError>(())
+    /// ```
+    pub fn count_batch_with<'a, Q: Position, K: Keep>(
         &'a self,
         queries: &[(Q, f32)],
-        answer: impl Fn(usize, NeighborQuery<'a>, &mut NeighborBuffer, &mut Vec<Neighbor>) + Sync,
-    ) -> NeighborBatch {
-        let order = self.order(queries);
-        let runs = in_runs(&order, |indices| {
-            let mut buffer = NeighborBuffer::new();
-            let mut run = Run { found: Vec::new(), ends: Vec::with_capacity(indices.len()) };
-            for &index in indices {
+        options: impl Fn(usize, NeighborQuery<'a>) -> NeighborQuery<'a, K> + Sync,
+    ) -> Vec<usize> {
+        answered_in_order(&self.order(queries), |indices| {
+            let one = |&index: &usize| {
                 let (point, time) = queries[index];
-                answer(index, self.query(point, time), &mut buffer, &mut run.found);
-                run.ends.push(run.found.len());
-            }
-            run
-        });
-        // Where each query's list is: its run, and its offset in it.
-        let mut begin = vec![0; queries.len() + 1];
-        let mut source = vec![(0u32, 0usize); queries.len()];
-        for (number, (indices, run)) in order.chunks(RUN).zip(&runs).enumerate() {
-            let mut next = 0;
-            for (&query, &end) in indices.iter().zip(&run.ends) {
-                source[query] = (number as u32, next);
-                begin[query + 1] = end - next;
-                next = end;
-            }
-        }
-        for i in 0..queries.len() {
-            begin[i + 1] += begin[i];
-        }
-        let mut neighbors = Vec::with_capacity(begin[queries.len()]);
-        for (ends, &(run, from)) in begin.windows(2).zip(&source) {
-            neighbors.extend_from_slice(&runs[run as usize].found[from..from + (ends[1] - ends[0])]);
-        }
-        NeighborBatch { begin, neighbors }
+                options(index, self.query(point, time)).count()
+            };
+            indices.iter().map(one).collect()
+        })
     }
 
     /// The order in which queries are answered. For a tree that fits a near cache any order will do.
-    fn order<Q: Position>(&self, queries: &[(Q, f32)]) -> Vec<usize> {
+    pub(super) fn order<Q: Position>(&self, queries: &[(Q, f32)]) -> Vec<usize> {
         if self.statistics().bytes() <= NEAR {
             return (0..queries.len()).collect();
         }
@@ -218,6 +220,41 @@ pub(in crate::point) fn answered_in_order<T: Clone + Default + Send>(
         answers[index] = answer;
     }
     answers
+}
+
+/// The lists of queries, which are made in an order of their indices, in parallel. `answer` appends the list of a query.
+pub(super) fn lists_in_order(
+    order: &[usize],
+    answer: impl Fn(usize, &mut NeighborBuffer, &mut Vec<Neighbor>) + Send + Sync,
+) -> NeighborBatch {
+    let runs = in_runs(order, |indices| {
+        let mut buffer = NeighborBuffer::new();
+        let mut run = Run { found: Vec::new(), ends: Vec::with_capacity(indices.len()) };
+        for &index in indices {
+            answer(index, &mut buffer, &mut run.found);
+            run.ends.push(run.found.len());
+        }
+        run
+    });
+    // Where each query's list is: its run, and its offset in it.
+    let mut begin = vec![0; order.len() + 1];
+    let mut source = vec![(0u32, 0usize); order.len()];
+    for (number, (indices, run)) in order.chunks(RUN).zip(&runs).enumerate() {
+        let mut next = 0;
+        for (&query, &end) in indices.iter().zip(&run.ends) {
+            source[query] = (number as u32, next);
+            begin[query + 1] = end - next;
+            next = end;
+        }
+    }
+    for i in 0..order.len() {
+        begin[i + 1] += begin[i];
+    }
+    let mut neighbors = Vec::with_capacity(begin[order.len()]);
+    for (ends, &(run, from)) in begin.windows(2).zip(&source) {
+        neighbors.extend_from_slice(&runs[run as usize].found[from..from + (ends[1] - ends[0])]);
+    }
+    NeighborBatch { begin, neighbors }
 }
 
 /// Answers the runs of an order in parallel; returns the results in the order of the runs.

@@ -10,6 +10,7 @@ pub(super) mod iter;
 mod pair_approach;
 pub(super) mod periodic;
 mod periodic_approach;
+mod periodic_batch;
 pub(super) mod query;
 mod tree_queries;
 pub(super) mod visit;
