@@ -340,5 +340,5 @@ def rays_of(origins: ArrayLike, directions: ArrayLike, time: ArrayLike, t_min: A
     begin, to = ends(origins, directions)
     if not np.isfinite(begin).all():
         raise ValueError("origins must be finite; check for nan or inf values")
-    numbers = [per_query(v, (len(begin),), n) for v, n in ((time, "time"), (t_min, "t_min"), (t_max, "t_max"))]
-    return (begin, to, *numbers)
+    shape = begin.shape[:1]
+    return begin, to, per_query(time, shape, "time"), per_query(t_min, shape, "t_min"), per_query(t_max, shape, "t_max")

@@ -121,7 +121,7 @@ class InstanceTree(Traced[InstanceHits]):
         else:
             transforms = _matrices(n, matrices)
         masks = masks_of(np.full(n, EVERYTHING) if masks is None else masks, n, "masks")
-        active = np.tile(np.float32([0, 1]), (n, 1)) if active is None else floats(active, "active")
+        active = np.tile(np.array([0, 1], np.float32), (n, 1)) if active is None else floats(active, "active")
         if active.shape != (n, 2) or which.ndim != 1:
             raise ValueError(f"{n} instances and active intervals {active.shape}")
         self._tree = _mbkd.Instances(
@@ -216,7 +216,7 @@ def _poses(n: int, translations, rotations, scales) -> np.ndarray:
         (rotations, "rotations", [0, 0, 0, 1]),
         (scales, "scales", [1, 1, 1]),
     ):
-        array = np.tile(np.float64(default), (1, n, 1)) if values is None else floats(values, name)
+        array = np.tile(np.array(default, np.float64), (1, n, 1)) if values is None else floats(values, name)
         array = array[None] if array.ndim == 2 else array
         if array.ndim != 3 or array.shape[1:] != (n, len(default)):
             raise ValueError(f"{name} must have the shape ({n}, {len(default)}) or (K, {n}, {len(default)}), not {array.shape}")

@@ -269,11 +269,10 @@ class RayTree(Traced[Hits]):
         options = [option._replace(active=now) for option, now in zip(last, _each(active, last, 0, "active intervals"))]
         options = [option._replace(mask=now) for option, now in zip(options, _each(masks, last, 1, "masks"))]
         balls = _spheres_or_none(spheres, spheres_active, spheres_masks)
-        if moved is not None:
-            moved = whole_numbers(moved, "moved").reshape(-1).tolist()
-            if any(mesh < 0 for mesh in moved):
-                raise ValueError(f"moved must have indices of meshes, not {min(moved)}")
-        done = self._tree.refit(_meshes(meshes, options), balls, moved, workers)
+        which = None if moved is None else whole_numbers(moved, "moved").reshape(-1).tolist()
+        if which and min(which) < 0:
+            raise ValueError(f"moved must have indices of meshes, not {min(which)}")
+        done = self._tree.refit(_meshes(meshes, options), balls, which, workers)
         self._options = options
         cost, is_worn, counts = done
         return Refit(cost, is_worn, *counts)
@@ -404,16 +403,18 @@ class RayTree(Traced[Hits]):
     ) -> tuple[np.ndarray, Hits]:
         """All hits, or the first one of each ray that hits anything, with the indices of their rays."""
         if all_of_them:
-            index, hits = self._tree.all_hits(rays, mask_of(mask), workers, progress)
-            return index, Hits(*hits)
+            index_ray, columns = self._tree.all_hits(rays, mask_of(mask), workers, progress)
+            return index_ray, Hits(*columns)
         hits = Hits(*self._tree.closest_hits(rays, mask_of(mask), workers, progress))
         index = np.flatnonzero(hits.triangle >= 0)
         return index, hits[index]
 
     def _locations(self, rays: Rays, index: np.ndarray, hits: Hits, workers: int) -> np.ndarray:
         """The points that these of the rays hit."""
-        of_hits = tuple(part if part.ndim == 1 and len(part) == 1 else part.take(index, axis=0) for part in rays)
-        return self._tree.points_at(of_hits, hits._arrays(), of_hits[2], workers)
+        origins, directions, *others = rays
+        time, t_min, t_max = (part if len(part) == 1 else part[index] for part in others)
+        of_hits = (origins.take(index, axis=0), directions.take(index, axis=0), time, t_min, t_max)
+        return self._tree.points_at(of_hits, hits._arrays(), time, workers)
 
     def closest_point(
         self,
