@@ -34,8 +34,8 @@ mod layout;
 mod leaf_order;
 mod lists;
 mod neighbor;
+mod params;
 mod precise;
-mod precision;
 mod queries;
 mod rebuild;
 mod search;
@@ -54,7 +54,7 @@ pub use lists::{
     certified_duration,
 };
 pub use neighbor::Neighbor;
-pub use precision::Precision;
+pub use params::{PointParams, PointStructure, Precision};
 pub use queries::approach::Approach;
 pub use queries::batch::NeighborBatch;
 pub use queries::buffer::NeighborBuffer;
@@ -64,4 +64,4 @@ pub use queries::query::NeighborQuery;
 pub use queries::visit::TreePoint;
 pub use search::{Keep, KeepAll, KeepIf, NeighborWork};
 pub use statistics::{PointLayerKind, PointLayerStatistics, PointStatistics};
-pub use tree::{PointParams, PointStructure, PointTree};
+pub use tree::PointTree;

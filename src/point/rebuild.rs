@@ -3,10 +3,11 @@
 use super::build::source::Source;
 use super::error::PointError;
 use super::layout::static_tree::StaticTree;
+use super::params::PointParams;
 use super::precise::PreciseTree;
 use super::search::layers::Layer;
 use super::statistics::PointLayerKind;
-use super::tree::{ALL_STATIC, PointParams, PointTree, work_of};
+use super::tree::{ALL_STATIC, PointTree, work_of};
 use crate::parallel;
 use crate::primitive::PointSet;
 use crate::progress::Progress;

@@ -1,4 +1,4 @@
-//! The point tree as callers build and query it, and its parameters.
+//! The point tree as callers build and query it.
 
 use super::build::automatic::{moving_layers, slices_for_all};
 use super::build::layer_request::{ChosenLayer, LayerRequest};
@@ -10,92 +10,16 @@ use super::error::PointError;
 use super::layout::plane_tree::PlaneTree;
 use super::layout::static_tree::StaticTree;
 use super::leaf_order::moving_reference::SegmentSlice;
+use super::params::{PointParams, PointStructure, Precision};
 use super::precise::{PreciseLayer, PreciseTree};
-use super::precision::Precision;
 use super::search::layers::{Layer, LayerView};
 use super::statistics::{PointLayerKind, PointLayerStatistics, PointStatistics};
-use crate::geometry::TimeInterval;
-use crate::limits::MAX_POINT_TIME_SLICES;
 use crate::parallel;
 use crate::primitive::PointSet;
 use crate::progress::{Callback, Progress};
 use crate::simd::{PointBlock, SimdLevel};
 use crate::tuning::points::MIN_STATIC_SHARE;
 use glam::DVec3;
-
-/// The structure of the tree for moving points. Answers do not depend on it.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
-#[non_exhaustive]
-pub enum PointStructure {
-    /// The structure of least cost. The cost is estimated by small builds and by counting the work of queries.
-    #[default]
-    Automatic,
-    /// Linear boxes over the whole shutter, without splits: best for coherent or small motion.
-    Linear,
-    /// Linear boxes in this many trees (1 to 1024), one per time slice: best for long incoherent motion. With more than two
-    /// keys each segment between keys has so many, at most 16384 in all (or one for each segment).
-    TimeSlices(usize),
-    /// The k-d tree of the paper. A point that crosses a plane is stored on both sides, on each with the time it spends there. An
-    /// error for positions kept in f64.
-    Kd,
-}
-
-/// The parameters of the build of a point tree.
-///
-/// ```
-/// use mbkd::{PointParams, PointStructure};
-/// let params = PointParams { structure: PointStructure::TimeSlices(4), ..PointParams::default() };
-/// # let _ = params;
-/// ```
-#[derive(Clone, Debug, PartialEq)]
-pub struct PointParams {
-    /// The structure for moving points. Default: automatic. If all points of a set are static, it always has the static
-    /// structure.
-    pub structure: PointStructure,
-    /// The greatest number of references per point for each segment between two keys, in the k-d tree and over time slices; from 1
-    /// to 1024, default 8. Points with n keys may so have n - 1 times as many, since each segment has a tree of its own. A
-    /// reference takes 32 to 48 bytes. Time slices that are requested explicitly are not limited.
-    pub max_references: f32,
-    /// The numbers that positions are kept in. Default: those that they need. [`PointTree::precision`] tells which a tree has.
-    pub precision: Precision,
-    /// The instruction set of queries. Answers do not depend on it. Default: the widest of this CPU.
-    pub simd: SimdLevel,
-}
-
-impl Default for PointParams {
-    fn default() -> Self {
-        PointParams {
-            structure: PointStructure::Automatic,
-            max_references: 8.0,
-            precision: Precision::Automatic,
-            simd: SimdLevel::best(),
-        }
-    }
-}
-
-impl PointParams {
-    /// Checks that every field is in its range.
-    ///
-    /// ```
-    /// use mbkd::{PointError, PointParams};
-    /// let wrong = PointParams { max_references: 0.5, ..PointParams::default() };
-    /// assert!(matches!(wrong.validate(), Err(PointError::Parameter { name: "max_references", .. })));
-    /// ```
-    ///
-    /// # Errors
-    /// [`PointError::Parameter`] with the name of the first field that is not.
-    pub fn validate(&self) -> Result<(), PointError> {
-        if !(self.max_references >= 1.0 && self.max_references <= 1024.0) {
-            return Err(PointError::Parameter { name: "max_references", expected: "from 1 to 1024" });
-        }
-        match self.structure {
-            PointStructure::TimeSlices(n) if n == 0 || n > MAX_POINT_TIME_SLICES => {
-                Err(PointError::Parameter { name: "structure", expected: "1 to 1024 time slices, if it is TimeSlices" })
-            }
-            _ => Ok(()),
-        }
-    }
-}
 
 /// A tree over moving points that answers neighbour queries exactly at any time of the shutter.
 ///
@@ -139,7 +63,6 @@ const PLANNING: f64 = 0.15;
 
 /// Why a tree has only a static layer.
 pub(super) const ALL_STATIC: &str = "all points are static";
-const ALL_STATIC_IN_F64: &str = "all points are static; positions in f64";
 
 /// The most trees, one for each time slice of each segment between keys, unless there is one per segment.
 const MAX_POINT_TREES: usize = 1 << 14;
@@ -255,7 +178,7 @@ impl PointTree {
             return Ok(tree);
         }
         let partition = Partition::of(source);
-        let count = partition.count;
+        let count = partition.static_count;
         if count == len {
             let layer = Layer::Static(source.static_tree(len, 0..len, progress));
             tree.add(layer, PointLayerKind::Static, len, ALL_STATIC.into());
@@ -263,16 +186,15 @@ impl PointTree {
         }
         let separate = params.structure == PointStructure::Automatic && static_apart(source, count, params.simd);
         if separate {
-            let why = format!("{count} of {len} points are static");
             let progress = progress.subtask(count as f64 / len as f64);
             let layer = Layer::Static(source.static_tree(count, partition.static_points(), &progress));
-            tree.add(layer, PointLayerKind::Static, count, why);
+            tree.add(layer, PointLayerKind::Static, count, partition.why());
         }
         let moving = if separate { partition.moving_points() } else { (0..len as u32).collect() };
         if params.structure == PointStructure::Kd {
             let layer = plane_layer(source, &moving, params.max_references, progress);
             tree.add(layer, PointLayerKind::Kd, len, "as requested".into());
-        } else if let Some(time_slices) = requested_slices(params) {
+        } else if let Some(time_slices) = params.structure.requested_slices() {
             let layer = moving_layer(source, &moving, time_slices, progress);
             tree.add(layer, PointLayerKind::Linear { time_slices }, len, "as requested".into());
         } else {
@@ -287,14 +209,13 @@ impl PointTree {
 
     /// Adds layers of points in f64: static ones, and moving ones.
     fn add_precise(&mut self, source: &Source, params: &PointParams, progress: &Progress) -> Result<(), PointError> {
-        let (len, keys) = (source.len, source.keys);
-        let partition = Partition::of(source);
-        let count = partition.count;
         if params.structure == PointStructure::Kd {
             let expected = "one without planes where positions are kept in f64 (or ask for `Precision::Single`)";
             return Err(PointError::Parameter { name: "structure", expected });
         }
-        let requested = requested_slices(params);
+        let (len, partition) = (source.len, Partition::of(source));
+        let count = partition.static_count;
+        let requested = params.structure.requested_slices();
         let (time_slices, why) = match requested {
             Some(time_slices) => (time_slices, "as requested; positions in f64".to_string()),
             None if count == len => (1, String::new()),
@@ -306,29 +227,28 @@ impl PointTree {
         };
         let separate = count == len || count as f64 >= MIN_STATIC_SHARE * len as f64 && requested.is_none();
         if separate {
-            let whole = SegmentSlice { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
             let progress = progress.rest(count as f64 / len as f64);
-            let numbers = match count == len {
-                true => (0..len as u32).collect(),
-                false => partition.static_points().map(|point| point as u32).collect(),
-            };
-            let why = match count == len {
-                true => ALL_STATIC_IN_F64.to_string(),
-                false => format!("{count} of {len} points are static; positions in f64"),
-            };
-            let tree = PreciseTree::build(source, whole, numbers, false, &progress);
-            self.add_precise_layer(vec![tree], PointLayerKind::Static, count, why);
+            let numbers = partition.static_points().map(|point| point as u32).collect();
+            let tree = PreciseTree::build(
+                source,
+                SegmentSlice { keys: 1, segment: 0, interval: crate::TimeInterval::FULL, phases: [0.0, 1.0] },
+                numbers,
+                false,
+                &progress,
+            );
+            let why = if count == len { ALL_STATIC.to_string() } else { partition.why() };
+            self.add_precise_layer(vec![tree], PointLayerKind::Static, count, format!("{why}; positions in f64"));
         }
         if count < len {
             let moving = if separate { partition.moving_points() } else { (0..len as u32).collect() };
-            let (count, slices) = (moving.len(), precise_time_slices(keys, time_slices));
+            let slices = precise_time_slices(source.keys, time_slices);
             let progress = progress.in_units(slices.len());
             let tree = |slice: SegmentSlice| {
                 let points = if progress.cancelled() { Vec::new() } else { moving.clone() };
                 PreciseTree::build(source, slice, points, true, &progress.subtask(1.0))
             };
             let kind = PointLayerKind::Linear { time_slices };
-            self.add_precise_layer(slices.into_iter().map(tree).collect(), kind, count, why);
+            self.add_precise_layer(slices.into_iter().map(tree).collect(), kind, moving.len(), why);
         }
         Ok(())
     }
@@ -453,13 +373,4 @@ fn request_for<'a>(
     progress: &'a Progress<'a>,
 ) -> LayerRequest<'a> {
     LayerRequest { source, points, max_references: params.max_references, simd: params.simd, progress }
-}
-
-/// The number of time slices that the caller requested; `None` if the choice is automatic, or there is none.
-fn requested_slices(params: &PointParams) -> Option<usize> {
-    match params.structure {
-        PointStructure::Automatic | PointStructure::Kd => None,
-        PointStructure::Linear => Some(1),
-        PointStructure::TimeSlices(slices) => Some(slices),
-    }
 }

@@ -7,19 +7,18 @@ pub(in crate::point) struct Partition {
     len: usize,
     /// Whether each point is static; empty if all are known to be.
     is_static: Vec<bool>,
-    /// Number of static points.
-    pub(in crate::point) count: usize,
+    pub(in crate::point) static_count: usize,
 }
 
 impl Partition {
     pub(in crate::point) fn of(source: &Source) -> Partition {
         let len = source.len;
         if source.all_static() {
-            return Partition { len, is_static: Vec::new(), count: len };
+            return Partition { len, is_static: Vec::new(), static_count: len };
         }
         let is_static = source.static_points();
-        let count = is_static.iter().filter(|&&is_static| is_static).count();
-        Partition { len, is_static, count }
+        let static_count = is_static.iter().filter(|&&is_static| is_static).count();
+        Partition { len, is_static, static_count }
     }
 
     fn is_static(&self, point: usize) -> bool {
@@ -31,6 +30,11 @@ impl Partition {
         (0..self.len).filter(|&point| self.is_static(point))
     }
 
+    /// Why the static points have a layer of their own.
+    pub(in crate::point) fn why(&self) -> String {
+        format!("{} of {} points are static", self.static_count, self.len)
+    }
+
     /// All other points, ascending.
     pub(in crate::point) fn moving_points(&self) -> Vec<u32> {
         (0..self.len as u32).filter(|&point| !self.is_static(point as usize)).collect()
@@ -40,14 +44,14 @@ impl Partition {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::point::precision::Precision;
+    use crate::point::params::Precision;
     use crate::primitive::MovingPoint;
     use glam::Vec3;
 
     fn of(points: &[MovingPoint]) -> (usize, Vec<usize>, Vec<u32>) {
         let source = Source::read(points, Precision::Single).expect("valid points");
         let partition = Partition::of(&source);
-        (partition.count, partition.static_points().collect(), partition.moving_points())
+        (partition.static_count, partition.static_points().collect(), partition.moving_points())
     }
 
     #[test]
@@ -58,6 +62,9 @@ mod tests {
         assert_eq!(of(&[moving]), (0, vec![], vec![0]));
         let source = Source::read(&[[1.0f32; 3], [2.0; 3]], Precision::Single).expect("valid points");
         let partition = Partition::of(&source);
-        assert_eq!((partition.count, partition.static_points().count(), partition.moving_points().len()), (2, 2, 0));
+        assert_eq!(
+            (partition.static_count, partition.static_points().count(), partition.moving_points().len()),
+            (2, 2, 0)
+        );
     }
 }

@@ -2,7 +2,7 @@
 
 use super::error::GatherError;
 use crate::point::error::PointError;
-use crate::point::tree::{PointParams, PointStructure};
+use crate::point::params::{PointParams, PointStructure};
 use crate::simd::SimdLevel;
 
 /// How a photon map, or a set of visible points, is built. Answers do not depend on it, except that

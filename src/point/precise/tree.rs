@@ -383,9 +383,8 @@ fn magnitude<S: Simd>(s: S, x: S::F) -> S::F {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::TimeInterval;
     use crate::point::build::source::Source;
-    use crate::point::precision::Precision;
+    use crate::point::params::Precision;
     use crate::progress::Progress;
     use crate::random::Random;
     use crate::simd::{Kernel, SimdLevel, dispatch};
@@ -427,7 +426,7 @@ mod tests {
                 |size: f64| DVec3::new(random.signed_f64(), random.signed_f64(), random.signed_f64()) * size;
             let points: Vec<DVec3> = (0..256).map(|_| random_vec(size) + offset).collect();
             let source = Source::read(&points, Precision::Automatic).expect("points are in order");
-            let slice = SegmentSlice { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] };
+            let slice = SegmentSlice { keys: 1, segment: 0, interval: crate::TimeInterval::FULL, phases: [0.0, 1.0] };
             if !source.is_precise() {
                 continue;
             }

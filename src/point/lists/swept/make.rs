@@ -149,7 +149,7 @@ fn in_parallel<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Sweep<'_,
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::point::tree::PointParams;
+    use crate::point::params::PointParams;
     use crate::primitive::PointArrays;
     use crate::random::Random;
     use crate::{PointTree, TimeInterval};

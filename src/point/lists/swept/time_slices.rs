@@ -27,7 +27,7 @@ use super::coordinate::{SweptCoordinate, SweptLayer};
 use super::encounter::Segment;
 use crate::point::layout::over_interval::{BlockTree, BoxTree};
 use crate::point::layout::slice_tree::slices_during;
-use crate::point::leaf_order::moving_reference;
+use crate::point::leaf_order::moving_reference::SegmentSlice;
 use crate::point::lists::radii::radius_of;
 use crate::simd::{LANES, Lanes};
 use core::ops::Range;
@@ -184,7 +184,7 @@ pub(super) fn begins_with_a_slice<C: SweptCoordinate>(layer: &SweptLayer<'_, C>,
 
 /// Whether a time that is the begin or the end of a time slice, and a key rounded to f32, lies within the segment in
 /// exact arithmetic: the rounded time is after the key that the slice begins with, or before the key that it ends with.
-fn beside_key(slice: &moving_reference::SegmentSlice, time: f32) -> bool {
+fn beside_key(slice: &SegmentSlice, time: f32) -> bool {
     let begins = slice.phases[0] == 0.0 && time == slice.interval.begin();
     let ends = slice.phases[1] == 1.0 && time == slice.interval.end();
     let along = f64::from(time) * (slice.keys.max(2) - 1) as f64 - slice.segment as f64;
@@ -287,7 +287,8 @@ pub(super) fn pairings<C: SweptCoordinate>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::point::tree::{PointParams, PointTree};
+    use crate::point::params::PointParams;
+    use crate::point::tree::PointTree;
     use crate::primitive::PointArrays;
     use crate::random::Random;
     use glam::Vec3;
