@@ -8,7 +8,7 @@ use super::layout::plane_tree::PlaneTree;
 use super::layout::slice_tree::SliceTree;
 use super::layout::static_file::StaticRecord;
 use super::layout::static_tree::StaticTree;
-use super::leaf_order::moving_reference::{SegmentSlice, segments};
+use super::leaf_order::segment_slice::{SegmentSlice, segments};
 use super::precise::{PreciseRecord, PreciseTree};
 use super::search::layers::Layer;
 use super::statistics::{PointLayerKind, PointLayerStatistics};

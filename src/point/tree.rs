@@ -9,7 +9,7 @@ use super::build::time_slices::{moving_layer, plane_layer, precise_time_slices};
 use super::error::PointError;
 use super::layout::plane_tree::PlaneTree;
 use super::layout::static_tree::StaticTree;
-use super::leaf_order::moving_reference::SegmentSlice;
+use super::leaf_order::segment_slice::SegmentSlice;
 use super::params::{PointParams, PointStructure, Precision};
 use super::precise::{PreciseLayer, PreciseTree};
 use super::search::layers::{Layer, LayerView};
@@ -229,13 +229,7 @@ impl PointTree {
         if separate {
             let progress = progress.rest(count as f64 / len as f64);
             let numbers = partition.static_points().map(|point| point as u32).collect();
-            let tree = PreciseTree::build(
-                source,
-                SegmentSlice { keys: 1, segment: 0, interval: crate::TimeInterval::FULL, phases: [0.0, 1.0] },
-                numbers,
-                false,
-                &progress,
-            );
+            let tree = PreciseTree::build(source, SegmentSlice::AT_REST, numbers, false, &progress);
             let why = if count == len { ALL_STATIC.to_string() } else { partition.why() };
             self.add_precise_layer(vec![tree], PointLayerKind::Static, count, format!("{why}; positions in f64"));
         }

@@ -17,7 +17,7 @@ use super::partial_layer::PartialLayer;
 use super::time_slices::linear_tree;
 use super::trials::{Trial, Trials};
 use crate::point::layout::moving_tree::{MovingTree, WithoutFast};
-use crate::point::leaf_order::moving_reference::segments;
+use crate::point::leaf_order::segment_slice::segments;
 use crate::progress::Progress;
 use crate::simd::LANES;
 use crate::tuning::points::{MAX_COST, MAX_PREDICTED_COST, MAX_REFINED_COST};

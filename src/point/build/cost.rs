@@ -5,7 +5,7 @@
 use super::layer_request::LayerRequest;
 use super::source::Source;
 use crate::geometry::{KeyTime, TimeInterval};
-use crate::point::leaf_order::moving_reference::SegmentSlice;
+use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::point::leaf_order::spread::spread;
 use crate::point::search::KeepLanes;
 use crate::point::search::candidates::Candidates;

@@ -14,7 +14,7 @@ use super::source::Source;
 use super::time_slices::{linear_tree, middle_slice};
 use crate::point::layout::moving_tree::WithoutFast;
 use crate::point::leaf_order::fast_points::order_at;
-use crate::point::leaf_order::moving_reference::segments;
+use crate::point::leaf_order::segment_slice::segments;
 use crate::simd::MovingPointBlock;
 use crate::tuning::points::{MAX_COST, NEARLY, OVERESTIMATED, OWN_TREES};
 use core::iter;

@@ -5,7 +5,7 @@ use super::layer_request::{ChosenLayer, LayerRequest};
 use super::slice_points::{points_of_slice, points_of_slices};
 use super::time_slices::{PROBABLE, time_slices, tree};
 use crate::point::layout::moving_tree::{MovingTree, WithoutFast};
-use crate::point::leaf_order::moving_reference::SegmentSlice;
+use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::point::search::layers::Layer;
 use crate::progress::Progress;
 use std::borrow::Cow;

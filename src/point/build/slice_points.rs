@@ -2,7 +2,8 @@
 
 use super::source::Source;
 use crate::geometry::TimeInterval;
-use crate::point::leaf_order::moving_reference::{MovingReference, References, SegmentSlice};
+use crate::point::leaf_order::moving_reference::{MovingReference, References};
+use crate::point::leaf_order::segment_slice::SegmentSlice;
 use std::borrow::Cow;
 
 /// Points of a set that exist during a time slice; unless `ACTIVE`, of a set without active intervals. Their numbers are those in

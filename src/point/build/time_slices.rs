@@ -5,7 +5,7 @@ use super::source::Source;
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::point::layout::moving_tree::{MovingTree, Placed, WithoutFast};
 use crate::point::layout::plane_tree::PlaneTree;
-use crate::point::leaf_order::moving_reference::{SegmentSlice, exact_phase, segments};
+use crate::point::leaf_order::segment_slice::{SegmentSlice, exact_phase, segments};
 use crate::point::search::layers::Layer;
 use crate::progress::Progress;
 use crate::simd::PointBlock;

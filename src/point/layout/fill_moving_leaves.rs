@@ -5,8 +5,9 @@ use super::moving_leaf::{LaneIntervals, LeafRows};
 use crate::parallel;
 use crate::point::leaf_order::bottom_order::{MOST, Rows, SPARE};
 use crate::point::leaf_order::fast_points::{Among, displacements, sizes_of_leaves};
-use crate::point::leaf_order::moving_reference::{References, SegmentSlice};
+use crate::point::leaf_order::moving_reference::References;
 use crate::point::leaf_order::point_rows::PointRows;
+use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::progress::Progress;
 use crate::simd::{Kernel, LANES, Simd, SimdLevel, dispatch};
 

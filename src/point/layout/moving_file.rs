@@ -7,7 +7,7 @@ use super::static_tree::Shape;
 use crate::file::{Decoder, Encoder, FileError, record_fields, require};
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::parallel;
-use crate::point::leaf_order::moving_reference::SegmentSlice;
+use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::simd::{LANES, Lanes, MovingPointBlock};
 
 record_fields!(MovingPointBlock { open: [Lanes<f32>; 3], close: [Lanes<f32>; 3], id: Lanes<u32> });

@@ -11,9 +11,10 @@ use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath, throughout};
 use super::slice_tree::SliceTree;
 use super::snapshot::{CoordinateView, Target, View, diagonal, outside, rows};
 use super::static_tree::Shape;
-use crate::point::leaf_order::moving_reference::{MovingReference, References, SegmentSlice, take_positions};
+use crate::point::leaf_order::moving_reference::{MovingReference, References, take_positions};
 use crate::point::leaf_order::order::{Displacements, ORDERING, order_rows};
 use crate::point::leaf_order::point_rows::{NO_POINT, PointRows};
+use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::progress::Progress;
 use crate::simd::{LANES, Lanes, Mask, MovingPointBlock, PointBlock, Simd, WordBlock, huge_vec_of, prefetch};
 

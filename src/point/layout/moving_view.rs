@@ -3,7 +3,7 @@
 use super::moving_leaf::MovingLeaves;
 use super::snapshot::{LeafView, Target};
 use crate::geometry::KeyTime;
-use crate::point::leaf_order::moving_reference::{SegmentSlice, phase};
+use crate::point::leaf_order::segment_slice::{SegmentSlice, phase};
 use crate::simd::{Lanes, Simd};
 use glam::Vec3;
 

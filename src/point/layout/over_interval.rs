@@ -2,7 +2,7 @@
 
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::parallel;
-use crate::point::leaf_order::moving_reference::SegmentSlice;
+use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::simd::{LANES, Lanes};
 use core::ops::Range;
 use glam::{DVec3, Vec3};

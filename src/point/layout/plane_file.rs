@@ -5,7 +5,7 @@ use super::plane_tree::PlaneTree;
 use crate::file::{Decoder, Encoder, FileError, broken, require};
 use crate::geometry::Box3;
 use crate::kd::{KdNode, check_links};
-use crate::point::leaf_order::moving_reference::SegmentSlice;
+use crate::point::leaf_order::segment_slice::SegmentSlice;
 
 /// The contents of a file for one tree, not validated yet.
 pub(in crate::point) struct PlaneRecord {

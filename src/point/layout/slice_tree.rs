@@ -1,6 +1,6 @@
 //! What the trees of time slices have in common, whatever their structure.
 
-use crate::point::leaf_order::moving_reference::SegmentSlice;
+use crate::point::leaf_order::segment_slice::SegmentSlice;
 
 /// A tree over the points of a time slice.
 pub(in crate::point) trait SliceTree {

@@ -11,9 +11,9 @@ use super::snapshot::{Boxes, CoordinateView, LeafView, Target, View, diagonal, o
 use crate::geometry::TimeInterval;
 use crate::limits::MAX_LEVELS;
 use crate::point::leaf_order::bottom_order::{MOST, Rows};
-use crate::point::leaf_order::moving_reference::SegmentSlice;
 use crate::point::leaf_order::order::{ORDERING, order_rows};
 use crate::point::leaf_order::point_rows::PointRows;
+use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::progress::Progress;
 use crate::simd::{Item, LANES, Lanes, Mask, PointBlock, Simd, WordBlock, huge_vec_of, prefetch};
 use glam::Vec3;
@@ -351,7 +351,7 @@ impl CoordinateView for &StaticTree {
 
 impl BoxTree for StaticTree {
     fn slice(&self) -> SegmentSlice {
-        SegmentSlice { keys: 1, segment: 0, interval: TimeInterval::FULL, phases: [0.0, 1.0] }
+        SegmentSlice::AT_REST
     }
     fn root_node(&self) -> (usize, usize) {
         View::root(&self)

@@ -8,5 +8,6 @@ pub(super) mod motion_groups;
 pub(super) mod moving_reference;
 pub(super) mod order;
 pub(super) mod point_rows;
+pub(super) mod segment_slice;
 pub(super) mod spread;
 pub(super) mod widest_axis;

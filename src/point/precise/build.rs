@@ -8,8 +8,8 @@ use crate::geometry::TimeInterval;
 use crate::parallel;
 use crate::point::build::source::Source;
 use crate::point::layout::moving_leaf::LaneIntervals;
-use crate::point::leaf_order::moving_reference::SegmentSlice;
 use crate::point::leaf_order::order::ORDERING;
+use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::progress::Progress;
 use crate::simd::{LANES, huge_vec_of};
 

@@ -8,7 +8,7 @@ use crate::parallel;
 use crate::point::build::source::Source;
 use crate::point::layout::moving_leaf::LaneIntervals;
 use crate::point::layout::snapshot::ExactRows;
-use crate::point::leaf_order::moving_reference::SegmentSlice;
+use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::point::leaf_order::widest_axis::include;
 use crate::progress::Progress;
 use crate::simd::LANES;

@@ -9,7 +9,7 @@ use crate::point::layout::moving_file::never;
 use crate::point::layout::moving_leaf::LaneIntervals;
 use crate::point::layout::snapshot::{Boxes, ExactRows};
 use crate::point::layout::static_file::{FARTHEST_FACE, are_fine};
-use crate::point::leaf_order::moving_reference::SegmentSlice;
+use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::simd::{LANES, Lanes};
 use glam::DVec3;
 

@@ -6,7 +6,7 @@ use super::linear_box::Node;
 use super::tree::{Block, PreciseTree, between};
 use crate::geometry::TimeInterval;
 use crate::point::layout::over_interval::{BlockTree, BoxTree, PathRows, PointPath, greater, lesser, throughout};
-use crate::point::leaf_order::moving_reference::SegmentSlice;
+use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::simd::{LANES, Lanes};
 use glam::DVec3;
 

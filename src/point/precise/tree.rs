@@ -16,7 +16,7 @@ use crate::point::layout::snapshot::{
     Boxes, CoordinateView, ExactRows, LeafView, Target, View, diagonal, outside, rows,
 };
 use crate::point::layout::static_tree::Shape;
-use crate::point::leaf_order::moving_reference::{SegmentSlice, exact_phase};
+use crate::point::leaf_order::segment_slice::{SegmentSlice, exact_phase};
 use crate::simd::{LANES, Lanes, Mask, Simd, prefetch};
 use glam::{DVec3, Vec3};
 
@@ -426,7 +426,7 @@ mod tests {
                 |size: f64| DVec3::new(random.signed_f64(), random.signed_f64(), random.signed_f64()) * size;
             let points: Vec<DVec3> = (0..256).map(|_| random_vec(size) + offset).collect();
             let source = Source::read(&points, Precision::Automatic).expect("points are in order");
-            let slice = SegmentSlice { keys: 1, segment: 0, interval: crate::TimeInterval::FULL, phases: [0.0, 1.0] };
+            let slice = SegmentSlice::AT_REST;
             if !source.is_precise() {
                 continue;
             }

@@ -26,7 +26,7 @@ use crate::limits::MAX_POINT_COORDINATE;
 use crate::point::layout::over_interval::{BoxTree, PointPath, all_lanes, greater, lesser};
 use crate::point::layout::plane_tree::{PlaneTree, plane_error};
 use crate::point::layout::slice_tree::slices_during;
-use crate::point::leaf_order::moving_reference::{SegmentSlice, exact_phase, segments};
+use crate::point::leaf_order::segment_slice::{SegmentSlice, exact_phase, segments};
 use crate::point::search::layers::Layer;
 use crate::point::tree::PointTree;
 use crate::primitive::Position;

@@ -14,7 +14,7 @@
 
 use crate::geometry::DoubleDouble;
 use crate::point::layout::over_interval::PointPath;
-use crate::point::leaf_order::moving_reference::segments;
+use crate::point::leaf_order::segment_slice::segments;
 use glam::DVec3;
 
 /// The path of a query: positions at the begin and the end of the interval.

@@ -6,7 +6,7 @@ use crate::point::layout::moving_tree::MovingTree;
 use crate::point::layout::over_interval::{BlockTree, PointPath};
 use crate::point::layout::slice_tree::SliceTree;
 use crate::point::layout::static_tree::StaticTree;
-use crate::point::leaf_order::moving_reference::exact_phase;
+use crate::point::leaf_order::segment_slice::exact_phase;
 use crate::point::lists::periodic_box::PeriodicBox;
 use crate::point::lists::radii::Allowance;
 use crate::point::precise::{PreciseTree, between};
