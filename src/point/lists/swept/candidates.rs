@@ -1,297 +1,18 @@
 //! Candidates: the blocks of points that a group can come near during a window of time.
 
+use super::candidate_points::CandidatePoints;
 use super::coordinate::SweptCoordinate;
-use super::encounter::{CandidatePoints, Criteria, Segment, Window};
-use crate::point::layout::over_interval::{BlockTree, BoxTree, PathRows, greater, lesser};
-use crate::point::layout::snapshot::rows;
+use super::criteria::Criteria;
+use super::group::{RelativePaths, SLACK, SweptGroup, active_lanes, early, phases};
+use super::window::Window;
+use crate::point::layout::over_interval::{BlockTree, greater};
 use crate::point::lists::candidates::{BoxRows, BoxVector};
 use crate::point::lists::radii::{Radii, squared_up};
-use crate::simd::{LANES, Lanes, Mask, Simd};
-
-/// 2^-24.
-const ROUNDING: f64 = 1.0 / 16_777_216.0;
-
-/// How much wider than what is compared boxes are made, in units of the magnitude of coordinates: see [`super`].
-const SLACK: f64 = 64.0 * ROUNDING;
+use crate::simd::{LANES, Lanes, Simd};
 
 /// What the radius of a pair is wider for squares that underflow: the nearest approach is not found where the square of a
 /// displacement is below the least normal f32, and is missed by up to the displacement then.
 const UNDERFLOW: f64 = 1e-18;
-
-/// The phases of two times in a tree's segment. They are widened by what a time near a key, rounded to f32, may lie on
-/// the wrong side of it, also beyond the keys: the range of times is the same for all trees that are compared.
-pub(super) fn phases<T: BoxTree>(tree: &T, times: [f32; 2]) -> [f64; 2] {
-    let slice = tree.slice();
-    let segment = Segment::new(slice.keys, slice.segment);
-    let [begin, end] = times.map(f64::from);
-    [segment.unlimited_phase(begin - ROUNDING), segment.unlimited_phase(end + ROUNDING)]
-}
-
-/// The share of a range of phases that lies before a time.
-fn early<T: BoxTree>(tree: &T, [first, last]: [f64; 2], time: f32) -> f64 {
-    let slice = tree.slice();
-    let phase = Segment::new(slice.keys, slice.segment).phase(time.into());
-    if last > first { (phase - first) / (last - first) } else { 0.0 }
-}
-
-/// What positions are relative to: a place, and a displacement during the range of times, which is taken off everything.
-#[derive(Clone, Copy, Default)]
-struct Frame {
-    /// Of no account for f32.
-    center: [f64; 3],
-    drift: [f64; 3],
-}
-
-impl Frame {
-    /// The frame in which things are where their images are in this one.
-    #[inline(always)]
-    fn of_image(self, shift: [f64; 3]) -> Frame {
-        let [x, y, z] = self.center;
-        Frame { center: [x - shift[0], y - shift[1], z - shift[2]], ..self }
-    }
-}
-
-/// The motion of sixteen points during a range of times relative to the group's [`Frame`], in rows. Without a
-/// point, the start is infinite.
-#[derive(Clone, Copy, Debug)]
-#[repr(align(64))]
-pub(super) struct RelativePaths {
-    pub(super) start: [Lanes<f32>; 3],
-    pub(super) displacement: [Lanes<f32>; 3],
-}
-
-impl RelativePaths {
-    /// The motion of points between two phases of their segment.
-    #[inline(always)]
-    fn new<C: SweptCoordinate, const IMAGES: bool>(
-        points: &PathRows<C>,
-        phases: [f64; 2],
-        frame: &Frame,
-    ) -> RelativePaths {
-        let mut paths = RelativePaths { start: [[f32::INFINITY; LANES]; 3], displacement: [[0.0; LANES]; 3] };
-        for axis in 0..3 {
-            let (center, drift) = (frame.center[axis], frame.drift[axis]);
-            for lane in 0..LANES {
-                let open: f64 = points.open[axis][lane].into();
-                let displacement = points.close[axis][lane].into() - open;
-                let (first, last) = (open + displacement * phases[0], open + displacement * phases[1]);
-                let from = C::relative::<IMAGES>(first, center) as f32;
-                let to = (C::relative::<IMAGES>(last, center) - drift) as f32;
-                let exists = points.id[lane] != u32::MAX;
-                paths.start[axis][lane] = if exists { from } else { f32::INFINITY };
-                paths.displacement[axis][lane] = if exists { to - from } else { 0.0 };
-            }
-        }
-        paths
-    }
-}
-
-/// Sixteen points whose encounters are looked for.
-#[derive(Clone, Debug)]
-pub(super) struct Block<C> {
-    pub(super) points: PathRows<C>,
-    pub(super) paths: RelativePaths,
-    /// The box around their paths.
-    pub(super) lo: [f32; 3],
-    pub(super) hi: [f32; 3],
-    magnitude: f64,
-}
-
-impl<C: SweptCoordinate> Block<C> {
-    #[inline(always)]
-    fn new(points: PathRows<C>, phases: [f64; 2], frame: &Frame) -> Block<C> {
-        let (paths, drift) = (RelativePaths::new::<C, false>(&points, phases, frame), frame.drift);
-        let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-        let mut magnitude = drift.iter().fold(0.0f64, |most, x| greater(most, x.abs()));
-        for axis in 0..3 {
-            for lane in (0..LANES).filter(|&lane| points.id[lane] != u32::MAX) {
-                let from = paths.start[axis][lane];
-                for x in [from, from + paths.displacement[axis][lane]] {
-                    (lo[axis], hi[axis]) = (lo[axis].min(x), hi[axis].max(x));
-                    // Drift and rounding come on top of what it is.
-                    magnitude = greater(magnitude, f64::from(x.abs()) + drift[axis].abs());
-                }
-            }
-        }
-        Block { points, paths, lo, hi, magnitude }
-    }
-
-    /// The box around the path of a point.
-    fn path_box(&self, lane: usize) -> ([f32; 3], [f32; 3]) {
-        let ends = |axis: usize| {
-            let from = self.paths.start[axis][lane];
-            (from, from + self.paths.displacement[axis][lane])
-        };
-        let lo = core::array::from_fn(|axis| ends(axis).0.min(ends(axis).1));
-        (lo, core::array::from_fn(|axis| ends(axis).0.max(ends(axis).1)))
-    }
-}
-
-/// All lanes taken together, halves at a time.
-#[inline(always)]
-fn halved<T: Copy>(mut lanes: Lanes<T>, f: impl Fn(T, T) -> T) -> T {
-    for half in [8, 4, 2, 1] {
-        for lane in 0..half {
-            lanes[lane] = f(lanes[lane], lanes[lane + half]);
-        }
-    }
-    lanes[0]
-}
-
-/// The blocks below a bottom node, and their mean displacement, which is subtracted from all positions.
-#[derive(Default)]
-pub(super) struct Group<C> {
-    pub(super) blocks: Vec<Block<C>>,
-    /// The times between which boxes are swept.
-    times: [f32; 2],
-    /// The share of the range of phases that lies before the first time.
-    early: f64,
-    frame: Frame,
-    lo: [f32; 3],
-    hi: [f32; 3],
-    magnitude: f64,
-    /// Its share of the slack.
-    slack: f64,
-}
-
-impl<C: SweptCoordinate> Group<C> {
-    /// Takes the points below bottom node `node` that are active during a range of times within the tree's own. The slack is wider
-    /// by [`SweptCoordinate::excess`].
-    #[inline(always)]
-    pub(super) fn take<T: BlockTree<Coordinate = C>>(&mut self, tree: &T, node: usize, times: [f32; 2], excess: f64) {
-        let phases = phases(tree, times);
-        let (first, stride) = tree.children(0, node);
-        let active = active_lanes(tree, node, times);
-        let lanes = (0..LANES).filter(|lane| active >> lane & 1 != 0);
-        let numbers = lanes.flat_map(|lane| first + lane * stride..first + (lane + 1) * stride);
-        let (mut sum, mut count) = ([[0.0; LANES]; 3], [0.0; LANES]);
-        for block in numbers.clone() {
-            let points = tree.rows(block);
-            for lane in 0..LANES {
-                let exists = points.id[lane] != u32::MAX;
-                count[lane] += if exists { 1.0 } else { 0.0 };
-                for (axis, sum) in sum.iter_mut().enumerate() {
-                    let displacement = C::displacement(points.open[axis][lane], points.close[axis][lane]);
-                    sum[lane] += if exists { displacement } else { 0.0 };
-                }
-            }
-        }
-        let count = greater(halved(count, |a, b| a + b), 1.0);
-        let mut drift = [0.0; 3];
-        for (drift, row) in drift.iter_mut().zip(sum) {
-            *drift = halved(row, |a, b| a + b) / count * (phases[1] - phases[0]);
-        }
-        self.frame = Frame { center: tree.center(node, phases[0]), drift };
-        (self.times, self.early) = (times, early(tree, phases, times[0]));
-        self.blocks.clear();
-        (self.lo, self.hi, self.magnitude) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3], 0.0);
-        for number in numbers {
-            let block = Block::new(tree.rows(number), phases, &self.frame);
-            for axis in 0..3 {
-                (self.lo[axis], self.hi[axis]) = (self.lo[axis].min(block.lo[axis]), self.hi[axis].max(block.hi[axis]));
-            }
-            self.magnitude = greater(self.magnitude, block.magnitude);
-            self.blocks.push(block);
-        }
-        self.slack = self.magnitude * SLACK + excess;
-    }
-
-    /// Whether the points are scattered, as [`crate::point::lists::group::Group::is_scattered`] has it, with the boxes around paths
-    /// in place of points. `reach` is the largest radius of points that are listed.
-    pub(super) fn is_scattered(&self, criteria: &Criteria<'_>, reach: f32) -> bool {
-        let volume = |lo: [f32; 3], hi: [f32; 3], radius: f64| -> f64 {
-            (0..3).map(|axis| f64::from(hi[axis]) - f64::from(lo[axis]) + 2.0 * radius).product()
-        };
-        let (mut count, mut boxes, mut most) = (0, 0.0, 0.0);
-        for block in &self.blocks {
-            for lane in (0..LANES).filter(|&lane| block.points.id[lane] != u32::MAX) {
-                let (lo, hi) = block.path_box(lane);
-                let radius = criteria.longest(criteria.radii.of(block.points.id[lane]), reach);
-                most = greater(most, radius);
-                (count, boxes) = (count + 1, boxes + volume(lo, hi, radius));
-            }
-        }
-        count > 1 && volume(self.lo, self.hi, most) > 2.0 * boxes
-    }
-
-    /// Becomes a group of one point, of a block of another group; `false` where that has none in the lane.
-    pub(super) fn take_one(&mut self, of: &Group<C>, block: usize, lane: usize) -> bool {
-        let block = &of.blocks[block];
-        if block.points.id[lane] == u32::MAX {
-            return false;
-        }
-        let mut alone = block.clone();
-        for other in (0..LANES).filter(|&other| other != lane) {
-            alone.points.id[other] = u32::MAX;
-            alone.paths.start.iter_mut().for_each(|row| row[other] = f32::INFINITY);
-            alone.paths.displacement.iter_mut().for_each(|row| row[other] = 0.0);
-        }
-        (alone.lo, alone.hi) = block.path_box(lane);
-        (self.lo, self.hi) = (alone.lo, alone.hi);
-        (self.times, self.early, self.frame) = (of.times, of.early, of.frame);
-        (self.magnitude, self.slack) = (of.magnitude, of.slack);
-        self.blocks.clear();
-        self.blocks.push(alone);
-        true
-    }
-
-    /// The boxes of a node, swept between two phases, in the group's frame or an image of it, and the magnitudes of what is in
-    /// them.
-    #[inline(always)]
-    fn swept<S: Simd, T: BoxTree, const IMAGES: bool>(
-        &self,
-        s: S,
-        tree: &T,
-        frame: &Frame,
-        phases: [f64; 2],
-        node: usize,
-    ) -> (BoxVector<S>, Lanes<f64>) {
-        let [begin, end] = [tree.faces(node, &[phases[0]; LANES]), tree.faces(node, &[phases[1]; LANES])];
-        let (mut lo, mut hi, mut magnitude) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3], [0.0; LANES]);
-        for axis in 0..3 {
-            let (center, drift) = (frame.center[axis], frame.drift[axis]);
-            for lane in 0..LANES {
-                let (begin, end) =
-                    ([begin[0][axis][lane], begin[1][axis][lane]], [end[0][axis][lane], end[1][axis][lane]]);
-                let first = [C::relative::<IMAGES>(begin[0], center), C::relative::<IMAGES>(begin[1], center)];
-                let last = [C::relative::<IMAGES>(end[0], center), C::relative::<IMAGES>(end[1], center)];
-                let most = greater(greater(first[0].abs(), first[1].abs()), greater(last[0].abs(), last[1].abs()));
-                // Faces and positions may be much smaller than at a key; see `super` for why that needs nothing more.
-                let slack = most * SLACK + self.slack;
-                magnitude[lane] = greater(magnitude[lane], most);
-                lo[axis][lane] = (lesser(first[0], last[0] - drift) - slack) as f32;
-                hi[axis][lane] = (greater(first[1], last[1] - drift) + slack) as f32;
-            }
-        }
-        let (lo, hi) = (rows(s, &lo), rows(s, &hi));
-        (BoxVector { lo, hi, reach: s.splat(0.0), candidate: s.splat_u(0) }, magnitude)
-    }
-
-    /// The box around all of a tree, swept, in the group's frame; infinite and reversed if nothing exists then.
-    #[inline(always)]
-    fn swept_root<S: Simd, T: BoxTree>(&self, s: S, tree: &T) -> ([f32; 3], [f32; 3]) {
-        let root = tree.root_node().1;
-        let (boxes, _) = self.swept::<S, T, true>(s, tree, &self.frame, phases(tree, self.times), root);
-        let active = active_lanes(tree, root, self.times);
-        let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-        let (mut lower, mut upper) = ([0.0; LANES], [0.0; LANES]);
-        for axis in 0..3 {
-            s.store(boxes.lo[axis], &mut lower);
-            s.store(boxes.hi[axis], &mut upper);
-            for lane in (0..LANES).filter(|lane| active >> lane & 1 != 0) {
-                (lo[axis], hi[axis]) = (lo[axis].min(lower[lane]), hi[axis].max(upper[lane]));
-            }
-        }
-        (lo, hi)
-    }
-}
-
-/// Lanes of a node that are active at some time of a range, both ends included.
-#[inline(always)]
-fn active_lanes<T: BoxTree>(tree: &T, node: usize, [first, last]: [f32; 2]) -> Mask {
-    let [begin, end] = tree.times(node);
-    (0..LANES).fold(0, |mask, lane| mask | Mask::from(begin[lane] <= last && first <= end[lane]) << lane)
-}
 
 /// A block whose points may come near those of a group.
 pub(super) struct CandidateBlock {
@@ -343,7 +64,7 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
         &mut self,
         s: S,
         tree: &T,
-        group: &Group<C>,
+        group: &SweptGroup<C>,
         (window, reach): (Window, &[Lanes<f32>]),
         (criteria, excluded_within): (&Criteria<'_>, Option<f64>),
         most: usize,
@@ -376,7 +97,7 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
         &mut self,
         s: S,
         tree: &T,
-        group: &Group<C>,
+        group: &SweptGroup<C>,
         (window, reach): (Window, &[Lanes<f32>]),
         (criteria, excluded_within): (&Criteria<'_>, Option<f64>),
         most: usize,

@@ -4,8 +4,9 @@
 //! in it comes within the radius. Usually that time is guessed. For linear motion it can be computed: it is the first
 //! encounter of a pair that was left out.
 
+use super::candidate_points::FourPoints;
 use super::coordinate::{SweptCoordinate, SweptLayer};
-use super::encounter::{EncounterLanes, EncounterVisitor, FourPoints};
+use super::encounter::{EncounterLanes, EncounterVisitor};
 use super::images::Images;
 use super::sweep::Sweep;
 use crate::parallel;

@@ -1,15 +1,18 @@
 //! The steps of a search for a group, each of which is compiled once: what does not depend on the visitor for all of them.
 
-use super::candidates::{Block, Group, SweptCandidates};
+use super::candidates::SweptCandidates;
 use super::coordinate::SweptCoordinate;
-use super::encounter::{Criteria, EncounterVisitor, Window};
+use super::criteria::Criteria;
+use super::encounter::EncounterVisitor;
+use super::group::{Block, SweptGroup};
 use super::pair_filter::PairFilter;
+use super::window::Window;
 use crate::point::layout::over_interval::BlockTree;
 use crate::simd::{Kernel, Lanes, Simd};
 
-/// See [`Group::take`].
+/// See [`SweptGroup::take`].
 pub(super) struct TakeGroup<'a, T: BlockTree> {
-    pub(super) group: &'a mut Group<T::Coordinate>,
+    pub(super) group: &'a mut SweptGroup<T::Coordinate>,
     pub(super) tree: &'a T,
     pub(super) node: usize,
     pub(super) times: [f32; 2],
@@ -28,7 +31,7 @@ impl<C: SweptCoordinate, T: BlockTree<Coordinate = C>> Kernel for TakeGroup<'_, 
 pub(super) struct AddCandidates<'a, T: BlockTree, const IMAGES: bool> {
     pub(super) candidates: &'a mut SweptCandidates<T::Coordinate>,
     pub(super) tree: &'a T,
-    pub(super) group: &'a Group<T::Coordinate>,
+    pub(super) group: &'a SweptGroup<T::Coordinate>,
     pub(super) window: (Window, &'a [Lanes<f32>]),
     pub(super) criteria: (&'a Criteria<'a>, Option<f64>),
     pub(super) most: usize,

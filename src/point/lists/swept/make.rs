@@ -1,8 +1,9 @@
 //! Making lists over an interval, on one thread or several, always the same ones.
 
+use super::candidate_points::{FourPoints, WIDTH};
 use super::coordinate::SweptCoordinate;
-use super::encounter::{Encounter, EncounterLanes, EncounterVisitor, FourPoints, WIDTH};
-use super::lists::EncounterLists;
+use super::encounter::{Encounter, EncounterLanes, EncounterVisitor};
+use super::encounter_lists::EncounterLists;
 use super::merge::unite;
 use super::sweep::{Sweep, Worker};
 use crate::parallel;
@@ -64,7 +65,7 @@ impl EncounterVisitor for Maker {
         let EncounterLists { offsets, encounters: written, .. } = &mut self.lists;
         let Some(end) = offsets.last_mut() else { return };
         if written.len() < *end + WIDTH {
-            super::lists::grow(written, *end + WIDTH);
+            super::encounter_lists::grow(written, *end + WIDTH);
         }
         let to: &mut [Encounter; WIDTH] = (&mut written[*end..*end + WIDTH]).try_into().expect("four");
         *end += encounters.write(others, to);

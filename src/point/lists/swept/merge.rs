@@ -5,7 +5,7 @@
 //! Each point is merged by itself, so little memory is needed beside the lists.
 
 use super::encounter::Encounter;
-use super::lists::EncounterLists;
+use super::encounter_lists::EncounterLists;
 use crate::parallel;
 
 /// One of the lists of a point: its id, the share, and the number of the list in it.

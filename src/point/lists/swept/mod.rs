@@ -2,9 +2,13 @@
 //!
 //! The same three culling steps as for lists at a time, over boxes and points swept during the interval. What a group of leaves has
 //! in common of its motion is taken off everything first, so that points that move together sweep little. What passes a
-//! test of sixteen pairs in f32 is decided by [`encounter`], in f64, four pairs at a time. Where the
+//! test of sixteen pairs in f32 is decided in f64, four pairs at a time ([`evaluation`]). Where the
 //! shutter is divided, a pair may meet in several time slices and is reported in one: [`time_slices`] says in which, and
 //! why none is lost by it. Then [`merge`] merges the lists of a point. [`images`] treats periodic boxes.
+//!
+//! Data flows `query` or `certify` (the request) → `time_slices` (which trees are compared when) → `sweep` (all groups) → `group` (the
+//! points of one) → `candidates` (the blocks that it can come near) → `pair_filter` (f32) → `evaluation` (f64) → `make` (the lists) →
+//! `merge` → `encounter_lists` (all lists in one array).
 //!
 //! **Why no encounter is lost.** Let two points be within the radius at time t*. Each has one reference whose box holds it
 //! at t*; faces of boxes are lines between keys, so at t* the box lies within the hull of where its faces are at both ends
@@ -44,7 +48,7 @@
 //! - The phase of a time is wrong by 4nε where the time is that of a key. A point moves by 8nεA then.
 //! - So what the tests compare and what decides differ by (32 + 16n)εA along an axis, below (56 + 28n)εA altogether.
 //! - An encounter is reported in the slice that holds the computed time at which it begins. There the two are farther apart than
-//!   the radius r: with `first` and v as in [`encounter`], the discriminant divided by v² is wrong by at most (16 |first|² + 4r²)ε,
+//!   the radius r: with `first` and v as in [`evaluation`], the discriminant divided by v² is wrong by at most (16 |first|² + 4r²)ε,
 //!   and |first| is at most r + |v|. So the squared distance exceeds r² by at most 36εr² and 32ε|v|², the distance by 2^-24 |v|,
 //!   which is at most 2^-23 R: the two move differently by at most R along each axis. (That is not relative to what they move in
 //!   the slice, which may be much shorter than the segment.)
@@ -53,21 +57,26 @@
 //! holds for the wider range of times. The points of a slice that have left the hull there are farther from the middle than M by
 //! less than 2^-7 M and 2^-22 R, of which f32 rounds u.
 
+mod candidate_points;
 mod candidates;
 mod certify;
 mod coordinate;
+mod criteria;
 mod encounter;
+mod encounter_lists;
+mod evaluation;
+mod group;
 mod group_steps;
 mod images;
-mod lists;
 mod make;
 mod merge;
 mod pair_filter;
 mod query;
 mod sweep;
 mod time_slices;
+mod window;
 
 pub use certify::certified_duration;
 pub use encounter::Encounter;
-pub use lists::EncounterLists;
+pub use encounter_lists::EncounterLists;
 pub use query::SweptQuery;

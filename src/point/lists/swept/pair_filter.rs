@@ -3,9 +3,11 @@
 //! As for lists at a time: the points that can come near any of a block's are gathered one behind the other, and each of
 //! the block's points is compared with these, sixteen at a time.
 
-use super::candidates::{Block, CandidateBlock, RelativePaths, SweptCandidates};
+use super::candidates::{CandidateBlock, SweptCandidates};
 use super::coordinate::SweptCoordinate;
-use super::encounter::{Criteria, EncounterVisitor};
+use super::criteria::Criteria;
+use super::encounter::EncounterVisitor;
+use super::group::{Block, RelativePaths};
 use crate::point::layout::snapshot::{rows, squared};
 use crate::point::lists::candidates::{Selection, write};
 use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at, lanes_at_mut};

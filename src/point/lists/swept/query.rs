@@ -1,8 +1,8 @@
 //! The public interface of lists over an interval.
 
 use super::coordinate::SweptCoordinate;
+use super::encounter_lists::EncounterLists;
 use super::images::Images;
-use super::lists::EncounterLists;
 use super::make;
 use super::sweep::Sweep;
 use crate::geometry::TimeInterval;

@@ -1,12 +1,15 @@
 //! The search for all encounters of a set with itself or another one during an interval.
 
-use super::candidates::{Group, SweptCandidates};
+use super::candidates::SweptCandidates;
 use super::coordinate::SweptCoordinate;
-use super::encounter::{Criteria, EncounterVisitor, Segment, Window};
+use super::criteria::Criteria;
+use super::encounter::EncounterVisitor;
+use super::group::SweptGroup;
 use super::group_steps::{AddCandidates, ShowBlock, TakeGroup};
 use super::images::Images;
 use super::pair_filter::PairFilter;
 use super::time_slices::{Pairing, Slice, Tree, begins_with_a_slice, pairings, time_slices_of};
+use super::window::{Segment, Window};
 use crate::parallel;
 use crate::point::layout::over_interval::{greater, lesser};
 use crate::point::lists::error::RadiusOf;
@@ -282,9 +285,9 @@ fn relative_motion<C: SweptCoordinate>(slices: &[Slice<'_, C>]) -> f64 {
 /// A visitor, and memory for what is shown to it.
 pub(super) struct Worker<V, C> {
     pub(super) visitor: V,
-    group: Group<C>,
+    group: SweptGroup<C>,
     /// A point of the group, where its points are searched for one by one.
-    alone: Group<C>,
+    alone: SweptGroup<C>,
     candidates: SweptCandidates<C>,
     filter: PairFilter,
 }
@@ -293,8 +296,8 @@ impl<V, C: SweptCoordinate> Worker<V, C> {
     pub(super) fn new(visitor: V) -> Worker<V, C> {
         Worker {
             visitor,
-            group: Group::default(),
-            alone: Group::default(),
+            group: SweptGroup::default(),
+            alone: SweptGroup::default(),
             candidates: SweptCandidates::default(),
             filter: PairFilter::default(),
         }
@@ -312,7 +315,7 @@ struct Share<'a, V, C: SweptCoordinate, const IMAGES: bool> {
 struct AddAll<'a, C: SweptCoordinate, const IMAGES: bool> {
     sweep: &'a Sweep<'a, C>,
     pairing: &'a Pairing,
-    group: &'a Group<C>,
+    group: &'a SweptGroup<C>,
     candidates: &'a mut SweptCandidates<C>,
     criteria: (&'a Criteria<'a>, Option<f64>),
     most: usize,
@@ -407,8 +410,9 @@ impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for Sha
 
 #[cfg(test)]
 mod tests {
-    use super::super::encounter::{EncounterLanes, FourPoints};
-    use super::super::lists::EncounterLists;
+    use super::super::candidate_points::FourPoints;
+    use super::super::encounter::EncounterLanes;
+    use super::super::encounter_lists::EncounterLists;
     use super::*;
     use crate::geometry::TimeInterval;
     use crate::point::layout::over_interval::PointPath;

@@ -24,7 +24,7 @@
 //! A point that begins to exist at such a key counts behind it only, as at keys of its own.
 
 use super::coordinate::{SweptCoordinate, SweptLayer};
-use super::encounter::Segment;
+use super::window::Segment;
 use crate::point::layout::over_interval::{BlockTree, BoxTree};
 use crate::point::layout::slice_tree::slices_during;
 use crate::point::leaf_order::segment_slice::SegmentSlice;

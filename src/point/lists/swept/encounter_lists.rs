@@ -1,6 +1,7 @@
 //! Lists of encounters, one for each point, in memory of the caller.
 
-use super::encounter::{Encounter, WIDTH};
+use super::candidate_points::WIDTH;
+use super::encounter::Encounter;
 use crate::parallel;
 use crate::point::lists::by_id::{RowMoves, rows_of_ids};
 use crate::point::lists::error::ListError;
