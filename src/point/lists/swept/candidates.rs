@@ -66,7 +66,7 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
         tree: &T,
         group: &SweptGroup<C>,
         (window, reach): (Window, &[Lanes<f32>]),
-        (criteria, excluded_within): (&Criteria<'_>, Option<f64>),
+        criteria: &Criteria<'_>,
         most: usize,
     ) -> bool {
         let (lo, hi) = group.swept_root(s, tree);
@@ -79,7 +79,7 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
             for y in ys.clone() {
                 for z in zs.clone() {
                     let window = window.at_image(criteria.images.shift([x, y, z]));
-                    if !self.add::<S, T, true>(s, tree, group, (window, reach), (criteria, excluded_within), most) {
+                    if !self.add::<S, T, true>(s, tree, group, (window, reach), criteria, most) {
                         return false;
                     }
                 }
@@ -89,9 +89,8 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
     }
 
     /// Adds the blocks of a tree that the group can come within a radius of during `window`; if `IMAGES`, at the window's image.
-    /// Behind lane l of node i, no radius is greater than `reach[i][l]`, where the radii of others count. Pairs nearer than
-    /// `excluded_within` at the group's first time are excluded, if both points exist then. Stops with `false` once there are more
-    /// blocks than `most`.
+    /// Behind lane l of node i, no radius is greater than `reach[i][l]`, where the radii of others count. Stops with `false` once
+    /// there are more blocks than `most`.
     #[inline(always)]
     pub(super) fn add<S: Simd, T: BlockTree<Coordinate = C>, const IMAGES: bool>(
         &mut self,
@@ -99,7 +98,7 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
         tree: &T,
         group: &SweptGroup<C>,
         (window, reach): (Window, &[Lanes<f32>]),
-        (criteria, excluded_within): (&Criteria<'_>, Option<f64>),
+        criteria: &Criteria<'_>,
         most: usize,
     ) -> bool {
         let phases = phases(tree, group.times);
@@ -132,8 +131,9 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
                     // The radius has been lowered by more than f32 adds here, rounding of its square included:
                     // see `Sweep::for_certificate`.
                     let moved = 6.0 * (magnitude[lane] + group.magnitude) * early;
-                    let excluded_within =
-                        excluded_within.map_or(-1.0, |within| squared(C::excluded_within(within, slack, moved)));
+                    let excluded_within = criteria
+                        .excluded_within
+                        .map_or(-1.0, |within| squared(C::excluded_within(within, slack, moved)));
                     let exists =
                         |i: usize| points.begin[i] <= criteria.first_time && criteria.first_time < points.end[i];
                     let excluded_within = core::array::from_fn(|i| if exists(i) { excluded_within } else { -1.0 });

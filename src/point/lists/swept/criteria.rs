@@ -20,6 +20,8 @@ pub(super) struct Criteria<'a> {
     pub(super) other_set: bool,
     /// The group's first time.
     pub(super) first_time: f32,
+    /// Pairs nearer than this at the first time are excluded, if both points exist then.
+    pub(super) excluded_within: Option<f64>,
     /// Whether some points do not exist throughout the shutter.
     pub(super) has_active_intervals: bool,
     pub(super) images: Images,

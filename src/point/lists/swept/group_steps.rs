@@ -33,7 +33,7 @@ pub(super) struct AddCandidates<'a, T: BlockTree, const IMAGES: bool> {
     pub(super) tree: &'a T,
     pub(super) group: &'a SweptGroup<T::Coordinate>,
     pub(super) window: (Window, &'a [Lanes<f32>]),
-    pub(super) criteria: (&'a Criteria<'a>, Option<f64>),
+    pub(super) criteria: &'a Criteria<'a>,
     pub(super) most: usize,
 }
 

@@ -1,7 +1,7 @@
 //! The search for all encounters of a set with itself or another one during an interval.
 
 use super::candidates::SweptCandidates;
-use super::coordinate::SweptCoordinate;
+use super::coordinate::{SweptCoordinate, SweptLayer};
 use super::criteria::Criteria;
 use super::encounter::EncounterVisitor;
 use super::group::SweptGroup;
@@ -71,22 +71,19 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         let divided = keys.map(|count| (keys[0] != keys[1] && count > 2).then_some(count));
         let of_any = || own_layers.iter().chain(other_layers.iter().flatten());
         let begins = of_any().any(|layer| begins_with_a_slice(layer, times[1]));
-        let (mut slices, mut layers) = (Vec::new(), Vec::new());
-        for layer in &own_layers {
-            let begin = slices.len();
-            slices.extend(time_slices_of(layer, times, begins, (segments[0], divided[0])));
-            layers.push(begin..slices.len());
-        }
-        let own = slices.len();
-        let own_once = layers.iter().all(|layer: &Range<usize>| layer.len() <= 1);
-        if let Some(other_layers) = &other_layers {
-            layers.clear();
-            for layer in other_layers {
+        let mut slices = Vec::new();
+        let mut append = |layers: &[SweptLayer<'a, C>], set: usize| -> Vec<Range<usize>> {
+            let append_layer = |layer| {
                 let begin = slices.len();
-                slices.extend(time_slices_of(layer, times, begins, (segments[1], divided[1])));
-                layers.push(begin..slices.len());
-            }
-        }
+                slices.extend(time_slices_of(layer, times, begins, (segments[set], divided[set])));
+                begin..slices.len()
+            };
+            layers.iter().map(append_layer).collect()
+        };
+        let of_own = append(&own_layers, 0);
+        let own = of_own.last().map_or(0, |layer| layer.end);
+        let own_once = of_own.iter().all(|layer| layer.len() <= 1);
+        let layers = other_layers.as_ref().map_or(of_own, |layers| append(layers, 1));
         let pairings = pairings(&slices, own, &layers, times);
         let nodes = |(number, pairing): (usize, &Pairing)| {
             let nodes = slices[pairing.own].bottom_nodes();
@@ -98,7 +95,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
             && own_once
             && layers.iter().all(|layer| layer.len() <= 1)
             && !slices.iter().any(Slice::timed);
-        let has_active_intervals = slices.iter().any(Slice::has_active_intervals);
+        let has_active_intervals = slices.iter().any(|slice| slice.points().has_active_intervals());
         let times = times.map(f64::from);
         let segments =
             slices.iter().filter_map(|slice| slice.segment).map(|(keys, _)| keys.max(2) - 1).max().unwrap_or(1);
@@ -268,13 +265,13 @@ fn ids_of<C: SweptCoordinate>(slices: &[Slice<'_, C>]) -> impl Iterator<Item = V
 
 /// The largest magnitude of a coordinate. (Looked for only where it counts: it takes a look at every point.)
 fn magnitude<C: SweptCoordinate>(slices: &[Slice<'_, C>]) -> f64 {
-    slices.iter().map(Slice::magnitude).fold(0.0, f64::max)
+    slices.iter().map(|slice| slice.points().magnitude()).fold(0.0, f64::max)
 }
 
 /// The most by which displacements differ along an axis.
 fn relative_motion<C: SweptCoordinate>(slices: &[Slice<'_, C>]) -> f64 {
     let (mut lo, mut hi) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    for [least, most] in slices.iter().map(Slice::displacements) {
+    for [least, most] in slices.iter().map(|slice| slice.points().displacements()) {
         for axis in 0..3 {
             (lo[axis], hi[axis]) = (lesser(lo[axis], least[axis]), greater(hi[axis], most[axis]));
         }
@@ -317,7 +314,7 @@ struct AddAll<'a, C: SweptCoordinate, const IMAGES: bool> {
     pairing: &'a Pairing,
     group: &'a SweptGroup<C>,
     candidates: &'a mut SweptCandidates<C>,
-    criteria: (&'a Criteria<'a>, Option<f64>),
+    criteria: &'a Criteria<'a>,
     most: usize,
 }
 
@@ -366,8 +363,6 @@ impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for Sha
                 continue;
             }
             let first_time = pairing.times[0];
-            // `excluded_within` holds for positions at the first time only.
-            let excluded_within = sweep.excluded_within.filter(|_| f64::from(first_time) == sweep.times[0]);
             let mut criteria = Criteria {
                 radii: sweep.radii,
                 allowance: sweep.allowance,
@@ -375,6 +370,8 @@ impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for Sha
                 pairs_once: sweep.pairs_once,
                 other_set: sweep.among.is_some(),
                 first_time,
+                // It holds for positions at the first time of all only.
+                excluded_within: sweep.excluded_within.filter(|_| f64::from(first_time) == sweep.times[0]),
                 has_active_intervals: sweep.has_active_intervals,
                 images: sweep.images,
             };
@@ -385,8 +382,7 @@ impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for Sha
             let scattered = criteria.other_set && group.is_scattered(&criteria, sweep.most_reach);
             let lanes = group.blocks.len() * LANES;
             let most = if scattered { MOST_BLOCKS * lanes } else { usize::MAX };
-            let all = (&criteria, excluded_within);
-            if s.call(AddAll::<_, IMAGES> { sweep, pairing, group, candidates, criteria: all, most }) {
+            if s.call(AddAll::<_, IMAGES> { sweep, pairing, group, candidates, criteria: &criteria, most }) {
                 for block in &group.blocks {
                     if block.points.id.iter().any(|&id| visitor.wants(id)) {
                         s.call(ShowBlock::<_, _, IMAGES> { block, candidates, criteria: &criteria, filter, visitor });
@@ -400,9 +396,9 @@ impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for Sha
                 }
                 let block = &alone.blocks[0];
                 criteria.own = criteria.greatest(&block.points.id);
-                let (all, most) = ((&criteria, excluded_within), usize::MAX);
-                s.call(AddAll::<_, IMAGES> { sweep, pairing, group: alone, candidates, criteria: all, most });
-                s.call(ShowBlock::<_, _, IMAGES> { block, candidates, criteria: &criteria, filter, visitor });
+                let (criteria, most) = (&criteria, usize::MAX);
+                s.call(AddAll::<_, IMAGES> { sweep, pairing, group: alone, candidates, criteria, most });
+                s.call(ShowBlock::<_, _, IMAGES> { block, candidates, criteria, filter, visitor });
             }
         }
     }

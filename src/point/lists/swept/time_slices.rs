@@ -62,20 +62,17 @@ pub(super) struct Pairing {
 }
 
 impl<C: SweptCoordinate> Slice<'_, C> {
-    /// The largest magnitude of a coordinate at either key of the segment.
-    pub(super) fn magnitude(&self) -> f64 {
+    /// The tree, for what is asked once for all of its points.
+    pub(super) fn points(&self) -> &dyn BlockTree<Coordinate = C> {
         match self.tree {
-            Tree::Static(tree) => tree.magnitude(),
-            Tree::Moving(tree) => tree.magnitude(),
+            Tree::Static(tree) => tree,
+            Tree::Moving(tree) => tree,
         }
     }
 
     /// The ids of the points that exist at some time of the slice.
     pub(super) fn ids(&self) -> Vec<u32> {
-        match self.tree {
-            Tree::Static(tree) => tree.ids_during(self.times),
-            Tree::Moving(tree) => tree.ids_during(self.times),
-        }
+        self.points().ids_during(self.times)
     }
 
     /// Whether these are slices of the same points at rest.
@@ -88,22 +85,6 @@ impl<C: SweptCoordinate> Slice<'_, C> {
         match self.tree {
             Tree::Static(tree) => reach(tree, radii),
             Tree::Moving(tree) => reach(tree, radii),
-        }
-    }
-
-    /// The least and the greatest displacement of a point between the keys; of no account for f32.
-    pub(super) fn displacements(&self) -> [[f64; 3]; 2] {
-        match self.tree {
-            Tree::Static(tree) => tree.displacements(),
-            Tree::Moving(tree) => tree.displacements(),
-        }
-    }
-
-    /// Whether some points do not exist throughout the shutter.
-    pub(super) fn has_active_intervals(&self) -> bool {
-        match self.tree {
-            Tree::Static(tree) => tree.has_active_intervals(),
-            Tree::Moving(tree) => tree.has_active_intervals(),
         }
     }
 
