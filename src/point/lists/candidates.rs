@@ -277,12 +277,6 @@ pub(super) struct Selection {
 }
 
 impl Selection {
-    /// The candidates whose boxes are near a point.
-    #[inline(always)]
-    pub(super) fn near_point<S: Simd>(&mut self, s: S, boxes: &BoxRows, at: [f32; 3], within: Within) -> &[u32] {
-        self.near(s, boxes, (at, at), within)
-    }
-
     /// The candidates whose boxes are near a box.
     #[inline(always)]
     pub(super) fn near<S: Simd>(

@@ -1,9 +1,9 @@
 //! How far neighbours are from a point: the arithmetic of single queries, in f32 and in f64.
 
 use super::candidates::Candidates;
+use super::gathered_points::{GatheredPoints, GatheredRows};
 use super::group::Group;
 use super::periodic_box::PeriodicBox;
-use super::point_rows::PointRows;
 use crate::point::layout::snapshot::squared;
 use crate::simd::{Lanes, Mask, Simd};
 
@@ -16,13 +16,9 @@ pub(super) trait Coordinate: Copy {
     /// The points of a block of candidates.
     fn of_block(candidates: &Candidates, block: usize) -> &[Lanes<Self>; 3];
     /// The points that were gathered.
-    fn gathered(points: &PointRows) -> &[Vec<Self>; 3];
+    fn gathered(points: &GatheredPoints) -> &GatheredRows<Self>;
     /// The same, to be written.
-    fn gathered_mut(points: &mut PointRows) -> &mut [Vec<Self>; 3];
-    /// What is taken off differences to the points that were gathered.
-    fn shifts(points: &PointRows) -> &[Vec<Self>; 3];
-    /// The same, to be written.
-    fn shifts_mut(points: &mut PointRows) -> &mut [Vec<Self>; 3];
+    fn gathered_mut(points: &mut GatheredPoints) -> &mut GatheredRows<Self>;
     /// Writes by how much differences change for images that are so many periods away, as [`Coordinate::store_compressed`] does.
     fn store_shifts<S: Simd>(
         s: S,
@@ -66,20 +62,12 @@ impl Coordinate for f32 {
         &candidates.blocks[block].at
     }
     #[inline(always)]
-    fn gathered(points: &PointRows) -> &[Vec<f32>; 3] {
-        &points.at
+    fn gathered(points: &GatheredPoints) -> &GatheredRows<f32> {
+        &points.single
     }
     #[inline(always)]
-    fn gathered_mut(points: &mut PointRows) -> &mut [Vec<f32>; 3] {
-        &mut points.at
-    }
-    #[inline(always)]
-    fn shifts(points: &PointRows) -> &[Vec<f32>; 3] {
-        &points.shift
-    }
-    #[inline(always)]
-    fn shifts_mut(points: &mut PointRows) -> &mut [Vec<f32>; 3] {
-        &mut points.shift
+    fn gathered_mut(points: &mut GatheredPoints) -> &mut GatheredRows<f32> {
+        &mut points.single
     }
     #[inline(always)]
     fn store_shifts<S: Simd>(
@@ -148,20 +136,12 @@ impl Coordinate for f64 {
         &candidates.exact[block].0
     }
     #[inline(always)]
-    fn gathered(points: &PointRows) -> &[Vec<f64>; 3] {
-        &points.exact
+    fn gathered(points: &GatheredPoints) -> &GatheredRows<f64> {
+        &points.double
     }
     #[inline(always)]
-    fn gathered_mut(points: &mut PointRows) -> &mut [Vec<f64>; 3] {
-        &mut points.exact
-    }
-    #[inline(always)]
-    fn shifts(points: &PointRows) -> &[Vec<f64>; 3] {
-        &points.exact_shift
-    }
-    #[inline(always)]
-    fn shifts_mut(points: &mut PointRows) -> &mut [Vec<f64>; 3] {
-        &mut points.exact_shift
+    fn gathered_mut(points: &mut GatheredPoints) -> &mut GatheredRows<f64> {
+        &mut points.double
     }
     #[inline(always)]
     fn store_shifts<S: Simd>(

@@ -7,8 +7,8 @@
 //! point with points, always sixteen at a time.
 //!
 //! Data flows `query` (the request) → `prepare` (groups of leaves) → `candidates` (the leaves that a group can reach) →
-//! `row` (the list of a point) → `worker` (a share of the groups) → `scheduling` and `make` (all threads) → `neighbor_lists` (all
-//! lists in one array).
+//! `row` (the lists of the points of a leaf, in a `list_writer`) → `worker` (a share of the groups) → `scheduling` and `make` (all
+//! threads) → `neighbor_lists` (all lists in one array).
 //!
 //! [`bulk`] makes lists for positions that are not points of a tree. [`swept`] makes lists over an interval of time.
 //!
@@ -26,13 +26,14 @@ mod candidates;
 mod columns;
 mod coordinate;
 mod error;
+mod gathered_points;
 mod group;
 mod list_layer;
 mod list_request;
+mod list_writer;
 mod make;
 mod neighbor_lists;
 mod periodic_box;
-mod point_rows;
 mod prepare;
 mod query;
 mod radii;

@@ -1,38 +1,23 @@
 //! The lists of the points of a block, from the candidates of its group.
 
-use super::candidates::{BoxRows, Candidates, Selection, Within, write};
+use super::candidates::{BoxRows, Candidates, Selection, Within};
 use super::columns::Columns;
-use super::coordinate::{Coordinate, Seen};
+use super::coordinate::Coordinate;
+use super::gathered_points::{GatheredPoints, GatheredRows};
 use super::group::{Group, Member};
 use super::list_request::Listing;
-use super::point_rows::PointRows;
+use super::list_writer::{ListWriter, write_requested};
 use super::radii::{Radii, squared_radii, squared_radius};
 use crate::point::layout::snapshot::{rows, squared};
 use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, lanes_at_mut};
 use core::marker::PhantomData;
-
-/// Lists in the making, one behind the other.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Lists {
-    pub(super) columns: Columns,
-    /// Neighbours so far.
-    pub(super) len: usize,
-    /// Ids of the points, and where their lists end.
-    pub(super) points: Vec<u32>,
-    pub(super) ends: Vec<usize>,
-    /// The lowest id of a point with more neighbours than are allowed.
-    pub(super) crowded: Option<u32>,
-    /// Keys of a list to be sorted, and a column on its way.
-    keys: Vec<u64>,
-    column: Vec<f32>,
-}
 
 /// Memory for the lists of a block.
 #[derive(Clone, Debug, Default)]
 pub(super) struct RowBuilder {
     boxes: BoxRows,
     selected: Selection,
-    points: PointRows,
+    points: GatheredPoints,
     /// Hits among each vector of candidates of a point.
     hits: Vec<Mask>,
 }
@@ -44,12 +29,12 @@ struct Gathered {
     vectors: usize,
     /// Where in them the points of the member itself begin, and which of its lanes they are.
     own: (usize, Mask),
-    images: Images,
+    images: NearestImages,
 }
 
 /// Which images of the points that were gathered are nearest to points of the member.
 #[derive(Clone, Copy, PartialEq)]
-enum Images {
+enum NearestImages {
     /// Those that are given.
     Given,
     /// For all of them the same, to which there are shifts.
@@ -90,7 +75,7 @@ pub(super) struct GroupLists<'a, C> {
     pub(super) listing: &'a Listing<'a>,
     pub(super) group: &'a Group,
     pub(super) candidates: &'a Candidates,
-    pub(super) lists: &'a mut Lists,
+    pub(super) lists: &'a mut ListWriter,
     pub(super) coordinate: PhantomData<C>,
 }
 
@@ -120,7 +105,7 @@ struct WrappedMember<'a, C> {
     listing: &'a Listing<'a>,
     of: (&'a Group, usize),
     candidates: &'a Candidates,
-    lists: &'a mut Lists,
+    lists: &'a mut ListWriter,
     coordinate: PhantomData<C>,
 }
 
@@ -132,16 +117,16 @@ impl<C: Coordinate> Kernel for WrappedMember<'_, C> {
         let wrapped = builder.select_images(s, listing, of, candidates);
         if !matches!(listing.radii, Radii::Equal(_)) {
             return if listing.once {
-                builder.rows::<S, C, true, true>(s, listing, of, (candidates, wrapped), lists)
+                builder.list_one_by_one::<S, C, true, true>(s, listing, of, (candidates, wrapped), lists)
             } else {
-                builder.rows::<S, C, true, false>(s, listing, of, (candidates, wrapped), lists)
+                builder.list_one_by_one::<S, C, true, false>(s, listing, of, (candidates, wrapped), lists)
             };
         }
         let gathered = builder.gather_points::<S, C, true>(s, listing, of, candidates);
         match (listing.once, listing.other_set || listing.distinct) {
-            (true, _) => builder.equal::<S, C, NOT_GREATER, false, true>(s, listing, of, gathered, lists),
-            (false, true) => builder.equal::<S, C, OWN, false, true>(s, listing, of, gathered, lists),
-            (false, false) => builder.equal::<S, C, SAME_ID, false, true>(s, listing, of, gathered, lists),
+            (true, _) => builder.list_gathered::<S, C, NOT_GREATER, false, true>(s, listing, of, gathered, lists),
+            (false, true) => builder.list_gathered::<S, C, OWN, false, true>(s, listing, of, gathered, lists),
+            (false, false) => builder.list_gathered::<S, C, SAME_ID, false, true>(s, listing, of, gathered, lists),
         }
     }
 }
@@ -159,18 +144,26 @@ impl RowBuilder {
         listing: &Listing,
         of: (&Group, usize),
         candidates: &Candidates,
-        lists: &mut Lists,
+        lists: &mut ListWriter,
     ) {
         if matches!(listing.radii, Radii::Equal(_)) {
             let gathered = self.gather_points::<S, C, false>(s, listing, of, candidates);
             let plain = !listing.distances && !listing.displacements;
             return match (listing.once, listing.other_set || listing.distinct, plain) {
-                (true, _, true) => self.equal::<S, C, NOT_GREATER, true, false>(s, listing, of, gathered, lists),
-                (true, _, false) => self.equal::<S, C, NOT_GREATER, false, false>(s, listing, of, gathered, lists),
-                (false, true, true) => self.equal::<S, C, OWN, true, false>(s, listing, of, gathered, lists),
-                (false, true, false) => self.equal::<S, C, OWN, false, false>(s, listing, of, gathered, lists),
-                (false, false, true) => self.equal::<S, C, SAME_ID, true, false>(s, listing, of, gathered, lists),
-                (false, false, false) => self.equal::<S, C, SAME_ID, false, false>(s, listing, of, gathered, lists),
+                (true, _, true) => {
+                    self.list_gathered::<S, C, NOT_GREATER, true, false>(s, listing, of, gathered, lists)
+                }
+                (true, _, false) => {
+                    self.list_gathered::<S, C, NOT_GREATER, false, false>(s, listing, of, gathered, lists)
+                }
+                (false, true, true) => self.list_gathered::<S, C, OWN, true, false>(s, listing, of, gathered, lists),
+                (false, true, false) => self.list_gathered::<S, C, OWN, false, false>(s, listing, of, gathered, lists),
+                (false, false, true) => {
+                    self.list_gathered::<S, C, SAME_ID, true, false>(s, listing, of, gathered, lists)
+                }
+                (false, false, false) => {
+                    self.list_gathered::<S, C, SAME_ID, false, false>(s, listing, of, gathered, lists)
+                }
             };
         }
         let (group, member) = (of.0, &of.0.members[of.1]);
@@ -184,8 +177,8 @@ impl RowBuilder {
             }
         }
         match listing.once {
-            false => self.rows::<S, C, false, false>(s, listing, of, (candidates, false), lists),
-            true => self.rows::<S, C, false, true>(s, listing, of, (candidates, false), lists),
+            false => self.list_one_by_one::<S, C, false, false>(s, listing, of, (candidates, false), lists),
+            true => self.list_one_by_one::<S, C, false, true>(s, listing, of, (candidates, false), lists),
         }
     }
 
@@ -247,15 +240,15 @@ impl RowBuilder {
         };
         let room = (selected.len() + 1) * LANES;
         let short = |row: &Vec<C>| row.len() < room;
-        if self.points.id.len() < room || C::gathered(&self.points).iter().any(short) {
-            C::gathered_mut(&mut self.points).iter_mut().for_each(|row| row.resize(2 * room, C::INFINITY));
+        if self.points.id.len() < room || C::gathered(&self.points).at.iter().any(short) {
+            C::gathered_mut(&mut self.points).at.iter_mut().for_each(|row| row.resize(2 * room, C::INFINITY));
             self.points.id.resize(2 * room, 0);
         }
         let lo = [s.splat(member.lo[0]), s.splat(member.lo[1]), s.splat(member.lo[2])];
         let hi = [s.splat(member.hi[0]), s.splat(member.hi[1]), s.splat(member.hi[2])];
         let bound = group.margin.squared(s, s.splat(member.radius));
         let hits = room_for(&mut self.hits, selected.len());
-        let mut images = Images::Given;
+        let mut images = NearestImages::Given;
         if PERIODIC {
             images = near_images(s, listing, member, (candidates, selected), (lo, hi, bound), hits);
         } else {
@@ -264,7 +257,7 @@ impl RowBuilder {
             }
         }
         let mut to_id = core::mem::take(&mut self.points.id);
-        let [to_x, to_y, to_z] = C::gathered_mut(&mut self.points);
+        let [to_x, to_y, to_z] = &mut C::gathered_mut(&mut self.points).at;
         // Slices, whose ends stay in registers.
         let (to_x, to_y, to_z, ids) = (&mut to_x[..], &mut to_y[..], &mut to_z[..], &mut to_id[..]);
         let (mut end, mut own) = (0, (usize::MAX, 0));
@@ -280,8 +273,8 @@ impl RowBuilder {
         }
         to_x[end..end + LANES].fill(C::INFINITY);
         self.points.id = to_id;
-        if PERIODIC && images == Images::Shifted {
-            let to = C::shifts_mut(&mut self.points);
+        if PERIODIC && images == NearestImages::Shifted {
+            let to = &mut C::gathered_mut(&mut self.points).shift;
             gather_shifts::<S, C>(s, listing, member, (candidates, selected), hits, to);
         }
         Gathered { vectors: end.div_ceil(LANES), own, images }
@@ -289,21 +282,21 @@ impl RowBuilder {
 
     /// Lists from the points that were gathered; with `PLAIN` only ids. Unless `PERIODIC`, images are those that are given.
     #[inline(always)]
-    fn equal<S: Simd, C: Coordinate, const EXCLUDED: u8, const PLAIN: bool, const PERIODIC: bool>(
+    fn list_gathered<S: Simd, C: Coordinate, const EXCLUDED: u8, const PLAIN: bool, const PERIODIC: bool>(
         &mut self,
         s: S,
         listing: &Listing,
         (group, number): (&Group, usize),
         Gathered { vectors, own: (own_begin, own_lanes), images }: Gathered,
-        lists: &mut Lists,
+        lists: &mut ListWriter,
     ) {
         let (member, own_rows) = (&group.members[number], C::of_member(group, number));
-        let [from_x, from_y, from_z] = C::gathered(&self.points);
+        let GatheredRows { at: [from_x, from_y, from_z], shift: [shift_x, shift_y, shift_z] } =
+            C::gathered(&self.points);
         // As many vectors as there are, so that nothing is checked for each of them.
         let (from_x, from_y) = (&from_x.as_chunks().0[..vectors], &from_y.as_chunks().0[..vectors]);
         let (from_z, from_id) = (&from_z.as_chunks().0[..vectors], &self.points.id.as_chunks().0[..vectors]);
-        let shifts = if PERIODIC && images == Images::Shifted { vectors } else { 0 };
-        let [shift_x, shift_y, shift_z] = C::shifts(&self.points);
+        let shifts = if PERIODIC && images == NearestImages::Shifted { vectors } else { 0 };
         let (shift_x, shift_y) = (&shift_x.as_chunks().0[..shifts], &shift_y.as_chunks().0[..shifts]);
         let shift_z = &shift_z.as_chunks().0[..shifts];
         let bound = s.splat(squared_radius(member.radius));
@@ -318,7 +311,7 @@ impl RowBuilder {
             let own = s.splat_u(id);
             for (from, hits) in hits.iter_mut().enumerate() {
                 let rows = [&from_x[from], &from_y[from], &from_z[from]];
-                let squared = if !PERIODIC || images == Images::Given {
+                let squared = if !PERIODIC || images == NearestImages::Given {
                     C::squared(s, rows, point)
                 } else if shifts > 0 {
                     C::seen_shifted(s, rows, [&shift_x[from], &shift_y[from], &shift_z[from]], point).squared
@@ -346,7 +339,7 @@ impl RowBuilder {
                 s.store_compressed_u(s.load_u(&from_id[from]), hits, lanes_at_mut(listed, end));
                 if !PLAIN && (!PERIODIC || listing.distances || listing.displacements) {
                     let rows = [&from_x[from], &from_y[from], &from_z[from]];
-                    let seen = if !PERIODIC || images == Images::Given {
+                    let seen = if !PERIODIC || images == NearestImages::Given {
                         C::seen::<S, false>(s, rows, point, &listing.periodic_box)
                     } else if shifts > 0 {
                         C::seen_shifted(s, rows, [&shift_x[from], &shift_y[from], &shift_z[from]], point)
@@ -361,15 +354,15 @@ impl RowBuilder {
         }
     }
 
-    /// Lists for one kind of request. If `PERIODIC` and `wrapped`, other images count than those that are given.
+    /// Lists of points that have radii of their own: each is compared with the candidates near it. If `PERIODIC` and `wrapped`, other images count than those that are given.
     #[inline(always)]
-    fn rows<S: Simd, C: Coordinate, const PERIODIC: bool, const ONCE: bool>(
+    fn list_one_by_one<S: Simd, C: Coordinate, const PERIODIC: bool, const ONCE: bool>(
         &mut self,
         s: S,
         listing: &Listing,
         (group, member): (&Group, usize),
         (candidates, wrapped): (&Candidates, bool),
-        lists: &mut Lists,
+        lists: &mut ListWriter,
     ) {
         let (points, own_rows) = (&group.members[member].points, C::of_member(group, member));
         let joint = listing.radii.others().is_some();
@@ -381,7 +374,7 @@ impl RowBuilder {
             let id = points.id[lane];
             let radius = listing.radii.of(id);
             let within = Within::Radius(&listing.radii, radius, group.margin);
-            let selected = self.selected.near_point(s, &self.boxes, at, within);
+            let selected = self.selected.near(s, &self.boxes, (at, at), within);
             let begin = lists.len;
             lists.reserve(selected.len() * LANES, listing);
             let point = point_of(own_rows, lane);
@@ -435,7 +428,7 @@ fn near_images<S: Simd>(
     (candidates, selected): (&Candidates, &[u32]),
     (lo, hi, bound): ([S::F; 3], [S::F; 3], S::F),
     hits: &mut [Mask],
-) -> Images {
+) -> NearestImages {
     let (to, periodic_box) = ((member.lo, member.hi), &listing.periodic_box);
     let (mut shifted, mut uncertain) = (0, 0);
     for (hits, &index) in hits.iter_mut().zip(selected) {
@@ -454,9 +447,9 @@ fn near_images<S: Simd>(
         uncertain |= *hits & !(x.certain & y.certain & z.certain);
     }
     match (uncertain, shifted) {
-        (0, 0) => Images::Given,
-        (0, _) => Images::Shifted,
-        _ => Images::Several,
+        (0, 0) => NearestImages::Given,
+        (0, _) => NearestImages::Shifted,
+        _ => NearestImages::Several,
     }
 }
 
@@ -481,104 +474,6 @@ fn gather_shifts<S: Simd, C: Coordinate>(
             let periods = listing.periodic_box.periods_to(s, at, axis, (member.lo, member.hi));
             C::store_shifts(s, periods, &listing.periodic_box, axis, near, lanes_at_mut(to, end));
             end += near.count_ones() as usize;
-        }
-    }
-}
-
-/// Writes the requested ones of displacements and squared distances to index `end` and on.
-#[inline(always)]
-fn write_requested<S: Simd>(
-    s: S,
-    listing: &Listing,
-    [distances, displacements_x, displacements_y, displacements_z]: &mut [Vec<f32>; 4],
-    end: usize,
-    Seen { displacements: [x, y, z], squared }: Seen<S>,
-    hits: Mask,
-) {
-    if listing.distances {
-        write(s, distances, end, squared, hits);
-    }
-    if listing.displacements {
-        write(s, displacements_x, end, x, hits);
-        write(s, displacements_y, end, y, hits);
-        write(s, displacements_z, end, z, hits);
-    }
-}
-
-impl Lists {
-    pub(super) fn clear(&mut self) {
-        self.len = 0;
-        self.points.clear();
-        self.ends.clear();
-    }
-
-    pub(super) fn bytes(&self) -> usize {
-        self.columns.bytes()
-            + self.points.capacity() * 4
-            + (self.ends.capacity() + self.keys.capacity()) * 8
-            + self.column.capacity() * 4
-    }
-
-    /// Whether any list of points with these ids counts: all do, until one is too long. Then only those of lower ids may change the
-    /// error.
-    #[inline(always)]
-    pub(super) fn want_any(&self, ids: &Lanes<u32>) -> bool {
-        self.crowded.is_none_or(|crowded| ids.iter().any(|&id| id < crowded))
-    }
-
-    /// Makes room for `more` neighbours and a vector.
-    #[inline(always)]
-    pub(super) fn reserve(&mut self, more: usize, listing: &Listing) {
-        let length = self.len + more + LANES;
-        let room = self.columns.ids.len() >= length
-            && (!listing.distances || self.columns.floats[0].len() >= length)
-            && (!listing.displacements || self.columns.floats[3].len() >= length);
-        if !room {
-            self.grow(length, listing);
-        }
-    }
-
-    #[cold]
-    fn grow(&mut self, length: usize, listing: &Listing) {
-        self.columns.make_room(length, listing.columns());
-    }
-
-    /// Ends the list of a point; drops it if it has too many neighbours.
-    #[inline(always)]
-    pub(super) fn end_list(&mut self, id: u32, begin: usize, mut end: usize, listing: &Listing) {
-        if end - begin > listing.most {
-            self.crowded = Some(self.crowded.map_or(id, |other| other.min(id)));
-            end = begin;
-        }
-        self.len = end;
-        if listing.sorted {
-            self.sort(begin, listing);
-        }
-        self.points.push(id);
-        self.ends.push(end);
-    }
-
-    /// Sorts the list that begins at `begin` and ends the last by id.
-    fn sort(&mut self, begin: usize, listing: &Listing) {
-        let list = begin..self.len;
-        if !listing.distances && !listing.displacements {
-            return self.columns.ids[list].sort_unstable();
-        }
-        self.keys.clear();
-        let ids = self.columns.ids[list.clone()].iter();
-        self.keys.extend((0..).zip(ids).map(|(index, &id)| u64::from(id) << 32 | index));
-        self.keys.sort_unstable();
-        for (id, key) in self.columns.ids[list.clone()].iter_mut().zip(&self.keys) {
-            *id = (key >> 32) as u32;
-        }
-        for (requested, column) in listing.columns().into_iter().zip(&mut self.columns.floats) {
-            if requested {
-                self.column.clear();
-                self.column.extend_from_slice(&column[list.clone()]);
-                for (to, key) in column[list.clone()].iter_mut().zip(&self.keys) {
-                    *to = self.column[*key as u32 as usize];
-                }
-            }
         }
     }
 }

@@ -4,10 +4,11 @@ use super::candidates::Candidates;
 use super::group::{Group, MOST_BLOCKS};
 use super::list_layer::{ListLayer, ListView, with_view};
 use super::list_request::{ListRequest, Listing};
+use super::list_writer::ListWriter;
 use super::prepare::Prepared;
 use super::radii::Radii;
 use super::reach::Reach;
-use super::row::{GroupLists, Lists, RowBuilder};
+use super::row::{GroupLists, RowBuilder};
 use crate::point::layout::snapshot::CoordinateView;
 use crate::simd::{Kernel, LANES, Simd};
 use core::marker::PhantomData;
@@ -23,13 +24,13 @@ pub(super) struct Worker {
     /// A point of the group, where its points are searched for one by one.
     alone: Group,
     candidates: Candidates,
-    near: RowBuilder,
-    pub(super) lists: Lists,
+    builder: RowBuilder,
+    pub(super) lists: ListWriter,
 }
 
 impl Worker {
     pub(super) fn bytes(&self) -> usize {
-        self.candidates.bytes() + self.near.bytes() + self.lists.bytes()
+        self.candidates.bytes() + self.builder.bytes() + self.lists.bytes()
     }
 }
 
@@ -89,7 +90,7 @@ struct ListGroup<'a> {
     most: usize,
     candidates: &'a mut Candidates,
     builder: &'a mut RowBuilder,
-    lists: &'a mut Lists,
+    lists: &'a mut ListWriter,
 }
 
 impl Kernel for ListGroup<'_> {
@@ -127,7 +128,7 @@ impl Kernel for Share<'_> {
         for &(layer, node) in &prepared.groups[worker.share.clone()] {
             let layer = ListLayer::of(request.tree, layer);
             let center = layer.center(node, request.time);
-            let Worker { group, alone, candidates, near: builder, lists, .. } = &mut *worker;
+            let Worker { group, alone, candidates, builder, lists, .. } = &mut *worker;
             with_view!(layer.at(center, request.time), view => {
                 s.call(TakeGroup { view, group, node, radii: &listing.radii });
             });

@@ -1,0 +1,121 @@
+//! Lists in the making: room for them, what is written, and where each ends.
+
+use super::candidates::write;
+use super::columns::Columns;
+use super::coordinate::Seen;
+use super::list_request::Listing;
+use crate::simd::{LANES, Lanes, Mask, Simd};
+
+/// Lists in the making, one behind the other.
+#[derive(Clone, Debug, Default)]
+pub(super) struct ListWriter {
+    pub(super) columns: Columns,
+    /// Neighbours so far.
+    pub(super) len: usize,
+    /// Ids of the points, and where their lists end.
+    pub(super) points: Vec<u32>,
+    pub(super) ends: Vec<usize>,
+    /// The lowest id of a point with more neighbours than are allowed.
+    pub(super) crowded: Option<u32>,
+    /// Keys of a list to be sorted, and a column on its way.
+    keys: Vec<u64>,
+    column: Vec<f32>,
+}
+
+impl ListWriter {
+    pub(super) fn clear(&mut self) {
+        self.len = 0;
+        self.points.clear();
+        self.ends.clear();
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        self.columns.bytes()
+            + self.points.capacity() * 4
+            + (self.ends.capacity() + self.keys.capacity()) * 8
+            + self.column.capacity() * 4
+    }
+
+    /// Whether any list of points with these ids counts: all do, until one is too long. Then only those of lower ids may change the
+    /// error.
+    #[inline(always)]
+    pub(super) fn want_any(&self, ids: &Lanes<u32>) -> bool {
+        self.crowded.is_none_or(|crowded| ids.iter().any(|&id| id < crowded))
+    }
+
+    /// Makes room for `more` neighbours and a vector.
+    #[inline(always)]
+    pub(super) fn reserve(&mut self, more: usize, listing: &Listing) {
+        let length = self.len + more + LANES;
+        let room = self.columns.ids.len() >= length
+            && (!listing.distances || self.columns.floats[0].len() >= length)
+            && (!listing.displacements || self.columns.floats[3].len() >= length);
+        if !room {
+            self.grow(length, listing);
+        }
+    }
+
+    #[cold]
+    fn grow(&mut self, length: usize, listing: &Listing) {
+        self.columns.make_room(length, listing.columns());
+    }
+
+    /// Ends the list of a point; drops it if it has too many neighbours.
+    #[inline(always)]
+    pub(super) fn end_list(&mut self, id: u32, begin: usize, mut end: usize, listing: &Listing) {
+        if end - begin > listing.most {
+            self.crowded = Some(self.crowded.map_or(id, |other| other.min(id)));
+            end = begin;
+        }
+        self.len = end;
+        if listing.sorted {
+            self.sort(begin, listing);
+        }
+        self.points.push(id);
+        self.ends.push(end);
+    }
+
+    /// Sorts the list that begins at `begin` and ends the last by id.
+    fn sort(&mut self, begin: usize, listing: &Listing) {
+        let list = begin..self.len;
+        if !listing.distances && !listing.displacements {
+            return self.columns.ids[list].sort_unstable();
+        }
+        self.keys.clear();
+        let ids = self.columns.ids[list.clone()].iter();
+        self.keys.extend((0..).zip(ids).map(|(index, &id)| u64::from(id) << 32 | index));
+        self.keys.sort_unstable();
+        for (id, key) in self.columns.ids[list.clone()].iter_mut().zip(&self.keys) {
+            *id = (key >> 32) as u32;
+        }
+        for (requested, column) in listing.columns().into_iter().zip(&mut self.columns.floats) {
+            if requested {
+                self.column.clear();
+                self.column.extend_from_slice(&column[list.clone()]);
+                for (to, key) in column[list.clone()].iter_mut().zip(&self.keys) {
+                    *to = self.column[*key as u32 as usize];
+                }
+            }
+        }
+    }
+}
+
+/// Writes the requested ones of displacements and squared distances to index `end` and on.
+#[inline(always)]
+pub(super) fn write_requested<S: Simd>(
+    s: S,
+    listing: &Listing,
+    [distances, displacements_x, displacements_y, displacements_z]: &mut [Vec<f32>; 4],
+    end: usize,
+    Seen { displacements: [x, y, z], squared }: Seen<S>,
+    hits: Mask,
+) {
+    if listing.distances {
+        write(s, distances, end, squared, hits);
+    }
+    if listing.displacements {
+        write(s, displacements_x, end, x, hits);
+        write(s, displacements_y, end, y, hits);
+        write(s, displacements_z, end, z, hits);
+    }
+}
