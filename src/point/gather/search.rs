@@ -8,7 +8,7 @@
 use super::index::Index;
 use super::span_view::SpanView;
 use super::stamped::{Scale, StampedView};
-use crate::point::layout::snapshot::LeafView;
+use crate::point::layout::view::LeafView;
 use crate::point::neighbor::Neighbor;
 use crate::point::queries::buffer::NeighborBuffer;
 use crate::point::queries::compiled::{PreparedQuery, append};

@@ -1,7 +1,7 @@
 //! The view of a tree over space and time: one traversal for all distance measures.
 
 use super::span_tree::{SpanBlock, SpanNode, SpanTree};
-use crate::point::layout::snapshot::{LeafView, Target, View, diagonal};
+use crate::point::layout::view::{LeafView, Target, View, diagonal};
 use crate::simd::{LANES, Lanes, Mask, Simd, prefetch};
 use glam::Vec3;
 

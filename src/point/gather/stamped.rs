@@ -3,11 +3,11 @@
 //! The searches of this crate need squared distances to boxes and points. There are two measures:
 //! with a *window*, photons outside of it are infinitely far away and the others have their distance in space; with a
 //! *metric* the time difference, multiplied by a speed, is a fourth coordinate. Both are monotone in each coordinate
-//! after rounding, so a box is never farther than its photons (the proof in [`crate::point::layout::snapshot`] applies unchanged).
+//! after rounding, so a box is never farther than its photons (the proof in [`crate::point::layout::view`] applies unchanged).
 
 use super::span_tree::{Span, SpanBlock, SpanNode, SpanTree, around};
 use super::span_view::{Measure, SpanView};
-use crate::point::layout::snapshot::{Target, outside, rows, squared};
+use crate::point::layout::view::{Target, outside, rows, squared};
 use crate::simd::{LANES, Lanes, Mask, Simd};
 use glam::Vec3;
 

@@ -19,7 +19,7 @@ use super::span_order::{Item, Queries, RADIUS, TIME};
 use super::span_tree::{Span, SpanBlock, SpanNode, SpanTree, around};
 use super::span_view::{Measure, SpanView};
 use crate::parallel;
-use crate::point::layout::snapshot::{LeafView, Target, outside, rows, squared};
+use crate::point::layout::view::{LeafView, Target, outside, rows, squared};
 use crate::point::queries::batch::morton_order;
 use crate::point::queries::buffer::NeighborBuffer;
 use crate::point::search::KeepAll;

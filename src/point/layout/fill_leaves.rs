@@ -1,6 +1,6 @@
 //! From points below bottom nodes to leaf blocks and boxes.
 
-use super::snapshot::Boxes;
+use super::boxes::Boxes;
 use crate::parallel;
 use crate::point::leaf_order::bottom_order::{MOST, Rows, SPARE};
 use crate::progress::Progress;

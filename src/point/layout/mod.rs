@@ -1,5 +1,6 @@
 //! The trees of points in memory: leaf blocks, boxes over them, and their views at a time.
 
+pub(super) mod boxes;
 mod fill_leaves;
 mod fill_moving_leaves;
 mod linear_bounds;
@@ -12,6 +13,6 @@ pub(super) mod over_interval;
 pub(super) mod plane_file;
 pub(super) mod plane_tree;
 pub(super) mod slice_tree;
-pub(super) mod snapshot;
 pub(super) mod static_file;
 pub(super) mod static_tree;
+pub(super) mod view;

@@ -1,7 +1,7 @@
 //! Leaves of moving points: blocks of sixteen in rows, with active intervals.
 
 use super::over_interval::{PathRows, PointPath, all_lanes};
-use super::snapshot::{Target, rows, squared};
+use super::view::{Target, rows, squared};
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::point::leaf_order::moving_reference::MovingReference;
 use crate::simd::{LANES, Lanes, Mask, MovingPointBlock, Simd, prefetch};

@@ -1,7 +1,7 @@
 //! A tree of moving points at a time: the view of its leaves, for boxes and planes alike.
 
 use super::moving_leaf::MovingLeaves;
-use super::snapshot::{LeafView, Target};
+use super::view::{LeafView, Target};
 use crate::geometry::KeyTime;
 use crate::point::leaf_order::segment_slice::{SegmentSlice, phase};
 use crate::simd::{Lanes, Simd};

@@ -1,6 +1,6 @@
 //! Static point trees in files.
 
-use super::snapshot::Boxes;
+use super::boxes::Boxes;
 use super::static_tree::{Ordered, Shape, StaticTree};
 use crate::file::{Decoder, Encoder, FileError, Record, record_fields, require};
 use crate::limits::MAX_POINT_COORDINATE;

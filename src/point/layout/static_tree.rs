@@ -5,9 +5,10 @@
 //! nodes 16j to 16j + 15 of the level below. Which of the two leaf sizes is taken depends on which
 //! fills the levels better.
 
+use super::boxes::Boxes;
 use super::fill_leaves::{BottomNodes, Points, fill};
 use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath, throughout};
-use super::snapshot::{Boxes, CoordinateView, LeafView, Target, View, diagonal, outside, rows, squared};
+use super::view::{CoordinateView, LeafView, Target, View, diagonal, outside, rows, squared};
 use crate::geometry::TimeInterval;
 use crate::limits::MAX_LEVELS;
 use crate::point::leaf_order::bottom_order::{MOST, Rows};

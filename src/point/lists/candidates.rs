@@ -4,7 +4,7 @@ use super::group::{BlockPoints, Group};
 use super::periodic_box::PeriodicBox;
 use super::radii::{Margin, Radii, radius_of};
 use super::reach::Reach;
-use crate::point::layout::snapshot::{CoordinateView, ExactRows, Target, squared};
+use crate::point::layout::view::{CoordinateView, ExactRows, Target, squared};
 use crate::simd::{LANES, Lanes, Mask, Simd, first_lanes, lanes_at, lanes_at_mut};
 
 /// Boxes in rows, each with the candidate it is around and how far the points in it reach.

@@ -4,7 +4,7 @@ use super::candidates::Candidates;
 use super::gathered_points::{GatheredPoints, GatheredRows};
 use super::group::Group;
 use super::periodic_box::PeriodicBox;
-use crate::point::layout::snapshot::squared;
+use crate::point::layout::view::squared;
 use crate::simd::{Lanes, Mask, Simd};
 
 /// A number that coordinates are stored in.

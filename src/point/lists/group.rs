@@ -1,7 +1,7 @@
 //! The points of a group of leaves, whose lists are made together.
 
 use super::radii::{Margin, Radii, radius_of};
-use crate::point::layout::snapshot::{CoordinateView, ExactRows, Target};
+use crate::point::layout::view::{CoordinateView, ExactRows, Target};
 use crate::simd::{LANES, Lanes, Simd};
 
 /// Blocks of candidates for each point from which on scattered points are searched for one by one.

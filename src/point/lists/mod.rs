@@ -15,7 +15,7 @@
 //! Points in f64 are culled by their positions relative to the middle of the sixteen leaves, rounded to f32, and compared in f64
 //! ([`coordinate`], [`list_layer`]).
 //!
-//! **Why no neighbour is lost.** The proof is that of [`super::layout::snapshot`], with a box instead of the query point:
+//! **Why no neighbour is lost.** The proof is that of [`super::layout::view`], with a box instead of the query point:
 //! for `p` in `[lo, hi]` and `q` in `[lo', hi']`, consider the gap `max(lo − hi', lo' − hi, 0)`, each difference rounded
 //! once. Along every axis it is at most the computed `|p − q|`, because rounding is monotone; so are squares and sums.
 //! Only what is *strictly* farther than the bound is excluded. [`periodic_box`] treats periodic axes.

@@ -6,7 +6,7 @@ use super::list_request::ListRequest;
 use super::periodic_box::MOST_PERIODS;
 use super::radii::Radii;
 use super::reach::{Measure, Reach};
-use crate::point::layout::snapshot::CoordinateView;
+use crate::point::layout::view::CoordinateView;
 use crate::point::tree::PointTree;
 use crate::simd::{Kernel, LANES, Simd, dispatch};
 use glam::Vec3;

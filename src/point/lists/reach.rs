@@ -1,7 +1,7 @@
 //! How far points of one set reach: the largest radius behind each lane of each node.
 
 use super::radii::radius_of;
-use crate::point::layout::snapshot::CoordinateView;
+use crate::point::layout::view::CoordinateView;
 use crate::simd::{Kernel, LANES, Lanes, Simd};
 use glam::Vec3;
 

@@ -8,7 +8,7 @@ use super::group::{Group, Member};
 use super::list_request::Listing;
 use super::list_writer::{ListWriter, write_requested};
 use super::radii::{Radii, squared_radii, squared_radius};
-use crate::point::layout::snapshot::{rows, squared};
+use crate::point::layout::view::{rows, squared};
 use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, lanes_at_mut};
 use core::marker::PhantomData;
 

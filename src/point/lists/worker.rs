@@ -9,7 +9,7 @@ use super::prepare::Prepared;
 use super::radii::Radii;
 use super::reach::Reach;
 use super::row::{GroupLists, RowBuilder};
-use crate::point::layout::snapshot::CoordinateView;
+use crate::point::layout::view::CoordinateView;
 use crate::simd::{Kernel, LANES, Simd};
 use core::marker::PhantomData;
 use core::ops::Range;

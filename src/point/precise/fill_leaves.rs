@@ -7,7 +7,7 @@ use crate::geometry::TimeInterval;
 use crate::parallel;
 use crate::point::build::source::Source;
 use crate::point::layout::moving_leaf::LaneIntervals;
-use crate::point::layout::snapshot::ExactRows;
+use crate::point::layout::view::ExactRows;
 use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::point::leaf_order::widest_axis::include;
 use crate::progress::Progress;

@@ -10,9 +10,9 @@
 //! f64 it is off by less than 2^-49 of its largest coordinates, by which faces are moved outward too.
 
 use crate::geometry::TimeInterval;
+use crate::point::layout::boxes::Boxes;
 use crate::point::layout::linear_face::{UNIT, rounded_down};
 use crate::point::layout::moving_leaf::LaneIntervals;
-use crate::point::layout::snapshot::Boxes;
 use crate::simd::LANES;
 use glam::DVec3;
 

@@ -20,7 +20,7 @@ pub(super) use in_file::PreciseRecord;
 pub(super) use tree::{PreciseTree, PreciseView, between};
 
 use super::layout::slice_tree::slice_at;
-use super::layout::snapshot::LeafView;
+use super::layout::view::LeafView;
 use super::neighbor::Neighbor;
 use super::search::candidates::Candidates;
 use super::search::k_nearest::KNearest;

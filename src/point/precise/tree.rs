@@ -10,12 +10,11 @@
 //! 1e-22 compensate for it). And rounding to f32 is monotone. So the distance of the box is never above that of a point in it.
 
 use super::linear_box::Node;
+use crate::point::layout::boxes::Boxes;
 use crate::point::layout::moving_leaf::LaneIntervals;
 use crate::point::layout::slice_tree::SliceTree;
-use crate::point::layout::snapshot::{
-    Boxes, CoordinateView, ExactRows, LeafView, Target, View, diagonal, outside, rows,
-};
 use crate::point::layout::static_tree::Shape;
+use crate::point::layout::view::{CoordinateView, ExactRows, LeafView, Target, View, diagonal, outside, rows};
 use crate::point::leaf_order::segment_slice::{SegmentSlice, exact_phase};
 use crate::simd::{LANES, Lanes, Mask, Simd, prefetch};
 use glam::{DVec3, Vec3};

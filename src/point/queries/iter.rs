@@ -3,7 +3,7 @@
 use super::compiled::{self, MaybeFiltered, PreparedQuery};
 use super::query::NeighborQuery;
 use crate::point::layout::plane_tree::PlaneView;
-use crate::point::layout::snapshot::{LeafView, View};
+use crate::point::layout::view::{LeafView, View};
 use crate::point::neighbor::Neighbor;
 use crate::point::search::candidates::Candidates;
 use crate::point::search::layers::{Layer, LayerView};

@@ -15,7 +15,7 @@ use super::keys::{LANE_BITS, keys, smallest, unpack};
 use super::leaf_queue::LeafQueue;
 use super::threshold::{Origin, Threshold};
 use super::{Keep, Observe};
-use crate::point::layout::snapshot::{LeafView, Target, View};
+use crate::point::layout::view::{LeafView, Target, View};
 use crate::simd::{LANES, Mask, Simd, lanes_at};
 use crate::tuning::points::SEVERAL;
 use core::ops::Range;

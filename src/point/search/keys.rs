@@ -4,7 +4,7 @@
 //! the lane: the least of sixteen keys gives the nearest box and its lane. Replacing bits can raise a key by up to
 //! fifteen ulps above the distance, so [`unpack`] masks them away; the rest never exceeds the distance.
 
-use crate::point::layout::snapshot::{Target, View};
+use crate::point::layout::view::{Target, View};
 use crate::simd::{LANES, Mask, Simd};
 
 /// The bits of a key that hold the lane.

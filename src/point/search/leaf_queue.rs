@@ -5,7 +5,7 @@
 //! so that the leaves are loaded from memory concurrently. This gains more than the few leaves that a bound lowered in
 //! between would have culled. Leaves of large trees are prefetched when they are queued.
 
-use crate::point::layout::snapshot::LeafView;
+use crate::point::layout::view::LeafView;
 use crate::simd::{LANES, Mask, Simd, lanes_at_mut};
 use crate::tuning::points::FAR;
 

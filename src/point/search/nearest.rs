@@ -11,7 +11,7 @@ use super::keys::{keys, smallest, unpack};
 use super::planes::PlaneFront;
 use crate::limits::MAX_LEVELS;
 use crate::point::layout::plane_tree::PlaneView;
-use crate::point::layout::snapshot::{LeafView, Target, View};
+use crate::point::layout::view::{LeafView, Target, View};
 use crate::simd::{LANES, Mask, Simd};
 use crate::tuning::points::NEAR;
 use glam::Vec3;

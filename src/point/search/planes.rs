@@ -7,7 +7,7 @@
 //! subtree that the point is in: deeper subtrees have less slack if one distant point makes it large. The difference is
 //! taken in f64 from a `g` lowered by 2^-50 of itself, more than f64 rounds in these steps, so it is below the exact
 //! `|p − q|`; rounded to f32 it is at most the `|d|` that the point's distance is computed from, since rounding to
-//! nearest is monotone. Squares and sums are taken in the order of [`squared`](crate::point::layout::snapshot::squared), which is
+//! nearest is monotone. Squares and sums are taken in the order of [`squared`](crate::point::layout::view::squared), which is
 //! monotone too: the subtree's distance is never above that of a point in it, and culling what is *strictly* farther
 //! than the bound keeps ties.
 
@@ -17,7 +17,7 @@ use super::{Keep, Observe};
 use crate::kd::KdView;
 use crate::limits::DEPTH_LIMIT;
 use crate::point::layout::plane_tree::{PlaneView, plane_error};
-use crate::point::layout::snapshot::LeafView;
+use crate::point::layout::view::LeafView;
 use crate::simd::Simd;
 use core::ops::{ControlFlow, Range};
 use glam::Vec3;

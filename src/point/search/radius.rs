@@ -2,7 +2,7 @@
 
 use super::leaf_queue::LeafQueue;
 use crate::limits::MAX_LEVELS;
-use crate::point::layout::snapshot::{LeafView, Target, View};
+use crate::point::layout::view::{LeafView, Target, View};
 use crate::simd::{Mask, Simd};
 use core::ops::{ControlFlow, Range};
 

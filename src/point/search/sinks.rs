@@ -3,7 +3,7 @@
 use super::Keep;
 use super::candidates::{Candidates, append};
 use super::radius::Sink;
-use crate::point::layout::snapshot::LeafView;
+use crate::point::layout::view::LeafView;
 use crate::simd::{LANES, Mask, Simd};
 use core::ops::ControlFlow;
 

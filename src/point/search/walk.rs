@@ -7,7 +7,7 @@ use super::k_nearest::KNearest;
 use super::keys::{keys, smallest, unpack};
 use super::{Keep, Observe};
 use crate::limits::MAX_LEVELS;
-use crate::point::layout::snapshot::{Target, View};
+use crate::point::layout::view::{Target, View};
 use crate::simd::{LANES, Simd};
 
 /// The key of a lane that was visited or is absent.

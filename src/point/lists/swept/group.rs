@@ -4,7 +4,7 @@ use super::coordinate::SweptCoordinate;
 use super::criteria::Criteria;
 use super::window::Segment;
 use crate::point::layout::over_interval::{BlockTree, BoxTree, PathRows, greater, lesser};
-use crate::point::layout::snapshot::rows;
+use crate::point::layout::view::rows;
 use crate::point::lists::candidates::BoxVector;
 use crate::simd::{LANES, Lanes, Mask, Simd};
 

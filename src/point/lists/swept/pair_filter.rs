@@ -8,7 +8,7 @@ use super::coordinate::SweptCoordinate;
 use super::criteria::Criteria;
 use super::encounter::EncounterVisitor;
 use super::group::{Block, RelativePaths};
-use crate::point::layout::snapshot::{rows, squared};
+use crate::point::layout::view::{rows, squared};
 use crate::point::lists::candidates::{Selection, write};
 use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at, lanes_at_mut};
 
