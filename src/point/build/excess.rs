@@ -10,8 +10,8 @@
 use super::cost::{Visits, memory_cost};
 use crate::geometry::Box3;
 use crate::point::layout::moving_leaf;
-use crate::point::leaf_order::divide::least_lane;
 use crate::point::leaf_order::moving_reference::References;
+use crate::point::leaf_order::selection::least_lane;
 use crate::point::leaf_order::spread::spread;
 use crate::simd::{Kernel, LANES, MovingPointBlock, Simd, SimdLevel, dispatch};
 use crate::tuning::points::{MAX_COST, MOST_AT_REST};

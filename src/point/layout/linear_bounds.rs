@@ -24,7 +24,7 @@
 use super::linear_face::{
     Face, OwnRangesFit, SharedRangeFit, TINY, UNIT, VECTORS, least, load_row, magnitude, negated, sum,
 };
-use crate::point::leaf_order::divide::least_lane;
+use crate::point::leaf_order::selection::least_lane;
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch, greatest_of_each};
 
 /// Rows of sixteen boxes whose faces are `a + b·s`.

@@ -5,10 +5,10 @@
 //! it is read, because no more is written to the front than was read. A range has whole vectors, and so have its halves.
 
 use super::complete_tree::left_part;
-use super::divide::{counted, extremes, guess, lowest_lanes, next_key};
 use super::point_rows::{NO_POINT, PointRows, PointVector, item, set_item, store_compressed, vector};
+use super::selection::{extremes, lowest_lanes, threshold};
 use super::widest_axis::longest;
-use crate::simd::{Item, Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch, lanes_at, lanes_at_mut};
+use crate::simd::{Item, Kernel, LANES, Mask, Simd, SimdLevel, dispatch, lanes_at, lanes_at_mut};
 
 /// Most points that are ordered here: those below a bottom node whose leaves have two vectors.
 pub(in crate::point) const MOST: usize = 2 * LANES * LANES;
@@ -216,25 +216,6 @@ impl Kernel for Extents<'_, '_> {
     }
 }
 
-/// What divides the `count` lowest keys from the others: those below a bound, and so many of those equal to it. `least`
-/// and `most` are the least and the greatest key, which must be numbers.
-#[inline(always)]
-fn threshold<S: Simd>(s: S, keys: &[Lanes<f32>], count: usize, (least, most): (f32, f32)) -> (f32, usize) {
-    let mut lo = match guess(s, keys, count, (least, most)) {
-        Ok(found) => return found,
-        Err(lo) => lo,
-    };
-    // One key after the other: it ends with the greatest one at the latest.
-    loop {
-        let key = next_key(s, keys, lo);
-        let (found, with_equal) = counted(s, keys, key);
-        if with_equal >= count || key >= most {
-            return (key, count - found);
-        }
-        lo = key.next_up();
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -316,27 +297,6 @@ mod tests {
                     check(&items, leaf);
                 }
             }
-        }
-    }
-
-    #[test]
-    fn thresholds_count_ties() {
-        struct Threshold<'a>(&'a [Lanes<f32>], usize);
-        impl Kernel for Threshold<'_> {
-            type Output = (f32, usize);
-            #[inline(always)]
-            fn run<S: Simd>(self, s: S) -> (f32, usize) {
-                threshold(s, self.0, self.1, (0.0, 31.0))
-            }
-        }
-        let even: [Lanes<f32>; 2] = core::array::from_fn(|v| core::array::from_fn(|i| (16 * v + i) as f32));
-        for level in SimdLevel::available() {
-            let (bound, equal) = dispatch(level, Threshold(&even, 16));
-            assert!(15.0 < bound && bound <= 16.0 && equal == 0, "{bound} {equal}");
-            let mut ties = even;
-            ties[0] = [7.0; LANES];
-            ties[0][0] = 0.0;
-            assert_eq!(dispatch(level, Threshold(&ties, 5)), (7.0, 4));
         }
     }
 }

@@ -1,11 +1,11 @@
 //! Detecting points that move far relative to their neighbours.
 
 use super::bottom_order::{MOST, Rows, SPARE, extents, order_bottoms};
-use super::divide::{extremes, least_lane};
 use super::moving_reference::{References, take_positions};
 use super::order::order_rows;
 use super::point_rows::PointRows;
 use super::segment_slice::SegmentSlice;
+use super::selection::{extremes, least_lane};
 use crate::progress::Progress;
 use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch};
 use crate::tuning::points::FAST;

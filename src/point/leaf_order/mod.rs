@@ -9,5 +9,6 @@ pub(super) mod moving_reference;
 pub(super) mod order;
 pub(super) mod point_rows;
 pub(super) mod segment_slice;
+pub(super) mod selection;
 pub(super) mod spread;
 pub(super) mod widest_axis;
