@@ -76,7 +76,8 @@ pub struct PointParams {
     /// to 1024, default 8. Points with n keys may so have n - 1 times as many, since each segment has a tree of its own. A
     /// reference takes 32 to 48 bytes. Time slices that are requested explicitly are not limited.
     pub max_references: f32,
-    /// The numbers that positions are kept in. Default: those that they need. [`PointTree::precision`](crate::PointTree::precision) tells which a tree has.
+    /// The numbers that positions are kept in. Default: those that they need.
+    /// [`PointTree::precision`](crate::PointTree::precision) tells which a tree has.
     pub precision: Precision,
     /// The instruction set of queries. Answers do not depend on it. Default: the widest of this CPU.
     pub simd: SimdLevel,

@@ -354,7 +354,8 @@ impl RowBuilder {
         }
     }
 
-    /// Lists of points that have radii of their own: each is compared with the candidates near it. If `PERIODIC` and `wrapped`, other images count than those that are given.
+    /// Lists of points that have radii of their own: each is compared with the candidates near it. If `PERIODIC` and `wrapped`,
+    /// other images count than those that are given.
     #[inline(always)]
     fn list_one_by_one<S: Simd, C: Coordinate, const PERIODIC: bool, const ONCE: bool>(
         &mut self,

@@ -6,9 +6,9 @@
 //! shutter is divided, a pair may meet in several time slices and is reported in one: [`time_slices`] says in which, and
 //! why none is lost by it. Then [`merge`] merges the lists of a point. [`images`] treats periodic boxes.
 //!
-//! Data flows `query` or `certify` (the request) → `time_slices` (which trees are compared when) → `sweep` (all groups) → `group` (the
-//! points of one) → `candidates` (the blocks that it can come near) → `pair_filter` (f32) → `evaluation` (f64) → `make` (the lists) →
-//! `merge` → `encounter_lists` (all lists in one array).
+//! Data flows `query` or `certify` (the request) → `time_slices` (which trees are compared when) → `sweep` (all groups) → `group`
+//! (the points of one) → `candidates` (the blocks that it can come near) → `pair_filter` (f32) → `evaluation` (f64) → `make` (the
+//! lists) → `merge` → `encounter_lists` (all lists in one array).
 //!
 //! **Why no encounter is lost.** Let two points be within the radius at time t*. Each has one reference whose box holds it
 //! at t*; faces of boxes are lines between keys, so at t* the box lies within the hull of where its faces are at both ends
@@ -48,10 +48,10 @@
 //! - The phase of a time is wrong by 4nε where the time is that of a key. A point moves by 8nεA then.
 //! - So what the tests compare and what decides differ by (32 + 16n)εA along an axis, below (56 + 28n)εA altogether.
 //! - An encounter is reported in the slice that holds the computed time at which it begins. There the two are farther apart than
-//!   the radius r: with `first` and v as in [`evaluation`], the discriminant divided by v² is wrong by at most (16 |first|² + 4r²)ε,
-//!   and |first| is at most r + |v|. So the squared distance exceeds r² by at most 36εr² and 32ε|v|², the distance by 2^-24 |v|,
-//!   which is at most 2^-23 R: the two move differently by at most R along each axis. (That is not relative to what they move in
-//!   the slice, which may be much shorter than the segment.)
+//!   the radius r: with `first` and v as in [`evaluation`], the discriminant divided by v² is wrong by at most (16 |first|² +
+//!   4r²)ε, and |first| is at most r + |v|. So the squared distance exceeds r² by at most 36εr² and 32ε|v|², the distance by 2^-24
+//!   |v|, which is at most 2^-23 R: the two move differently by at most R along each axis. (That is not relative to what they move
+//!   in the slice, which may be much shorter than the segment.)
 //!
 //! The excess is 64(n + 1)εA + 2^-22 R. Beyond the ends of a slice its faces go on along their lines, so that the hull argument
 //! holds for the wider range of times. The points of a slice that have left the hull there are farther from the middle than M by
