@@ -12,7 +12,7 @@ use super::layer_request::LayerRequest;
 use super::sample::{Sample, Sampler};
 use super::time_slices::time_slices_of;
 use crate::point::layout::moving_tree::{MovingTree, Placed};
-use crate::point::layout::static_tree::Shape;
+use crate::point::layout::shape::Shape;
 use crate::point::leaf_order::motion_groups::{Displaced, MotionDivision, SAMPLE, cost_of_slices};
 use crate::point::leaf_order::moving_reference::MovingReference;
 use crate::point::leaf_order::segment_slice::{SegmentSlice, segments};

@@ -5,7 +5,7 @@
 //! the radius itself) for which the expanded boxes of the halves are smallest: a surface area heuristic for balls. If the
 //! radius of queries is unknown because they have a number of neighbours, it is the radius that should hold these.
 //!
-//! The tree is that of [`Shape`](crate::point::layout::static_tree::Shape): all subtrees full but the last of each level.
+//! The tree is that of [`Shape`](crate::point::layout::shape::Shape): all subtrees full but the last of each level.
 
 use crate::parallel;
 use crate::point::leaf_order::complete_tree::{left_part, subtree, subtrees_of};

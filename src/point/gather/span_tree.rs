@@ -7,7 +7,7 @@
 
 use super::span_order::{Item, Queries, order};
 use crate::parallel;
-use crate::point::layout::static_tree::Shape;
+use crate::point::layout::shape::Shape;
 use crate::progress::Progress;
 use crate::simd::{LANES, Lanes, Simd, huge_vec_of};
 

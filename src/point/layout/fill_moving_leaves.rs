@@ -1,6 +1,7 @@
 //! From moving points below bottom nodes to leaf blocks and boxes that move linearly.
 
-use super::linear_bounds::{LinearBox, LinearBoxes, TrajectoryRows};
+use super::boxes::LinearBoxes;
+use super::linear_bounds::{LinearBox, TrajectoryRows};
 use super::moving_leaf::{LaneIntervals, LeafRows};
 use crate::parallel;
 use crate::point::leaf_order::bottom_order::{MOST, Rows, SPARE};

@@ -27,56 +27,11 @@ use super::linear_face::{
 use crate::point::leaf_order::selection::least_lane;
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch, greatest_of_each};
 
-/// Rows of sixteen boxes whose faces are `a + b·s`.
-#[derive(Clone, Copy)]
-#[repr(C, align(64))]
-pub(in crate::point) struct LinearBoxes {
-    pub(in crate::point) lo: [Lanes<f32>; 3],
-    pub(in crate::point) lo_slope: [Lanes<f32>; 3],
-    pub(in crate::point) hi: [Lanes<f32>; 3],
-    pub(in crate::point) hi_slope: [Lanes<f32>; 3],
-}
-
-impl LinearBoxes {
-    /// Sixteen absent boxes.
-    pub(in crate::point) const NONE: LinearBoxes = LinearBoxes {
-        lo: [[f32::INFINITY; LANES]; 3],
-        lo_slope: [[0.0; LANES]; 3],
-        hi: [[f32::NEG_INFINITY; LANES]; 3],
-        hi_slope: [[0.0; LANES]; 3],
-    };
-
-    /// Lower and upper faces, each lane at a phase of its own.
-    #[inline(always)]
-    pub(in crate::point) fn faces(&self, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
-        let mut faces = [[[0.0; LANES]; 3]; 2];
-        for (faces, (at, slope)) in faces.iter_mut().zip([(&self.lo, &self.lo_slope), (&self.hi, &self.hi_slope)]) {
-            for axis in 0..3 {
-                for lane in 0..LANES {
-                    faces[axis][lane] = f64::from(at[axis][lane]) + f64::from(slope[axis][lane]) * phase[lane];
-                }
-            }
-        }
-        faces
-    }
-
-    /// Sets one lane.
-    #[inline(always)]
-    pub(in crate::point) fn set(&mut self, lane: usize, linear_box: &LinearBox) {
-        for axis in 0..3 {
-            self.lo[axis][lane] = linear_box.lo[axis].at_zero;
-            self.lo_slope[axis][lane] = linear_box.lo[axis].slope;
-            self.hi[axis][lane] = linear_box.hi[axis].at_zero;
-            self.hi_slope[axis][lane] = linear_box.hi[axis].slope;
-        }
-    }
-}
-
 /// A box that moves linearly over a range of phases, and its active interval.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::point) struct LinearBox {
-    lo: [Face; 3],
-    hi: [Face; 3],
+    pub(super) lo: [Face; 3],
+    pub(super) hi: [Face; 3],
     /// First and last phase for which the faces hold.
     range: [f64; 2],
     /// Begin and end bound in time.

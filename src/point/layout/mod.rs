@@ -12,6 +12,7 @@ mod moving_view;
 pub(super) mod over_interval;
 pub(super) mod plane_file;
 pub(super) mod plane_tree;
+pub(super) mod shape;
 pub(super) mod slice_tree;
 pub(super) mod static_file;
 pub(super) mod static_tree;

@@ -1,9 +1,9 @@
 //! Moving point trees in files.
 
-use super::linear_bounds::LinearBoxes;
+use super::boxes::LinearBoxes;
 use super::moving_leaf::{LaneIntervals, MovingLeaves};
 use super::moving_tree::{MovingTree, first_children};
-use super::static_tree::Shape;
+use super::shape::Shape;
 use crate::file::{Decoder, Encoder, FileError, record_fields, require};
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::parallel;

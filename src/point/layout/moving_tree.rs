@@ -3,13 +3,14 @@
 //! The same pyramid as the static tree, but faces of boxes are lines in time, points are interpolated
 //! from two keys, and if points exist for a while only, nodes and leaves have active intervals.
 
+use super::boxes::LinearBoxes;
 use super::fill_moving_leaves::{MovingBottomNodes, Ordered, fill};
-use super::linear_bounds::{LinearBox, LinearBoxes};
+use super::linear_bounds::LinearBox;
 use super::moving_leaf::{LaneIntervals, MovingLeaves};
 use super::moving_view::{HasLeaves, TreeAtTime};
 use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath, throughout};
+use super::shape::Shape;
 use super::slice_tree::SliceTree;
-use super::static_tree::Shape;
 use super::view::{CoordinateView, Target, View, diagonal, outside, rows};
 use crate::point::leaf_order::moving_reference::{MovingReference, References, take_positions};
 use crate::point::leaf_order::order::{Displacements, ORDERING, order_rows};

@@ -1,7 +1,8 @@
 //! Static point trees in files.
 
 use super::boxes::Boxes;
-use super::static_tree::{Ordered, Shape, StaticTree};
+use super::shape::Shape;
+use super::static_tree::{Ordered, StaticTree};
 use crate::file::{Decoder, Encoder, FileError, Record, record_fields, require};
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::parallel;

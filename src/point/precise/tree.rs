@@ -12,8 +12,8 @@
 use super::linear_box::Node;
 use crate::point::layout::boxes::Boxes;
 use crate::point::layout::moving_leaf::LaneIntervals;
+use crate::point::layout::shape::Shape;
 use crate::point::layout::slice_tree::SliceTree;
-use crate::point::layout::static_tree::Shape;
 use crate::point::layout::view::{CoordinateView, ExactRows, LeafView, Target, View, diagonal, outside, rows};
 use crate::point::leaf_order::segment_slice::{SegmentSlice, exact_phase};
 use crate::simd::{LANES, Lanes, Mask, Simd, prefetch};
