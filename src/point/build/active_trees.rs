@@ -7,11 +7,10 @@
 //! those that promise to be chosen such trees are built and measured, too.
 
 use super::cost::{ReferenceCounts, Visits, memory_cost};
-use super::excess::{Excess, excess, leaves_of};
-use super::layer_request::{LayerRequest, name};
+use super::excess::{Excess, excess, leaves_by_position};
+use super::layer_request::{LayerRequest, slices_named};
 use super::partial_layer::PartialLayer;
 use super::slice_points::{SlicePoints, points_of_slice};
-use crate::point::leaf_order::fast_points::order_at;
 use crate::point::search::layers::Layer;
 use crate::simd::{LANES, MovingPointBlock};
 use crate::tuning::points::{MAX_COST, MOST_ALIKE, OWN_TREES, SHORT_SLICES, VISITED};
@@ -48,10 +47,10 @@ pub(in crate::point) fn by_active_trees(request: LayerRequest<'_>) -> Option<(Pa
         trees.measure(layer, other);
         next = trees.next().filter(|_| !request.progress.cancelled());
     }
-    let costs = trees.tried.iter().map(|tried| format!("{} {:.1}", name(tried.layer.per_segment), tried.cost));
+    let costs = trees.tried.iter().map(|tried| format!("{} {:.1}", slices_named(tried.layer.per_segment), tried.cost));
     let costs = costs.collect::<Vec<_>>().join(", ");
     let layer = trees.chosen().unwrap_or_else(|| begin(1, 0.5));
-    let why = format!("chosen from searches in the whole set: {} (costs: {costs})", name(layer.per_segment));
+    let why = format!("chosen from searches in the whole set: {} (costs: {costs})", slices_named(layer.per_segment));
     Some((layer, why))
 }
 
@@ -98,14 +97,13 @@ impl<'a> Trees<'a> {
     fn measured(&self, layer: &PartialLayer) -> Measured {
         let LayerRequest { source, points, simd, .. } = layer.request;
         let slice = *layer.slice();
-        let middle = slice.middle_phase();
-        let sizes = |leaves: &[MovingPointBlock]| excess(leaves, middle as f32, &self.slices, simd);
+        let middle = slice.middle_phase() as f32;
+        let sizes = |leaves: &[MovingPointBlock]| excess(leaves, middle, &self.slices, simd);
         let sizes = match &layer.tree {
             Layer::Moving(trees) if !layer.by_motion => sizes(&trees[0].leaves.blocks),
             _ => {
                 let existing = points_of_slice(source, points, &slice);
-                let references = SlicePoints::<true>::new(source, &existing, &slice);
-                sizes(&leaves_of(&references, &order_at(&references, middle)))
+                sizes(&leaves_by_position(&SlicePoints::<true>::new(source, &existing, &slice), &slice))
             }
         };
         Measured { visits: layer.visits(), sizes }

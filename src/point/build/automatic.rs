@@ -10,8 +10,8 @@
 
 use super::active_trees::by_active_trees;
 use super::cost::ReferenceCounts;
-use super::excess::excess;
-use super::layer_request::{ChosenLayer, LayerRequest, name};
+use super::excess::Excess;
+use super::layer_request::{ChosenLayer, LayerRequest, slices_named};
 use super::own_trees::by_own_trees;
 use super::partial_layer::PartialLayer;
 use super::time_slices::linear_tree;
@@ -41,7 +41,7 @@ pub(in crate::point) fn moving_layers(request: LayerRequest<'_>) -> Vec<ChosenLa
     let (mut fast, mut slow, mut ready) = (Vec::new(), Vec::new(), None);
     if trials.stay_together() {
         let WithoutFast { tree, by_motion, .. } = linear_tree(source, points, trials.placed.take(), None, progress);
-        let size = excess(&tree.leaves.blocks, 0.5, &[1], simd)[0];
+        let size = Excess::of_segment(&tree.leaves.blocks, simd);
         if size.is_small(points.len() * segments(source.keys)) && !by_motion {
             let layer = PartialLayer::linear(request, tree);
             return vec![layer.finish(size.why(), progress)];
@@ -79,7 +79,7 @@ pub(in crate::point) fn moving_layers(request: LayerRequest<'_>) -> Vec<ChosenLa
         Some(separated) if separated.cost * MAX_COST <= cost => separated.finish(why, progress),
         Some(separated) => {
             let Separated { fast, cost, .. } = separated;
-            let why = format!("{why}; {measured}, fast points apart in {} {cost:.1}", name(fast.per_segment));
+            let why = format!("{why}; {measured}, fast points apart in {} {cost:.1}", slices_named(fast.per_segment));
             vec![whole.finish(why, progress)]
         }
         None => vec![whole.finish(format!("{why}; {measured}"), progress)],
@@ -125,18 +125,18 @@ fn one_layer<'a>(trials: &mut Trials<'a>, ready: Option<MovingTree>) -> (Partial
     };
     let cost_of = |layer: &PartialLayer, trials: &Trials| layer.visits().cost() + trials.memory_cost(layer.per_segment);
     let mut cost = cost_of(&layer, trials);
-    let mut measured = vec![format!("in the whole set {} {cost:.1}", name(layer.per_segment))];
+    let mut measured = vec![format!("in the whole set {} {cost:.1}", slices_named(layer.per_segment))];
     while let Some(finer) = trials.finer(layer.per_segment, cost).filter(|_| !progress.cancelled()) {
         let next = PartialLayer::new(request, finer);
         let of_next = cost_of(&next, trials);
-        measured.push(format!("{} {of_next:.1}", name(next.per_segment)));
+        measured.push(format!("{} {of_next:.1}", slices_named(next.per_segment)));
         if of_next >= cost * MAX_COST {
             break;
         }
         trials.learn((layer.per_segment, cost), (next.per_segment, of_next));
         (layer, cost) = (next, of_next);
     }
-    let measured = format!("{}: {}", measured.join(", "), name(layer.per_segment));
+    let measured = format!("{}: {}", measured.join(", "), slices_named(layer.per_segment));
     (layer, cost, measured)
 }
 
@@ -191,7 +191,7 @@ impl<'a> Separated<'a> {
         let Separated { slow, fast, cost } = self;
         let [of_slow, of_fast] = [&slow, &fast].map(|layer| layer.request.points.len() as f64);
         let of_slow = progress.rest(of_slow / (of_slow + of_fast));
-        let why = format!("{why}; in the whole set fast points apart in {} {cost:.1}", name(fast.per_segment));
+        let why = format!("{why}; in the whole set fast points apart in {} {cost:.1}", slices_named(fast.per_segment));
         let slow = slow.finish(why, &of_slow);
         drop(of_slow);
         vec![slow, fast.finish("fast points, apart from the others".to_string(), progress)]
@@ -201,8 +201,8 @@ impl<'a> Separated<'a> {
 /// A description of the trials.
 fn explain(trials: &Trials) -> String {
     let name = |trial: &Trial| match trial.fast {
-        Some(fast) => format!("fast points apart in {}", name(fast)),
-        None => name(trial.slices),
+        Some(fast) => format!("fast points apart in {}", slices_named(fast)),
+        None => slices_named(trial.slices),
     };
     let costs: Vec<String> = trials.all.iter().map(|t| format!("{} {:.1}", name(t), t.cost)).collect();
     format!("chosen from trial searches: {} (costs: {})", name(&trials.best(true)), costs.join(", "))

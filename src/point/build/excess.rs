@@ -10,7 +10,9 @@
 use super::cost::{Visits, memory_cost};
 use crate::geometry::Box3;
 use crate::point::layout::moving_leaf;
+use crate::point::leaf_order::fast_points::order_at;
 use crate::point::leaf_order::moving_reference::References;
+use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::point::leaf_order::selection::least_lane;
 use crate::point::leaf_order::spread::spread;
 use crate::simd::{Kernel, LANES, MovingPointBlock, Simd, SimdLevel, dispatch};
@@ -27,6 +29,11 @@ pub(in crate::point) struct Excess {
 }
 
 impl Excess {
+    /// That of one time slice for a segment, given leaves in an order by position in its middle.
+    pub(in crate::point) fn of_segment(leaves: &[MovingPointBlock], simd: SimdLevel) -> Excess {
+        excess(leaves, 0.5, &[1], simd)[0]
+    }
+
     /// Whether that of one tree for each segment between keys, of so many references in all, is so small that time slices could not
     /// gain enough.
     pub(in crate::point) fn is_small(&self, references: usize) -> bool {
@@ -62,6 +69,14 @@ pub(in crate::point) fn leaves_of<R: References + ?Sized>(references: &R, order:
         block
     };
     order.chunks(LANES).map(leaf).collect()
+}
+
+/// The leaves of references in an order by position in the middle of a time slice.
+pub(in crate::point) fn leaves_by_position<R: References>(
+    references: &R,
+    slice: &SegmentSlice,
+) -> Vec<MovingPointBlock> {
+    leaves_of(references, &order_at(references, slice.middle_phase()))
 }
 
 /// The largest number of nodes above bottom nodes that are examined, and of bottom nodes below each.

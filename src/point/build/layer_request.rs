@@ -28,7 +28,7 @@ pub(in crate::point) struct ChosenLayer {
 }
 
 /// What so many time slices of each segment are called.
-pub(in crate::point) fn name(per_segment: usize) -> String {
+pub(in crate::point) fn slices_named(per_segment: usize) -> String {
     match per_segment {
         1 => "one linear tree".to_string(),
         slices => format!("{slices} time slices"),

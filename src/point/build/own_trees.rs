@@ -6,14 +6,13 @@
 //! their boxes. The first tree of those that promise most is built, and its searches are counted, as long as that gains.
 
 use super::cost::{ReferenceCounts, Visits, memory_cost};
-use super::excess::{excess, leaves_of};
-use super::layer_request::{LayerRequest, name};
+use super::excess::{Excess, excess, leaves_by_position};
+use super::layer_request::{LayerRequest, slices_named};
 use super::partial_layer::PartialLayer;
 use super::slice_points::SlicePoints;
 use super::source::Source;
 use super::time_slices::{linear_tree, middle_slice};
 use crate::point::layout::moving_tree::WithoutFast;
-use crate::point::leaf_order::fast_points::order_at;
 use crate::point::leaf_order::segment_slice::segments;
 use crate::simd::MovingPointBlock;
 use crate::tuning::points::{MAX_COST, NEARLY, OVERESTIMATED, OWN_TREES};
@@ -29,7 +28,7 @@ pub(in crate::point) fn by_own_trees<'a>(request: LayerRequest<'a>) -> Option<(P
     let WithoutFast { tree, by_motion, .. } = linear_tree(source, points, None, None, progress);
     let by_position = by_motion.then(|| by_position(source, points));
     let leaves = by_position.as_ref().unwrap_or(&tree.leaves.blocks);
-    let of_one = excess(leaves, 0.5, &[1], simd)[0];
+    let of_one = Excess::of_segment(leaves, simd);
     let slices = ReferenceCounts::of(source, points).affordable(max_references);
     let references = points.len() * segments(source.keys);
     if of_one.is_small(references) || slices.len() == 1 {
@@ -40,7 +39,7 @@ pub(in crate::point) fn by_own_trees<'a>(request: LayerRequest<'a>) -> Option<(P
     let mut measure = |layer: PartialLayer<'a>| {
         let visits = layer.visits();
         let cost = visits.cost() + memory_cost(references * layer.per_segment);
-        measured.push(format!("{} {cost:.1}", name(layer.per_segment)));
+        measured.push(format!("{} {cost:.1}", slices_named(layer.per_segment)));
         Measured { layer, visits, cost }
     };
     let mut best = measure(PartialLayer::linear(request, tree));
@@ -79,7 +78,8 @@ pub(in crate::point) fn by_own_trees<'a>(request: LayerRequest<'a>) -> Option<(P
         }
     }
     let measured = measured.join(", ");
-    let why = format!("chosen from searches in the whole set: {} (costs: {measured})", name(best.layer.per_segment));
+    let why =
+        format!("chosen from searches in the whole set: {} (costs: {measured})", slices_named(best.layer.per_segment));
     Some((best.layer, why))
 }
 
@@ -93,6 +93,5 @@ struct Measured<'a> {
 /// The leaves of all points, ordered by position alone.
 fn by_position(source: &Source, points: &[u32]) -> Vec<MovingPointBlock> {
     let slice = middle_slice(source.keys);
-    let references = SlicePoints::<false>::new(source, points, &slice);
-    leaves_of(&references, &order_at(&references, slice.middle_phase()))
+    leaves_by_position(&SlicePoints::<false>::new(source, points, &slice), &slice)
 }

@@ -7,6 +7,7 @@
 //! A sample is located by a subset of all points, drawn evenly: repeatedly split at the median of the widest axis, the
 //! subset yields a box that holds the wanted share of all points. One pass over all points then finds those inside.
 
+use super::excess::leaves_of;
 use super::slice_points::SlicePoints;
 use super::source::Source;
 use super::time_slices::{middle_slice, time_slices_of};
@@ -19,7 +20,7 @@ use crate::point::leaf_order::point_rows::PointRows;
 use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::point::leaf_order::spread::spread;
 use crate::point::leaf_order::widest_axis::widest_axis;
-use crate::simd::{Item, Kernel, LANES, Mask, Simd, SimdLevel, dispatch, lanes_at};
+use crate::simd::{Item, Kernel, LANES, Mask, MovingPointBlock, Simd, SimdLevel, dispatch, lanes_at};
 use crate::tuning::points::{SAMPLE, SAMPLED, SAMPLES};
 use core::cmp::Ordering;
 use glam::DVec3;
@@ -66,6 +67,11 @@ impl Sample {
     pub(in crate::point) fn displaced(&self, number: usize) -> Displaced {
         let (m, wide) = (&self.references[number], |x: [f32; 3]| DVec3::from_array(x.map(f64::from)));
         Displaced { at: wide(m.position(self.slice.middle_phase())), by: wide(m.close) - wide(m.open) }
+    }
+
+    /// Its leaves, if fast points are marked.
+    pub(in crate::point) fn leaves(&self) -> Vec<MovingPointBlock> {
+        leaves_of(&self.references[..], &self.order)
     }
 
     /// The points of some of the leaves, if fast points are marked.

@@ -7,7 +7,7 @@
 //! The work if all points rested is counted as well: where little is to be gained, nothing else is tried.
 
 use super::cost::{FINEST, ReferenceCounts, Visits, memory_cost, searches, trees_of};
-use super::excess::{excess, leaves_of};
+use super::excess::Excess;
 use super::layer_request::LayerRequest;
 use super::sample::{Sample, Sampler};
 use super::time_slices::time_slices_of;
@@ -86,9 +86,7 @@ impl<'a> Trials<'a> {
 
     /// Whether points of the samples that are close together stay together, so that nothing can cost much less than one tree.
     pub(in crate::point) fn stay_together(&self) -> bool {
-        let excess_of = |sample: &Sample| {
-            excess(&leaves_of(&sample.references[..], &sample.order), 0.5, &[1], self.request.simd)[0]
-        };
+        let excess_of = |sample: &Sample| Excess::of_segment(&sample.leaves(), self.request.simd);
         let references = self.request.points.len() * segments(self.request.source.keys);
         self.request.source.all_persist() && self.whole.iter().all(|sample| excess_of(sample).is_small(references))
     }
