@@ -301,7 +301,7 @@ impl<F: Flux> PhotonMap<F> {
             return Err(GatherError::WindowTooWide { most: index.most_window });
         }
         let disc = find(index, query, window, buffer);
-        let duration = query.time_weight.over_time(query.time.into(), window.into(), 0.0, 1.0) as f32;
+        let duration = query.time_kernel.over_time(query.time.into(), window.into(), 0.0, 1.0) as f32;
         let per_duration = 1.0 / duration;
         let gathered = |count| Gathered {
             density: F::default(),
@@ -325,11 +325,11 @@ impl<F: Flux> PhotonMap<F> {
             let in_time = match index.time_weight(near.id) {
                 TimeWeight::Stamp(stamp) => {
                     let x = (stamp - query.time) / window;
-                    query.time_weight.weight(x * x) * per_duration
+                    query.time_kernel.weight(x * x) * per_duration
                 }
                 TimeWeight::Even(even) => even,
             };
-            let in_space = query.space.weight(near.distance_squared / disc.squared);
+            let in_space = query.space_kernel.weight(near.distance_squared / disc.squared);
             visit(near.id, in_space * in_time * per_extent);
         }
         Ok(gathered(disc.count))

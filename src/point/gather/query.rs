@@ -32,8 +32,8 @@ pub struct GatherQuery<'f> {
     pub(super) window: Option<f32>,
     pub(super) cosine: Option<f32>,
     pub(super) thickness: Option<f32>,
-    pub(super) space: Kernel,
-    pub(super) time_weight: Kernel,
+    pub(super) space_kernel: Kernel,
+    pub(super) time_kernel: Kernel,
     pub(super) in_volume: bool,
     pub(super) filter: Option<&'f (dyn Fn(u32) -> bool + Sync)>,
 }
@@ -52,8 +52,8 @@ impl<'f> GatherQuery<'f> {
             window: None,
             cosine: None,
             thickness: None,
-            space: Kernel::Box,
-            time_weight: Kernel::Box,
+            space_kernel: Kernel::Box,
+            time_kernel: Kernel::Box,
             in_volume: false,
             filter: None,
         }
@@ -89,7 +89,7 @@ impl<'f> GatherQuery<'f> {
 
     /// The kernels that weight photons by distance in space and in time.
     pub fn kernels(self, space: Kernel, time: Kernel) -> Self {
-        GatherQuery { space, time_weight: time, ..self }
+        GatherQuery { space_kernel: space, time_kernel: time, ..self }
     }
 
     /// Estimates the density in a volume, as in smoke: flux per volume and time, over the ball of the radius instead of its disc.
@@ -117,7 +117,11 @@ impl<'f> GatherQuery<'f> {
 
     /// The integral of the weights in space over the disc of a radius, or over its ball.
     pub(super) fn extent(&self, radius: f32) -> f64 {
-        if self.in_volume { self.space.over_ball(radius.into()) } else { self.space.over_disc(radius.into()) }
+        if self.in_volume {
+            self.space_kernel.over_ball(radius.into())
+        } else {
+            self.space_kernel.over_disc(radius.into())
+        }
     }
 
     /// Only photons whose index among those that the map was built from the predicate returns true for. It must be

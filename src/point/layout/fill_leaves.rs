@@ -7,7 +7,7 @@ use crate::progress::Progress;
 use crate::simd::{Kernel, LANES, PointBlock, Simd, SimdLevel, dispatch};
 
 /// Where the points of bottom nodes come from.
-pub(in crate::point) trait Points: Sync {
+pub(in crate::point) trait BottomPoints: Sync {
     /// Takes the points from number `first` on, as many as `count`, with their indices. `blocks` are those that they will be in,
     /// which are written anew afterwards.
     fn take(&self, first: usize, count: usize, blocks: &mut [PointBlock], to: &mut Rows<MOST>);
@@ -35,7 +35,7 @@ const SHARE: usize = 64;
 
 /// Takes the points of each bottom node, puts them in order, and writes its blocks and boxes. `progress` counts points; once it is
 /// cancelled, nothing more is written.
-pub(in crate::point) fn fill(bottoms: BottomNodes<'_>, points: &impl Points, progress: &Progress) {
+pub(in crate::point) fn fill(bottoms: BottomNodes<'_>, points: &impl BottomPoints, progress: &Progress) {
     let BottomNodes { first, count, nodes, blocks, leaf_blocks } = bottoms;
     if nodes.len() > SHARE {
         let half = nodes.len() / 2;
@@ -65,7 +65,7 @@ struct Fill<'a, P> {
     points: &'a P,
 }
 
-impl<P: Points> Kernel for Fill<'_, P> {
+impl<P: BottomPoints> Kernel for Fill<'_, P> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {

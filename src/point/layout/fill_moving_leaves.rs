@@ -13,7 +13,7 @@ use crate::progress::Progress;
 use crate::simd::{Kernel, LANES, Simd, SimdLevel, dispatch};
 
 /// What leaves are filled from.
-pub(in crate::point) struct Ordered<'a, R: ?Sized> {
+pub(in crate::point) struct OrderedReferences<'a, R: ?Sized> {
     pub(in crate::point) references: &'a R,
     pub(in crate::point) slice: &'a SegmentSlice,
     /// Positions and numbers of the references, those of one bottom node behind those of the other.
@@ -47,7 +47,7 @@ const SHARE: usize = 64;
 /// more is written.
 pub(in crate::point) fn fill<R: References + ?Sized>(
     bottoms: MovingBottomNodes<'_>,
-    from: &Ordered<'_, R>,
+    from: &OrderedReferences<'_, R>,
     progress: &Progress,
 ) -> Vec<u32> {
     let MovingBottomNodes { first, count, nodes, times, boxes, leaves } = bottoms;
@@ -80,7 +80,7 @@ pub(in crate::point) fn fill<R: References + ?Sized>(
 
 struct Fill<'a, 'b, R: ?Sized> {
     bottoms: MovingBottomNodes<'a>,
-    from: &'b Ordered<'b, R>,
+    from: &'b OrderedReferences<'b, R>,
 }
 
 impl<R: References + ?Sized> Kernel for Fill<'_, '_, R> {
@@ -88,7 +88,7 @@ impl<R: References + ?Sized> Kernel for Fill<'_, '_, R> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Vec<u32> {
         let Fill { bottoms: MovingBottomNodes { first, count, nodes, times, boxes, mut leaves }, from } = self;
-        let Ordered { references, slice, rows: all, without_fast } = from;
+        let OrderedReferences { references, slice, rows: all, without_fast } = from;
         let mut fast = Vec::new();
         let (mut rows, mut spare) = (Rows::<MOST>::EMPTY, Rows::<SPARE>::EMPTY);
         let mut by = [[[0.0; LANES]; 3]; LANES];

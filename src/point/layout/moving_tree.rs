@@ -4,7 +4,7 @@
 //! from two keys, and if points exist for a while only, nodes and leaves have active intervals.
 
 use super::boxes::LinearBoxes;
-use super::fill_moving_leaves::{MovingBottomNodes, Ordered, fill};
+use super::fill_moving_leaves::{MovingBottomNodes, OrderedReferences, fill};
 use super::linear_bounds::LinearBox;
 use super::moving_leaf::{LaneIntervals, MovingLeaves};
 use super::moving_view::{HasLeaves, TreeAtTime};
@@ -118,7 +118,7 @@ impl MovingTree {
             boxes: &mut boxes,
             leaves: leaves.rows(),
         };
-        let ordered = Ordered { references, slice: &slice, rows: &rows, without_fast };
+        let ordered = OrderedReferences { references, slice: &slice, rows: &rows, without_fast };
         let fast = fill(bottoms, &ordered, &progress.in_units(count));
         for level in 1..shape.levels {
             for (node, children) in (shape.begin[level]..).zip(boxes.chunks(LANES)) {

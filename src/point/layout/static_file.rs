@@ -2,7 +2,7 @@
 
 use super::boxes::Boxes;
 use super::shape::Shape;
-use super::static_tree::{Ordered, StaticTree};
+use super::static_tree::{LastOrder, StaticTree};
 use crate::file::{Decoder, Encoder, FileError, Record, record_fields, require};
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::parallel;
@@ -69,7 +69,7 @@ impl StaticRecord {
         require(blocks_fine.into_iter().all(|fine| fine), "a leaf holds invalid points")?;
         let fine = shape.lanes(leaves).all(|(node, lanes)| are_fine(&nodes[node], lanes));
         require(fine, "a node has an invalid box, or a box without a child")?;
-        let ordered = ordered.first().map(|&[spread, excess]| Ordered { spread, excess });
+        let ordered = ordered.first().map(|&[spread, excess]| LastOrder { spread, excess });
         Ok((StaticTree { nodes, blocks, shape, ordered }, count))
     }
 }

@@ -6,7 +6,7 @@
 //! fills the levels better.
 
 use super::boxes::Boxes;
-use super::fill_leaves::{BottomNodes, Points, fill};
+use super::fill_leaves::{BottomNodes, BottomPoints, fill};
 use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath, throughout};
 use super::shape::Shape;
 use super::view::{CoordinateView, LeafView, Target, View, diagonal, outside, rows, squared};
@@ -28,12 +28,12 @@ pub(in crate::point) struct StaticTree {
     pub(in crate::point) blocks: Vec<PointBlock>,
     pub(in crate::point) shape: Shape,
     /// What is known of the time when the points were put in order; nothing if that was for this tree.
-    pub(in crate::point) ordered: Option<Ordered>,
+    pub(in crate::point) ordered: Option<LastOrder>,
 }
 
 /// When all points were put in order, and since.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::point) struct Ordered {
+pub(in crate::point) struct LastOrder {
     /// The spread of the leaves then.
     pub(in crate::point) spread: f64,
     /// By how much leaves have been larger in all trees since, added up, as a share of their sides.
@@ -86,7 +86,7 @@ impl StaticTree {
         count: usize,
         blocks: Vec<PointBlock>,
         shape: Shape,
-        points: &impl Points,
+        points: &impl BottomPoints,
         progress: &Progress,
     ) -> StaticTree {
         let nodes = huge_vec_of(Boxes::NONE, shape.nodes());
@@ -111,7 +111,7 @@ impl StaticTree {
     /// The tree over the same points elsewhere, in almost the same order: only the points of a bottom node are put in
     /// order again. `at` has the position of each id.
     pub(in crate::point) fn moved(self, at: &[[f32; 3]]) -> StaticTree {
-        let mut ordered = self.ordered.unwrap_or_else(|| Ordered { spread: self.spread(), excess: 0.0 });
+        let mut ordered = self.ordered.unwrap_or_else(|| LastOrder { spread: self.spread(), excess: 0.0 });
         let mut tree = StaticTree::around(at.len(), self.blocks, self.shape, &Moved { at }, &Progress::new(None));
         let spread = tree.spread();
         if spread > ordered.spread {
@@ -163,7 +163,7 @@ struct Sorted<'a, F> {
     id_of: F,
 }
 
-impl<F: Fn(u32) -> u32 + Sync> Points for Sorted<'_, F> {
+impl<F: Fn(u32) -> u32 + Sync> BottomPoints for Sorted<'_, F> {
     #[inline(always)]
     fn take(&self, first: usize, count: usize, blocks: &mut [PointBlock], to: &mut Rows<MOST>) {
         match self.rows {
@@ -183,7 +183,7 @@ struct Moved<'a> {
     at: &'a [[f32; 3]],
 }
 
-impl Points for Moved<'_> {
+impl BottomPoints for Moved<'_> {
     #[inline(always)]
     fn take(&self, _first: usize, count: usize, blocks: &mut [PointBlock], to: &mut Rows<MOST>) {
         // A leaf is full before the next one has points.

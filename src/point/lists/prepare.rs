@@ -5,7 +5,7 @@ use super::list_layer::{ListLayer, ListView, with_view};
 use super::list_request::ListRequest;
 use super::periodic_box::MOST_PERIODS;
 use super::radii::Radii;
-use super::reach::{Measure, Reach};
+use super::reach::{MeasureReach, Reach};
 use crate::point::layout::view::CoordinateView;
 use crate::point::tree::PointTree;
 use crate::simd::{Kernel, LANES, Simd, dispatch};
@@ -54,7 +54,7 @@ pub(super) fn prepare(request: &ListRequest<'_>, prepared: &mut Prepared) -> Res
         let count = ListLayer::all(tree).count();
         prepared.reaches.resize(prepared.reaches.len().max(count), Reach::default());
         for (layer, reach) in ListLayer::all(tree).zip(&mut prepared.reaches) {
-            with_view!(layer.at(origin, time), view => dispatch(simd, Measure { view, radii, reach }));
+            with_view!(layer.at(origin, time), view => dispatch(simd, MeasureReach { view, radii, reach }));
         }
         match prepared.reaches[..count].iter().filter_map(|reach| reach.missing).min() {
             Some(id) => Err(ListError::MissingRadius { of: of(id) }),

@@ -23,17 +23,17 @@ impl Reach {
 }
 
 /// Fills a [`Reach`] for the nodes of a view.
-pub(super) struct Measure<'a, V> {
+pub(super) struct MeasureReach<'a, V> {
     pub(super) view: V,
     pub(super) radii: &'a [f32],
     pub(super) reach: &'a mut Reach,
 }
 
-impl<V: CoordinateView> Kernel for Measure<'_, V> {
+impl<V: CoordinateView> Kernel for MeasureReach<'_, V> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Measure { view, radii, reach } = self;
+        let MeasureReach { view, radii, reach } = self;
         let (level, node) = view.root();
         reach.missing = None;
         reach.nodes.clear();

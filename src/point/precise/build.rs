@@ -1,6 +1,6 @@
 //! Building a tree over f64 points.
 
-use super::fill_leaves::{AtRest, InTheMiddle, PointsOfSlice};
+use super::fill_leaves::{AtRest, InTheMiddle, PrecisePoints};
 use super::linear_box::{FULL, LinearBox, Node, NodeRows};
 use super::order::order;
 use super::tree::{Block, NO_POINTS, PreciseTree};
@@ -26,7 +26,7 @@ impl PreciseTree {
         moves: bool,
         progress: &Progress,
     ) -> PreciseTree {
-        let points = PointsOfSlice { source, slice };
+        let points = PrecisePoints { source, slice };
         if !source.all_persist() {
             numbers.retain(|&point| points.exists(point));
         }
@@ -47,8 +47,8 @@ impl PreciseTree {
     }
 
     /// A tree with room for some points.
-    fn empty(points: PointsOfSlice<'_>, numbers: &[u32], moves: bool) -> PreciseTree {
-        let PointsOfSlice { source, slice } = points;
+    fn empty(points: PrecisePoints<'_>, numbers: &[u32], moves: bool) -> PreciseTree {
+        let PrecisePoints { source, slice } = points;
         let shape = PreciseTree::shape(numbers.len(), moves);
         let blocks = numbers.len().div_ceil(shape.leaf()) * shape.leaf_blocks;
         let any = |holds: &dyn Fn(TimeInterval) -> bool| {

@@ -1,7 +1,7 @@
 //! Writing f64 points into the leaves of a tree, in the order that was found for them.
 
 use super::linear_box::LinearBox;
-use super::rounded_order::Points;
+use super::rounded_order::PointsToOrder;
 use super::tree::{Block, PreciseTree, between};
 use crate::geometry::TimeInterval;
 use crate::parallel;
@@ -23,12 +23,12 @@ const AHEAD: usize = 16;
 
 /// The points of a set during a time slice.
 #[derive(Clone, Copy)]
-pub(super) struct PointsOfSlice<'a> {
+pub(super) struct PrecisePoints<'a> {
     pub(super) source: &'a Source,
     pub(super) slice: SegmentSlice,
 }
 
-impl PointsOfSlice<'_> {
+impl PrecisePoints<'_> {
     /// Positions of a point at the keys of the segment.
     #[inline(always)]
     pub(super) fn keys(&self, point: u32) -> [DVec3; 2] {
@@ -75,9 +75,9 @@ impl PointsOfSlice<'_> {
 }
 
 /// Static points, to be ordered by where they are.
-pub(super) struct AtRest<'a>(pub(super) PointsOfSlice<'a>);
+pub(super) struct AtRest<'a>(pub(super) PrecisePoints<'a>);
 
-impl Points for AtRest<'_> {
+impl PointsToOrder for AtRest<'_> {
     #[inline(always)]
     fn at(&self, point: u32) -> DVec3 {
         self.0.at_rest(point)
@@ -88,9 +88,9 @@ impl Points for AtRest<'_> {
 }
 
 /// Points to be ordered by where they are in the middle of the slice.
-pub(super) struct InTheMiddle<'a>(pub(super) PointsOfSlice<'a>);
+pub(super) struct InTheMiddle<'a>(pub(super) PrecisePoints<'a>);
 
-impl Points for InTheMiddle<'_> {
+impl PointsToOrder for InTheMiddle<'_> {
     #[inline(always)]
     fn at(&self, point: u32) -> DVec3 {
         self.0.in_the_middle(point)
@@ -116,7 +116,7 @@ impl PreciseTree {
     /// Once `progress` is cancelled, the other leaves are left empty, without boxes.
     pub(super) fn fill_leaves(
         &mut self,
-        points: PointsOfSlice<'_>,
+        points: PrecisePoints<'_>,
         numbers: &[u32],
         progress: &Progress,
     ) -> Vec<LinearBox> {
@@ -160,7 +160,7 @@ fn with_next(numbers: &[u32]) -> impl Iterator<Item = (u32, Option<u32>)> {
 
 impl LeafRowsMut<'_> {
     /// Fills leaves with points that do not move and exist throughout the shutter.
-    fn fill_static(&mut self, points: PointsOfSlice<'_>, leaf_blocks: usize) -> Vec<LinearBox> {
+    fn fill_static(&mut self, points: PrecisePoints<'_>, leaf_blocks: usize) -> Vec<LinearBox> {
         let mut boxes = Vec::with_capacity(self.blocks.len() / leaf_blocks);
         let (mut lo, mut hi) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
         let mut next = self.numbers.chunks(LANES).skip(1);
@@ -183,7 +183,7 @@ impl LeafRowsMut<'_> {
     }
 
     /// Fills leaves, of one block each.
-    fn fill_moving(&mut self, points: PointsOfSlice<'_>) -> Vec<LinearBox> {
+    fn fill_moving(&mut self, points: PrecisePoints<'_>) -> Vec<LinearBox> {
         let mut boxes = vec![LinearBox::NONE; self.blocks.len()];
         for (i, (number, next)) in with_next(self.numbers).enumerate() {
             next.into_iter().for_each(|next| points.prefetch(next));

@@ -5,7 +5,7 @@
 //! their own middles. Where points are so close together, relative to the range, that rounding decides on which part they are in,
 //! the range is divided once in f64, and its halves are tried again.
 
-use super::rounded_order::{Points, order_in_f32};
+use super::rounded_order::{PointsToOrder, order_in_f32};
 use crate::parallel;
 use crate::point::leaf_order::complete_tree::{left_part, subtree, subtrees_of};
 use crate::point::leaf_order::motion_groups::{self, Displaced, MotionDivision};
@@ -20,14 +20,25 @@ const SHARE: usize = 1 << 14;
 
 /// Orders the numbers of points so that leaf i holds the i-th run of `leaf` of them, by motion as well if that is said. Once
 /// `progress` is cancelled, ranges are left unordered.
-pub(super) fn order<P: Points>(numbers: &mut [u32], leaf: usize, points: &P, by_motion: bool, progress: &Progress) {
+pub(super) fn order<P: PointsToOrder>(
+    numbers: &mut [u32],
+    leaf: usize,
+    points: &P,
+    by_motion: bool,
+    progress: &Progress,
+) {
     let progress = progress.in_units(2 * numbers.len());
     order_range(numbers, leaf, (points, by_motion), &progress);
 }
 
 /// Orders a range that begins where a subtree does. A point counts 1 for `progress` when it is
 /// in its part, and 1 when that is ordered.
-fn order_range<P: Points>(numbers: &mut [u32], leaf: usize, (points, by_motion): (&P, bool), progress: &Progress) {
+fn order_range<P: PointsToOrder>(
+    numbers: &mut [u32],
+    leaf: usize,
+    (points, by_motion): (&P, bool),
+    progress: &Progress,
+) {
     let count = numbers.len();
     if progress.cancelled() {
         return;
@@ -67,7 +78,7 @@ fn select(numbers: &mut [u32], count: usize, key: impl Fn(u32) -> f64) {
 }
 
 /// Divides points by motion and returns how many are on the left; `None` if division by position is better.
-fn divide_by_motion(numbers: &mut [u32], block: usize, points: &impl Points) -> Option<usize> {
+fn divide_by_motion(numbers: &mut [u32], block: usize, points: &impl PointsToOrder) -> Option<usize> {
     let displaced = |number: u32| Displaced { at: points.at(number), by: points.displacement(number) };
     let sample = (0..motion_groups::SAMPLE).map(|i| displaced(numbers[spread(i, numbers.len())]));
     let division = MotionDivision::of(&sample.collect::<Vec<_>>(), numbers.len(), block)?;
@@ -76,7 +87,7 @@ fn divide_by_motion(numbers: &mut [u32], block: usize, points: &impl Points) -> 
 }
 
 /// The axis of the largest extent, estimated from a sample if there are many points.
-fn widest_axis(numbers: &[u32], points: &impl Points) -> usize {
+fn widest_axis(numbers: &[u32], points: &impl PointsToOrder) -> usize {
     let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let sample = numbers.iter().step_by((numbers.len() / SAMPLE).max(1)).map(|&number| points.at(number));
     let (lo, hi) = sample.fold(none, |(lo, hi), at| (lo.min(at), hi.max(at)));
@@ -90,7 +101,7 @@ mod tests {
 
     struct Set<'a>(&'a [DVec3]);
 
-    impl Points for Set<'_> {
+    impl PointsToOrder for Set<'_> {
         fn at(&self, number: u32) -> DVec3 {
             self.0[number as usize]
         }

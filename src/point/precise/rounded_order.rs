@@ -14,7 +14,7 @@ use crate::simd::{Item, LANES};
 use glam::DVec3;
 
 /// Points to be ordered, by their numbers in the set.
-pub(super) trait Points: Sync {
+pub(super) trait PointsToOrder: Sync {
     /// Where a point is.
     fn at(&self, number: u32) -> DVec3;
     /// The displacement of a point during the time slice.
@@ -39,7 +39,7 @@ struct Part<'a, 'b> {
 /// Orders a range into runs of `leaf` points, by motion as well if that is said. Whether f32 was fine enough; if not, all numbers
 /// are there in some order. `again` orders parts that this range is too large for. A point counts 1 for `progress` when it is in
 /// its part, and 1 when that is ordered here.
-pub(super) fn order_in_f32<P: Points>(
+pub(super) fn order_in_f32<P: PointsToOrder>(
     numbers: &mut [u32],
     leaf: usize,
     (points, by_motion): (&P, bool),
@@ -79,7 +79,7 @@ pub(super) fn order_in_f32<P: Points>(
 }
 
 /// Writes points to rows, relative to the middle of their box, and returns its largest extent.
-fn round<P: Points>(numbers: &[u32], points: &P, rows: &mut PointRows) -> f64 {
+fn round<P: PointsToOrder>(numbers: &[u32], points: &P, rows: &mut PointRows) -> f64 {
     let bounds = parallel::parts(numbers.len(), |range| {
         let (mut lo, mut hi) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
         for &number in &numbers[range] {
@@ -98,7 +98,7 @@ fn round<P: Points>(numbers: &[u32], points: &P, rows: &mut PointRows) -> f64 {
 }
 
 /// Whether runs of points, of these sizes, are larger than `least` or in one place.
-fn well_separated<P: Points>(numbers: &[u32], run: usize, (sizes, least): (&[f32], f32), points: &P) -> bool {
+fn well_separated<P: PointsToOrder>(numbers: &[u32], run: usize, (sizes, least): (&[f32], f32), points: &P) -> bool {
     let one_place = |run: &[u32]| run.iter().all(|&number| points.at(number) == points.at(run[0]));
     numbers.chunks(run).zip(sizes).all(|(run, &size)| size > least || one_place(run))
 }
@@ -106,7 +106,7 @@ fn well_separated<P: Points>(numbers: &[u32], run: usize, (sizes, least): (&[f32
 impl Part<'_, '_> {
     /// Orders the points into runs of `leaf`. Whether no leaf is too small for that; if one is, all numbers are there in some
     /// order.
-    fn order<P: Points>(&mut self, leaf: usize, least: f32, (points, by_motion): (&P, bool)) -> bool {
+    fn order<P: PointsToOrder>(&mut self, leaf: usize, least: f32, (points, by_motion): (&P, bool)) -> bool {
         let Part { numbers, rows, more, size } = self;
         let count = numbers.len();
         if *size < LEAVES * least {

@@ -8,7 +8,7 @@ use super::group::SweptGroup;
 use super::group_steps::{AddCandidates, ShowBlock, TakeGroup};
 use super::images::Images;
 use super::pair_filter::PairFilter;
-use super::time_slices::{Pairing, Slice, Tree, begins_with_a_slice, pairings, time_slices_of};
+use super::time_slices::{Pairing, SweptSlice, SweptTree, begins_with_a_slice, pairings, time_slices_of};
 use super::window::{Segment, Window};
 use crate::parallel;
 use crate::point::layout::over_interval::{greater, lesser};
@@ -25,7 +25,7 @@ pub(super) struct Sweep<'a, C: SweptCoordinate> {
     /// The set of the others; none if it is the same.
     among: Option<&'a PointTree>,
     /// The slices of the tree, and then of the other one.
-    slices: Vec<Slice<'a, C>>,
+    slices: Vec<SweptSlice<'a, C>>,
     /// How many of these are the tree's own.
     own: usize,
     pairings: Vec<Pairing>,
@@ -94,7 +94,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         let undivided = pairings.len() == own
             && own_once
             && layers.iter().all(|layer| layer.len() <= 1)
-            && !slices.iter().any(Slice::timed);
+            && !slices.iter().any(SweptSlice::timed);
         let has_active_intervals = slices.iter().any(|slice| slice.points().has_active_intervals());
         let times = times.map(f64::from);
         let segments =
@@ -171,7 +171,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
 
     /// The lowest id, of a point that exists at some time of the interval, that has none of these radii.
     pub(super) fn lowest_without(&self, radii: Radii<'_>) -> Option<RadiusOf> {
-        let without = |slices: &[Slice<'a, C>], radii: &[f32], of: fn(u32) -> RadiusOf| {
+        let without = |slices: &[SweptSlice<'a, C>], radii: &[f32], of: fn(u32) -> RadiusOf| {
             let lowest = |ids: Vec<u32>| ids.into_iter().filter(|&id| id as usize >= radii.len()).min();
             ids_of(slices).filter_map(lowest).min().map(of)
         };
@@ -210,7 +210,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
 
     /// Whether each id comes up once, as that of a point and as that of another which it meets.
     pub(super) fn ids_come_up_once(&self) -> bool {
-        let differ = |slices: &[Slice<'a, C>]| {
+        let differ = |slices: &[SweptSlice<'a, C>]| {
             let mut ids: Vec<u32> = ids_of(slices).flatten().collect();
             ids.sort_unstable();
             ids.is_sorted_by(|a, b| a < b)
@@ -248,7 +248,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
     }
 
     /// The times during which points of two slices are compared. Slices of the same set are not in different segments.
-    fn window(&self, a: &Slice<'a, C>, b: &Slice<'a, C>) -> Window {
+    fn window(&self, a: &SweptSlice<'a, C>, b: &SweptSlice<'a, C>) -> Window {
         // What is at rest is where it is in any segment.
         let segments = [a.segment.or(b.segment), b.segment.or(a.segment)];
         let segments =
@@ -259,17 +259,17 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
 
 /// The ids of the points of each tree that exist at some time of its slice. (Points at rest have one tree, which may come up in as
 /// many slices as there are segments.)
-fn ids_of<C: SweptCoordinate>(slices: &[Slice<'_, C>]) -> impl Iterator<Item = Vec<u32>> {
-    slices.chunk_by(Slice::has_same_points).map(|slices| slices[0].ids())
+fn ids_of<C: SweptCoordinate>(slices: &[SweptSlice<'_, C>]) -> impl Iterator<Item = Vec<u32>> {
+    slices.chunk_by(SweptSlice::has_same_points).map(|slices| slices[0].ids())
 }
 
 /// The largest magnitude of a coordinate. (Looked for only where it counts: it takes a look at every point.)
-fn magnitude<C: SweptCoordinate>(slices: &[Slice<'_, C>]) -> f64 {
+fn magnitude<C: SweptCoordinate>(slices: &[SweptSlice<'_, C>]) -> f64 {
     slices.iter().map(|slice| slice.points().magnitude()).fold(0.0, f64::max)
 }
 
 /// The most by which displacements differ along an axis.
-fn relative_motion<C: SweptCoordinate>(slices: &[Slice<'_, C>]) -> f64 {
+fn relative_motion<C: SweptCoordinate>(slices: &[SweptSlice<'_, C>]) -> f64 {
     let (mut lo, mut hi) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     for [least, most] in slices.iter().map(|slice| slice.points().displacements()) {
         for axis in 0..3 {
@@ -330,10 +330,10 @@ impl<C: SweptCoordinate, const IMAGES: bool> Kernel for AddAll<'_, C, IMAGES> {
             let other = &sweep.slices[other];
             let (candidates, window) = (&mut *candidates, (sweep.window(slice, other), reach));
             let all = match other.tree {
-                Tree::Static(tree) => {
+                SweptTree::Static(tree) => {
                     s.call(AddCandidates::<_, IMAGES> { candidates, tree, group, window, criteria, most })
                 }
-                Tree::Moving(tree) => {
+                SweptTree::Moving(tree) => {
                     s.call(AddCandidates::<_, IMAGES> { candidates, tree, group, window, criteria, most })
                 }
             };
@@ -355,8 +355,8 @@ impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for Sha
             let pairing = &sweep.pairings[number];
             let slice = &sweep.slices[pairing.own];
             match slice.tree {
-                Tree::Static(tree) => s.call(TakeGroup { group, tree, node, times: pairing.times, excess }),
-                Tree::Moving(tree) => s.call(TakeGroup { group, tree, node, times: pairing.times, excess }),
+                SweptTree::Static(tree) => s.call(TakeGroup { group, tree, node, times: pairing.times, excess }),
+                SweptTree::Moving(tree) => s.call(TakeGroup { group, tree, node, times: pairing.times, excess }),
             }
             let mut wanted = group.blocks.iter().flat_map(|block| block.points.id);
             if !wanted.any(|id| visitor.wants(id)) {

@@ -34,14 +34,14 @@ use core::ops::Range;
 use std::collections::HashMap;
 
 /// The tree of a time slice, or one for all times.
-pub(super) enum Tree<'a, C: SweptCoordinate> {
+pub(super) enum SweptTree<'a, C: SweptCoordinate> {
     Static(&'a C::Static),
     Moving(&'a C::Moving),
 }
 
 /// A tree and the times during which it is searched.
-pub(super) struct Slice<'a, C: SweptCoordinate> {
-    pub(super) tree: Tree<'a, C>,
+pub(super) struct SweptSlice<'a, C: SweptCoordinate> {
+    pub(super) tree: SweptTree<'a, C>,
     pub(super) times: [f32; 2],
     /// Number of keys and segment where anything moves, or another set has other keys.
     pub(super) segment: Option<(usize, usize)>,
@@ -61,12 +61,12 @@ pub(super) struct Pairing {
     pub(super) times: [f32; 2],
 }
 
-impl<C: SweptCoordinate> Slice<'_, C> {
+impl<C: SweptCoordinate> SweptSlice<'_, C> {
     /// The tree, for what is asked once for all of its points.
     pub(super) fn points(&self) -> &dyn BlockTree<Coordinate = C> {
         match self.tree {
-            Tree::Static(tree) => tree,
-            Tree::Moving(tree) => tree,
+            SweptTree::Static(tree) => tree,
+            SweptTree::Moving(tree) => tree,
         }
     }
 
@@ -77,35 +77,35 @@ impl<C: SweptCoordinate> Slice<'_, C> {
 
     /// Whether these are slices of the same points at rest.
     pub(super) fn has_same_points(&self, other: &Self) -> bool {
-        matches!((&self.tree, &other.tree), (Tree::Static(tree), Tree::Static(same)) if core::ptr::eq(*tree, *same))
+        matches!((&self.tree, &other.tree), (SweptTree::Static(tree), SweptTree::Static(same)) if core::ptr::eq(*tree, *same))
     }
 
     /// The greatest radius behind each lane of each node.
     pub(super) fn reach(&self, radii: &[f32]) -> Vec<Lanes<f32>> {
         match self.tree {
-            Tree::Static(tree) => reach(tree, radii),
-            Tree::Moving(tree) => reach(tree, radii),
+            SweptTree::Static(tree) => reach(tree, radii),
+            SweptTree::Moving(tree) => reach(tree, radii),
         }
     }
 
     /// Whether some points do not count throughout.
     pub(super) fn timed(&self) -> bool {
-        matches!(self.tree, Tree::Moving(tree) if tree.timed())
+        matches!(self.tree, SweptTree::Moving(tree) if tree.timed())
     }
 
     /// Whether a time is in the slice, or in the segment between keys that ends with it.
     fn holds(&self, time: f32) -> bool {
         match self.tree {
-            Tree::Static(_) => true,
-            Tree::Moving(tree) => tree.slice().interval.contains(time) || beside_key(&tree.slice(), time),
+            SweptTree::Static(_) => true,
+            SweptTree::Moving(tree) => tree.slice().interval.contains(time) || beside_key(&tree.slice(), time),
         }
     }
 
     /// The bottom nodes.
     pub(super) fn bottom_nodes(&self) -> Vec<usize> {
         match self.tree {
-            Tree::Static(tree) => bottom_nodes(tree),
-            Tree::Moving(tree) => bottom_nodes(tree),
+            SweptTree::Static(tree) => bottom_nodes(tree),
+            SweptTree::Moving(tree) => bottom_nodes(tree),
         }
     }
 }
@@ -185,16 +185,21 @@ pub(super) fn time_slices_of<'a, C: SweptCoordinate>(
     times: [f32; 2],
     begins: bool,
     (segment, divided): (Option<usize>, Option<usize>),
-) -> Vec<Slice<'a, C>> {
+) -> Vec<SweptSlice<'a, C>> {
     let trees = match *layer {
         SweptLayer::Static(tree) => {
-            let whole = Slice { tree: Tree::Static(tree), times, segment: None, reports: ALWAYS };
+            let whole = SweptSlice { tree: SweptTree::Static(tree), times, segment: None, reports: ALWAYS };
             let Some(keys) = divided else { return vec![whole] };
             let key = |number: usize| (number as f64 / (keys - 1) as f64) as f32;
             let of_segment = |number: usize| {
                 let times = [times[0].max(key(number)), times[1].min(key(number + 1))];
-                let tree = Tree::Static(tree);
-                (times[0] <= times[1]).then_some(Slice { tree, times, segment: Some((keys, number)), reports: ALWAYS })
+                let tree = SweptTree::Static(tree);
+                (times[0] <= times[1]).then_some(SweptSlice {
+                    tree,
+                    times,
+                    segment: Some((keys, number)),
+                    reports: ALWAYS,
+                })
             };
             let numbers = (0..keys - 1).filter(|number| segment.is_none_or(|segment| segment == *number));
             return numbers.filter_map(of_segment).collect();
@@ -212,9 +217,9 @@ pub(super) fn time_slices_of<'a, C: SweptCoordinate>(
         let more_than_an_end = times[0] < interval.end_bound() && (begins || begins_with_a_key || !last);
         let searched = both[0] <= both[1] && (more_than_an_end || beside_key(&tree.slice(), both[0]));
         let of_keys = Some((tree.slice().keys, tree.slice().segment));
-        searched.then_some(Slice { tree: Tree::Moving(tree), times: both, segment: of_keys, reports })
+        searched.then_some(SweptSlice { tree: SweptTree::Moving(tree), times: both, segment: of_keys, reports })
     };
-    let mut slices: Vec<Slice<'a, C>> = trees.filter_map(slice).collect();
+    let mut slices: Vec<SweptSlice<'a, C>> = trees.filter_map(slice).collect();
     // The times of keys are rounded, and the slice beside the key may not be searched.
     for of_segment in slices.chunk_by_mut(|a, b| a.segment == b.segment) {
         let last = of_segment.len() - 1;
@@ -227,7 +232,7 @@ pub(super) fn time_slices_of<'a, C: SweptCoordinate>(
 /// Which of the first `own` slices are compared when with which in some layers. Each layer has a range of slices, in the order of
 /// time.
 pub(super) fn pairings<C: SweptCoordinate>(
-    slices: &[Slice<'_, C>],
+    slices: &[SweptSlice<'_, C>],
     own: usize,
     layers: &[Range<usize>],
     times: [f32; 2],
