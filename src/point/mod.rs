@@ -21,6 +21,7 @@
 // | `search` | the searches, each written once for all trees |
 // | `build` | reading and checking a set, choosing a structure, building it |
 // | `precise` | the same for points in f64 |
+// | `params`, `error`, `neighbor` | what callers pass to a tree and get from it |
 // | `tree`, `statistics`, `rebuild`, `in_file` | `PointTree`: builds, statistics, rebuilds, files |
 // | `queries` | the queries of a tree, single and in batches |
 // | `lists` | neighbour lists of whole sets |

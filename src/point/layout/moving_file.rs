@@ -114,10 +114,5 @@ fn is_child(boxes: &LinearBoxes, times: Option<&LaneIntervals>, lane: usize, exi
     let slopes = [at(&boxes.lo_slope), at(&boxes.hi_slope)];
     let absent = lo == [f32::INFINITY; 3] && hi == [f32::NEG_INFINITY; 3] && slopes == [[0.0; 3]; 2];
     let numbers = [lo, hi].iter().chain(&slopes).flatten().all(|face| face.is_finite());
-    numbers && exists || absent && times.is_none_or(|times| never(times, lane))
-}
-
-/// Whether a lane is never active.
-pub(in crate::point) fn never(times: &LaneIntervals, lane: usize) -> bool {
-    times.begin[lane] == f32::INFINITY && times.end[lane] == f32::NEG_INFINITY
+    numbers && exists || absent && times.is_none_or(|times| times.is_never(lane))
 }

@@ -36,6 +36,21 @@ impl LaneIntervals {
         (self.begin[lane], self.end[lane]) = (begin, end);
     }
 
+    /// The interval of a lane; none if it is never active.
+    pub(in crate::point) fn of_lane(&self, lane: usize) -> Option<TimeInterval> {
+        TimeInterval::half_open(self.begin[lane], self.end[lane])
+    }
+
+    /// Whether a lane is active at a time.
+    pub(in crate::point) fn is_active(&self, lane: usize, time: f32) -> bool {
+        self.begin[lane] <= time && time < self.end[lane]
+    }
+
+    /// Whether a lane has the interval of one that is absent.
+    pub(in crate::point) fn is_never(&self, lane: usize) -> bool {
+        (self.begin[lane], self.end[lane]) == (f32::INFINITY, f32::NEG_INFINITY)
+    }
+
     /// The lanes that are active at a time.
     #[inline(always)]
     pub(in crate::point) fn active_at<S: Simd>(&self, s: S, time: S::F) -> Mask {
@@ -128,7 +143,7 @@ impl MovingLeaves {
 
     /// Whether a lane of a block is active at a time.
     pub(in crate::point) fn is_active(&self, block: usize, lane: usize, time: f32) -> bool {
-        self.times.get(block).is_none_or(|t| t.begin[lane] <= time && time < t.end[lane])
+        self.times.get(block).is_none_or(|times| times.is_active(lane, time))
     }
 
     /// The points that are active at a time, with their ids.
@@ -183,8 +198,7 @@ impl MovingLeaves {
     /// A point of a block between its keys.
     pub(in crate::point) fn point_path(&self, block: usize, lane: usize) -> Option<PointPath> {
         let rows = &self.blocks[block];
-        let active = self.active.get(block).map(|t| TimeInterval::half_open(t.begin[lane], t.end[lane]));
-        let active = active.unwrap_or(Some(TimeInterval::FULL))?;
+        let active = self.active.get(block).map_or(Some(TimeInterval::FULL), |active| active.of_lane(lane))?;
         let [open, close] = [rows.open, rows.close].map(|rows| rows.map(|row| f64::from(row[lane])));
         (rows.id[lane] != u32::MAX).then_some(PointPath { id: rows.id[lane], open, close, active })
     }

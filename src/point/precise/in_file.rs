@@ -6,7 +6,6 @@ use crate::file::{Decoder, Encoder, FileError, record_fields, require};
 use crate::limits::MAX_COORDINATE;
 use crate::parallel;
 use crate::point::layout::boxes::Boxes;
-use crate::point::layout::moving_file::never;
 use crate::point::layout::moving_leaf::LaneIntervals;
 use crate::point::layout::static_file::{FARTHEST_FACE, are_fine};
 use crate::point::layout::view::ExactRows;
@@ -127,7 +126,7 @@ impl PreciseTree {
                 let unmoved = slopes.is_none_or(|slopes| slopes == [[0.0; 3]; 2]);
                 let moving = slopes.is_none_or(|slopes| slopes.iter().flatten().all(|x| x.abs() <= FARTHEST_FACE));
                 let times = self.node_times.get(node);
-                if absent(lane) { unmoved && times.is_none_or(|times| never(times, lane)) } else { moving }
+                if absent(lane) { unmoved && times.is_none_or(|times| times.is_never(lane)) } else { moving }
             })
     }
 }

@@ -49,12 +49,11 @@ impl BoxTree for PreciseTree {
         faces
     }
     fn is_active(&self, block: usize, lane: usize, time: f32) -> bool {
-        self.block_times.get(block).is_none_or(|times| times.begin[lane] <= time && time < times.end[lane])
+        self.block_times.get(block).is_none_or(|times| times.is_active(lane, time))
     }
     fn point_path(&self, block: usize, lane: usize) -> Option<PointPath> {
         let Block { begin, id } = self.blocks.get(block)?;
-        let active = self.active.get(block).map(|t| TimeInterval::half_open(t.begin[lane], t.end[lane]));
-        let active = active.unwrap_or(Some(TimeInterval::FULL))?;
+        let active = self.active.get(block).map_or(Some(TimeInterval::FULL), |active| active.of_lane(lane))?;
         let open = begin.0.map(|row| row[lane]);
         let close = self.ends.get(block).map_or(open, |rows| rows.0.map(|row| row[lane]));
         (id[lane] != u32::MAX).then_some(PointPath { id: id[lane], open, close, active })
