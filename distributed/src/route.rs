@@ -51,7 +51,7 @@ impl Route {
     }
 
     /// Takes values the same way: `values[i]` belongs to particle i of the sender; returns one value for each particle
-    /// that arrived, in the order of these. All ranks call this together.
+    /// that arrived, in the order of these. All ranks call this together, of routes that were made together.
     ///
     /// Errors: [`Problem::Length`] where there is not one value for each particle, [`Problem::Ranks`] where more or fewer ranks
     /// made the route.
