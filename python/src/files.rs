@@ -36,8 +36,8 @@ pub fn to_bytes<'py>(
     Ok(PyBytes::new(py, &bytes))
 }
 
-/// Runs the reading of a tree in a pool of this process with so many threads. (In the global pool of rayon, a forked process would wait for threads
-/// that only its parent has.)
+/// Runs the reading of a tree in a pool of this process with so many threads. (In the global pool of rayon, a forked process would
+/// wait for threads that only its parent has.)
 pub fn read<T: Send>(
     py: Python<'_>,
     workers: isize,

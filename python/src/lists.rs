@@ -54,7 +54,8 @@ pub fn radii_of_others<'a>(
 
 /// The lists of all points at a time. `radii` has one element, or one for each point. In the second case, if `larger`, two points
 /// are neighbours if they are within the larger of their radii, if `summed` within the sum; otherwise each point lists the points
-/// within its own radius. The points of `among` have the radii `radii_among`, one for each. With `max_neighbors` a longer list is an error.
+/// within its own radius. The points of `among` have the radii `radii_among`, one for each. With `max_neighbors` a longer list is
+/// an error.
 #[pyfunction]
 pub fn neighbor_lists<'py>(
     py: Python<'py>,
