@@ -136,8 +136,9 @@ impl MovingSphere {
     /// The outward unit normal where a ray hits a sphere at `t`, which is rounded; `None` where there is none.
     pub(crate) fn normal_of_hit(sphere: (DVec3, f64), ray: &Ray, t: f32) -> Option<DVec3> {
         let Chord { middle, half, aside } = Chord::of(sphere, ray)?;
-        // The near one, if both are rounded to this.
-        let first = (f64::from(t) - (middle - half)).abs() <= (f64::from(t) - (middle + half)).abs();
+        // The near one, if both are rounded to this: from far away, `t` may be rounded by more than the chord is long.
+        let (near, far) = (middle - half, middle + half);
+        let first = near as f32 == t || (f64::from(t) - near).abs() <= (f64::from(t) - far).abs();
         (ray.dir.as_dvec3() * if first { -half } else { half } - aside).try_normalize()
     }
 

@@ -415,6 +415,37 @@ fn rebuilt_trees_answer_like_new_ones() {
     }
 }
 
+/// Where points are drawn together while they mix, the boxes of leaves may become no larger at all.
+#[test]
+fn orders_are_not_kept_of_points_that_mix_while_they_are_drawn_together() {
+    let params = PointParams::default();
+    for core in [1.0, 0.1, 0.01, 1e-4] {
+        let mut rng = Rng(5);
+        // A tenth stays, the others mix within the core; or all of them do, and shrink to it.
+        for (all, within) in [(true, 1.0), (false, core)] {
+            let place = |rng: &mut Rng, i: usize, size: f32| rng.vec() * if all || !i.is_multiple_of(10) { size } else { 1.0 };
+            let first: Vec<Vec3> = (0..20_000).map(|i| place(&mut rng, i, within)).collect();
+            let last: Vec<Vec3> = (0..20_000).map(|i| place(&mut rng, i, core)).collect();
+            let mut tree = PointTree::build(&first, &params).unwrap();
+            let (mut points, mut kept) = (first.clone(), 0);
+            for step in 1..=20 {
+                let mixed = |i: usize| all || !i.is_multiple_of(10);
+                (0..20_000).filter(|&i| mixed(i)).for_each(|i| points[i] = first[i].lerp(last[i], step as f32 / 20.0));
+                kept += usize::from(tree.rebuild(&points, &params).unwrap());
+            }
+            assert!(kept < 15, "{kept} of 20 orders kept, core of {core}, all: {all}");
+        }
+    }
+    // As a whole, a set may shrink, grow and move: its order stays as good.
+    let mut rng = Rng(6);
+    let points: Vec<Vec3> = (0..20_000).map(|_| rng.vec()).collect();
+    let mut tree = PointTree::build(&points, &params).unwrap();
+    for size in [2.0, 50.0, 1.0, 0.1, 1e-5, 1.0] {
+        let there: Vec<Vec3> = points.iter().map(|p| *p * size + Vec3::X * size).collect();
+        assert!(tree.rebuild(&there, &params).unwrap(), "size {size}");
+    }
+}
+
 #[test]
 fn orders_of_moving_trees_name_each_point_once() {
     for kind in ["random", "fast few", "short intervals"] {

@@ -4,7 +4,8 @@ use crate::double;
 use crate::support::{Cloud, Rng};
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    MovingPoint, Neighbor, PeriodError, PeriodicPoints, PointParams, PointStructure, PointTree, SimdLevel, TimeInterval,
+    MovingPoint, Neighbor, PeriodError, PeriodicPoints, PointArrays, PointParams, PointStructure, PointTree, SimdLevel,
+    TimeInterval,
 };
 
 /// Lengths of the periodic axes.
@@ -172,6 +173,34 @@ fn batches_are_single_queries() {
     assert!(nearest[7].is_none() && lists.row(8).is_empty() && counts[7..9] == [0, 0]);
     assert!(counts.iter().sum::<usize>() > 500 && number.iter().sum::<usize>() > 100);
     assert!(periodic.nearest_batch::<Vec3>(&[]).is_empty() && periodic.count_batch::<Vec3>(&[], 1.0).is_empty());
+}
+
+/// Several points of one id may be the nearest of an image, instead of others that belong to the nearest ids.
+#[test]
+fn points_with_one_id_take_no_place_of_others() {
+    let at = |x: &[f32]| x.iter().map(|&x| [x, 0.0, 0.0]).collect::<Vec<_>>();
+    let nearest = |x: &[f32], ids: &[u32], k: usize| {
+        let set = PointArrays { keys: &[&at(x)], active: &[], ids };
+        let tree = PointTree::build(&set, &PointParams::default()).unwrap();
+        let periodic = tree.periodic([Some(1.0f32), None, None]).unwrap();
+        let query = || periodic.query([0.0f32; 3], 0.0);
+        let found = query().nearest_n(k);
+        let mut all = query().radius(9.0).collect_sorted();
+        all.truncate(k);
+        assert_eq!(found, all, "{x:?} {ids:?}");
+        found.len()
+    };
+    assert_eq!(nearest(&[0.1, 0.62, 0.7, 0.55], &[0, 0, 0, 1], 2), 2);
+    assert_eq!(nearest(&[0.1, 0.15, 0.7, 0.72, 0.4], &[0, 0, 2, 2, 1], 3), 3);
+    let mut rng = Rng(3);
+    for _ in 0..2000 {
+        let count = 2 + rng.bits() as usize % 9;
+        let x: Vec<f32> = (0..count).map(|_| rng.unit()).collect();
+        let ids: Vec<u32> = (0..count).map(|_| rng.bits() % 4).collect();
+        let different = (0..4).filter(|id| ids.contains(id)).count();
+        // All of them, from both sides, reach farther than half a period.
+        assert_eq!(nearest(&x, &ids, different), different, "{x:?} {ids:?}");
+    }
 }
 
 #[test]

@@ -4,7 +4,7 @@ use super::boxes::Boxes;
 use super::shape::Shape;
 use super::static_tree::{LastOrder, StaticTree};
 use crate::file::{Decoder, Encoder, FileError, Record, record_fields, require};
-use crate::limits::MAX_POINT_COORDINATE;
+use crate::limits::{MAX_LEVELS, MAX_POINT_COORDINATE};
 use crate::parallel;
 use crate::simd::{LANES, Lanes, PointBlock};
 
@@ -31,7 +31,7 @@ pub(in crate::point) const FARTHEST_FACE: f32 = 1e19;
 /// The contents of a file for one tree, not validated yet.
 pub(in crate::point) struct StaticRecord {
     count: u64,
-    ordered: Vec<[f64; 2]>,
+    ordered: Vec<f64>,
     nodes: Vec<Boxes>,
     blocks: Vec<PointBlock>,
 }
@@ -40,8 +40,8 @@ impl StaticTree {
     /// Writes everything.
     pub(in crate::point) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
         to.put(self.all_ids().count() as u64)?;
-        let ordered = self.ordered.map(|ordered| [ordered.spread, ordered.excess]);
-        to.array(ordered.as_slice())?;
+        let ordered = self.ordered.iter().flat_map(|ordered| [ordered.excess].into_iter().chain(ordered.sizes));
+        to.array(&ordered.collect::<Vec<f64>>())?;
         to.array(&self.nodes)?;
         to.array(&self.blocks)
     }
@@ -69,7 +69,13 @@ impl StaticRecord {
         require(blocks_fine.into_iter().all(|fine| fine), "a leaf holds invalid points")?;
         let fine = shape.lanes(leaves).all(|(node, lanes)| are_fine(&nodes[node], lanes));
         require(fine, "a node has an invalid box, or a box without a child")?;
-        let ordered = ordered.first().map(|&[spread, excess]| LastOrder { spread, excess });
+        let ordered = match *ordered {
+            [] => None,
+            [excess, ref sizes @ ..] => {
+                require(sizes.len() == MAX_LEVELS, "what is known of its order has another length")?;
+                Some(Box::new(LastOrder { sizes: core::array::from_fn(|level| sizes[level]), excess }))
+            }
+        };
         Ok((StaticTree { nodes, blocks, shape, ordered }, count))
     }
 }

@@ -11,6 +11,7 @@ use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath, throughout};
 use super::shape::Shape;
 use super::view::{CoordinateView, LeafView, Target, View, diagonal, outside, rows, squared};
 use crate::geometry::TimeInterval;
+use crate::limits::MAX_LEVELS;
 use crate::point::leaf_order::bottom_order::{MOST, Rows};
 use crate::point::leaf_order::order::{ORDERING, order_rows};
 use crate::point::leaf_order::point_rows::PointRows;
@@ -28,17 +29,20 @@ pub(in crate::point) struct StaticTree {
     pub(in crate::point) blocks: Vec<PointBlock>,
     pub(in crate::point) shape: Shape,
     /// What is known of the time when the points were put in order; nothing if that was for this tree.
-    pub(in crate::point) ordered: Option<LastOrder>,
+    pub(in crate::point) ordered: Option<Box<LastOrder>>,
 }
 
 /// When all points were put in order, and since.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::point) struct LastOrder {
-    /// The spread of the leaves then.
-    pub(in crate::point) spread: f64,
+    /// [`StaticTree::sizes`] then.
+    pub(in crate::point) sizes: [f64; MAX_LEVELS],
     /// By how much leaves have been larger in all trees since, added up, as a share of their sides.
     pub(in crate::point) excess: f64,
 }
+
+/// How small a box counts as relative to the one above: less than that is a point.
+const LEAST_SIZE: f64 = 1.0 / 16_777_216.0;
 
 impl StaticTree {
     /// The blocks of a tree over `count` points, without points.
@@ -110,13 +114,12 @@ impl StaticTree {
 
     /// The tree over the same points elsewhere, in almost the same order: only the points of a bottom node are put in
     /// order again. `at` has the position of each id.
-    pub(in crate::point) fn moved(self, at: &[[f32; 3]]) -> StaticTree {
-        let mut ordered = self.ordered.unwrap_or_else(|| LastOrder { spread: self.spread(), excess: 0.0 });
+    pub(in crate::point) fn moved(mut self, at: &[[f32; 3]]) -> StaticTree {
+        let mut ordered =
+            self.ordered.take().unwrap_or_else(|| Box::new(LastOrder { sizes: self.sizes(), excess: 0.0 }));
         let mut tree = StaticTree::around(at.len(), self.blocks, self.shape, &Moved { at }, &Progress::new(None));
-        let spread = tree.spread();
-        if spread > ordered.spread {
-            ordered.excess += spread / ordered.spread - 1.0;
-        }
+        let growth: f64 = tree.sizes().iter().zip(&ordered.sizes).map(|(now, then)| (now - then).max(0.0)).sum();
+        ordered.excess += growth.exp_m1();
         tree.ordered = Some(ordered);
         tree
     }
@@ -124,20 +127,35 @@ impl StaticTree {
     /// By how much leaves have been larger than when all points were put in order, as a share of their sides, added up
     /// over the trees since.
     pub(in crate::point) fn excess(&self) -> f64 {
-        self.ordered.map_or(0.0, |ordered| ordered.excess)
+        self.ordered.as_ref().map_or(0.0, |ordered| ordered.excess)
     }
 
-    /// The sides of all leaves' boxes.
-    fn spread(&self) -> f64 {
-        let of_node = |node: usize| {
-            let [lo, hi] = BoxTree::faces(self, node, &[0.0; LANES]);
-            let mut sides = 0.0;
-            for lane in (0..LANES).filter(|&lane| lo[0][lane] <= hi[0][lane] && hi[0][lane] < f64::INFINITY) {
-                sides += (0..3).map(|axis| hi[axis][lane] - lo[axis][lane]).sum::<f64>();
+    /// How large the boxes below the nodes of each level are, relative to the box around those of the same node: the logarithm of
+    /// the ratio of their sides, on average.
+    ///
+    /// Points that mix make boxes overlap, so that these ratios grow, at the levels at which they mix. A set that grows or shrinks,
+    /// as a whole or in parts, does not change them.
+    fn sizes(&self) -> [f64; MAX_LEVELS] {
+        let mut sizes = [0.0; MAX_LEVELS];
+        let side =
+            |lo: [f32; 3], hi: [f32; 3]| (0..3).map(|axis| f64::from(hi[axis]) - f64::from(lo[axis])).sum::<f64>();
+        for (level, size) in sizes.iter_mut().enumerate().take(self.shape.levels) {
+            let mut boxes = 0;
+            for node in &self.nodes[self.shape.begin[level]..self.shape.begin[level + 1]] {
+                let (lo, hi) = node.bounds();
+                let whole = side(lo, hi);
+                // The product of sixteen is far above the least f64.
+                let mut product = 1.0;
+                for lane in (0..LANES).filter(|&lane| node.lo[0][lane] <= node.hi[0][lane]) {
+                    let [lo, hi] = [&node.lo, &node.hi].map(|faces| faces.map(|row| row[lane]));
+                    product *= if whole > 0.0 { (side(lo, hi) / whole).max(LEAST_SIZE) } else { 1.0 };
+                    boxes += 1;
+                }
+                *size += product.ln();
             }
-            sides
-        };
-        (0..self.shape.begin[1]).map(of_node).sum()
+            *size /= f64::from(boxes.max(1));
+        }
+        sizes
     }
 
     /// The ids of all points in the order of the tree.

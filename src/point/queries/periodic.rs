@@ -103,7 +103,7 @@ impl<'a> PeriodicPoints<'a> {
     /// A query at a place and a time in the shutter. The place may be in any period.
     #[inline(always)]
     pub fn query(&self, at: impl Position, time: f32) -> PeriodicQuery<'a> {
-        PeriodicQuery { query: self.tree.query(at, time), images: self.images }
+        PeriodicQuery { query: self.tree.query(at, time), tree: self.tree, images: self.images }
     }
 }
 
@@ -112,7 +112,8 @@ impl<'a> PeriodicPoints<'a> {
 /// Points are as far away as the nearest image of the query's place, and each is found once. The place is moved by whole periods in
 /// f64, and each image is rounded as the place of any query is. Every run equals brute force over all images.
 ///
-/// Ids tell which points are the same: where a query reaches farther than half a period, of points with one id the nearest counts.
+/// Ids tell which points are the same: where several images are searched farther away than half a period, of points with one id the
+/// nearest counts.
 ///
 /// Cost: that of one query where the faces of the box around all points are farther away than the neighbours, otherwise that of a
 /// query for each image within reach of a point.
@@ -120,6 +121,7 @@ impl<'a> PeriodicPoints<'a> {
 #[must_use = "a query does nothing until one of its runs is called"]
 pub struct PeriodicQuery<'a, K = KeepAll> {
     query: NeighborQuery<'a, K>,
+    tree: &'a PointTree,
     images: Images,
 }
 
@@ -133,7 +135,7 @@ impl<'a> PeriodicQuery<'a> {
     /// [`NeighborQuery::filter`].
     #[inline(always)]
     pub fn filter<F: Fn(u32) -> bool>(self, predicate: F) -> PeriodicQuery<'a, KeepIf<F>> {
-        PeriodicQuery { query: self.query.filter(predicate), images: self.images }
+        PeriodicQuery { query: self.query.filter(predicate), tree: self.tree, images: self.images }
     }
 }
 
@@ -141,13 +143,13 @@ impl<K: Keep> PeriodicQuery<'_, K> {
     /// [`NeighborQuery::radius`].
     #[inline(always)]
     pub fn radius(self, radius: f32) -> Self {
-        PeriodicQuery { query: self.query.radius(radius), images: self.images }
+        PeriodicQuery { query: self.query.radius(radius), tree: self.tree, images: self.images }
     }
 
     /// [`NeighborQuery::approximate`]. Searches for several neighbours that reach farther than half a period are exact.
     #[inline(always)]
     pub fn approximate(self, epsilon: f32) -> Self {
-        PeriodicQuery { query: self.query.approximate(epsilon), images: self.images }
+        PeriodicQuery { query: self.query.approximate(epsilon), tree: self.tree, images: self.images }
     }
 
     /// The nearest point. Ties go to the lowest id.
@@ -183,7 +185,10 @@ impl<K: Keep> PeriodicQuery<'_, K> {
     /// The same, with the caller's buffer for the result.
     pub fn nearest_n_into(self, k: usize, buffer: &mut NeighborBuffer) -> &[Neighbor] {
         let repeats = self.search_nearest_n(k, buffer);
-        if repeats && self.query.is_approximate() {
+        if repeats && !self.tree.distinct {
+            // Several points with one id may have been found instead of others.
+            self.approximate(0.0).search_different(k, buffer);
+        } else if repeats && self.query.is_approximate() {
             // Two images may give the same farther point instead of two nearer ones.
             self.approximate(0.0).search_nearest_n(k, buffer);
         }
@@ -215,6 +220,35 @@ impl<K: Keep> PeriodicQuery<'_, K> {
             found.get(k - 1).map(|last| last.distance_squared)
         });
         repeats
+    }
+
+    /// Finds the `k` nearest ids: asks each image for so many points that there are `k` ids among them.
+    fn search_different(&self, k: usize, buffer: &mut NeighborBuffer) {
+        let NeighborBuffer { candidates, found, images, of_image } = buffer;
+        let mut points = k;
+        loop {
+            points = points.saturating_mul(2);
+            found.clear();
+            // Up to which distance all points have been found.
+            let mut complete = f32::INFINITY;
+            self.in_order(images, |image| {
+                of_image.clear();
+                image.run(|query| compiled::nearest_n(query, points, candidates, of_image));
+                if let Some(last) = of_image.get(points - 1) {
+                    complete = complete.min(last.distance_squared);
+                }
+                found.append(of_image);
+                keep_nearest(found);
+                sort(found);
+                found.truncate(k);
+                found.get(k - 1).map(|last| last.distance_squared)
+            });
+            // At that distance, points with lower ids may be missing.
+            let enough = found.get(k - 1).is_some_and(|last| last.distance_squared < complete);
+            if enough || complete == f32::INFINITY {
+                return;
+            }
+        }
     }
 
     /// All points within the radius, in no particular order.

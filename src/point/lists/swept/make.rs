@@ -13,6 +13,12 @@ use crate::point::lists::scheduling::{in_order, room_for};
 /// Groups of points for each thread whose lists are on their way: few, because the lists of one are a few hundred kilobytes.
 const SHARES: usize = 2;
 
+/// Shares of points for each thread whose lists are made before it is seen whether to merge them.
+const SHARES_AT_ONCE: usize = 8;
+
+/// The most encounters that wait for being merged, unless more have been merged already.
+const MOST_WAITING: usize = 1 << 18;
+
 /// Lists in the making, which drop those with too many encounters.
 struct Maker {
     lists: EncounterLists,
@@ -95,16 +101,39 @@ pub(super) fn lists<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Swee
     worker.visitor.crowded
 }
 
-/// Makes lists of which a point has several, and merges these.
+/// Makes lists of which a point has several, and merges these: again and again, as soon as what has come since is as much as all
+/// before. A pair may meet in thousands of time slices, and is to be kept a few times at most.
 fn merged<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Sweep<'_, C>, most: usize) -> Option<u32> {
     // None of the lists of a point is longer than all together, unless several points have the same id.
     let most_of_one = if sweep.has_distinct_ids() { most } else { usize::MAX };
-    let mut makers = sweep.run(|| Maker::new(EncounterLists::cleared(), most_of_one, false));
-    makers.iter_mut().for_each(Maker::end_list);
-    let crowded = makers.iter().filter_map(|maker| maker.crowded).min();
-    lists.merge(&makers.into_iter().map(|maker| maker.lists).collect::<Vec<_>>(), sweep.ids());
-    let long = lists.iter().filter(|(_, list)| list.len() > most).map(|(id, _)| id);
-    long.chain(crowded).min()
+    let too_long = |lists: &EncounterLists, most: usize| {
+        lists.iter().filter(|(_, list)| list.len() > most).map(|(id, _)| id).min()
+    };
+    // Those of all slices so far that have been merged, and behind them those that have not.
+    let (mut parts, mut waiting, mut crowded) = (vec![EncounterLists::cleared()], 0, None);
+    let (shares, at_once) = (sweep.shares(), SHARES_AT_ONCE * parallel::threads());
+    for begin in (0..shares).step_by(at_once) {
+        let start = || Maker { crowded, ..Maker::new(EncounterLists::cleared(), most_of_one, false) };
+        for mut maker in sweep.run_shares(begin..shares.min(begin + at_once), start) {
+            maker.end_list();
+            crowded = lowest(crowded, maker.crowded);
+            waiting += maker.lists.end();
+            parts.push(maker.lists);
+        }
+        if waiting > MOST_WAITING.max(parts[0].end()) {
+            let mut all = EncounterLists::cleared();
+            all.merge(&parts, Vec::new());
+            crowded = lowest(crowded, too_long(&all, most_of_one));
+            (parts, waiting) = (vec![all], 0);
+        }
+    }
+    lists.merge(&parts, sweep.ids());
+    lowest(crowded, too_long(lists, most))
+}
+
+/// The lower of two ids, as far as there are any.
+fn lowest(a: Option<u32>, b: Option<u32>) -> Option<u32> {
+    a.into_iter().chain(b).min()
 }
 
 /// Makes lists on several threads.
@@ -150,11 +179,37 @@ fn in_parallel<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Sweep<'_,
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::point::lists::error::ListError;
     use crate::point::params::PointParams;
     use crate::primitive::PointArrays;
     use crate::random::Random;
     use crate::{PointTree, TimeInterval};
     use glam::Vec3;
+
+    /// Each pair meets in most of the segments, and is not kept for each.
+    #[test]
+    fn pairs_that_meet_in_many_time_slices_are_kept_a_few_times() {
+        const POINTS: usize = 400;
+        let mut random = Random(9);
+        let keys: Vec<Vec<Vec3>> = (0..300).map(|_| (0..POINTS).map(|_| random.vec()).collect()).collect();
+        let keys: Vec<&[Vec3]> = keys.iter().map(Vec::as_slice).collect();
+        let points = PointArrays { keys: &keys, active: &[], ids: &[] };
+        let tree = PointTree::build(&points, &PointParams::default()).unwrap();
+        let run = |most: usize| tree.neighbor_lists_swept(TimeInterval::FULL, 0.5).max_neighbors(most).collect();
+        let lists = run(usize::MAX).unwrap();
+        assert_eq!(lists.encounters().len(), POINTS * (POINTS - 1));
+        // Without merging in between, 2.7 million encounters would wait.
+        let meet: usize = Sweep::<f32>::new((&tree, None), [0.0, 1.0], 0.5f32.into(), [None; 2])
+            .run(|| Maker::new(EncounterLists::cleared(), usize::MAX, false))
+            .iter()
+            .map(|maker| maker.lists.end())
+            .sum();
+        assert!(meet > 10 * lists.encounters().len(), "{meet}");
+        let bytes = lists.bytes() / size_of::<Encounter>();
+        assert!(bytes < 2 * MOST_WAITING + 2 * lists.encounters().len(), "{bytes}");
+        let Err(error) = run(100) else { panic!("all points have more neighbours") };
+        assert_eq!(error, ListError::TooManyNeighbors { id: 0 });
+    }
 
     /// Points at rest come up in each segment of those that move, but nothing is kept of those that meet nothing there.
     #[test]

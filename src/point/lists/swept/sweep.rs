@@ -195,7 +195,21 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
     /// Shows all points and their encounters to visitors, one for each share of the points, whose order is always the
     /// same.
     pub(super) fn run<V: EncounterVisitor + Send>(&self, start: impl Fn() -> V + Sync) -> Vec<V> {
-        parallel::map(self.groups.len().div_ceil(SHARE), |share| {
+        self.run_shares(0..self.shares(), start)
+    }
+
+    /// The number of shares of the points.
+    pub(super) fn shares(&self) -> usize {
+        self.groups.len().div_ceil(SHARE)
+    }
+
+    /// The same for some of the shares.
+    pub(super) fn run_shares<V>(&self, shares: Range<usize>, start: impl Fn() -> V + Sync) -> Vec<V>
+    where
+        V: EncounterVisitor + Send,
+    {
+        parallel::map(shares.len(), |share| {
+            let share = shares.start + share;
             let groups = &self.groups[share * SHARE..self.groups.len().min((share + 1) * SHARE)];
             let mut worker = Worker::new(start());
             self.work(groups, &mut worker);
