@@ -1,6 +1,7 @@
 //! Random sets of points in f32 and f64 that move, bend, and exist for a while, and all their distances in plain code.
 
 use crate::random::{Places, Random};
+use crate::scenes::refined;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{Neighbor, PointArrays, PointError, PointParams, PointStructure, PointTree, SimdLevel, TimeInterval};
 
@@ -41,6 +42,9 @@ impl Cloud {
             }
         };
         let mut keys: Vec<Vec<DVec3>> = (0..keys).map(|key| (0..count).map(|i| place(key, i)).collect()).collect();
+        if random.one_in(5) {
+            keys = refined(random, keys, 20_000 / (count + 1), places.scale);
+        }
         // Some at exactly the same places.
         for i in (1..count).step_by(random.pick(&[2, 7, usize::MAX])) {
             let from = random.below(i);
@@ -153,13 +157,26 @@ impl Cloud {
 
     /// A tree; positions are given in the precision of the set.
     pub fn tree(&self, params: &PointParams) -> Result<PointTree, PointError> {
+        self.with_set(|single, double| match (single, double) {
+            (Some(set), _) => PointTree::build(&set, params),
+            (_, Some(set)) => PointTree::build(&set, params),
+            _ => PointTree::build::<[Vec3]>(&[], params),
+        })
+    }
+
+    /// Calls a function with the points as a build takes them: in f32, or in f64.
+    pub fn with_set<T>(
+        &self,
+        take: impl FnOnce(Option<PointArrays<'_, Vec3>>, Option<PointArrays<'_, DVec3>>) -> T,
+    ) -> T {
+        let (active, ids) = (&self.active[..], &self.ids[..]);
         if self.double {
             let keys: Vec<&[DVec3]> = self.keys.iter().map(Vec::as_slice).collect();
-            return PointTree::build(&PointArrays { keys: &keys, active: &self.active, ids: &self.ids }, params);
+            return take(None, Some(PointArrays { keys: &keys, active, ids }));
         }
         let keys: Vec<Vec<Vec3>> = self.keys.iter().map(|key| key.iter().map(|p| p.as_vec3()).collect()).collect();
         let keys: Vec<&[Vec3]> = keys.iter().map(Vec::as_slice).collect();
-        PointTree::build(&PointArrays { keys: &keys, active: &self.active, ids: &self.ids }, params)
+        take(Some(PointArrays { keys: &keys, active, ids }), None)
     }
 
     /// A place near the points, often one of them.

@@ -16,7 +16,7 @@ fn squared(d: Vec3) -> f32 {
 }
 
 /// A query of photons, sometimes where one of them is.
-fn any_case(random: &mut Random, photons: &[Photon<f32>], window: f32) -> GatherCase {
+pub fn any_case(random: &mut Random, photons: &[Photon<f32>], window: f32) -> GatherCase {
     let mut at = || photons.get(random.below(photons.len())).map_or(Vec3::ZERO, |p| p.position);
     let (here, there) = (at(), at());
     let scale = here.distance(there);
@@ -41,7 +41,7 @@ fn any_case(random: &mut Random, photons: &[Photon<f32>], window: f32) -> Gather
 }
 
 /// Photons at the places of a cloud: stamped, existing for a while, carried along, or all of these.
-fn photons(random: &mut Random, cloud: &Cloud, clock: usize) -> Vec<Photon<f32>> {
+pub fn photons(random: &mut Random, cloud: &Cloud, clock: usize) -> Vec<Photon<f32>> {
     let one = |i: usize| {
         let (time, kind) = (random.time(), if clock < 3 { clock } else { random.below(3) });
         let velocity = (cloud.key(cloud.segments(), i) - cloud.key(0, i)).as_vec3();

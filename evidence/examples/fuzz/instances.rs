@@ -9,28 +9,28 @@ use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DAffine3, DMat3, DQuat, DVec3};
 use mbkd::{
-    ClosestPointQuery, Instance, InstanceError, InstanceHit, InstanceOf, InstancePoint, InstanceTree, Pose, Ray,
-    RayTree, SimdLevel, TimeInterval, Transform, WideParams,
+    ClosestPointQuery, Counters, Instance, InstanceError, InstanceHit, InstanceOf, InstancePoint, InstanceTree, Pose,
+    Ray, RayTree, SimdLevel, TimeInterval, Transform, WideParams,
 };
 use std::sync::Arc;
 
 /// Brute force over a placed tree, and the masks of all primitives of each of its meshes; its shapes count as one more.
-struct Leaf {
-    brute: BruteForce,
-    masks: Vec<Vec<u32>>,
+pub struct Leaf {
+    pub brute: BruteForce,
+    pub masks: Vec<Vec<u32>>,
 }
 
 /// The contents of an instance, for brute force.
 #[derive(Clone)]
-enum Brute {
+pub enum Brute {
     Tree(Arc<Leaf>),
     Instances(Arc<Placed>),
 }
 
 /// A tree of instances with what brute force needs to know of them.
-struct Placed {
-    tree: Arc<InstanceTree>,
-    instances: Vec<(Instance, Brute)>,
+pub struct Placed {
+    pub tree: Arc<InstanceTree>,
+    pub instances: Vec<(Instance, Brute)>,
 }
 
 /// Path and bits of a hit.
@@ -92,6 +92,18 @@ impl Placed {
         let masked = closest(&self.hits(ray, Some(mask)));
         same!(self.tree.closest_hit_masked(ray, mask).as_ref().map(found), masked, "{what}, masked hit");
         same!(self.tree.any_hit_masked(ray, mask), masked.is_some(), "{what}, any masked hit");
+        let mut all = Vec::new();
+        let _ = self.tree.all_hits_masked(ray, mask, |hit| {
+            all.push(found(&hit));
+            ControlFlow::Continue(())
+        });
+        all.sort();
+        let mut expected = self.hits(ray, Some(mask));
+        expected.sort();
+        same!(all, expected, "{what}, all masked hits");
+        let mut counters = Counters::default();
+        same!(self.tree.closest_hit_observed(ray, &mut counters).as_ref().map(found), nearest, "{what}, observed");
+        same!(self.tree.any_hit_observed(ray, &mut counters), nearest.is_some(), "{what}, any hit observed");
         let Some(first) = &nearest else { return Ok(()) };
         let mut others = self.hits(ray, Some(mask));
         others.retain(|hit| hit != first);
@@ -125,6 +137,25 @@ impl Placed {
         Ok(())
     }
 
+    /// Whether a mask lets a primitive through, and all instances on the path to it.
+    fn sees(&self, path: &[u32], name: (u32, u32), mask: u32) -> bool {
+        let (instance, brute) = &self.instances[path[0] as usize];
+        let below = match brute {
+            Brute::Tree(of) => of.masks[name.0 as usize][name.1 as usize] & mask != 0,
+            Brute::Instances(of) => of.sees(&path[1..], name, mask),
+        };
+        instance.mask & mask != 0 && below
+    }
+
+    /// The corners of a triangle in world space; none of another primitive.
+    fn corners(&self, path: &[u32], (mesh, primitive): (u32, u32), time: f32) -> Vec<DVec3> {
+        let (tree, matrix) = (self.tree.tree(path), self.tree.matrix(path, time));
+        let (Some(tree), Some(matrix)) = (tree.filter(|tree| (mesh as usize) < tree.mesh_count()), matrix) else {
+            return Vec::new();
+        };
+        tree.triangle(mesh, primitive, time).map(|corner| matrix.transform_point3(corner)).to_vec()
+    }
+
     /// Paths and names of all primitives, in order; `None` if they are more than that.
     fn primitives(&self, most: usize) -> Option<Vec<(Vec<u32>, u32, u32)>> {
         let mut all = Vec::new();
@@ -149,6 +180,21 @@ impl Placed {
         Some(all)
     }
 
+    /// A closest point is as far away as it says, and no corner of its triangle is nearer.
+    fn check_distance(&self, query: &ClosestPointQuery, found: &InstancePoint, what: &str) -> Outcome {
+        let (near, distance) = (&found.near, f64::from(found.near.distance));
+        let size = near.point.abs().max(query.point.abs()).max_element();
+        let apart = near.point.distance(query.point);
+        let differs = (apart - distance).abs() > 1e-6 * apart.max(distance) + 1e-12 * size + 1e-30;
+        ensure!(!differs, "{what}: {query:?}: {found:?} is {apart} away");
+        for corner in self.corners(&found.path, (near.mesh, near.primitive), query.time) {
+            let (to, size) = (corner.distance(query.point), size.max(corner.abs().max_element()));
+            let nearer = to < distance * (1.0 - 1e-5) - 1e-5 * size;
+            ensure!(!nearer, "{what}: {query:?}: {found:?}, but {corner} is {to} away");
+        }
+        Ok(())
+    }
+
     /// The closest point is the nearest of those of the primitives, each the only one that a filter accepts.
     fn check_closest_point(
         &self,
@@ -161,6 +207,9 @@ impl Placed {
             let only =
                 |p: &InstancePoint| p.path[..] == path[..] && (p.near.mesh, p.near.primitive) == (*mesh, *primitive);
             let near = self.tree.closest_point_filtered(query, u32::MAX, only);
+            if let Some(near) = near {
+                self.check_distance(query, &near, what)?;
+            }
             if near.is_some_and(|near| best.is_none_or(|best| near.near.distance < best.near.distance)) {
                 best = near;
             }
@@ -171,6 +220,20 @@ impl Placed {
         let mut batch = Vec::new();
         self.tree.closest_points(&[*query, *query], &mut batch);
         same!(word(batch[1]), word(self.tree.closest_point(query)), "{what}: {query:?} in a batch");
+        for mask in [1, 2, 0b110] {
+            let seen = |p: &InstancePoint| self.sees(&p.path, (p.near.mesh, p.near.primitive), mask);
+            let masked = self.tree.closest_point_masked(query, mask);
+            let expected = self.tree.closest_point_filtered(query, u32::MAX, seen);
+            same!(word(masked), word(expected), "{what}: {query:?}, mask {mask:b}");
+            self.tree.closest_points_masked(&[*query, *query], mask, &mut batch);
+            same!(word(batch[1]), word(masked), "{what}: {query:?}, mask {mask:b}, in a batch");
+            let odd = |p: &InstancePoint| p.near.primitive % 2 == 1;
+            self.tree.closest_points_filtered(&[*query, *query], mask, |_, p| odd(p), &mut batch);
+            let expected = self.tree.closest_point_filtered(query, u32::MAX, |p| seen(p) && odd(p));
+            same!(word(batch[1]), word(expected), "{what}: {query:?}, mask {mask:b}, odd ones in a batch");
+        }
+        let observed = self.tree.closest_point_observed(query, &mut Counters::default());
+        same!(word(observed), word(self.tree.closest_point(query)), "{what}: {query:?}, observed");
         Ok(())
     }
 }
@@ -304,7 +367,7 @@ pub fn case(random: &mut Random) -> Outcome {
     Ok(())
 }
 
-fn check(random: &mut Random, placed: &Placed, size: f64, what: &str) -> Outcome {
+pub fn check(random: &mut Random, placed: &Placed, size: f64, what: &str) -> Outcome {
     same!(placed.tree.validate(), Ok(()), "{what}");
     let mask = random.pick(&[u32::MAX, 1, 2, 0b100]);
     let rays: Vec<Ray> = (0..40).map(|_| ray(random, placed, size)).collect();

@@ -17,11 +17,14 @@ mod gather;
 mod gather_case;
 mod instances;
 mod lists;
+mod lives;
 mod periodic;
 mod points;
 mod random;
 mod rays;
 mod scenes;
+mod steps;
+mod threads;
 
 use clap::{Parser, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -63,6 +66,9 @@ enum Kind {
     Lists,
     Gather,
     Bad,
+    Steps,
+    Lives,
+    Threads,
 }
 
 impl Kind {
@@ -74,6 +80,9 @@ impl Kind {
             Kind::Lists => lists::case(random),
             Kind::Gather => gather::case(random),
             Kind::Bad => bad::case(random),
+            Kind::Steps => steps::case(random),
+            Kind::Lives => lives::case(random),
+            Kind::Threads => threads::case(random),
         }
     }
 }

@@ -18,7 +18,7 @@ fn in_order(mut found: Vec<Neighbor>) -> Vec<Neighbor> {
 }
 
 /// Compares all forms of one query.
-fn check(random: &mut Random, tree: &PointTree, all: &[Neighbor], q: DVec3, time: f32, what: &str) -> Outcome {
+pub fn check(random: &mut Random, tree: &PointTree, all: &[Neighbor], q: DVec3, time: f32, what: &str) -> Outcome {
     let mut buffer = NeighborBuffer::new();
     same!(tree.nearest(q, time), all.first().copied(), "{what}: nearest");
     for k in [0, 1, 7, 33, random.below(all.len() + 20), usize::MAX] {
@@ -65,7 +65,7 @@ fn check(random: &mut Random, tree: &PointTree, all: &[Neighbor], q: DVec3, time
 }
 
 /// Batches answer like single queries.
-fn check_batches(tree: &PointTree, queries: &[(DVec3, f32)], radius: f32, what: &str) -> Outcome {
+pub fn check_batches(tree: &PointTree, queries: &[(DVec3, f32)], radius: f32, what: &str) -> Outcome {
     let accept = |i: usize, id: u32| !(i + id as usize).is_multiple_of(3);
     let (nearest, some, within) =
         (tree.nearest_batch(queries), tree.nearest_n_batch(queries, 6), tree.within_batch(queries, radius));
@@ -109,7 +109,7 @@ impl Visitor<TreePoint> for Everything {
     }
 }
 
-fn check_visitor(tree: &PointTree, cloud: &Cloud, time: f32, what: &str) -> Outcome {
+pub fn check_visitor(tree: &PointTree, cloud: &Cloud, time: f32, what: &str) -> Outcome {
     let mut all = Everything { boxes: Vec::new(), found: Vec::new(), outside: false };
     ensure!(tree.traverse(time, &mut all).is_continue(), "{what}: traverse");
     // A k-d tree may be a single leaf, which has no box.

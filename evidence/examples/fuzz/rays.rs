@@ -10,8 +10,9 @@ use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    Aabb, BuildError, BuildParams, ClosestPoint, ClosestPointQuery, FileError, Geometry, Hit, Keys, Policy, Ray,
-    RayTree, RefitError, SimdLevel, TreePrimitive, Visitor,
+    Aabb, BuildError, BuildParams, ClosestPoint, ClosestPointQuery, Counters, FileError, Geometry, Hit, Intersection,
+    Keys, LinearBounds, MovingSphere, Policy, Primitive, Ray, RayTree, RefitError, Shapes, SimdLevel, SurfacePoint,
+    TimeInterval, TreePrimitive, Visitor,
 };
 
 /// A ray that is critical in some way, towards something in the scene.
@@ -58,15 +59,17 @@ pub fn closest_point_query(random: &mut Random, scene: &Scene) -> ClosestPointQu
 }
 
 /// The queries of a case.
-struct Queries {
-    rays: Vec<Ray>,
-    points: Vec<ClosestPointQuery>,
+pub struct Queries {
+    pub rays: Vec<Ray>,
+    pub points: Vec<ClosestPointQuery>,
     mask: u32,
     modulus: u32,
+    /// The masks of meshes, and of the shapes behind them.
+    masks: [Vec<u32>; 2],
 }
 
 impl Queries {
-    fn new<G: Geometry>(random: &mut Random, scene: &Scene, oracle: &BruteForce<G>, count: usize) -> Queries {
+    pub fn new<G: Geometry>(random: &mut Random, scene: &Scene, oracle: &BruteForce<G>, count: usize) -> Queries {
         let mut rays: Vec<Ray> = (0..count).map(|_| ray(random, scene)).collect();
         // Rays that end or begin exactly at a hit.
         for i in (0..count).step_by(3) {
@@ -91,7 +94,19 @@ impl Queries {
             let most = random.pick(&[near.distance, near.distance.next_down()]);
             points.push(points[i].within(most));
         }
-        Queries { rays, points, mask: random.pick(&[u32::MAX, 1, 2, 0b100, 0]), modulus: 2 + random.below(3) as u32 }
+        let of_meshes = scene.meshes.iter().map(|mesh| mesh.mask).collect();
+        let masks = [of_meshes, scene.balls.iter().map(|(ball, _)| ball.mask).collect()];
+        let mask = random.pick(&[u32::MAX, 1, 2, 0b100, 0]);
+        Queries { rays, points, mask, modulus: 2 + random.below(3) as u32, masks }
+    }
+
+    /// The hits that the mask lets through.
+    fn seen(&self, mut hits: Vec<Hit>) -> Vec<Hit> {
+        let [of_meshes, of_shapes] = &self.masks;
+        let mask_of =
+            |hit: &Hit| of_meshes.get(hit.mesh as usize).unwrap_or_else(|| &of_shapes[hit.primitive as usize]);
+        hits.retain(|hit| mask_of(hit) & self.mask != 0);
+        hits
     }
 
     fn accepts(&self, i: usize, primitive: u32) -> bool {
@@ -101,32 +116,36 @@ impl Queries {
 
 /// What all trees have to answer.
 #[derive(Debug, PartialEq)]
-struct Answers {
+pub struct Answers {
     all: Vec<Vec<Hit>>,
     closest: Vec<Option<Hit>>,
+    all_masked: Vec<Vec<Hit>>,
     masked: Vec<Option<Hit>>,
     filtered: Vec<Option<Hit>>,
     points: Vec<Option<ClosestPoint>>,
+    masked_points: Vec<Option<ClosestPoint>>,
     filtered_points: Vec<Option<ClosestPoint>>,
 }
 
 impl Answers {
-    fn of_brute_force<G: Geometry>(of: &BruteForce<G>, queries: &Queries) -> Answers {
+    pub fn of_brute_force<G: Geometry>(of: &BruteForce<G>, queries: &Queries) -> Answers {
         let (rays, points, mask) = (queries.rays.iter().enumerate(), queries.points.iter().enumerate(), queries.mask);
         let accepts = |i, primitive| queries.accepts(i, primitive);
         Answers {
             all: rays.clone().map(|(_, ray)| of.all_hits(ray)).collect(),
             closest: rays.clone().map(|(_, ray)| of.closest_hit(ray)).collect(),
+            all_masked: rays.clone().map(|(_, ray)| queries.seen(of.all_hits(ray))).collect(),
             masked: rays.clone().map(|(_, ray)| of.closest_hit_filtered(ray, mask, |_| true)).collect(),
             filtered: rays.map(|(i, ray)| of.closest_hit_filtered(ray, mask, |h| accepts(i, h.primitive))).collect(),
             points: points.clone().map(|(_, query)| of.closest_point(query)).collect(),
+            masked_points: points.clone().map(|(_, query)| of.closest_point_filtered(query, mask, |_| true)).collect(),
             filtered_points: points
                 .map(|(i, query)| of.closest_point_filtered(query, mask, |p| accepts(i, p.primitive)))
                 .collect(),
         }
     }
 
-    fn check<G: Geometry>(&self, tree: &RayTree<G>, queries: &Queries, what: &str) -> Outcome {
+    pub fn check<G: Geometry>(&self, tree: &RayTree<G>, queries: &Queries, what: &str) -> Outcome {
         let (rays, mask) = (&queries.rays, queries.mask);
         for (i, ray) in rays.iter().enumerate() {
             let about = |query: &str| format!("{what}: {query} of {ray:?}, mask {mask:b}");
@@ -148,6 +167,22 @@ impl Answers {
             same!(tree.any_hit_masked(ray, mask), masked.is_some(), "{}", about("any masked hit"));
             same!(word(&tree.closest_hit_filtered(ray, mask, accept)), word(filtered), "{}", about("filtered hit"));
             same!(tree.any_hit_filtered(ray, mask, accept), filtered.is_some(), "{}", about("any filtered hit"));
+            let (mut all, mut counters) = (Vec::new(), Counters::default());
+            let _ = tree.all_hits_masked(ray, mask, |hit| {
+                all.push(hit);
+                ControlFlow::Continue(())
+            });
+            all.sort_by_key(|hit| (hit.mesh, hit.primitive));
+            same_lists!(words(&all), words(&self.all_masked[i]), "{}", about("all masked hits"));
+            let closest = tree.closest_hit_observed(ray, &mut counters);
+            same!(word(&closest), word(&self.closest[i]), "{}", about("observed hit"));
+            same!(tree.any_hit_observed(ray, &mut counters), closest.is_some(), "{}", about("any observed hit"));
+            let mut count = 0;
+            let _ = tree.all_hits_observed(ray, &mut counters, |_| {
+                count += 1;
+                ControlFlow::Continue(())
+            });
+            same!(count, self.all[i].len(), "{}", about("all observed hits"));
             let mut best: Option<Hit> = None;
             let _ = tree.all_hits_filtered(ray, mask, accept, |hit| {
                 let order = |hit: &Hit| (hit.mesh, hit.primitive);
@@ -164,6 +199,10 @@ impl Answers {
             same!(near_bits(&near), near_bits(&self.points[i]), "{what}: {query:?}");
             let near = tree.closest_point_filtered(query, mask, |p| queries.accepts(i, p.primitive));
             same!(near_bits(&near), near_bits(&self.filtered_points[i]), "{what}: {query:?}, filtered, {mask:b}");
+            let near = tree.closest_point_masked(query, mask);
+            same!(near_bits(&near), near_bits(&self.masked_points[i]), "{what}: {query:?}, {mask:b}");
+            let near = tree.closest_point_observed(query, &mut Counters::default());
+            same!(near_bits(&near), near_bits(&self.points[i]), "{what}: {query:?}, observed");
         }
         self.check_batches(tree, queries, what)
     }
@@ -188,6 +227,8 @@ impl Answers {
         same_lists!(any, found(&self.filtered), "{what}: any filtered hits {mask:b} of {}", rays.len());
         tree.closest_points(&queries.points, &mut points);
         same_lists!(points, self.points, "{what}: batch of closest points");
+        tree.closest_points_masked(&queries.points, mask, &mut points);
+        same_lists!(points, self.masked_points, "{what}: masked batch of closest points, {mask:b}");
         tree.closest_points_filtered(&queries.points, mask, near, &mut points);
         same_lists!(points, self.filtered_points, "{what}: filtered batch of closest points, {mask:b}");
         Ok(())
@@ -400,28 +441,111 @@ fn refused(random: &mut Random, now: &Scene, tree: &mut RayTree, what: &str) -> 
     Ok(())
 }
 
-/// Trees of primitives of one type.
+/// A primitive of a caller's that sometimes says that it is a sphere.
+#[derive(Clone, Debug)]
+struct Wrapped(MovingSphere, bool);
+
+impl Primitive for Wrapped {
+    fn bounds(&self, over: TimeInterval) -> LinearBounds {
+        self.0.bounds(over)
+    }
+
+    fn intersect(&self, ray: &Ray) -> Option<Intersection> {
+        self.0.intersect(ray)
+    }
+
+    fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
+        self.0.closest_point(point, time)
+    }
+
+    fn active(&self) -> TimeInterval {
+        self.0.active
+    }
+
+    fn mask(&self) -> u32 {
+        self.0.mask
+    }
+
+    fn as_sphere(&self) -> Option<&MovingSphere> {
+        self.1.then_some(&self.0)
+    }
+}
+
+/// Trees of primitives of one type: of which none, some or all are spheres.
 fn custom_primitives(random: &mut Random, scene: &Scene) -> Outcome {
-    let blobs = |scene: &Scene| scene.balls.iter().map(|(ball, _)| Blob(ball.clone())).collect::<Vec<_>>();
-    let oracle = BruteForce::of_primitives(blobs(scene)).map_err(|error| error.to_string())?;
+    let balls = |scene: &Scene| scene.balls.iter().map(|(ball, _)| ball.clone()).collect::<Vec<_>>();
+    match random.below(3) {
+        0 => of_primitives(random, scene, |scene| balls(scene).into_iter().map(Blob).collect()),
+        1 => of_primitives(random, scene, balls),
+        _ => of_primitives(random, scene, |scene| {
+            scene.balls.iter().map(|(ball, own)| Wrapped(ball.clone(), !own)).collect()
+        }),
+    }
+}
+
+fn of_primitives<P: Primitive + Clone>(
+    random: &mut Random,
+    scene: &Scene,
+    primitives: impl Fn(&Scene) -> Vec<P>,
+) -> Outcome {
+    let oracle = BruteForce::of_primitives(primitives(scene)).map_err(|error| error.to_string())?;
     let queries = Queries::new(random, scene, &oracle, 40);
     let answers = Answers::of_brute_force(&oracle, &queries);
     for _ in 0..3 {
         let (params, level) = (params(random), random.pick(&SimdLevel::available()));
-        let mut tree = match RayTree::of_primitives(blobs(scene), &params) {
+        let mut tree = match RayTree::of_primitives(primitives(scene), &params) {
             Err(error) if is_documented(&error) => continue,
             tree => tree.map_err(|error| format!("{params:?}: {error}"))?.with_simd(level),
         };
-        let what = format!("blobs, {params:?}, {level}");
+        let mut what = format!("{} primitives, {params:?}, {level}", scene.len());
         valid(scene, &tree, &params, &what)?;
         answers.check(&tree, &queries, &what)?;
-        let next = scene.clone().with_other_balls(random);
-        if tree.refit_primitives(blobs(&next)).is_ok() {
-            let oracle = BruteForce::of_primitives(blobs(&next)).map_err(|error| error.to_string())?;
-            let queries = Queries::new(random, &next, &oracle, 20);
-            same!(tree.validate(), Ok(()), "{what}, refitted");
-            Answers::of_brute_force(&oracle, &queries).check(&tree, &queries, &format!("{what}, refitted"))?;
+        primitives_in_file(&tree, primitives(scene), &answers, &queries, &what)?;
+        let mut held = Vec::new();
+        let mut now = scene.clone();
+        for _ in 0..1 + random.below(3) {
+            held.extend(random.one_in(2).then(|| (tree.clone(), now.clone())));
+            let next = now.clone().with_other_balls(random);
+            match tree.refit_primitives(primitives(&next)) {
+                Ok(_) => now = next,
+                Err(RefitError::Policy | RefitError::Lazy | RefitError::ActiveShape { .. }) => break,
+                Err(RefitError::Input(BuildError::TooLarge { .. })) => break,
+                Err(error) => return Err(format!("{what}: refit: {error}")),
+            }
+            what += ", refitted";
+            let oracle = BruteForce::of_primitives(primitives(&now)).map_err(|error| error.to_string())?;
+            let queries = Queries::new(random, &now, &oracle, 20);
+            same!(tree.validate(), Ok(()), "{what}");
+            let answers = Answers::of_brute_force(&oracle, &queries);
+            answers.check(&tree, &queries, &what)?;
+            primitives_in_file(&tree, primitives(&now), &answers, &queries, &what)?;
+        }
+        for (tree, scene) in held {
+            let oracle = BruteForce::of_primitives(primitives(&scene)).map_err(|error| error.to_string())?;
+            let queries = Queries::new(random, &scene, &oracle, 10);
+            Answers::of_brute_force(&oracle, &queries).check(&tree, &queries, &format!("{what}, a clone before"))?;
         }
     }
+    Ok(())
+}
+
+/// A tree of primitives that is written, and read with these handed in again.
+fn primitives_in_file<P: Primitive + Clone>(
+    tree: &RayTree<Shapes<P>>,
+    primitives: Vec<P>,
+    answers: &Answers,
+    queries: &Queries,
+    what: &str,
+) -> Outcome {
+    let (mut bytes, mut again) = (Vec::new(), Vec::new());
+    match tree.write_to(&mut bytes) {
+        Err(FileError::Lazy) => return Ok(()),
+        result => result.map_err(|error| format!("{what}: write: {error}"))?,
+    }
+    let read = RayTree::read_primitives_from(&mut bytes.as_slice(), primitives);
+    let read = read.map_err(|error| format!("{what}: read: {error}"))?;
+    answers.check(&read, queries, &format!("{what}, from a file"))?;
+    read.write_to(&mut again).map_err(|error| format!("{what}: write again: {error}"))?;
+    ensure!(bytes == again, "{what}: written, read and written: other bytes");
     Ok(())
 }

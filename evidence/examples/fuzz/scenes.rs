@@ -17,7 +17,7 @@ pub struct Scene {
 }
 
 /// Positions at keys, in f64.
-type Positions = Vec<Vec<DVec3>>;
+pub type Positions = Vec<Vec<DVec3>>;
 
 fn positions(keys: &Keys) -> Positions {
     match keys {
@@ -81,6 +81,30 @@ fn shape(random: &mut Random, places: &Places, n: usize) -> (Vec<[u32; 3]>, Vec<
     }
 }
 
+/// More keys of which all or most are on the lines between those given; `most` of them at most.
+pub fn refined(random: &mut Random, keys: Positions, most: usize, scale: f64) -> Positions {
+    let parts = random.pick(&[2, 3, 4, 8, 64, 1000]);
+    let segments = (keys.len() - 1).max(1);
+    if segments * parts > most {
+        return keys;
+    }
+    let at = |key: usize| &keys[key.min(keys.len() - 1)];
+    let between = |i: usize| {
+        let (key, w) = (i / parts, (i % parts) as f64 / parts as f64);
+        at(key).iter().zip(at(key + 1)).map(|(a, b)| *a * (1.0 - w) + *b * w).collect::<Vec<DVec3>>()
+    };
+    let mut all: Positions = (0..=segments * parts).map(between).collect();
+    // One that is off the line.
+    if random.one_in(2) {
+        let (key, far) = (random.below(all.len()), scale * random.pick(&[1e-8, 1e-6, 0.1]));
+        let point = random.below(all[key].len());
+        if let Some(p) = all[key].get_mut(point) {
+            *p += random.vec() * far;
+        }
+    }
+    all
+}
+
 /// Positions at keys: still, straight, in flight, turning, trembling, or at the same places at several keys.
 fn motion(random: &mut Random, places: &Places, start: &[DVec3], keys: usize) -> Positions {
     let (style, far) = (random.below(7), places.scale * random.pick(&[1e-6, 0.01, 0.1, 0.5, 2.0, 30.0]));
@@ -106,6 +130,9 @@ fn mesh(random: &mut Random, places: &Places, n: usize) -> TriangleMesh {
     let (indices, start) = shape(random, places, n.min(40_000 / keys));
     let mut keys = motion(random, places, &start, keys);
     if random.one_in(6) {
+        keys = refined(random, keys, 40_000 / (start.len() + 1), places.scale);
+    }
+    if random.one_in(6) {
         // A vertex that no triangle has, far away.
         let most = DVec3::splat(9e29);
         let unused = (random.vec() * places.scale * random.power(0, 15)).clamp(-most, most);
@@ -117,7 +144,8 @@ fn mesh(random: &mut Random, places: &Places, n: usize) -> TriangleMesh {
         _ => TriangleMesh::new(indices, in_f32(keys)),
     };
     let active = if random.one_in(4) { random.interval() } else { TimeInterval::FULL };
-    mesh.with_active(active).with_mask(mask(random))
+    let mesh = mesh.with_active(active).with_mask(mask(random));
+    if random.one_in(5) { mesh.keep_keys() } else { mesh }
 }
 
 fn mask(random: &mut Random) -> u32 {
@@ -131,9 +159,13 @@ fn ball(random: &mut Random, places: &Places, masks: bool) -> MovingSphere {
     let (at, by) = (places.place(random), random.vec() * places.scale * random.pick(&[0.0, 0.1, 2.0]));
     let radius = places.scale * random.pick(&[0.0, 1e-3, 0.05, 0.05, 0.3, 2.0, -0.1]);
     let swell = random.pick(&[0.0, 0.0, 1.0, -2.0]);
-    let key = |i: usize| (at + by * i as f64 / keys as f64, radius + radius * swell * (i * bends / keys % 3) as f64);
+    let mut key = |i: usize| {
+        let bent = if bends == keys { random.vec() * places.scale * 0.1 } else { DVec3::ZERO };
+        (at + by * i as f64 / keys as f64 + bent, radius + radius * swell * (i * bends / keys % 3) as f64)
+    };
+    let keys: Vec<_> = (0..keys).map(&mut key).collect();
     let active = if random.one_in(5) { random.interval() } else { TimeInterval::FULL };
-    let ball = MovingSphere::new((0..keys).map(key).collect()).with_active(active);
+    let ball = MovingSphere::new(keys).with_active(active);
     if masks { ball.with_mask(mask(random)) } else { ball }
 }
 
