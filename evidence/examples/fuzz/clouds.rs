@@ -43,7 +43,8 @@ impl Cloud {
         };
         let mut keys: Vec<Vec<DVec3>> = (0..keys).map(|key| (0..count).map(|i| place(key, i)).collect()).collect();
         if random.one_in(5) {
-            keys = refined(random, keys, 20_000 / (count + 1), places.scale);
+            // So many that seventeen time slices of each are not too many.
+            keys = refined(random, keys, (20_000 / (count + 1)).min(900), places.scale);
         }
         // Some at exactly the same places.
         for i in (1..count).step_by(random.pick(&[2, 7, usize::MAX])) {

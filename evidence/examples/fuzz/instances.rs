@@ -137,6 +137,20 @@ impl Placed {
         Ok(())
     }
 
+    /// The numbers of instances at all levels, hidden ones included, and of primitives that are not hidden.
+    fn count(&self) -> [u64; 2] {
+        let mut all = [0, 0];
+        for (instance, brute) in &self.instances {
+            let [instances, primitives] = match brute {
+                Brute::Tree(of) => [0, of.masks.iter().map(|of| of.len() as u64).sum()],
+                Brute::Instances(of) => of.count(),
+            };
+            let shown = !is_hidden(&instance.transform);
+            all = [all[0] + 1 + instances, all[1] + u64::from(shown) * primitives];
+        }
+        all
+    }
+
     /// Whether a mask lets a primitive through, and all instances on the path to it.
     fn sees(&self, path: &[u32], name: (u32, u32), mask: u32) -> bool {
         let (instance, brute) = &self.instances[path[0] as usize];
@@ -251,12 +265,22 @@ fn pose(random: &mut Random, scale: f64, apart: f64) -> Pose {
     }
 }
 
+/// Whether an instance has no size at any time.
+fn is_hidden(transform: &Transform) -> bool {
+    match transform {
+        Transform::Matrices(keys) => keys.iter().all(|key| key.matrix3 == DMat3::ZERO),
+        Transform::Poses(keys) => keys.iter().all(|key| key.scale == DVec3::ZERO),
+    }
+}
+
 /// Static, moving on lines, and on arcs; upright, mirrored and sheared. Sometimes invalid.
 fn transform(random: &mut Random, scale: f64, apart: f64) -> Transform {
     let first = pose(random, scale, apart);
     let keys = random.pick(&[1, 2, 2, 3, 4, 9]);
-    match random.below(6) {
+    let kinds = if random.one_in(4) { 7 } else { 6 };
+    match random.below(kinds) {
         0 => Transform::default(),
+        6 => vec![Pose { scale: DVec3::ZERO, ..first }; keys].into(),
         1 => first.into(),
         2 => {
             let shear = DMat3::from_cols(DVec3::X, DVec3::new(random.signed(), 1.0, 0.2), DVec3::Z);
@@ -369,6 +393,8 @@ pub fn case(random: &mut Random) -> Outcome {
 
 pub fn check(random: &mut Random, placed: &Placed, size: f64, what: &str) -> Outcome {
     same!(placed.tree.validate(), Ok(()), "{what}");
+    let statistics = placed.tree.statistics();
+    same!([statistics.instances, statistics.primitives], placed.count(), "{what}: {statistics}");
     let mask = random.pick(&[u32::MAX, 1, 2, 0b100]);
     let rays: Vec<Ray> = (0..40).map(|_| ray(random, placed, size)).collect();
     for ray in &rays {

@@ -190,7 +190,7 @@ fn check_swept(random: &mut Random, trees: &[([PointTree; 2], String)], clouds: 
     let interval = random.interval();
     let times = [interval.begin(), interval.end()].map(f64::from);
     let mut some =
-        |count: usize| -> Vec<f32> { (0..count).map(|_| radius * random.pick(&[0.0, 0.3, 1.0, 2.0])).collect() };
+        |count: usize| -> Vec<f32> { (0..count).map(|_| scaled(radius, random.pick(&[0.0, 0.3, 1.0, 2.0]))).collect() };
     let [own, of_others] = [some(cloud.len()), some(among.len())];
     let (own, others) = (&own[..], if other { &of_others[..] } else { &own[..] });
     let radii = random.pick(&kinds_of_radii(radius, own, others));
@@ -269,7 +269,7 @@ fn check_skin(random: &mut Random, trees: &[PointTree; 2], clouds: &[Cloud; 2], 
     let [cloud, among] = clouds;
     let (time, until) = (random.time(), random.time());
     let (time, until) = (time.min(until), time.max(until));
-    let skin = radius * random.pick(&[0.0, 0.01, 0.3, 2.0]);
+    let skin = scaled(radius, random.pick(&[0.0, 0.01, 0.3, 2.0]));
     let needed = [radii(random, cloud.len(), radius), radii(random, among.len(), radius)];
     let listed = needed.each_ref().map(|radii| radii.iter().map(|radius| radius + skin).collect::<Vec<f32>>());
     let kind = random.pick(&[0, 1, 2, 3]);
@@ -326,8 +326,13 @@ fn random_part(of: f32) -> f32 {
     Random::new(u64::from(of.to_bits())).unit()
 }
 
+/// A multiple of a radius that may be infinite.
+fn scaled(radius: f32, by: f32) -> f32 {
+    if by > 0.0 { radius * by } else { 0.0 }
+}
+
 pub fn radii(random: &mut Random, count: usize, radius: f32) -> Vec<f32> {
-    (0..count).map(|_| radius * random.pick(&[0.0, 0.1, 0.5, 1.0, 2.0])).collect()
+    (0..count).map(|_| scaled(radius, random.pick(&[0.0, 0.1, 0.5, 1.0, 2.0]))).collect()
 }
 
 /// Lists around positions.
@@ -394,6 +399,7 @@ pub fn case(random: &mut Random) -> Outcome {
     }
     let scale = clouds[0].places.scale as f32;
     let radius = scale * random.pick(&[0.0, 1e-3, 0.03, 0.1, 0.1, 0.3, 3.0, 1e19]);
+    let radius = if random.one_in(25) { random.pick(&[f32::MAX, f32::INFINITY]) } else { radius };
     let (own, others) = (radii(random, clouds[0].len(), radius), radii(random, clouds[1].len(), radius));
     for _ in 0..3 {
         let other = random.one_in(3);
@@ -422,9 +428,9 @@ pub fn case(random: &mut Random) -> Outcome {
         }
     }
     if clouds[0].len() < 250 {
-        check_swept(random, &trees, &clouds, radius.min(1e18))?;
+        check_swept(random, &trees, &clouds, radius)?;
         for (pair, what) in &trees {
-            check_skin(random, pair, &clouds, radius.min(1e18), what)?;
+            check_skin(random, pair, &clouds, radius, what)?;
         }
     }
     Ok(())

@@ -1,15 +1,17 @@
-//! Ray trees that live on: cloned, refitted in all ways, saved and loaded, and placed in trees of instances, with all queries compared
-//! with brute force after each step, and former clones as they were.
+//! Ray trees that live on: cloned, refitted in all ways, saved and loaded, and placed in trees of instances. After each step all
+//! queries are compared with brute force, and former clones are as they were.
 
 use crate::compare::Outcome;
 use crate::instances::{Brute, Leaf, Placed, check as check_placed};
 use crate::random::Random;
 use crate::rays::{Answers, Queries};
 use crate::scenes::{Scene, is_documented, params, wide};
+use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
-use mbkd::glam::DAffine3;
+use mbkd::glam::{DAffine3, DVec3};
 use mbkd::{
     Aabb, BuildError, BuildParams, FileError, Instance, InstanceTree, Policy, RayTree, RefitError, SimdLevel, TreeBox,
+    TreePrimitive, Visitor,
 };
 use std::sync::Arc;
 
@@ -31,7 +33,8 @@ impl Life {
 
     fn check(&self, random: &mut Random, what: &str) -> Outcome {
         self.answers.check(&self.tree, &self.queries, what)?;
-        bounds(random, &self.scene, &self.tree, what)
+        bounds(random, &self.scene, &self.tree, what)?;
+        visited(random, &self.scene, &self.tree, what)
     }
 }
 
@@ -59,6 +62,41 @@ fn bounds(random: &mut Random, scene: &Scene, tree: &RayTree, what: &str) -> Out
             ensure!(linear.is_some_and(|of| holds(&of.at(time.into()))), "{what} is outside of {linear:?}");
             ensure!(boxes.is_empty() || boxes.iter().any(|of| holds(&of.bounds)), "{what} is in no box");
         }
+    }
+    Ok(())
+}
+
+/// Enters the boxes that hold a place, and finds a primitive.
+struct At {
+    place: DVec3,
+    name: (u32, u32),
+    found: bool,
+}
+
+impl Visitor<TreePrimitive> for At {
+    fn enter(&mut self, of: &Aabb) -> Option<f32> {
+        of.contains(self.place).then_some(0.0)
+    }
+
+    fn visit(&mut self, item: TreePrimitive) -> ControlFlow<()> {
+        self.found |= (item.mesh, item.primitive) == self.name;
+        if self.found { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+}
+
+/// A visitor finds primitives by the boxes that hold a corner, or the center of a sphere.
+fn visited(random: &mut Random, scene: &Scene, tree: &RayTree, what: &str) -> Outcome {
+    let time = random.time();
+    let all = scene.exist_at(time);
+    for _ in 0..20.min(all.len()) {
+        let name = all[random.below(all.len())];
+        let place = match scene.meshes.get(name.0 as usize) {
+            Some(_) => tree.triangle(name.0, name.1, time)[random.below(3)],
+            None => scene.balls[name.1 as usize].0.at(time).0,
+        };
+        let mut visitor = At { place, name, found: false };
+        let _ = tree.traverse(time, &mut visitor);
+        ensure!(visitor.found, "{what}: {name:?} is not found by {place} at {time}");
     }
     Ok(())
 }

@@ -333,6 +333,11 @@ impl Visitor<TreePrimitive> for Everything {
 fn visits_all(random: &mut Random, scene: &Scene, tree: &RayTree, what: &str) -> Outcome {
     let (time, mut all) = (random.time(), Everything(Vec::new()));
     ensure!(tree.traverse(time, &mut all).is_continue(), "{what}: traverse at {time}");
+    let of = tree.statistics();
+    // Where everything is there at all times, each reference is visited.
+    let whole = of.time_nodes == 0 && of.timed == 0.0 && scene.exist_at(time).len() == scene.len();
+    ensure!(!whole || all.0.len() == of.references, "{what}: {} visited of {of:?}", all.0.len());
+    same!(of.built_subtrees, of.subtrees, "{what}: subtrees after a visit");
     all.0.sort_unstable();
     all.0.dedup();
     same_lists!(all.0, scene.exist_at(time), "{what}: visited at {time}");

@@ -175,7 +175,7 @@ impl Scene {
         let places = Places::random(random, power);
         let meshes = random.pick(&[0, 1, 1, 1, 2, 2, 3, 5, 12]);
         let most = random.count(most);
-        let smaller = random.pick(&[0, 0, 0, 0, 3, 30]);
+        let smaller = random.pick(&[0, 0, 0, 0, 3, 30, 58]);
         let own = |random: &mut Random| Places { scale: places.scale * random.power(-smaller, 0), ..places };
         let meshes = (0..meshes).map(|_| {
             let n = random.below(most + 1) / random.pick(&[1, 2, 8]);

@@ -1,5 +1,5 @@
-//! The same builds, refits, lists and batches on one, two and five threads, to the last bit; queries of many threads on one tree while
-//! it is built; and builds that are cancelled and begun again.
+//! The same builds, refits, lists and batches on one, two and five threads, to the last bit; queries of many threads on one tree
+//! while it is built; and builds that are cancelled and begun again.
 
 use crate::clouds::{Cloud, params as point_params};
 use crate::compare::Outcome;
