@@ -7,7 +7,7 @@ use crate::scenes::{Scene, is_documented, params, wide};
 use core::f64::consts::{FRAC_PI_2, PI};
 use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
-use mbkd::glam::{DAffine3, DMat3, DQuat, DVec3};
+use mbkd::glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 use mbkd::{
     ClosestPointQuery, Counters, Instance, InstanceError, InstanceHit, InstanceOf, InstancePoint, InstanceTree, Pose,
     Ray, RayTree, SimdLevel, TimeInterval, Transform, WideParams,
@@ -391,6 +391,32 @@ pub fn case(random: &mut Random) -> Outcome {
     Ok(())
 }
 
+/// A secondary ray does not hit the triangle that it leaves.
+fn secondary_ray(random: &mut Random, tree: &InstanceTree, ray: &Ray, what: &str) -> Outcome {
+    let Some(hit) = tree.closest_hit(ray) else { return Ok(()) };
+    let of_shape = tree.tree(&hit.path).is_none_or(|of| hit.hit.mesh as usize >= of.mesh_count());
+    let normal = tree.triangle_normal(&hit, ray.time);
+    if of_shape || normal == Vec3::ZERO {
+        return Ok(());
+    }
+    let any = random.vec().as_vec3().normalize_or_zero();
+    let away = normal * random.pick(&[1.0, -1.0]) * random.power(-4, 1) as f32;
+    let next = tree.secondary_ray(ray, &hit, any - normal * any.dot(normal) + away);
+    let [a, b, c] = tree.vertices(&hit, ray.time);
+    // Where the origin moves by less than the least `t` above 0, nothing tells the two sides of the triangle apart.
+    if (a - b).length().max((b - c).length()).max((c - a).length()) < 1e-30 {
+        return Ok(());
+    }
+    let mut same = false;
+    let _ = tree.all_hits(&next, |other| {
+        let name = |hit: &InstanceHit| (hit.path, hit.hit.mesh, hit.hit.primitive);
+        same = name(&other) == name(&hit);
+        if same { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    same!(same, false, "{what}: {next:?} leaves what {ray:?} hit, {hit:?}");
+    Ok(())
+}
+
 pub fn check(random: &mut Random, placed: &Placed, size: f64, what: &str) -> Outcome {
     same!(placed.tree.validate(), Ok(()), "{what}");
     let statistics = placed.tree.statistics();
@@ -401,6 +427,9 @@ pub fn check(random: &mut Random, placed: &Placed, size: f64, what: &str) -> Out
         placed.check(ray, mask, what)?;
     }
     placed.check_batches(&rays, mask, what)?;
+    for ray in rays.iter().take(15) {
+        secondary_ray(random, &placed.tree, ray, what)?;
+    }
     let primitives = placed.primitives(150);
     for _ in 0..6 {
         let Some(primitives) = &primitives else { break };
