@@ -92,3 +92,42 @@ pub fn check(random: &mut Random, tree: &PointTree, cloud: &Cloud, (q, time): (D
     }
     Ok(())
 }
+
+/// Where points share ids, those of one id may count as one point, the nearest: no neighbour is farther away than if they do, and
+/// none is missing.
+pub fn check_repeated(random: &mut Random, tree: &PointTree, cloud: &Cloud, at: (DVec3, f32), what: &str) -> Outcome {
+    let (q, time) = at;
+    let places = || cloud.keys.iter().flatten().copied();
+    let Some(first) = places().next() else { return Ok(()) };
+    let (low, high) = (places().fold(first, DVec3::min), places().fold(first, DVec3::max));
+    let size = (high - low).max_element().max(cloud.places.scale * 1e-3);
+    let lengths = [0, 1, 2].map(|_| (!random.one_in(3)).then(|| size * random.pick(&[0.4, 0.9, 1.1, 3.0])));
+    let Some(images) = images(q, lengths, (low, high), MOST / cloud.len()) else { return Ok(()) };
+    let Ok(periodic) = tree.periodic(lengths) else { return Ok(()) };
+    let what = format!("{what}, periods {lengths:?} from {q} at {time}, ids repeat");
+    let seen = |image: &DVec3| if cloud.double { *image } else { image.as_vec3().as_dvec3() };
+    let mut all: Vec<Neighbor> = images.iter().flat_map(|image| cloud.sorted(seen(image), time)).collect();
+    all.sort_by_key(|near| (near.distance_squared.to_bits(), near.id));
+    let mut known = std::collections::HashSet::new();
+    let once: Vec<Neighbor> = all.iter().filter(|near| known.insert(near.id)).copied().collect();
+    same!(periodic.query(q, time).nearest(), once.first().copied(), "{what}: nearest");
+    for k in [1, 2, 5, random.below(once.len() + 5)] {
+        let found = periodic.query(q, time).nearest_n(k);
+        ensure!(found.len() >= k.min(once.len()), "{what}: {k} nearest: {found:?} of {once:?}");
+        for (found, once) in found.iter().zip(&once) {
+            ensure!(
+                found.distance_squared.to_bits() <= once.distance_squared.to_bits(),
+                "{what}: {k} nearest: {found:?}, not {once:?}"
+            );
+        }
+    }
+    let radius = once.get(random.below(once.len())).map_or(1.0, |near| near.distance());
+    let inside = |near: &&Neighbor| near.distance_squared <= radius * radius;
+    let found = periodic.query(q, time).radius(radius).collect();
+    for near in once.iter().filter(inside) {
+        ensure!(found.contains(near), "{what}: {near:?} is missing within {radius}");
+    }
+    ensure!(found.iter().all(|near| all.contains(near)), "{what}: within {radius}: {found:?}");
+    same!(periodic.query(q, time).radius(radius).count(), found.len(), "{what}: count within {radius}");
+    Ok(())
+}

@@ -6,6 +6,7 @@ use crate::compare::Outcome;
 use crate::lists::{
     Entry, kinds_of_radii, may_refuse, meet, periodic_box, radii, radius_of_pair, squared, without_noise,
 };
+use crate::periodic;
 use crate::points;
 use crate::random::Random;
 use mbkd::glam::{DVec3, Vec3};
@@ -198,6 +199,9 @@ fn check(random: &mut Random, life: &Life, what: &str) -> Outcome {
         points::check(random, tree, &all, q, time, &format!("{what}, {q} at {time}"))?;
         if exists {
             present(tree, cloud, time, what)?;
+            if cloud.len() < 100 {
+                periodic::check_repeated(random, tree, cloud, (q, time), what)?;
+            }
         }
         queries.push((q, time));
     }
