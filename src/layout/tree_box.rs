@@ -21,21 +21,26 @@ impl WideTree {
     /// Calls `visitor` with every box that a ray of that time might be tested against, and with the block in it;
     /// `level` is that of the children of the root.
     pub fn boxes(&self, time: f32, frame: Frame, level: u32, visitor: &mut impl FnMut(TreeBox, ChildRef)) {
-        let mut stack = vec![(self.root, level)];
+        let mut stack = vec![(self.in_slice(self.root, time), level)];
         while let Some((at, level)) = stack.pop() {
             if at == ChildRef::NOTHING || at.kind().is_leaf() {
                 continue;
             }
-            if at.kind() == Kind::Time {
-                stack.push((self.child_at(at, time), level));
-                continue;
-            }
             for (lane, child) in self.lanes(at) {
                 let bounds = frame.box_to_world(self.lane_box(at, lane, time));
-                visitor(TreeBox { level, leaf: child.kind().is_leaf(), bounds }, child);
+                let child = self.in_slice(child, time);
+                visitor(TreeBox { level, leaf: child != ChildRef::NOTHING && child.kind().is_leaf(), bounds }, child);
                 stack.push((child, level + 1));
             }
         }
+    }
+
+    /// What time nodes lead to at a time.
+    fn in_slice(&self, mut at: ChildRef, time: f32) -> ChildRef {
+        while at != ChildRef::NOTHING && at.kind() == Kind::Time {
+            at = self.child_at(at, time);
+        }
+        at
     }
 
     /// Both corners of a node's box at a time, in tree space.

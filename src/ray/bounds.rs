@@ -4,7 +4,7 @@ use super::ray_tree::{Geometry, RayTree};
 use crate::geometry::{Aabb, LinearBounds};
 
 impl<G: Geometry> RayTree<G> {
-    /// A box around all primitives over the shutter, slightly enlarged for rounding; `None` if there are none. Motion
+    /// A box around all primitives over the shutter, in most trees slightly enlarged for rounding; `None` if there are none. Motion
     /// of meshes outside of their active intervals may count as well; that of shapes does not. Takes constant time.
     ///
     /// ```
@@ -23,7 +23,7 @@ impl<G: Geometry> RayTree<G> {
 
     /// A box at the beginning of the shutter and one at its end, between which the box of each time is interpolated: around all
     /// primitives that exist then, slightly enlarged for rounding; `None` if there are none. Of k-d trees, and of trees of one
-    /// leaf block, both are [`RayTree::bounds`]. Takes constant time.
+    /// leaf block, both are [`RayTree::bounds`], around the positions as given. Takes constant time.
     ///
     /// ```
     /// use mbkd::{BuildParams, RayTree, TriangleMesh, glam::{DVec3, Vec3}};

@@ -423,7 +423,8 @@ fn orders_are_not_kept_of_points_that_mix_while_they_are_drawn_together() {
         let mut rng = Rng(5);
         // A tenth stays, the others mix within the core; or all of them do, and shrink to it.
         for (all, within) in [(true, 1.0), (false, core)] {
-            let place = |rng: &mut Rng, i: usize, size: f32| rng.vec() * if all || !i.is_multiple_of(10) { size } else { 1.0 };
+            let place =
+                |rng: &mut Rng, i: usize, size: f32| rng.vec() * if all || !i.is_multiple_of(10) { size } else { 1.0 };
             let first: Vec<Vec3> = (0..20_000).map(|i| place(&mut rng, i, within)).collect();
             let last: Vec<Vec3> = (0..20_000).map(|i| place(&mut rng, i, core)).collect();
             let mut tree = PointTree::build(&first, &params).unwrap();
