@@ -72,10 +72,11 @@ impl ListQuery<'_> {
     /// is certain, and the answer is the time of the lists itself: a loop that goes on to the answer has to stop there, or use a
     /// wider skin. (If nothing moves or begins to exist, the lists hold until `until` in any case.)
     ///
-    /// Looks ahead to `until`, but not beyond the next key. If nothing is missing by then, that is what is returned;
-    /// otherwise just before the first time at which a pair is. Points that begin to exist later count too. Cost: that of
-    /// [`neighbor_lists_swept`](PointTree::neighbor_lists_swept) over the time looked ahead, without writing lists.
-    /// If not the motion but a bound on all speeds is known: [`certified_duration`].
+    /// Looks ahead to `until`, but not beyond the next key. If nothing is missing by then, that is what is returned; otherwise just
+    /// before the first time at which a pair is. Points that begin to exist later count too. Cost: that of
+    /// [`neighbor_lists_swept`](PointTree::neighbor_lists_swept) over the time looked ahead, without writing lists, whatever
+    /// `max_neighbors` is: where lists may be too long, make them first. If not the motion but a bound on all speeds is known:
+    /// [`certified_duration`].
     ///
     /// ```
     /// use mbkd::{MovingPoint, PointParams, PointTree, glam::Vec3};
