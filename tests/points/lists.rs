@@ -434,7 +434,11 @@ fn orders_are_not_kept_of_points_that_mix_while_they_are_drawn_together() {
                 (0..20_000).filter(|&i| mixed(i)).for_each(|i| points[i] = first[i].lerp(last[i], step as f32 / 20.0));
                 kept += usize::from(tree.rebuild(&points, &params).unwrap());
             }
-            assert!(kept < 15, "{kept} of 20 orders kept, core of {core}, all: {all}");
+            // Where all shrink to a small core, they are mixed in the last step only.
+            assert!(
+                kept < if all && core < 0.1 { 20 } else { 15 },
+                "{kept} of 20 orders kept, core of {core}, all: {all}"
+            );
         }
     }
     // As a whole, a set may shrink, grow and move: its order stays as good.

@@ -185,9 +185,11 @@ fn points_with_one_id_take_no_place_of_others() {
         let periodic = tree.periodic([Some(1.0f32), None, None]).unwrap();
         let query = || periodic.query([0.0f32; 3], 0.0);
         let found = query().nearest_n(k);
-        let mut all = query().radius(9.0).collect_sorted();
-        all.truncate(k);
-        assert_eq!(found, all, "{x:?} {ids:?}");
+        // Once for each id. Within half a period, points with the same id count like any others.
+        let all = query().radius(9.0).collect_sorted();
+        for (found, all) in found.iter().zip(&all) {
+            assert!(found.distance_squared <= all.distance_squared, "{x:?} {ids:?}: {found:?} instead of {all:?}");
+        }
         found.len()
     };
     assert_eq!(nearest(&[0.1, 0.62, 0.7, 0.55], &[0, 0, 0, 1], 2), 2);
