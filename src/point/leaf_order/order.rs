@@ -3,7 +3,7 @@
 //! The tree needs no pointers because all its subtrees are full except the last on each level. So
 //! ordering is all there is to building: divide the range across its widest axis or by motion, the left half as large
 //! as whole subtrees allow, and continue in both halves. A selection finds the border, nothing is sorted. `divide` does that for
-//! thousands of points, `bottom` for the last few hundred.
+//! thousands of points, `bottom_order` for the last few hundred.
 //! The source of the layout is the implicit, left-balanced k-d tree; ours is sixteen wide.
 
 use super::complete_tree::{left_part, subtree, subtrees_of};
