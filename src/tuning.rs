@@ -290,7 +290,7 @@ pub(crate) mod points {
 ///
 /// `cargo bench --bench lists -- --only growth`
 pub(crate) mod steps {
-    /// Growth of the leaves' boxes, added up over the steps, up to which the order is kept.
+    /// Growth of the boxes of leaves, relative to those above them, added up over the steps, up to which the order is kept.
     ///
     /// Keeping it costs a little in each step: a search visits the more leaves the larger they are. Putting all points in
     /// order costs once. Doing so when the former have added up to the latter costs at most twice what the best moment

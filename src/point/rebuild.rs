@@ -18,11 +18,11 @@ impl PointTree {
     /// Builds the tree again for the next step of a simulation, in which the points have moved a little: the same tree
     /// as [`PointTree::build`] gives, up to how fast it is, at a fraction of the cost.
     ///
-    /// Points stay in the part of the tree where they were, and are put in order only among the few hundred around
-    /// them. That is checked: where larger boxes of leaves have cost as much since all points were last put in order as
-    /// doing so again costs, the tree is built afresh. So it is if the set has another size, moves during the shutter, exists for a
-    /// part of it, is kept in f64 or has ids of its own.
-    /// Returns whether the order was kept.
+    /// Points stay in the part of the tree where they were, and are put in order only among the few hundred around them. That is
+    /// checked: where larger boxes have cost as much since all points were last put in order as doing so again costs, the tree is
+    /// built afresh. Boxes are compared with those above them, so points may also be drawn together or apart. So it is if the set
+    /// has another size, moves during the shutter, exists for a part of it, is kept in f64 or has ids of its own. Returns whether
+    /// the order was kept.
     ///
     /// ```
     /// use mbkd::{PointParams, PointTree};

@@ -16,8 +16,9 @@ const SHARES: usize = 2;
 /// Shares of points for each thread whose lists are made before it is seen whether to merge them.
 const SHARES_AT_ONCE: usize = 8;
 
-/// The most encounters that wait for being merged, unless more have been merged already.
-const MOST_WAITING: usize = 1 << 18;
+/// The most encounters that wait for being merged (100 MB), unless they are fewer than twice those that have been: merging what
+/// will be merged again takes time, with 2^18 a tenth to a third of that of the lists (a throw-away program).
+const MOST_WAITING: usize = 1 << 22;
 
 /// Lists in the making, which drop those with too many encounters.
 struct Maker {
@@ -89,7 +90,7 @@ impl EncounterVisitor for Maker {
 /// incomplete.
 pub(super) fn lists<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Sweep<'_, C>, most: usize) -> Option<u32> {
     if !sweep.ids_come_up_once() {
-        return merged(lists, sweep, most);
+        return merged(lists, sweep, most, MOST_WAITING);
     }
     if parallel::threads() > 1 {
         return in_parallel(lists, sweep, most);
@@ -101,9 +102,14 @@ pub(super) fn lists<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Swee
     worker.visitor.crowded
 }
 
-/// Makes lists of which a point has several, and merges these: again and again, as soon as what has come since is as much as all
-/// before. A pair may meet in thousands of time slices, and is to be kept a few times at most.
-fn merged<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Sweep<'_, C>, most: usize) -> Option<u32> {
+/// Makes lists of which a point has several, and merges these: again and again, as soon as more than `most_waiting` encounters have
+/// come, and twice as many as all before. A pair may meet in thousands of time slices, and is to be kept a few times at most.
+fn merged<C: SweptCoordinate>(
+    lists: &mut EncounterLists,
+    sweep: &Sweep<'_, C>,
+    most: usize,
+    most_waiting: usize,
+) -> Option<u32> {
     // None of the lists of a point is longer than all together, unless several points have the same id.
     let most_of_one = if sweep.has_distinct_ids() { most } else { usize::MAX };
     let too_long = |lists: &EncounterLists, most: usize| {
@@ -120,7 +126,7 @@ fn merged<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Sweep<'_, C>, 
             waiting += maker.lists.end();
             parts.push(maker.lists);
         }
-        if waiting > MOST_WAITING.max(parts[0].end()) {
+        if waiting > most_waiting.max(2 * parts[0].end()) {
             let mut all = EncounterLists::cleared();
             all.merge(&parts, Vec::new());
             crowded = lowest(crowded, too_long(&all, most_of_one));
@@ -179,7 +185,6 @@ fn in_parallel<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Sweep<'_,
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::point::lists::error::ListError;
     use crate::point::params::PointParams;
     use crate::primitive::PointArrays;
     use crate::random::Random;
@@ -195,20 +200,21 @@ mod tests {
         let keys: Vec<&[Vec3]> = keys.iter().map(Vec::as_slice).collect();
         let points = PointArrays { keys: &keys, active: &[], ids: &[] };
         let tree = PointTree::build(&points, &PointParams::default()).unwrap();
-        let run = |most: usize| tree.neighbor_lists_swept(TimeInterval::FULL, 0.5).max_neighbors(most).collect();
-        let lists = run(usize::MAX).unwrap();
-        assert_eq!(lists.encounters().len(), POINTS * (POINTS - 1));
-        // Without merging in between, 2.7 million encounters would wait.
-        let meet: usize = Sweep::<f32>::new((&tree, None), [0.0, 1.0], 0.5f32.into(), [None; 2])
-            .run(|| Maker::new(EncounterLists::cleared(), usize::MAX, false))
-            .iter()
-            .map(|maker| maker.lists.end())
-            .sum();
-        assert!(meet > 10 * lists.encounters().len(), "{meet}");
-        let bytes = lists.bytes() / size_of::<Encounter>();
-        assert!(bytes < 2 * MOST_WAITING + 2 * lists.encounters().len(), "{bytes}");
-        let Err(error) = run(100) else { panic!("all points have more neighbours") };
-        assert_eq!(error, ListError::TooManyNeighbors { id: 0 });
+        let sweep = Sweep::<f32>::new((&tree, None), [0.0, 1.0], 0.5f32.into(), [None; 2]);
+        let run = |most: usize, most_waiting: usize| {
+            let mut lists = EncounterLists::new();
+            let long = merged(&mut lists, &sweep, most, most_waiting);
+            (long, lists)
+        };
+        let [(_, at_once), (long, in_steps)] = [usize::MAX, 100].map(|most_waiting| run(usize::MAX, most_waiting));
+        assert_eq!((long, in_steps.encounters().len()), (None, POINTS * (POINTS - 1)));
+        assert!(in_steps == at_once, "merging in between changed a list");
+        // What wait for the last merging are twice as many as those before, and a step more, at most.
+        assert!(in_steps.bytes() * 3 < at_once.bytes(), "{} {}", in_steps.bytes(), at_once.bytes());
+        for most_waiting in [usize::MAX, 100] {
+            assert_eq!(run(100, most_waiting).0, Some(0), "all points meet more than 100 others");
+            assert_eq!(run(POINTS - 1, most_waiting).0, None);
+        }
     }
 
     /// Points at rest come up in each segment of those that move, but nothing is kept of those that meet nothing there.
