@@ -9,7 +9,7 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2}
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-/// The number of gathers between two checks for Ctrl-C.
+/// The numbers of gathers between two checks for Ctrl-C.
 const BLOCKS: Sizes = Sizes { first: 1 << 8, most: 1 << 15 };
 
 /// A map of photons with time stamps.
@@ -96,6 +96,9 @@ impl Photons {
             thickness.map_or(query, |thickness| query.thickness(thickness))
         };
         let pool = pool(workers)?;
+        // All of them before any is answered, so that the error does not depend on the division into parts.
+        let at = |index: usize| move |error: GatherError| GatherError::At { index, error: Box::new(error) };
+        py.detach(|| (0..positions.len()).try_for_each(|i| query(i).check().map_err(at(i)))).map_err(value_error)?;
         let mut answers: Vec<Gathered<Vec3>> = Vec::with_capacity(positions.len());
         in_parts(py, positions.len(), BLOCKS, progress.as_ref(), |part| {
             let queries: Vec<GatherQuery<'_>> = part.clone().map(query).collect();

@@ -58,14 +58,13 @@ fn replace(path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<(), FileErr
     }
     // The file behind a symbolic link, not the link, is replaced.
     let path = std::fs::canonicalize(path).unwrap_or_else(|_| behind_links(path));
-    let (part, mut file) = temporary_file(&path)?;
-    // Before anything is written: a file that others may not read is never readable.
-    let allowed = before.map_or(Ok(()), |before| file.set_permissions(before.permissions()));
+    let (part, mut file) = temporary_file(&path, before.is_ok())?;
+    if let Ok(before) = before {
+        // Where that is refused, as by some file systems of other kinds, less is permitted than before.
+        let _ = file.set_permissions(before.permissions());
+    }
     // Without the sync, a machine that stops soon afterwards may have the name and not the contents.
-    let written = allowed
-        .map_err(FileError::from)
-        .and_then(|()| write(&mut file))
-        .and_then(|()| Ok(file.sync_all().and_then(|()| std::fs::rename(&part, &path))?));
+    let written = write(&mut file).and_then(|()| Ok(file.sync_all().and_then(|()| std::fs::rename(&part, &path))?));
     if written.is_err() {
         // An error of the removal matters less than the error of the write.
         let _ = std::fs::remove_file(&part);
@@ -85,15 +84,24 @@ fn behind_links(path: &Path) -> PathBuf {
     path
 }
 
-/// Creates a file next to `path` that did not exist: another thread or machine may be saving to the same path.
-fn temporary_file(path: &Path) -> std::io::Result<(PathBuf, File)> {
+/// Creates a file next to `path` that did not exist: another thread or machine may be saving to the same path. A private one can be
+/// opened by nobody else.
+fn temporary_file(path: &Path, private: bool) -> std::io::Result<(PathBuf, File)> {
     static COUNT: AtomicU64 = AtomicU64::new(0);
+    let mut options = File::options();
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    if private {
+        std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    }
+    #[cfg(not(unix))]
+    let _ = private;
     loop {
         let count = COUNT.fetch_add(1, Ordering::Relaxed);
         let mut name = path.file_name().unwrap_or_default().to_os_string();
         name.push(format!(".{}.{count}.part", std::process::id()));
         let part = path.with_file_name(name);
-        match File::create_new(&part) {
+        match options.open(&part) {
             Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
             created => return Ok((part, created?)),
         }

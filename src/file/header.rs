@@ -9,7 +9,7 @@ use super::record::Record;
 const MAGIC: [u8; 8] = *b"mbkd\r\n\x1a\n";
 
 /// The version of the format that is written, and the only one that can be read.
-const VERSION: u32 = 8;
+const VERSION: u32 = 9;
 
 /// Bytes of the header.
 pub(super) const HEADER: usize = 32;

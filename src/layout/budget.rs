@@ -26,21 +26,16 @@ pub(super) fn further_key_bytes<S: WideSource>(set: &S, id: u32) -> usize {
 }
 
 /// A number of primitives that certainly fits one subtree of a lazy tree: each split into as many references as are allowed, with
-/// as many separate trees as there can be, of 256 bytes and the keys each. Where one takes more, it is one that fits as a whole, as
-/// the last attempt leaves it ([`with_less`]).
+/// as many separate trees as there can be, of 256 bytes and the keys each. Where one takes more, it is one that fits undivided.
 ///
 /// # Errors
-/// If one may be too large, which takes tens of thousands of keys.
-pub(super) fn most_in_subtree<S: WideSource>(set: &S, division: Division) -> Result<usize, BuildError> {
+/// If one may not, which takes some forty million keys of a sphere.
+pub(super) fn most_in_subtree<S: WideSource>(set: &S) -> Result<usize, BuildError> {
     const REFERENCES: usize = MOST_REFERENCES * MAX_TIME_SLICES;
     let any = set.further_key_bytes() > 0;
     let most = if any { (0..set.len() as u32).map(|id| further_key_bytes(set, id)).max() } else { None };
     let fitting = MOST_ARENA_BYTES / (256 + most.unwrap_or(0));
-    match fitting / REFERENCES {
-        // Forced divisions have one attempt.
-        0 if fitting == 0 || division.is_forced() => Err(BuildError::TooLargeTree),
-        divided => Ok(divided.max(1)),
-    }
+    if fitting == 0 { Err(BuildError::TooLargeTree) } else { Ok((fitting / REFERENCES).max(1)) }
 }
 
 /// Further builds that are tried if a tree is larger than allowed.

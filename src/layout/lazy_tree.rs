@@ -71,7 +71,7 @@ const DIVIDING: f64 = 0.98;
 impl LazyTree {
     /// Divides the primitives of a set into subtrees, and builds the tree above them.
     pub fn build<S: WideSource>(set: &S, params: &LazyParams, progress: &Progress) -> Result<LazyTree, BuildError> {
-        let most = params.subtree.min(most_in_subtree(set, params.wide.division)?);
+        let most = params.subtree.min(most_in_subtree(set)?);
         let bounds = |ids: &[u32], out: &mut [LaneBounds]| {
             set.lane_bounds(ids, TimeInterval::FULL, &VertexTubes::default(), out)
         };
@@ -171,7 +171,7 @@ impl LazyTree {
     pub fn boxes(&self, time: f32, frame: Frame, visitor: &mut impl FnMut(TreeBox)) {
         self.top.boxes(time, frame, 1, &mut |b, child| {
             let below = if b.leaf { self.built(self.below(child)) } else { None };
-            visitor(TreeBox { leaf: b.leaf && below.is_none_or(|tree| tree.root.kind().is_leaf()), ..b });
+            visitor(TreeBox { leaf: b.leaf && below.is_none_or(|tree| tree.is_leaf_at(tree.root, time)), ..b });
             if let Some(tree) = below {
                 tree.boxes(time, frame, b.level + 1, &mut |b, _| visitor(b));
             }

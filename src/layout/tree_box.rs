@@ -29,10 +29,16 @@ impl WideTree {
             for (lane, child) in self.lanes(at) {
                 let bounds = frame.box_to_world(self.lane_box(at, lane, time));
                 let child = self.in_slice(child, time);
-                visitor(TreeBox { level, leaf: child != ChildRef::NOTHING && child.kind().is_leaf(), bounds }, child);
+                visitor(TreeBox { level, leaf: self.is_leaf_at(child, time), bounds }, child);
                 stack.push((child, level + 1));
             }
         }
+    }
+
+    /// Whether there is nothing but a leaf block at a time.
+    pub(super) fn is_leaf_at(&self, at: ChildRef, time: f32) -> bool {
+        let at = self.in_slice(at, time);
+        at != ChildRef::NOTHING && at.kind().is_leaf()
     }
 
     /// What time nodes lead to at a time.

@@ -83,7 +83,16 @@ impl WideTree {
             let further = ids.iter().map(|&id| further_key_bytes(set, id)).sum();
             let budget = allowed_bytes(&params.wide, ids.len(), further);
             let (listed, held): (Vec<u32>, Vec<u32>) = ids.iter().partition(|&&id| set.is_listed(id));
-            let mut tree = WideTree::fitted(set, [&held, &listed], &params, budget, &Progress::new(None))?;
+            let fitted =
+                |params: &DraftParams| WideTree::fitted(set, [&held, &listed], params, budget, &Progress::new(None));
+            let mut tree = match fitted(&params) {
+                // The division counts as forced, also where it was decided.
+                Err(BuildError::TooLargeTree) => {
+                    params.wide = WideParams { max_references: 1.0, division: Division::Whole, ..params.wide };
+                    fitted(&params)?
+                }
+                built => built?,
+            };
             tree.counts = tree.counted(set);
             tree.find_masks(set);
             Ok(tree)

@@ -190,6 +190,12 @@ fn points_with_one_id_take_no_place_of_others() {
         for (found, all) in found.iter().zip(&all) {
             assert!(found.distance_squared <= all.distance_squared, "{x:?} {ids:?}: {found:?} instead of {all:?}");
         }
+        // Each point once, where it is nearest, in order.
+        let of_point = |(&x, &id): (&f32, &u32)| Neighbor { id, distance_squared: (x * x).min((x - 1.0) * (x - 1.0)) };
+        let mut points: Vec<Neighbor> = x.iter().zip(ids).map(of_point).collect();
+        points.sort_by_key(|near| (near.distance_squared.to_bits(), near.id));
+        let mut rest = points.iter();
+        assert!(found.iter().all(|near| rest.any(|point| point == near)), "{x:?} {ids:?}: {found:?} of {points:?}");
         found.len()
     };
     assert_eq!(nearest(&[0.1, 0.62, 0.7, 0.55], &[0, 0, 0, 1], 2), 2);
@@ -203,6 +209,18 @@ fn points_with_one_id_take_no_place_of_others() {
         // All of them, from both sides, reach farther than half a period.
         assert_eq!(nearest(&x, &ids, different), different, "{x:?} {ids:?}");
     }
+}
+
+/// Whether the other images find anything or not.
+#[test]
+fn what_a_filter_hides_does_not_tell_whether_ids_repeat() {
+    let set =
+        PointArrays { keys: &[&[[0.45f32, 0.0, 0.0], [0.5, 0.0, 0.0], [0.9, 0.0, 0.0]]], active: &[], ids: &[0, 0, 1] };
+    let tree = PointTree::build(&set, &PointParams::default()).unwrap();
+    let periodic = tree.periodic([Some(1.0f32), None, None]).unwrap();
+    let query = || periodic.query([0.475f32, 0.0, 0.0], 0.0).radius(0.6).filter(|id| id != 1);
+    assert_eq!(query().nearest_n(10), query().collect_sorted());
+    assert_eq!(query().nearest_n(10).len(), query().count());
 }
 
 #[test]

@@ -93,7 +93,7 @@ static POOLS: LazyLock<[ThreadPool; 2]> = LazyLock::new(|| {
 });
 
 /// Beyond this a case is said to have hung.
-const HUNG: Duration = Duration::from_secs(60);
+const HUNG: Duration = Duration::from_secs(600);
 
 /// Ends the program if a case hangs. The name of each case is set when it begins.
 static RUNNING: Mutex<Option<(Instant, String)>> = Mutex::new(None);

@@ -114,6 +114,11 @@ pub fn check_repeated(random: &mut Random, tree: &PointTree, cloud: &Cloud, at: 
     for k in [1, 2, 5, random.below(once.len() + 5)] {
         let found = periodic.query(q, time).nearest_n(k);
         ensure!(found.len() >= k.min(once.len()), "{what}: {k} nearest: {found:?} of {once:?}");
+        ensure!(found.iter().all(|near| all.contains(near)), "{what}: {k} nearest: {found:?} of {all:?}");
+        ensure!(
+            found.is_sorted_by_key(|near| (near.distance_squared.to_bits(), near.id)),
+            "{what}: {k} nearest: {found:?}"
+        );
         for (found, once) in found.iter().zip(&once) {
             ensure!(
                 found.distance_squared.to_bits() <= once.distance_squared.to_bits(),

@@ -130,8 +130,19 @@ impl<'f> GatherQuery<'f> {
         GatherQuery { filter: Some(predicate), ..self }
     }
 
-    /// An error for the first parameter that is out of range.
-    pub(super) fn check(&self) -> Result<(), GatherError> {
+    /// An error for the first parameter that is out of range, as [`PhotonMap::gather`](super::map::PhotonMap::gather) returns it.
+    ///
+    /// ```
+    /// use mbkd::glam::Vec3;
+    /// use mbkd::point::{GatherError, GatherQuery};
+    /// let query = GatherQuery::new(Vec3::ZERO, Vec3::Z, 0.5).nearest(8);
+    /// assert_eq!(query.check(), Ok(()));
+    /// assert_eq!(query.radius(-1.0).check(), Err(GatherError::Radius));
+    /// ```
+    ///
+    /// # Errors
+    /// Of positions and times, windows, radii, numbers of neighbours, cutoffs and normals.
+    pub fn check(&self) -> Result<(), GatherError> {
         let fine = |fine: bool, error| if fine { Ok(()) } else { Err(error) };
         check_position(self.position, self.time)?;
         self.window.map_or(Ok(()), check_window)?;

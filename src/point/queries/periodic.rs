@@ -116,7 +116,8 @@ impl<'a> PeriodicPoints<'a> {
 /// nearest counts.
 ///
 /// Cost: that of one query where the faces of the box around all points are farther away than the neighbours, otherwise that of a
-/// query for each image within reach of a point.
+/// query for each image within reach of a point. Where ids repeat, searches for the nearest few that reach farther than half a
+/// period ask for more points until there are so many ids among them: for all points, if there are fewer ids.
 #[derive(Clone, Copy)]
 #[must_use = "a query does nothing until one of its runs is called"]
 pub struct PeriodicQuery<'a, K = KeepAll> {
@@ -202,13 +203,13 @@ impl<K: Keep> PeriodicQuery<'_, K> {
         if k == 0 {
             return false;
         }
-        let mut repeats = false;
+        let (mut first, mut repeats) = (true, false);
         self.in_order(images, |image| {
             of_image.clear();
             image.run(|query| compiled::nearest_n(query, k, candidates, of_image));
-            if found.is_empty() {
+            if core::mem::take(&mut first) {
                 core::mem::swap(found, of_image);
-            } else if !of_image.is_empty() {
+            } else {
                 repeats |= self.images.may_repeat(image.query.bound);
                 found.append(of_image);
                 if repeats {

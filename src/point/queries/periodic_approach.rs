@@ -4,9 +4,11 @@
 //! begin ([`Images`](super::images::Images)) and goes the same way. Which ones come near enough is the same question as for a place
 //! at rest, if the box around all points is enlarged by the way.
 //!
-//! **Rounding.** Both ends of an image may be rounded to f32. Their coordinates are up to twice as large as those of the enlarged
-//! box and a period, since each end lies within a period and a displacement of the box around all points. The slack of an image's
-//! distance, 2^-22 of these, is twice that rounding.
+//! **Rounding.** Both ends of an image may be rounded to f32, by 2^-24 of their coordinates. Along periodic axes each lies within a
+//! period and twice the displacement of the box around all points, so its coordinate is at most that of the enlarged box four
+//! times, and a period: the slack of an image's distance, 2^-22 of the box and the period, is as much. Along other axes an image
+//! may lie far away, and is then rounded by 2^-24 of its distance. [`equally_near`] is farther by 2^-22 of the distance, which is
+//! more than that and half an ulp of the answer.
 
 use super::approach::{Approach, equally_near};
 use super::periodic::PeriodicPoints;
@@ -19,13 +21,14 @@ impl PeriodicPoints<'_> {
     ///
     /// `from` may be in any period, and `to` is where the query goes from there, perhaps through faces of the box. Points may pass
     /// through faces as well, as their keys say. Answers equal brute force over the images of the query: each begins at an image of
-    /// `from`, as computed in f64, and is moved by `to - from`. Finds nothing for paths longer than sixteen periods along an axis.
-    /// Cost: that of one search in open space for each image that comes as near as the answer: one inside of the box, two at a
-    /// face.
+    /// `from`, as computed in f64, and is moved by `to - from`. Finds nothing for paths longer than sixteen periods along an axis,
+    /// and where the image nearest to the points lies beyond [`MAX_POINT_COORDINATE`](crate::MAX_POINT_COORDINATE). Cost: that of
+    /// one search in open space for each image that comes as near as the answer: one inside of the box, two at a face.
     ///
     /// ```
     /// use mbkd::{MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
-    /// let points = [MovingPoint::new([0.2f32, 0.5, 0.5], [-0.4, 0.0, 0.0]), MovingPoint::fixed([0.5, 0.5, 0.9])];
+    /// let through_the_face = MovingPoint::new(Vec3::new(0.2, 0.5, 0.5), Vec3::new(-0.2, 0.5, 0.5));
+    /// let points = [through_the_face, MovingPoint::fixed(Vec3::new(0.5, 0.5, 0.9))];
     /// let tree = PointTree::build(&points, &PointParams::default())?;
     /// let (from, to) = (Vec3::new(0.9, 0.5, 0.6), Vec3::new(1.1, 0.5, 0.6));
     /// // They meet in the face: at x = 0 and x = 1.

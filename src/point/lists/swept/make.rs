@@ -13,8 +13,8 @@ use crate::point::lists::scheduling::{in_order, room_for};
 /// Groups of points for each thread whose lists are on their way: few, because the lists of one are a few hundred kilobytes.
 const SHARES: usize = 2;
 
-/// Shares of points for each thread whose lists are made before it is seen whether to merge them.
-const SHARES_AT_ONCE: usize = 8;
+/// Shares of points for each thread whose lists are made before it is seen whether to merge them: some thousand points.
+const SHARES_AT_ONCE: usize = 4;
 
 /// The most encounters that wait for being merged (100 MB), unless they are fewer than twice those that have been: merging what
 /// will be merged again takes time, with 2^18 a tenth to a third of that of the lists (a throw-away program).
@@ -103,7 +103,7 @@ pub(super) fn lists<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Swee
 }
 
 /// Makes lists of which a point has several, and merges these: again and again, as soon as more than `most_waiting` encounters have
-/// come, and twice as many as all before. A pair may meet in thousands of time slices, and is to be kept a few times at most.
+/// come, and twice as many as all before. A pair may meet in thousands of time slices, and is not to be kept for each.
 fn merged<C: SweptCoordinate>(
     lists: &mut EncounterLists,
     sweep: &Sweep<'_, C>,
@@ -129,7 +129,10 @@ fn merged<C: SweptCoordinate>(
         if waiting > most_waiting.max(2 * parts[0].end()) {
             let mut all = EncounterLists::cleared();
             all.merge(&parts, Vec::new());
-            crowded = lowest(crowded, too_long(&all, most_of_one));
+            // They are as long as all that a pair of ids has met in so far, and will not be shorter.
+            crowded = lowest(crowded, too_long(&all, most));
+            all.encounters.truncate(all.end());
+            all.encounters.shrink_to_fit();
             (parts, waiting) = (vec![all], 0);
         }
     }
