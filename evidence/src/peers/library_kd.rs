@@ -9,7 +9,7 @@ use mbkd::glam::Vec3;
 use mbkd::{FileError, RayTree};
 
 /// The version of the format that this reads.
-const VERSION: u32 = 8;
+const VERSION: u32 = 9;
 /// The number of the k-d layout.
 const KD: u32 = 1;
 /// Added to the number of keys of a mesh that is stored in f64.
