@@ -44,5 +44,6 @@ mod periodic_queries;
 #[cfg(feature = "rayon")]
 mod progress;
 mod property;
+mod rebuilds;
 mod support;
 mod visitors;
