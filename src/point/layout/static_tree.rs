@@ -41,7 +41,7 @@ pub(in crate::point) struct LastOrder {
     pub(in crate::point) excess: f64,
 }
 
-/// How small a box counts as relative to the one above: less than that is a point.
+/// The least size of a box relative to that around it; smaller ones, as those of equal points, count as this.
 const LEAST_SIZE: f64 = 1.0 / 16_777_216.0;
 
 impl StaticTree {
