@@ -1,19 +1,10 @@
 //! Neighbour lists against comparing all pairs of points.
 
-use crate::support::{Cloud, KINDS, Rng, cloud};
+use crate::support::{Cloud, KINDS, Rng, STRUCTURES, build, cloud};
 use mbkd::{
     EncounterLists, ListError, ListQuery, MAX_POINT_COORDINATE, MovingPoint, NeighborLists, PointArrays, PointParams,
     PointStructure, PointTree, Precision, Radii, RadiusOf, SimdLevel, TimeInterval, glam::Vec3,
 };
-
-pub const STRUCTURES: [PointStructure; 4] =
-    [PointStructure::Automatic, PointStructure::Linear, PointStructure::TimeSlices(3), PointStructure::Kd];
-
-pub fn build(cloud: &Cloud, structure: PointStructure, simd: SimdLevel) -> PointTree {
-    let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();
-    let params = PointParams { structure, simd, max_references: 3.0, ..PointParams::default() };
-    PointTree::build(&PointArrays { keys: &keys, active: &cloud.active, ids: &[] }, &params).unwrap()
-}
 
 /// The parameters of a list query.
 #[derive(Clone, Debug)]

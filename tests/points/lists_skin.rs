@@ -1,8 +1,7 @@
 //! Lists with a skin against comparing all pairs, at all times at which they change: they hold as long as they say.
 
-use crate::lists::{STRUCTURES, build};
 use crate::lists_swept::{clouds, meet, size};
-use crate::support::{Cloud, Rng};
+use crate::support::{Cloud, Rng, STRUCTURES, build};
 use mbkd::{
     MovingPoint, NeighborLists, PointArrays, PointParams, PointStructure, PointTree, Precision, SimdLevel,
     TimeInterval, certified_duration, glam::Vec3,

@@ -1,8 +1,7 @@
 //! Lists over an interval against comparing all pairs.
 
 use crate::encounter::Pair;
-use crate::lists::{STRUCTURES, build};
-use crate::support::{Cloud, KINDS, Rng, cloud};
+use crate::support::{Cloud, KINDS, Rng, STRUCTURES, build, cloud};
 use mbkd::{
     Encounter, EncounterLists, ListError, MovingPoint, NeighborLists, PointArrays, PointParams, PointStructure,
     PointTree, Precision, Radii, RadiusOf, SimdLevel, TimeInterval,

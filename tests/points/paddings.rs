@@ -1,8 +1,7 @@
 //! Inputs at which the rounding decides that a padding covers. Each test fails if its padding is left out.
 
-use crate::lists::{STRUCTURES, build};
 use crate::lists_swept::{check, meet, meet_all};
-use crate::support::{Cloud, Rng};
+use crate::support::{Cloud, Rng, STRUCTURES, build};
 use mbkd::{NeighborLists, PointStructure, PointTree, Radii, SimdLevel, TimeInterval, glam::Vec3};
 
 /// The least radius at which two points meet.

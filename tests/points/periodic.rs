@@ -3,8 +3,8 @@
 
 use crate::double;
 use crate::double_lists::{self, differing};
-use crate::lists::{ListCase, build, check_against, compare_all};
-use crate::support::{Cloud, Rng};
+use crate::lists::{ListCase, check_against, compare_all};
+use crate::support::{Cloud, Rng, build};
 use mbkd::{
     ListError, NeighborLists, PointArrays, PointParams, PointStructure, PointTree, Precision, Radii, SimdLevel,
     TimeInterval,

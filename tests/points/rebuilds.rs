@@ -1,7 +1,6 @@
 //! Trees from step to step of a simulation: built again from the order of the last step, and that order handed out.
 
-use crate::lists::{STRUCTURES, build};
-use crate::support::{Rng, cloud};
+use crate::support::{Rng, STRUCTURES, build, cloud};
 use mbkd::{NeighborLists, PointArrays, PointParams, PointTree, SimdLevel, glam::Vec3};
 
 /// A tree that is rebuilt from the order of the last step gives the same answers, and is built from scratch if necessary.

@@ -1,7 +1,9 @@
 //! Brute force over all points, in plain code: the reference for every query.
 #![allow(dead_code)] // each test file uses its part
 
-use mbkd::{MovingPoint, Neighbor, TimeInterval, glam::Vec3};
+use mbkd::{
+    MovingPoint, Neighbor, PointArrays, PointParams, PointStructure, PointTree, SimdLevel, TimeInterval, glam::Vec3,
+};
 
 /// Points with positions at evenly spaced keys, and when they are active.
 #[derive(Clone, Debug)]
@@ -148,4 +150,15 @@ pub fn cloud(kind: &str, count: usize, rng: &mut Rng) -> Cloud {
         });
     }
     Cloud::moving(&points)
+}
+
+/// Every structure that trees of points can have.
+pub const STRUCTURES: [PointStructure; 4] =
+    [PointStructure::Automatic, PointStructure::Linear, PointStructure::TimeSlices(3), PointStructure::Kd];
+
+/// The tree of `cloud` with that structure and instruction set.
+pub fn build(cloud: &Cloud, structure: PointStructure, simd: SimdLevel) -> PointTree {
+    let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();
+    let params = PointParams { structure, simd, max_references: 3.0, ..PointParams::default() };
+    PointTree::build(&PointArrays { keys: &keys, active: &cloud.active, ids: &[] }, &params).unwrap()
 }
