@@ -10,7 +10,7 @@
 //! has a tree without any of that. The alternative is the paper's k-d tree, in whose leaves points have time intervals.
 //!
 //! The k-d tree is that of X. Yang et al., "k-d Tree Construction Designed for Motion Blur". docs/neighbors.md describes how a
-//! structure is chosen; docs/measurements_points.md has what `evidence/benches/neighbor_tables.rs` measures of all of them.
+//! structure is chosen; docs/measurements_points.md has what `benches/neighbor_tables.rs` measures of all of them.
 
 // Data flows through the folders in this order; none imports from a later one (`tests/layers.rs`).
 //

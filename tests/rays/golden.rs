@@ -56,7 +56,7 @@ fn nodes_leaves_time_skips_and_tests() {
 }
 
 /// Observers change neither answers nor work. (That unobserved queries cost nothing extra is measured by the pair `closest` and
-/// `closest observed by ()` in `evidence/benches/rays.rs`: the plain query is the observed one with `()`.)
+/// `closest observed by ()` in `benches/rays.rs`: the plain query is the observed one with `()`.)
 #[test]
 fn observing_changes_nothing() {
     let scene = (scene::find("hall").unwrap().make)(5000);

@@ -11,11 +11,11 @@
 #[path = "../../src/timing.rs"]
 mod clock;
 #[allow(dead_code)]
-#[path = "../../benches/embree/geometry.rs"]
+#[path = "../../../benches/embree/geometry.rs"]
 mod geometry;
-#[path = "../../benches/embree/rays.rs"]
+#[path = "../../../benches/embree/rays.rs"]
 mod rays;
-#[path = "../../benches/embree/timing.rs"]
+#[path = "../../../benches/embree/timing.rs"]
 mod timing;
 
 use bvh::aabb::{Aabb, Bounded, IntersectsAabb};
