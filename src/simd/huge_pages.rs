@@ -17,19 +17,17 @@ pub(crate) fn huge_vec_of<T: Clone>(item: T, count: usize) -> Vec<T> {
     items
 }
 
-/// The size of a huge page.
-const HUGE: usize = 2 << 20;
-
 /// Requests huge pages for the untouched memory of a vector; a hint.
 #[cfg(target_os = "linux")]
 fn advise_huge_pages<T>(items: &mut Vec<T>) {
     const PAGE: usize = 4096;
+    const HUGE_PAGE: usize = 2 << 20;
     const MADV_HUGEPAGE: i32 = 14;
     unsafe extern "C" {
         fn madvise(address: *mut core::ffi::c_void, length: usize, advice: i32) -> i32;
     }
     let bytes = items.capacity() * size_of::<T>();
-    if bytes < HUGE {
+    if bytes < HUGE_PAGE {
         return;
     }
     let begin = items.as_mut_ptr().cast::<u8>();

@@ -39,6 +39,7 @@ impl<'a> Rows<'a> {
     }
 
     /// The beginning of row `i`; it has `n` floats from there.
+    #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
     #[inline(always)]
     pub(super) fn row(&self, i: usize) -> *const f32 {
         assert!(i < self.count);
@@ -46,6 +47,7 @@ impl<'a> Rows<'a> {
     }
 
     /// The beginnings of rows `first`, `first + 3` and `first + 6`; each has `n` floats from there.
+    #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
     #[inline(always)]
     pub(super) fn thirds(&self, first: usize) -> [*const f32; 3] {
         assert!(first + 6 < self.count);

@@ -14,6 +14,7 @@ fn compare<S: Simd, const D: usize>(s: S, x: S::U, lesser: Mask) -> S::U {
 }
 
 /// Sorts the lanes of a vector.
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 #[inline(always)]
 pub(super) fn sort_network<S: Simd>(s: S, x: S::U) -> S::U {
     let x = compare::<S, 1>(s, x, 0x5555);
