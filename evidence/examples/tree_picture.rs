@@ -3,20 +3,12 @@
 //!
 //! `cargo run --release --example tree_picture -- docs/tree.png`
 
-#[path = "../../renderer/src/exr.rs"]
-#[allow(dead_code)] // film.rs writes such files, this program does not
-mod exr;
-#[path = "../../renderer/src/film.rs"]
-#[allow(dead_code)] // of it only the picture
-mod film;
-#[path = "../../renderer/src/font.rs"]
-mod font;
-
 use clap::Parser;
-use film::Picture;
 use mbkd::glam::{DVec3, IVec2, Vec2, Vec3};
 use mbkd::{BuildParams, Division, Hit, Keys, RayTree, TriangleMesh, WideParams};
 use mbkd_evidence::lcg::Lcg;
+use mbkd_renderer::film::Picture;
+use mbkd_renderer::font;
 use mbkd_scenes as scene;
 use std::path::PathBuf;
 

@@ -43,10 +43,11 @@ pub fn whole_part(job: &Job, film: &Film) -> Result<(), String> {
     }
 }
 
-/// All options that determine the picture, without those that select a part and those that do not change it.
+/// All options that determine the picture, without those that select a part and those that do not change it. In ASCII, since
+/// texts in EXR files are not Unicode.
 pub fn about(options: &Options) -> String {
     let unimportant = Options { output: vec![], samples: None, tile: None, threads: None, ..options.clone() };
-    format!("{unimportant:?}")
+    format!("{unimportant:?}").escape_default().to_string()
 }
 
 /// The commands that do the work of a command line: one for each frame, or one for each of so many parts and their

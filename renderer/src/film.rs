@@ -16,6 +16,19 @@ const UNIT: f64 = 1.0 / (1u32 << 30) as f64;
 /// Samples are clamped to this radiance. 65 536 samples of it fit into a sum.
 const BRIGHTEST: f64 = 65_536.0;
 
+/// A rectangle of pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Region {
+    /// Its first column.
+    pub x: usize,
+    /// Its first row.
+    pub y: usize,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
 /// Sums of radiance per pixel, top row first.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Film {
@@ -143,11 +156,15 @@ impl Picture {
 /// Writes linear radiance, without exposure and tone mapping, as .pfm or .exr.
 pub fn save_linear(film: &Film, path: &Path) -> Result<(), String> {
     let linear = film.linear();
-    let bytes = match path.extension() {
-        Some(kind) if kind.eq_ignore_ascii_case("exr") => crate::exr::picture(film.width, film.height, &linear),
-        _ => pfm(film.width, film.height, &linear),
+    let written = match path.extension() {
+        Some(kind) if kind.eq_ignore_ascii_case("exr") => {
+            let pixel = |x: usize, y: usize| linear[y * film.width + x].into();
+            exr::prelude::write_rgb_file::<f32, f32, f32>(path, film.width, film.height, pixel)
+                .map_err(|e| e.to_string())
+        }
+        _ => std::fs::write(path, pfm(film.width, film.height, &linear)).map_err(|e| e.to_string()),
     };
-    std::fs::write(path, bytes).map_err(|e| format!("{}: {e}", path.display()))
+    written.map_err(|e| format!("{}: {e}", path.display()))
 }
 
 /// A portable float map: a negative scale means little-endian; rows run from the bottom.

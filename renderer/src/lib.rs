@@ -7,7 +7,6 @@
 //! render parts.
 
 mod animation;
-mod exr;
 mod farm;
 pub mod film;
 pub mod fluid;

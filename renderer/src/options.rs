@@ -1,6 +1,6 @@
 //! The command line.
 
-use crate::exr::Region;
+use crate::film::Region;
 use clap::{Parser, Subcommand, ValueEnum};
 use mbkd::glam::Vec3;
 use mbkd::{KdParams, Policy};

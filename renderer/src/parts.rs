@@ -3,9 +3,13 @@
 //! A part is a picture like any other EXR, with two additions: the exact sums of its samples, and a description of the
 //! whole picture. Sums are whole numbers, so parts merge to exactly the bits of the picture that is rendered in one go.
 
-use crate::exr::{Channel, Exr, Region, colors};
-use crate::film::Film;
+use crate::film::{Film, Region};
 use crate::render::Job;
+use exr::prelude::{
+    AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, ImageAttributes, IntegerBounds, Layer,
+    LayerAttributes, ReadChannels, ReadLayers, Text, Vec2, WritableImage, read,
+};
+use std::io::Cursor;
 use std::path::Path;
 
 /// The description of the whole picture, equal in all of its parts.
@@ -34,6 +38,13 @@ pub struct Part {
     pub film: Film,
 }
 
+/// Names of attributes.
+const ABOUT: &str = "mbkd.about";
+const EXPOSURE: &str = "mbkd.exposure";
+const SAMPLES: &str = "mbkd.samples";
+const FIRST: &str = "mbkd.first";
+const END: &str = "mbkd.end";
+
 /// Channels of a sum: name, index of the colour channel, and shift of the half.
 const HALVES: [(&str, usize, u32); 6] = [
     ("sum.B.high", 2, 32),
@@ -51,54 +62,78 @@ impl Part {
         Part { whole, taken: job.taken, region: job.region, film }
     }
 
-    /// Writes the part as an EXR file.
+    /// Writes the part as an EXR file. Fails if the description is not Latin text.
     pub fn save(&self, path: &Path) -> Result<(), String> {
+        let linear = self.film.linear();
+        let mean = |(name, color): (&str, usize)| {
+            AnyChannel::new(name, FlatSamples::F32(linear.iter().map(|pixel| pixel[color]).collect()))
+        };
         let half = |(name, color, shift): (&str, usize, u32)| {
             let words = self.film.sums.iter().map(|sum| (sum[color] as u64 >> shift) as u32);
-            (name.to_string(), Channel::Whole(words.collect()))
+            AnyChannel::new(name, FlatSamples::U32(words.collect()))
         };
-        let mut channels = colors(&self.film.linear());
-        channels.extend(HALVES.map(half));
-        let text = |name: &str, value: &str| (name.to_string(), "string".to_string(), value.as_bytes().to_vec());
-        let number = |name: &str, kind: &str, value: [u8; 4]| (name.to_string(), kind.to_string(), value.to_vec());
-        let attributes = vec![
-            text("mbkd.about", &self.whole.about),
-            number("mbkd.exposure", "float", self.whole.exposure.to_le_bytes()),
-            number("mbkd.samples", "int", self.whole.samples.to_le_bytes()),
-            number("mbkd.first", "int", self.taken.0.to_le_bytes()),
-            number("mbkd.end", "int", self.taken.1.to_le_bytes()),
-        ];
-        let file = Exr { display: self.whole.size, window: self.region, channels, attributes }.file();
-        std::fs::write(path, file).map_err(|e| format!("{}: {e}", path.display()))
+        let means = [("R", 0), ("G", 1), ("B", 2)].map(mean);
+        let channels = AnyChannels::sort(means.into_iter().chain(HALVES.map(half)).collect());
+        let about = Text::new_or_none(&self.whole.about).ok_or("the description has letters that EXR cannot hold")?;
+        let Region { x, y, width, height } = self.region;
+        let mut attributes = LayerAttributes { layer_position: Vec2(x as i32, y as i32), ..Default::default() };
+        attributes.other.extend([
+            (Text::from(ABOUT), AttributeValue::Text(about)),
+            (Text::from(EXPOSURE), AttributeValue::F32(self.whole.exposure)),
+            (Text::from(SAMPLES), AttributeValue::I32(self.whole.samples as i32)),
+            (Text::from(FIRST), AttributeValue::I32(self.taken.0 as i32)),
+            (Text::from(END), AttributeValue::I32(self.taken.1 as i32)),
+        ]);
+        let layer = Layer::new((width, height), attributes, Encoding::SMALL_LOSSLESS, channels);
+        let display = IntegerBounds::from_dimensions((self.whole.size[0], self.whole.size[1]));
+        let image = Image::new(ImageAttributes::new(display), layer);
+        image.write().to_file(path).map_err(|e| format!("{}: {e}", path.display()))
     }
 
     /// Reads a part.
     pub fn open(path: &Path) -> Result<Part, String> {
-        let bytes = std::fs::read(path).map_err(|e| format!("{}: {e}", path.display()))?;
-        Exr::parse(&bytes).and_then(|file| Part::of(&file)).map_err(|e| format!("{}: {e}", path.display()))
+        let read = || Part::read(&std::fs::read(path).map_err(|e| e.to_string())?);
+        read().map_err(|e| format!("{}: {e}", path.display()))
     }
 
-    fn of(file: &Exr) -> Result<Part, String> {
+    /// Reads the bytes of a file.
+    fn read(bytes: &[u8]) -> Result<Part, String> {
+        let layers = read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer();
+        let image = layers.all_attributes().from_buffered(Cursor::new(bytes)).map_err(|e| e.to_string())?;
+        let (display, layer) = (image.attributes.display_window, image.layer_data);
+        let Vec2(width, height) = layer.size;
         let missing = || "this is a whole picture; parts are written with --samples or --tile".to_string();
-        let number = |name: &str| file.attribute(name).and_then(|v| <[u8; 4]>::try_from(v).ok()).ok_or_else(missing);
-        let whole = Whole {
-            size: file.display,
-            samples: u32::from_le_bytes(number("mbkd.samples")?),
-            exposure: f32::from_le_bytes(number("mbkd.exposure")?),
-            about: String::from_utf8_lossy(file.attribute("mbkd.about").ok_or_else(missing)?).into_owned(),
+        let attribute = |name: &str| layer.attributes.other.get(&Text::from(name)).ok_or_else(missing);
+        let number = |name: &str| match attribute(name)? {
+            &AttributeValue::I32(number) => u32::try_from(number).map_err(|_| format!("{name} is {number}")),
+            _ => Err(missing()),
         };
-        let taken = (u32::from_le_bytes(number("mbkd.first")?), u32::from_le_bytes(number("mbkd.end")?));
+        let (AttributeValue::Text(about), &AttributeValue::F32(exposure)) = (attribute(ABOUT)?, attribute(EXPOSURE)?)
+        else {
+            return Err(missing());
+        };
+        let size = [display.size.0, display.size.1];
+        let whole = Whole { size, samples: number(SAMPLES)?, exposure, about: about.to_string() };
+        let taken = (number(FIRST)?, number(END)?);
         if taken.0 >= taken.1 || taken.1 > whole.samples {
             return Err(format!("invalid sample range {}..{} of {}", taken.0, taken.1, whole.samples));
         }
-        let mut film = Film::new(file.window.width, file.window.height);
+        let inside = |at: i32, count: usize, all: usize| {
+            let at = usize::try_from(at).ok().filter(|at| at.checked_add(count).is_some_and(|end| end <= all));
+            at.ok_or("its window is not inside of the picture")
+        };
+        let Vec2(x, y) = layer.attributes.layer_position;
+        let region = Region { x: inside(x, width, size[0])?, y: inside(y, height, size[1])?, width, height };
+        let mut film = Film::new(width, height);
         for (name, color, shift) in HALVES {
-            for (sum, &word) in film.sums.iter_mut().zip(file.whole(name).ok_or_else(missing)?) {
-                sum[color] |= ((u64::from(word)) << shift) as i64;
+            let channel = layer.channel_data.list.iter().find(|channel| channel.name.eq(name)).ok_or_else(missing)?;
+            let FlatSamples::U32(words) = &channel.sample_data else { return Err(missing()) };
+            for (sum, &word) in film.sums.iter_mut().zip(words) {
+                sum[color] |= (u64::from(word) << shift) as i64;
             }
         }
         film.samples.fill(taken.1 - taken.0);
-        Ok(Part { whole, taken, region: file.window, film })
+        Ok(Part { whole, taken, region, film })
     }
 }
 
@@ -148,4 +183,33 @@ fn overlap(a: &Part, b: &Part) -> bool {
     let samples = a.taken.1 > b.taken.0 && b.taken.1 > a.taken.0;
     let (a, b) = (a.region, b.region);
     samples && !apart((a.x, a.width), (b.x, b.width)) && !apart((a.y, a.height), (b.y, b.height))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_broken_file_is_an_error() {
+        let mut film = Film::new(3, 2);
+        (0..6).for_each(|i| film.add_units(i, [i as i64 - 3, 1 << 40, -(1 << 33)], 2));
+        let whole = Whole { size: [7, 5], samples: 4, exposure: 0.5, about: "about".into() };
+        let part = Part { whole, taken: (1, 3), region: Region { x: 2, y: 1, width: 3, height: 2 }, film };
+        let path = std::env::temp_dir().join(format!("mbkd_part_{}.exr", std::process::id()));
+        part.save(&path).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(Part::read(&bytes).unwrap(), part);
+        for end in 0..bytes.len() {
+            assert!(Part::read(&bytes[..end]).is_err(), "the first {end} bytes");
+        }
+        for at in 0..bytes.len() {
+            for value in [0, 1, 0x7f, 0xff] {
+                let mut broken = bytes.clone();
+                broken[at] = value;
+                // An error or another part, but no panic.
+                let _ = Part::read(&broken);
+            }
+        }
+    }
 }

@@ -4,8 +4,7 @@
 //! Several passes over the picture take a part of the samples each, so that an interrupted picture is complete and
 //! merely noisier; the first takes one sample of one pixel in sixteen, so that there is a preview at once.
 
-use crate::exr::Region;
-use crate::film::{Film, in_units};
+use crate::film::{Film, Region, in_units};
 use crate::integrator::{Paths, camera_ray, radiance};
 use crate::sampling::{Sampler, z_order};
 use crate::stage::Stage;

@@ -1,8 +1,7 @@
 //! Whole pictures whose light can be computed by hand, and reproducibility: a seed determines the file.
 
 use crate::animation::Animation;
-use crate::exr::Region;
-use crate::film::{Film, in_units, save_linear};
+use crate::film::{Film, Region, in_units, save_linear};
 use crate::lamps::Lamps;
 use crate::materials::{Finish, Surface, Texture};
 use crate::options::Options;

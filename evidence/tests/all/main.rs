@@ -2,7 +2,6 @@
 
 mod ablations;
 mod accuracy;
-mod exr;
 mod kiddo;
 mod oracle;
 mod particle_files;
