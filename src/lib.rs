@@ -1,34 +1,4 @@
-//! Ray tracing and nearest-neighbour search over moving geometry.
-//!
-//! - **Rays**: a [`RayTree`] answers closest, any and all hits against moving triangles, spheres and custom
-//!   primitives, each ray at its own time ([`Ray::time`]).
-//! - **Points**: a [`PointTree`] answers nearest, k nearest and radius queries over points that move or exist for part of
-//!   the shutter, each query at its own time.
-//! - **Instances**: an [`InstanceTree`] answers rays and closest-point queries on trees with many moving instances.
-//! - **Photons**: a [`PhotonMap`] gathers photons at the time of a camera ray.
-//!
-//! The shutter is the normalized time range `[0, 1]`. Positions are given at any number of keys spaced evenly over it
-//! and are linear in between. Every answer equals that of brute force over the same arithmetic, bit for bit,
-//! whatever the tree, the number of threads and the instruction set.
-//!
-//! Batches run in parallel and give the answers of single queries, in the order of the queries. They come in three forms:
-//!
-//! - Rays and closest points fill a vector of the caller, which a renderer uses again and again:
-//!   [`closest_hits(&rays, &mut hits)`](RayTree::closest_hits).
-//! - Queries of points and photons return their answers: [`nearest_batch(&queries)`](PointTree::nearest_batch); in a `Result` if a
-//!   query can be invalid ([`gather_batch`](PhotonMap::gather_batch)).
-//! - Lists of neighbours are requested with options, and `run` fills memory of the caller:
-//!   [`neighbor_lists(time, radius)`](PointTree::neighbor_lists)`.run(&mut lists)`. They come in the order of the tree unless
-//!   [`in_order`](ListQuery::in_order) is one of the options.
-//!
-//! Public names by topic: [`motion`] describes moving geometry, [`ray`], [`point`] and [`instance`] have the trees and their
-//! answers, [`baseline`] is brute force. The main ones are also in the root.
-//!
-//! The default ray tree is a sixteen-way bounding volume hierarchy (BVH) whose boxes move with their contents
-//! ([`Policy::Wide`]); the paper's k-d tree is [`KdParams::paper`].
-//!
-//! The library began as an implementation of "k-d Tree Construction Designed for Motion Blur" (Yang, Liu, Yin, Zhang, Zhou,
-//! Wei).
+//! Ray tracing and nearest-neighbour search over moving geometry, each query at its own time.
 //!
 //! ```
 //! use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -40,6 +10,55 @@
 //! assert_eq!(tree.closest_hit(&ray.at_time(1.0)).unwrap().t, 4.0);
 //! # Ok::<(), mbkd::BuildError>(())
 //! ```
+//!
+//! | for | begin with |
+//! |---|---|
+//! | rays against moving triangles, spheres and custom primitives | [`RayTree::build`], [`RayTree::of_scene`] |
+//! | the surface nearest to a point | [`RayTree::closest_point`] |
+//! | one tree placed many times, each place moving | [`InstanceTree::build`] |
+//! | the next frame, the next step | [`RayTree::refit`], [`PointTree::rebuild`] |
+//! | neighbours among points that move, or exist for part of the shutter | [`PointTree::build`] |
+//! | all neighbours of all points, at a time or over an interval | [`PointTree::neighbor_lists`], [`PointTree::neighbor_lists_swept`] |
+//! | photons gathered at the time of a camera ray | [`PhotonMap::build`] |
+//! | brute force, the reference of every answer | [`baseline`] |
+//!
+//! [`motion`] describes moving geometry, [`ray`], [`point`] and [`instance`] have the trees and their answers; the main names are
+//! also in the root. docs/choosing.md says which tree and which call suit which task.
+//!
+//! # Time
+//!
+//! The shutter is the normalized time range `[0, 1]`. Positions are given at any number of keys spaced evenly over it and are
+//! linear in between.
+//!
+//! # Answers
+//!
+//! Every answer equals that of brute force over the same arithmetic, bit for bit, whatever the tree, the number of threads and
+//! the instruction set. docs/accuracy.md says how far that arithmetic is from exact answers.
+//!
+//! # Bad input
+//!
+//! Builds return an error that says where. Queries that make no sense (NaN, a time outside of the shutter, a negative radius)
+//! find nothing; lists and gathers return an error. Nothing panics but an index of an answer out of range. docs/limits.md has all
+//! cases.
+//!
+//! # Batches
+//!
+//! Batches run in parallel and give the answers of single queries, in the order of the queries:
+//!
+//! - Rays and closest points fill a vector of the caller: [`closest_hits(&rays, &mut hits)`](RayTree::closest_hits).
+//! - Queries of points and photons return their answers: [`nearest_batch(&queries)`](PointTree::nearest_batch); in a `Result` if
+//!   a query can be invalid ([`gather_batch`](PhotonMap::gather_batch)).
+//! - Neighbour lists are requested with options ([`neighbor_lists`](PointTree::neighbor_lists)), and `run(&mut lists)` fills
+//!   memory of the caller. They come in the order of the tree unless [`in_order`](ListQuery::in_order) is one of the options.
+//!
+//! # Features
+//!
+//! `rayon` (default): builds and batches on its thread pool. Without it everything runs on the calling thread, with the same
+//! answers.
+//!
+//! The default ray tree is a sixteen-way bounding volume hierarchy (BVH) whose boxes move with their contents ([`Policy::Wide`]).
+//! The library began as an implementation of "k-d Tree Construction Designed for Motion Blur" (Yang, Liu, Yin, Zhang, Zhou, Wei),
+//! whose tree is [`KdParams::paper`].
 
 #![warn(missing_debug_implementations)]
 #![warn(clippy::missing_errors_doc, clippy::missing_panics_doc)]

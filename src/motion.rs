@@ -1,5 +1,5 @@
-//! Moving geometry: time intervals of the shutter, meshes, spheres, points, custom primitives, and their
-//! bounds.
+//! Moving geometry: [`TriangleMesh`], [`MovingSphere`], custom [`Primitive`]s, points ([`MovingPoint`], [`PointSet`]), and their
+//! bounds and time intervals.
 
 pub use crate::geometry::{Aabb, LinearBounds, TimeInterval};
 pub use crate::limits::{MAX_COORDINATE, MAX_POINT_COORDINATE};

@@ -1,15 +1,20 @@
 //! Trees with many moving instances: [`InstanceTree`].
 //!
 //! A tree is built once in its own local space. An [`Instance`] places it in the world by a [`Transform`] that may move during
-//! the shutter. The tree over instances is the wide tree of the rest of the crate, whose leaves hold one instance each. A ray
-//! that meets the box of an instance is transformed into the instance's space and traced in the tree there; `t` keeps its
-//! meaning, since directions are not normalized. Trees of instances can be instanced themselves.
+//! the shutter. Trees of instances can be instanced themselves, up to [`MAX_NESTING`] levels.
+//!
+//! The tree over instances is the wide tree of the rest of the crate, whose leaves hold one instance each. A ray that meets the
+//! box of an instance is transformed into the instance's space and traced in the tree there; `t` keeps its meaning, since
+//! directions are not normalized. docs/rays.md is the guide.
 
-// Contents: transforms as they are given (`transform`) and as queries evaluate them (`motion`), the extent of the instanced
-// tree (`extent`), bounds of moving instances (`bounds`), how far rounded rays deviate (`distortion`), the primitive set for the
-// build of the wide tree (`placements`), the tree (`tree`), its counts and sizes (`statistics`), its traversal by rays
-// (`traversal`), public queries (`tree_queries`), closest points (`closest_point`), and the surface at a hit with the rays that
-// leave it (`surface`).
+// | module | contents |
+// |---|---|
+// | `transform`, `motion` | transforms as they are given, and as queries evaluate them |
+// | `extent`, `bounds`, `distortion` | the extent of the instanced tree, bounds of moving instances, how far rounded rays deviate |
+// | `placements`, `columns` | the primitive set for the build of the wide tree; matrices by columns |
+// | `tree`, `statistics` | the tree; its counts and sizes |
+// | `traversal`, `tree_queries`, `closest_point` | its traversal by rays; public queries; closest points |
+// | `hit`, `surface` | answers; the surface at a hit, and rays that leave it |
 
 mod bounds;
 mod closest_point;

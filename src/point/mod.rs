@@ -1,16 +1,13 @@
 //! Exact neighbour queries at a time, among points that may move and may exist for a part of the shutter only.
 //!
-//! [`PointTree`] answers single queries and batches, and makes neighbour lists of whole sets, at a time or over an interval
-//! (docs/neighbors.md, docs/particles.md). [`PhotonMap`] gathers photons in space and time, [`VisiblePoints`] does the inverse
-//! (docs/gather.md).
+//! - [`PointTree`] answers single queries and batches (docs/neighbors.md), and makes neighbour lists of whole sets, at a time or
+//!   over an interval (docs/particles.md).
+//! - [`PhotonMap`] gathers photons in space and time, [`VisiblePoints`] does the inverse (docs/gather.md).
 //!
-//! The picture to have in mind: a pyramid of 16-wide nodes over leaves of sixteen points. One vector
-//! instruction tests sixteen boxes or sixteen points. If points move, boxes move with them, linearly
-//! in time; if points cross each other's cells, splitting the shutter keeps the boxes tight. A static set
-//! has a tree without any of that. The alternative is the paper's k-d tree, in whose leaves points have time intervals.
-//!
-//! The k-d tree is that of X. Yang et al., "k-d Tree Construction Designed for Motion Blur". docs/neighbors.md describes how a
-//! structure is chosen; docs/measurements_points.md has what `benches/neighbor_tables.rs` measures of all of them.
+//! The picture to have in mind: a pyramid of sixteen-way nodes over leaves of sixteen points. One vector instruction tests
+//! sixteen boxes or sixteen points. If points move, boxes move with them, linearly in time; if points cross each other's cells,
+//! splitting the shutter keeps the boxes tight. A static set has a tree without any of that. The alternative is the k-d tree of
+//! X. Yang et al., "k-d Tree Construction Designed for Motion Blur", in whose leaves points have time intervals.
 
 // Data flows through the folders in this order; none imports from a later one (`tests/layers.rs`).
 //

@@ -1,9 +1,13 @@
 //! Ray trees: rays against moving geometry, each ray at its own time.
 //!
-//! [`RayTree::build`] takes triangle meshes, [`RayTree::of_scene`] meshes, spheres and custom primitives
-//! ([`Primitive`](crate::Primitive)) together, and [`RayTree::of_primitives`] primitives of one type; [`BuildParams`] selects the
-//! tree. [`RayTree::closest_hit`], [`RayTree::any_hit`] and [`RayTree::all_hits`] answer one [`Ray`], their plural forms many.
-//! [`RayTree::closest_point`] finds the nearest surface, and [`RayTree::refit`] prepares a tree for the next frame (docs/rays.md).
+//! - **Builds**: [`RayTree::build`] takes triangle meshes, [`RayTree::of_scene`] meshes, spheres and custom primitives
+//!   ([`Primitive`](crate::Primitive)) together, [`RayTree::of_primitives`] primitives of one type. [`BuildParams`] selects the
+//!   tree.
+//! - **Queries**: [`RayTree::closest_hit`], [`RayTree::any_hit`] and [`RayTree::all_hits`] answer one [`Ray`], the first two in
+//!   their plural forms many. [`RayTree::closest_point`] finds the nearest surface.
+//! - **The next frame**: [`RayTree::refit`].
+//!
+//! docs/rays.md is the guide.
 
 // Data flows through the modules in this order; none imports from a later one (`tests/layers.rs`).
 //
