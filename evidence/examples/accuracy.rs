@@ -1,7 +1,7 @@
 //! How accurate the library is: its answers against exact ones, and how watertight: rays from inside closed meshes.
 //!
-//! `cargo run --release --example accuracy -- --quick` takes seconds; without `--quick` the table of docs/accuracy.md
-//! is written, and with `--rays 1000000000` the watertight run is the long one.
+//! `cargo run --release --example accuracy -- --quick` takes seconds; `--write docs/accuracy.md` replaces the tables of that page,
+//! and with `--rays 1000000000` the watertight run is the long one.
 
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};

@@ -3,7 +3,7 @@
 use super::interval::TimeInterval;
 use glam::Vec3;
 
-/// Half the spacing of f32 numbers just below 1: the unit all rounding bounds of this crate count in.
+/// Half the spacing of f32 numbers just above 1: the unit all rounding bounds of this crate count in.
 pub(crate) const ULP: f32 = f32::EPSILON * 0.5;
 
 /// The square of this length, 2^-60, is a normal number by far: those of much smaller ones are rounded by more than their own bits.

@@ -1,5 +1,5 @@
 //! Geometry in space and time for all layers above: boxes, boxes that move linearly, time intervals, keys,
-//! the local space of a tree, clipping, separating axes, Morton codes.
+//! the local space of a tree, clipping, separating axes, sines, Morton codes.
 //!
 //! The shutter is the normalized time range `[0, 1]` of one build. Positions are given at `n` keys
 //! spaced evenly over it (one key: static) and are linear between keys.
@@ -20,6 +20,7 @@ mod placement;
 mod plane;
 mod ray;
 mod separating_axes;
+mod sine;
 
 pub use aabb::{Aabb, LinearBounds};
 pub(crate) use box3::{Box3, Extent, KERNEL_ULPS, LEAST_SQUARED, Line, LinearBox3, ULP};
@@ -36,3 +37,4 @@ pub(crate) use placement::Placement;
 pub(crate) use plane::Plane;
 pub use ray::Ray;
 pub(crate) use separating_axes::{INSTANTS, Instant, are_disjoint};
+pub(crate) use sine::{angle_of_chord, sine_and_cosine};

@@ -7,6 +7,7 @@ extern crate mbkd as engine;
 mod blob;
 mod damage;
 mod forged;
+mod machines;
 mod points;
 mod rays;
 mod support;

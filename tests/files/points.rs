@@ -42,7 +42,7 @@ fn far(n: usize, keys: usize, speed: f64, random: &mut Random) -> Vec<Vec<DVec3>
 }
 
 /// A tree for each structure, with its name.
-fn trees() -> Vec<(String, PointTree)> {
+pub fn trees() -> Vec<(String, PointTree)> {
     let mut random = Random(11);
     let of = |structure| PointParams { structure, ..PointParams::default() };
     let mut trees = Vec::new();
@@ -96,7 +96,8 @@ fn large() -> PointTree {
     PointTree::build(&points, &PointParams::default()).unwrap()
 }
 
-fn file(tree: &PointTree) -> Vec<u8> {
+/// The file of a tree.
+pub fn file(tree: &PointTree) -> Vec<u8> {
     let mut bytes = Vec::new();
     tree.write_to(&mut bytes).unwrap();
     bytes

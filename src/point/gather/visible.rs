@@ -113,7 +113,8 @@ const MOST_HITS: usize = 1 << 22;
 /// How many photons a thread processes at a time after so many at a time had some hits together: as many as would have the limited
 /// number of hits, if the next have as many each.
 fn next_chunk(chunk: usize, hits: usize) -> usize {
-    (chunk.saturating_mul(MOST_HITS) / hits.max(1)).clamp(1, 8 * chunk).min(CHUNK)
+    let next = chunk as u64 * MOST_HITS as u64 / hits.max(1) as u64;
+    next.clamp(1, 8 * chunk as u64).min(CHUNK as u64) as usize
 }
 
 /// A photon that found a point.
