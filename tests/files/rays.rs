@@ -147,7 +147,7 @@ fn trees_come_back_bit_for_bit() {
         let again = read(&bytes).unwrap_or_else(|error| panic!("{name}: {error}"));
         assert!(file(&again) == bytes, "{name}: written again it is another file");
         assert_eq!(answers(&again, 60, 5), answers(&tree, 60, 5), "{name}");
-        again.validate().unwrap();
+        assert_eq!(again.validate(), Ok(()), "{name}");
         let corners = |tree: &RayTree| -> Vec<_> {
             let times = [0.0f32, 0.2, 0.9, 1.0];
             (0..8)
