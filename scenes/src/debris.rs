@@ -23,7 +23,8 @@ const KEYS: usize = 2;
 /// ```
 pub fn debris(triangles: usize) -> Scene {
     let stones = (triangles / PER_STONE).max(1);
-    let size = (2.4 / (stones as f32).cbrt()).min(0.6);
+    // In f64, since f32 roots of the platform differ from machine to machine.
+    let size = (2.4 / (stones as f64).cbrt() as f32).min(0.6);
     let mesh = animate(KEYS, |time| {
         let mut random = Random::new(0xdeb1);
         let mut shape = Shape::default();
