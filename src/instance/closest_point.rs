@@ -7,13 +7,12 @@
 //! it. [`Placement`] derives how far the inner search must reach.
 
 use super::hit::{InstancePath, InstancePoint};
-use super::traversal::InstanceGuards;
 use super::tree::{InstanceOf, InstanceTree};
 use crate::geometry::Placement;
 use crate::layout::ChildRef;
 use crate::primitive::PrimitiveSet;
 use crate::ray::{
-    ClosestPointQuery, Guards, LeafSearch, NearestFirst, Observer, PlacedQuery, QueryInTree, answer_each,
+    ClosestPointQuery, Filter, Guards, LeafSearch, NearestFirst, Observer, PlacedQuery, QueryInTree, answer_each,
 };
 use crate::simd::{Simd, dispatch};
 
@@ -52,7 +51,7 @@ impl InstanceTree {
     /// # Ok::<(), mbkd::InstanceError>(())
     /// ```
     pub fn closest_point(&self, query: &ClosestPointQuery) -> Option<InstancePoint> {
-        self.nearest(*query, InstanceGuards::Plain)
+        self.nearest(*query, Guards::none())
     }
 
     /// [`InstanceTree::closest_point`] among the points for which `accept` returns true, in instances whose
@@ -64,7 +63,7 @@ impl InstanceTree {
         mask: u32,
         accept: impl Fn(&InstancePoint) -> bool,
     ) -> Option<InstancePoint> {
-        self.nearest(*query, InstanceGuards::Filtered { mask, accept: &accept })
+        self.nearest(*query, Guards::filtered(mask, &accept))
     }
 
     /// [`InstanceTree::closest_point`] in instances whose [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes
@@ -83,7 +82,7 @@ impl InstanceTree {
     /// # Ok::<(), mbkd::InstanceError>(())
     /// ```
     pub fn closest_point_masked(&self, query: &ClosestPointQuery, mask: u32) -> Option<InstancePoint> {
-        self.nearest(*query, InstanceGuards::Masked(mask))
+        self.nearest(*query, Guards::masked(mask))
     }
 
     /// [`InstanceTree::closest_point`], reporting each step to `observer`, as [`InstanceTree::closest_hit_observed`]
@@ -93,13 +92,13 @@ impl InstanceTree {
         query: &ClosestPointQuery,
         observer: &mut impl Observer,
     ) -> Option<InstancePoint> {
-        self.nearest(*query, InstanceGuards::Observed(observer))
+        self.nearest(*query, Guards::observed(observer))
     }
 
     /// [`InstanceTree::closest_point`] for many queries, in parallel. `answers` is cleared and gets one answer per query, in
     /// order.
     pub fn closest_points(&self, queries: &[ClosestPointQuery], answers: &mut Vec<Option<InstancePoint>>) {
-        answer_each(queries, answers, |_, query| self.nearest(*query, InstanceGuards::Plain));
+        answer_each(queries, answers, |_, query| self.nearest(*query, Guards::none()));
     }
 
     /// [`InstanceTree::closest_point_masked`] for many queries, in parallel. `answers` is cleared and gets one answer per query, in
@@ -126,11 +125,7 @@ impl InstanceTree {
         answer_each(queries, answers, |i, query| self.closest_point_filtered(query, mask, |near| accept(i, near)));
     }
 
-    fn nearest(
-        &self,
-        query: ClosestPointQuery,
-        mut guards: InstanceGuards<'_, InstancePoint>,
-    ) -> Option<InstancePoint> {
+    fn nearest(&self, query: ClosestPointQuery, mut guards: Guards<'_, InstancePoint>) -> Option<InstancePoint> {
         self.nearest_from(&query.into(), InstancePath::default(), &mut guards)
     }
 
@@ -139,7 +134,7 @@ impl InstanceTree {
         &self,
         query: &PlacedQuery,
         path: InstancePath,
-        guards: &mut InstanceGuards<'_, InstancePoint>,
+        guards: &mut Guards<'_, InstancePoint>,
     ) -> Option<InstancePoint> {
         let in_tree = QueryInTree::new(query, self.placements.frame())?;
         let mut leaves = InInstances { of: self, query: *query, path, guards, best: None };
@@ -153,22 +148,15 @@ impl InstanceOf {
         &self,
         query: &PlacedQuery,
         path: InstancePath,
-        guards: &mut InstanceGuards<'_, InstancePoint>,
+        guards: &mut Guards<'_, InstancePoint>,
     ) -> Option<InstancePoint> {
-        let tree = match self {
-            InstanceOf::Tree(tree) => tree,
-            InstanceOf::Instances(tree) => return tree.nearest_from(query, path, guards),
-        };
-        let near = match guards {
-            InstanceGuards::Plain => tree.closest_point_of(query),
-            InstanceGuards::Masked(mask) => tree.closest_point_masked_of(query, *mask),
-            InstanceGuards::Filtered { mask, accept } => {
-                let accept = |&near: &_| accept(&InstancePoint { path, near });
-                tree.closest_point_guarded(query, Guards::filtered(*mask, &accept))
+        match self {
+            InstanceOf::Instances(tree) => tree.nearest_from(query, path, guards),
+            InstanceOf::Tree(tree) => {
+                let placed = |&near: &_| InstancePoint { path, near };
+                guards.inside(placed, |guards| tree.closest_point_guarded(query, guards)).map(|near| placed(&near))
             }
-            InstanceGuards::Observed(observer) => tree.closest_point_guarded(query, Guards::observed(*observer)),
-        };
-        near.map(|near| InstancePoint { path, near })
+        }
     }
 }
 
@@ -178,7 +166,7 @@ struct InInstances<'a, 'b> {
     /// The query, with the distance of the best answer as its greatest distance.
     query: PlacedQuery,
     path: InstancePath,
-    guards: &'a mut InstanceGuards<'b, InstancePoint>,
+    guards: &'a mut Guards<'b, InstancePoint>,
     best: Option<InstancePoint>,
 }
 
@@ -190,17 +178,17 @@ impl LeafSearch for InInstances<'_, '_> {
 
     #[inline]
     fn hides(&self, block: ChildRef) -> bool {
-        self.of.wide.masks.hide(block, self.guards.mask())
+        self.of.wide.masks.hide(block, self.guards.visible.mask())
     }
 
     #[inline]
     fn node(&mut self) {
-        self.guards.observe(|observer| observer.node());
+        self.guards.observer.node();
     }
 
     #[inline]
     fn leaf<S: Simd>(&mut self, _: S, leaf: ChildRef) {
-        self.guards.observe(|observer| observer.leaf());
+        self.guards.observer.leaf();
         for &id in &self.of.wide.arena.ints()[leaf.at()..leaf.at() + leaf.len()] {
             self.query_instance(id);
         }
@@ -213,7 +201,7 @@ impl InInstances<'_, '_> {
         let PlacedQuery { query, placed } = self.query;
         let set = &self.of.placements;
         let one = &set.placed[id as usize];
-        if !(one.active.contains(query.time) && self.guards.sees(one.mask)) {
+        if !(one.active.contains(query.time) && self.guards.visible.sees(|| one.mask)) {
             return;
         }
         let matrix = set.motions.matrix(&one.motion, f64::from(query.time));

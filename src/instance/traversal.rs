@@ -13,44 +13,9 @@ use super::tree::{InstanceOf, InstanceTree};
 use crate::geometry::Ray;
 use crate::layout::ChildRef;
 use crate::primitive::PrimitiveSet;
-use crate::ray::{Hit, LeafVisitor, ObjectTraversal, Observer, TreeRay};
+use crate::ray::{Filter, Guards, Hit, LeafVisitor, ObjectTraversal, Observer, Offer, TreeRay};
 use crate::simd::{Simd, dispatch};
 use core::ops::ControlFlow;
-
-/// The filter or observer of a query.
-pub(super) enum InstanceGuards<'a, T = InstanceHit> {
-    /// Everything, unobserved.
-    Plain,
-    /// Instances and meshes whose masks share a bit with this one.
-    Masked(u32),
-    /// Of these the answers that are accepted.
-    Filtered { mask: u32, accept: &'a dyn Fn(&T) -> bool },
-    /// Everything, with an observer.
-    Observed(&'a mut dyn Observer),
-}
-
-impl<T> InstanceGuards<'_, T> {
-    /// Instances take part whose visibility masks share a bit with this one; all of them if there is none.
-    #[inline]
-    pub fn mask(&self) -> Option<u32> {
-        match self {
-            InstanceGuards::Masked(mask) | InstanceGuards::Filtered { mask, .. } => Some(*mask),
-            _ => None,
-        }
-    }
-
-    #[inline]
-    pub fn sees(&self, mask: u32) -> bool {
-        self.mask().is_none_or(|wanted| wanted & mask != 0)
-    }
-
-    #[inline]
-    pub fn observe(&mut self, what: fn(&mut dyn Observer)) {
-        if let InstanceGuards::Observed(observer) = self {
-            what(*observer);
-        }
-    }
-}
 
 /// A query of all instances that a ray meets.
 trait InstanceQuery {
@@ -63,16 +28,16 @@ trait InstanceQuery {
         of: &InstanceOf,
         ray: &Ray,
         path: (InstancePath, u32),
-        guards: &mut InstanceGuards<'_>,
+        guards: &mut Guards<'_, InstanceHit>,
     ) -> ControlFlow<(), f32>;
 }
 
 /// The closest hit; of several at the same `t` that of the lowest path, and of these the lowest primitive.
-struct Closest {
+struct ClosestInstance {
     best: Option<InstanceHit>,
 }
 
-impl Closest {
+impl ClosestInstance {
     /// Takes a hit at `t`, which does not wait until the whole hit is copied. Returns `t`.
     #[inline(always)]
     fn offer(&mut self, t: f32, hit: Hit, path: InstancePath) -> f32 {
@@ -83,7 +48,7 @@ impl Closest {
     }
 }
 
-impl InstanceQuery for Closest {
+impl InstanceQuery for ClosestInstance {
     const ORDERED: bool = true;
 
     #[inline(always)]
@@ -92,11 +57,11 @@ impl InstanceQuery for Closest {
         of: &InstanceOf,
         ray: &Ray,
         (path, id): (InstancePath, u32),
-        guards: &mut InstanceGuards<'_>,
+        guards: &mut Guards<'_, InstanceHit>,
     ) -> ControlFlow<(), f32> {
         // The usual case is inlined here; all other cases are calls, which would spill the registers of the traversal.
-        let end = match (of, &guards) {
-            (InstanceOf::Tree(tree), InstanceGuards::Plain) => {
+        let end = match of {
+            InstanceOf::Tree(tree) if guards.are_none() => {
                 let Some(hit) = tree.closest_hit_inside(ray) else { return ControlFlow::Continue(ray.t_max) };
                 self.offer(hit.t, hit, path.then(id))
             }
@@ -112,11 +77,11 @@ impl InstanceQuery for Closest {
 }
 
 /// Whether there is a hit.
-struct Any {
+struct AnyInstance {
     found: bool,
 }
 
-impl InstanceQuery for Any {
+impl InstanceQuery for AnyInstance {
     const ORDERED: bool = false;
 
     #[inline(always)]
@@ -125,11 +90,11 @@ impl InstanceQuery for Any {
         of: &InstanceOf,
         ray: &Ray,
         (path, id): (InstancePath, u32),
-        guards: &mut InstanceGuards<'_>,
+        guards: &mut Guards<'_, InstanceHit>,
     ) -> ControlFlow<(), f32> {
         // As above.
-        self.found = match (of, &guards) {
-            (InstanceOf::Tree(tree), InstanceGuards::Plain) => tree.any_hit_inside(ray),
+        self.found = match of {
+            InstanceOf::Tree(tree) if guards.are_none() => tree.any_hit_inside(ray),
             _ => of.any_hit(ray, path.then(id), guards),
         };
         if self.found { ControlFlow::Break(()) } else { ControlFlow::Continue(ray.t_max) }
@@ -137,12 +102,12 @@ impl InstanceQuery for Any {
 }
 
 /// Passes every hit to the visitor.
-struct All<'a> {
+struct AllInstances<'a> {
     visitor: &'a mut dyn FnMut(InstanceHit) -> ControlFlow<()>,
     flow: ControlFlow<()>,
 }
 
-impl InstanceQuery for All<'_> {
+impl InstanceQuery for AllInstances<'_> {
     const ORDERED: bool = false;
 
     #[inline(always)]
@@ -151,7 +116,7 @@ impl InstanceQuery for All<'_> {
         of: &InstanceOf,
         ray: &Ray,
         (path, id): (InstancePath, u32),
-        guards: &mut InstanceGuards<'_>,
+        guards: &mut Guards<'_, InstanceHit>,
     ) -> ControlFlow<(), f32> {
         self.flow = of.all_hits(ray, path.then(id), guards, self.visitor);
         self.flow?;
@@ -161,35 +126,21 @@ impl InstanceQuery for All<'_> {
 
 impl InstanceOf {
     #[inline(never)]
-    fn closest_hit(&self, ray: &Ray, path: InstancePath, guards: &mut InstanceGuards<'_>) -> Option<InstanceHit> {
-        let tree = match self {
-            InstanceOf::Tree(tree) => tree,
-            InstanceOf::Instances(tree) => return tree.closest(ray, path, guards),
-        };
-        let hit = match guards {
-            InstanceGuards::Plain => tree.closest_hit(ray),
-            InstanceGuards::Masked(mask) => tree.closest_hit_masked(ray, *mask),
-            InstanceGuards::Filtered { mask, accept } => {
-                tree.closest_hit_filtered(ray, *mask, |&hit| accept(&InstanceHit { path, hit }))
+    fn closest_hit(&self, ray: &Ray, path: InstancePath, guards: &mut Guards<'_, InstanceHit>) -> Option<InstanceHit> {
+        match self {
+            InstanceOf::Instances(tree) => tree.closest(ray, path, guards),
+            InstanceOf::Tree(tree) => {
+                let hit = guards.inside(in_tree(path), |guards| tree.closest_hit_guarded(ray, guards))?;
+                Some(InstanceHit { path, hit })
             }
-            InstanceGuards::Observed(observer) => tree.closest_hit_observed(ray, observer),
-        };
-        hit.map(|hit| InstanceHit { path, hit })
+        }
     }
 
     #[inline(never)]
-    fn any_hit(&self, ray: &Ray, path: InstancePath, guards: &mut InstanceGuards<'_>) -> bool {
-        let tree = match self {
-            InstanceOf::Tree(tree) => tree,
-            InstanceOf::Instances(tree) => return tree.any(ray, path, guards),
-        };
-        match guards {
-            InstanceGuards::Plain => tree.any_hit(ray),
-            InstanceGuards::Masked(mask) => tree.any_hit_masked(ray, *mask),
-            InstanceGuards::Filtered { mask, accept } => {
-                tree.any_hit_filtered(ray, *mask, |&hit| accept(&InstanceHit { path, hit }))
-            }
-            InstanceGuards::Observed(observer) => tree.any_hit_observed(ray, observer),
+    fn any_hit(&self, ray: &Ray, path: InstancePath, guards: &mut Guards<'_, InstanceHit>) -> bool {
+        match self {
+            InstanceOf::Instances(tree) => tree.any(ray, path, guards),
+            InstanceOf::Tree(tree) => guards.inside(in_tree(path), |guards| tree.any_hit_guarded(ray, guards)),
         }
     }
 
@@ -198,23 +149,21 @@ impl InstanceOf {
         &self,
         ray: &Ray,
         path: InstancePath,
-        guards: &mut InstanceGuards<'_>,
+        guards: &mut Guards<'_, InstanceHit>,
         visitor: &mut dyn FnMut(InstanceHit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
-        let tree = match self {
-            InstanceOf::Tree(tree) => tree,
-            InstanceOf::Instances(tree) => return tree.all(ray, path, guards, visitor),
-        };
-        let visitor = |hit| visitor(InstanceHit { path, hit });
-        match guards {
-            InstanceGuards::Plain => tree.all_hits(ray, visitor),
-            InstanceGuards::Masked(mask) => tree.all_hits_masked(ray, *mask, visitor),
-            InstanceGuards::Filtered { mask, accept } => {
-                tree.all_hits_filtered(ray, *mask, |&hit| accept(&InstanceHit { path, hit }), visitor)
-            }
-            InstanceGuards::Observed(observer) => tree.all_hits_observed(ray, observer, visitor),
+        match self {
+            InstanceOf::Instances(tree) => tree.all(ray, path, guards, visitor),
+            InstanceOf::Tree(tree) => guards.inside(in_tree(path), |guards| {
+                tree.all_hits_guarded(ray, guards, &mut |hit| visitor(InstanceHit { path, hit }))
+            }),
         }
     }
+}
+
+/// A hit in the tree at the end of a path.
+fn in_tree(path: InstancePath) -> impl Fn(&Offer) -> InstanceHit {
+    move |&(_, hit)| InstanceHit { path, hit }
 }
 
 impl InstanceTree {
@@ -223,27 +172,33 @@ impl InstanceTree {
         &self,
         ray: &Ray,
         path: InstancePath,
-        guards: &mut InstanceGuards<'_>,
+        guards: &mut Guards<'_, InstanceHit>,
     ) -> Option<InstanceHit> {
-        self.run(ray, path, guards, Closest { best: None }).best
+        self.run(ray, path, guards, ClosestInstance { best: None }).best
     }
 
-    pub(super) fn any(&self, ray: &Ray, path: InstancePath, guards: &mut InstanceGuards<'_>) -> bool {
-        self.run(ray, path, guards, Any { found: false }).found
+    pub(super) fn any(&self, ray: &Ray, path: InstancePath, guards: &mut Guards<'_, InstanceHit>) -> bool {
+        self.run(ray, path, guards, AnyInstance { found: false }).found
     }
 
     pub(super) fn all(
         &self,
         ray: &Ray,
         path: InstancePath,
-        guards: &mut InstanceGuards<'_>,
+        guards: &mut Guards<'_, InstanceHit>,
         visitor: &mut dyn FnMut(InstanceHit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
-        self.run(ray, path, guards, All { visitor, flow: ControlFlow::Continue(()) }).flow
+        self.run(ray, path, guards, AllInstances { visitor, flow: ControlFlow::Continue(()) }).flow
     }
 
     /// Runs a query over all instances that matter.
-    fn run<Q: InstanceQuery>(&self, ray: &Ray, path: InstancePath, guards: &mut InstanceGuards<'_>, query: Q) -> Q {
+    fn run<Q: InstanceQuery>(
+        &self,
+        ray: &Ray,
+        path: InstancePath,
+        guards: &mut Guards<'_, InstanceHit>,
+        query: Q,
+    ) -> Q {
         if self.wide.root == ChildRef::NOTHING {
             return query;
         }
@@ -274,31 +229,31 @@ struct InstanceVisitor<'a, 'b, Q> {
     /// would wait for the stores before.
     local: Ray,
     path: InstancePath,
-    guards: &'a mut InstanceGuards<'b>,
+    guards: &'a mut Guards<'b, InstanceHit>,
     query: Q,
 }
 
 impl<Q: InstanceQuery> LeafVisitor for InstanceVisitor<'_, '_, Q> {
     #[inline(always)]
     fn mask(&self) -> Option<u32> {
-        self.guards.mask()
+        self.guards.visible.mask()
     }
 
     #[inline(always)]
     fn node(&mut self) {
-        self.guards.observe(|observer| observer.node());
+        self.guards.observer.node();
     }
 
     #[inline(always)]
     fn leaf(&mut self) {
-        self.guards.observe(|observer| observer.leaf());
+        self.guards.observer.leaf();
     }
 
     #[inline(always)]
     fn object<S: Simd>(&mut self, s: S, id: u32, ray: &Ray) -> ControlFlow<(), f32> {
         let InstanceVisitor { set, trees, path, ref mut local, ref mut guards, ref mut query } = *self;
         let one = &set.placed[id as usize];
-        if !(one.active.contains(ray.time) && guards.sees(one.mask)) {
+        if !(one.active.contains(ray.time) && guards.visible.sees(|| one.mask)) {
             return ControlFlow::Continue(ray.t_max);
         }
         let Some(inward) = set.motions.inward(s, &one.motion, ray) else {

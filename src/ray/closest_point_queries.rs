@@ -3,7 +3,7 @@
 use super::batch_order::answer_each;
 use super::closest_point::closest_search::ClosestPoint;
 use super::closest_point::point_query::{ClosestPointQuery, PlacedQuery};
-use super::compiled::Guards;
+use super::guards::Guards;
 use super::observer::Observer;
 use super::ray_tree::{Geometry, RayTree};
 
@@ -82,7 +82,7 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn closest_point_masked(&self, query: &ClosestPointQuery, mask: u32) -> Option<ClosestPoint> {
-        self.closest_point_masked_of(&(*query).into(), mask)
+        self.closest_point_guarded(&(*query).into(), Guards::masked(mask))
     }
 
     /// [`RayTree::closest_point`], reporting each step to `observer`.
@@ -117,20 +117,15 @@ impl<G: Geometry> RayTree<G> {
         (self.queries.closest_point)(self.target(), query)
     }
 
-    /// [`RayTree::closest_point_of`] with a mask.
-    pub(crate) fn closest_point_masked_of(&self, query: &PlacedQuery, mask: u32) -> Option<ClosestPoint> {
-        if self.layout.hides_nothing_from(mask) {
-            return self.closest_point_of(query);
-        }
-        self.closest_point_guarded(query, Guards::masked(mask))
-    }
-
-    /// [`RayTree::closest_point_of`] with a filter or an observer.
+    /// [`RayTree::closest_point_of`] with guards.
     pub(crate) fn closest_point_guarded(
         &self,
         query: &PlacedQuery,
         guards: Guards<'_, ClosestPoint>,
     ) -> Option<ClosestPoint> {
+        if self.can_do_without(&guards) {
+            return self.closest_point_of(query);
+        }
         (self.queries.closest_point_guarded)(self.target(), query, guards)
     }
 }

@@ -12,7 +12,8 @@ use super::closest_point::closest_search::{
 };
 use super::closest_point::lazy_search::closest_point_in_lazy;
 use super::closest_point::point_query::PlacedQuery;
-use super::filter::{Filter, Offer, Seen};
+use super::filter::{Filter, Offer};
+use super::guards::Guards;
 use super::kernel::outline::Outline;
 use super::traversal::batch::{Batch, BatchQuery, By, Task, Way};
 use super::traversal::collect::HitVisitor;
@@ -144,30 +145,6 @@ pub(super) fn lay_out<G: WideSource>(
     }
 }
 
-/// The optional parts of a query: a mask with the caller's filter predicate, and an observer.
-///
-/// They are tested at run time, so that one compiled form serves every combination.
-pub(crate) struct Guards<'a, T> {
-    visible: Option<Seen<'a, T>>,
-    observer: Option<&'a mut dyn Observer>,
-}
-
-impl<'a, T> Guards<'a, T> {
-    pub const NONE: Guards<'a, T> = Guards { visible: None, observer: None };
-
-    pub fn filtered(mask: u32, accept: &'a dyn Fn(&T) -> bool) -> Guards<'a, T> {
-        Guards { visible: Some(Visible { mask, accept: Some(accept) }), observer: None }
-    }
-
-    pub fn masked(mask: u32) -> Guards<'a, T> {
-        Guards { visible: Some(Visible { mask, accept: None }), observer: None }
-    }
-
-    pub fn observed(observer: &'a mut dyn Observer) -> Guards<'a, T> {
-        Guards { visible: None, observer: Some(observer) }
-    }
-}
-
 /// A query `Q` with answers of type `R`.
 pub(crate) type Plain<G, Q, R> = fn(Target<'_, G>, &Q) -> R;
 
@@ -230,7 +207,7 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
         let observer = &mut ();
         on.answer_plain(
             || QueryCall(ClosestHit, QueryArgs { set: on.geometry, ray, filter: &Everything, observer }),
-            |_| Queries::guarded_closest(on, ray, Guards::NONE),
+            |_| Queries::guarded_closest(on, ray, Guards::none()),
         )
     }
 
@@ -239,7 +216,7 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
         let observer = &mut ();
         on.answer_plain(
             || QueryCall(AnyHit, QueryArgs { set: on.geometry, ray, filter: &Everything, observer }),
-            |_| Queries::guarded_any(on, ray, Guards::NONE),
+            |_| Queries::guarded_any(on, ray, Guards::none()),
         )
     }
 
@@ -251,13 +228,13 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
                 let query = AllHits { visitor, repeats: on.layout.repeats() };
                 QueryCall(query, QueryArgs { set: on.geometry, ray, filter: &Everything, observer })
             },
-            |AllHits { visitor, .. }| Queries::guarded_all(on, ray, Guards::NONE, visitor),
+            |AllHits { visitor, .. }| Queries::guarded_all(on, ray, Guards::none(), visitor),
         )
     }
 
     /// The closest point.
     fn plain_closest_point(on: Target<'_, G>, query: &PlacedQuery) -> Option<ClosestPoint> {
-        let guarded = || Queries::guarded_closest_point(on, query, Guards::NONE);
+        let guarded = || Queries::guarded_closest_point(on, query, Guards::none());
         match on.layout {
             Layout::Wide(tree) => plain_closest_point_in_wide(on.simd, tree, on.geometry, query, guarded),
             Layout::Kd(_) | Layout::Lazy(_) => guarded(),

@@ -1,9 +1,11 @@
 //! Queries of single rays with a mask, with a filter or without, and with an observer.
 
-use super::compiled::Guards;
+use super::filter::{Offer, Seen};
+use super::guards::Guards;
 use super::hit::Hit;
 use super::observer::Observer;
 use super::ray_tree::{Geometry, RayTree};
+use super::traversal::collect::HitVisitor;
 use crate::geometry::Ray;
 use core::ops::ControlFlow;
 
@@ -28,7 +30,7 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn closest_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&Hit) -> bool) -> Option<Hit> {
-        (self.queries.closest_guarded)(self.target(), ray, Guards::filtered(mask, &|(_, hit)| accept(hit)))
+        self.closest_hit_guarded(ray, Guards::filtered(mask, &|(_, hit)| accept(hit)))
     }
 
     /// [`RayTree::closest_hit`] on meshes and shapes whose mask shares a bit with `mask`, as [`RayTree::closest_hit_filtered`]
@@ -44,10 +46,7 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn closest_hit_masked(&self, ray: &Ray, mask: u32) -> Option<Hit> {
-        if self.layout.hides_nothing_from(mask) {
-            return self.closest_hit(ray);
-        }
-        (self.queries.closest_guarded)(self.target(), ray, Guards::masked(mask))
+        self.closest_hit_guarded(ray, Guards::masked(mask))
     }
 
     /// [`RayTree::any_hit`] on meshes and shapes whose mask shares a bit with `mask`, as [`RayTree::any_hit_filtered`] without a
@@ -62,10 +61,7 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn any_hit_masked(&self, ray: &Ray, mask: u32) -> bool {
-        if self.layout.hides_nothing_from(mask) {
-            return self.any_hit(ray);
-        }
-        (self.queries.any_guarded)(self.target(), ray, Guards::masked(mask))
+        self.any_hit_guarded(ray, Guards::masked(mask))
     }
 
     /// [`RayTree::all_hits`] on meshes and shapes whose mask shares a bit with `mask`, as [`RayTree::all_hits_filtered`] without a
@@ -92,15 +88,12 @@ impl<G: Geometry> RayTree<G> {
         mask: u32,
         mut visitor: impl FnMut(Hit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
-        if self.layout.hides_nothing_from(mask) {
-            return self.all_hits(ray, visitor);
-        }
-        (self.queries.all_guarded)(self.target(), ray, Guards::masked(mask), &mut visitor)
+        self.all_hits_guarded(ray, Guards::masked(mask), &mut visitor)
     }
 
     /// [`RayTree::any_hit`] among the hits that pass the mask and the filter (see [`RayTree::closest_hit_filtered`]).
     pub fn any_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&Hit) -> bool) -> bool {
-        (self.queries.any_guarded)(self.target(), ray, Guards::filtered(mask, &|(_, hit)| accept(hit)))
+        self.any_hit_guarded(ray, Guards::filtered(mask, &|(_, hit)| accept(hit)))
     }
 
     /// [`RayTree::all_hits`] among the hits that pass the mask and the filter (see [`RayTree::closest_hit_filtered`]).
@@ -111,17 +104,17 @@ impl<G: Geometry> RayTree<G> {
         accept: impl Fn(&Hit) -> bool,
         mut visitor: impl FnMut(Hit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
-        (self.queries.all_guarded)(self.target(), ray, Guards::filtered(mask, &|(_, hit)| accept(hit)), &mut visitor)
+        self.all_hits_guarded(ray, Guards::filtered(mask, &|(_, hit)| accept(hit)), &mut visitor)
     }
 
     /// [`RayTree::closest_hit`], reporting each step to `observer`.
     pub fn closest_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> Option<Hit> {
-        (self.queries.closest_guarded)(self.target(), ray, Guards::observed(observer))
+        self.closest_hit_guarded(ray, Guards::observed(observer))
     }
 
     /// [`RayTree::any_hit`], reporting each step to `observer`.
     pub fn any_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> bool {
-        (self.queries.any_guarded)(self.target(), ray, Guards::observed(observer))
+        self.any_hit_guarded(ray, Guards::observed(observer))
     }
 
     /// [`RayTree::all_hits`], reporting each step to `observer`.
@@ -131,6 +124,38 @@ impl<G: Geometry> RayTree<G> {
         observer: &mut impl Observer,
         mut visitor: impl FnMut(Hit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
-        (self.queries.all_guarded)(self.target(), ray, Guards::observed(observer), &mut visitor)
+        self.all_hits_guarded(ray, Guards::observed(observer), &mut visitor)
+    }
+
+    pub(crate) fn closest_hit_guarded(&self, ray: &Ray, guards: Guards<'_, Offer>) -> Option<Hit> {
+        if self.can_do_without(&guards) {
+            return self.closest_hit(ray);
+        }
+        (self.queries.closest_guarded)(self.target(), ray, guards)
+    }
+
+    pub(crate) fn any_hit_guarded(&self, ray: &Ray, guards: Guards<'_, Offer>) -> bool {
+        if self.can_do_without(&guards) {
+            return self.any_hit(ray);
+        }
+        (self.queries.any_guarded)(self.target(), ray, guards)
+    }
+
+    pub(crate) fn all_hits_guarded(
+        &self,
+        ray: &Ray,
+        guards: Guards<'_, Offer>,
+        visitor: HitVisitor<'_>,
+    ) -> ControlFlow<()> {
+        if self.can_do_without(&guards) {
+            return (self.queries.all)(self.target(), ray, visitor);
+        }
+        (self.queries.all_guarded)(self.target(), ray, guards, visitor)
+    }
+
+    /// Whether queries with these guards are answered as those without, which are faster.
+    pub(super) fn can_do_without<T>(&self, guards: &Guards<'_, T>) -> bool {
+        let sees_all = |visible: Seen<'_, T>| visible.accept.is_none() && self.layout.hides_nothing_from(visible.mask);
+        guards.observer.is_none() && guards.visible.is_none_or(sees_all)
     }
 }

@@ -13,7 +13,7 @@
 //
 // | module | contents |
 // |---|---|
-// | `filter`, `hit`, `observer` | what a query accepts, its answers, counted work |
+// | `filter`, `hit`, `observer`, `guards` | what a query accepts, its answers, counted work |
 // | `interaction` | the surface at a hit, and rays that leave it |
 // | `kernel` | the arithmetic of one ray, against boxes and triangles |
 // | `traversal` | traversals of the layouts by single rays and batches |
@@ -32,6 +32,7 @@ mod erased_shapes;
 mod filter;
 mod filtered_batches;
 mod filtered_queries;
+mod guards;
 mod hit;
 mod in_file;
 mod interaction;
@@ -60,8 +61,8 @@ pub(crate) use closest_point::closest_search::closest_point_of_all;
 pub(crate) use closest_point::nearest_first::{LeafSearch, NearestFirst};
 pub use closest_point::point_query::ClosestPointQuery;
 pub(crate) use closest_point::point_query::{PlacedQuery, QueryInTree};
-pub(crate) use compiled::Guards;
-pub(crate) use filter::{Everything, Filter, Visible};
+pub(crate) use filter::{Everything, Filter, Offer, Visible};
+pub(crate) use guards::Guards;
 pub use hit::Hit;
 pub(crate) use interaction::OF_COORDINATE;
 pub use interaction::SurfaceInteraction;
