@@ -10,8 +10,8 @@ use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 impl InstanceTree {
     /// The corners of the triangle that was hit, at any time of the shutter, as the instance places it then. NaN for a
-    /// hit on another shape and for indices that this tree does not have. Outside the active interval of its mesh: see
-    /// [`RayTree::triangle`](crate::RayTree::triangle).
+    /// hit on another shape, for indices that this tree does not have and for a time outside of [0, 1]. Outside the active
+    /// interval of its mesh: see [`RayTree::triangle`](crate::RayTree::triangle).
     ///
     /// ```
     /// use std::sync::Arc;
@@ -35,7 +35,7 @@ impl InstanceTree {
 
     /// The unit normal of the triangle that was hit, at any time of the shutter, on the side of the triangle on which
     /// it is in the placed tree (a mirroring transform changes the order of corners, but not the side). Zero for
-    /// another shape or a degenerate triangle, and for indices that this tree does not have.
+    /// another shape or a degenerate triangle, for indices that this tree does not have and for a time outside of [0, 1].
     pub fn triangle_normal(&self, hit: &InstanceHit, time: f32) -> Vec3 {
         match (self.tree(&hit.path), self.matrix(&hit.path, time)) {
             (Some(tree), Some(matrix)) => placed_normal(tree.normal_of_triangle(&hit.hit, time), &matrix).as_vec3(),
@@ -89,8 +89,7 @@ impl InstanceTree {
     }
 
     /// Where the point of the surface that `ray` hit is at another time of the shutter, as the instance places it then: for motion
-    /// vectors. As [`RayTree::point_at`](crate::RayTree::point_at); `None` for indices that this tree does not have and for a time
-    /// outside of [0, 1], too.
+    /// vectors. As [`RayTree::point_at`](crate::RayTree::point_at).
     ///
     /// ```
     /// use std::sync::Arc;

@@ -180,7 +180,7 @@ pub trait Primitive: Send + Sync {
         None
     }
 
-    /// Where the point of the surface that a ray met at `ray.time` is at another time, for motion vectors
+    /// Where the point of the surface that a ray met at `ray.time` is at another time of the shutter, for motion vectors
     /// ([`RayTree::point_at`](crate::RayTree::point_at)). `hit` is what [`intersect`](Primitive::intersect) returned, whose `u` and
     /// `v` may say which point it is.
     ///

@@ -84,10 +84,10 @@ impl RayTree {
             .unwrap_or_else(|| SurfaceInteraction::with_shape(self.shape_of(hit), ray, hit))
     }
 
-    /// Where the point of the surface that `ray` hit is at another time: for motion vectors. A point of a triangle keeps its
-    /// weights, a point of a sphere its direction from the centre, and a custom shape says it itself ([`Primitive::point_at`]).
-    /// `None` where it does not, for indices that this tree does not have, and for a time that is NaN. Outside of [0, 1], and
-    /// outside the active interval of a mesh, the motion is extrapolated as by [`RayTree::triangle`].
+    /// Where the point of the surface that `ray` hit is at another time of the shutter: for motion vectors. A point of a triangle
+    /// keeps its weights, a point of a sphere its direction from the centre, and a custom shape says it itself
+    /// ([`Primitive::point_at`]). `None` where it does not, for indices that this tree does not have, and for a time outside of
+    /// [0, 1]. Outside the active interval of a mesh, the motion is extrapolated as by [`RayTree::triangle`].
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::{DVec3, Vec3}};
@@ -104,7 +104,7 @@ impl RayTree {
         if let Some(shape) = self.shape_of(hit) {
             return point_of_shape(shape, ray, hit, time);
         }
-        if time.is_nan() {
+        if !(0.0..=1.0).contains(&time) {
             return None;
         }
         let [a, b, c] = self.vertices(hit, time);
@@ -177,8 +177,7 @@ impl<P: Primitive> RayTree<Shapes<P>> {
         SurfaceInteraction::with_shape(self.primitives().get(hit.primitive as usize), ray, hit)
     }
 
-    /// Where the point of the surface that `ray` hit is at another time, as [`RayTree::point_at`] gives it. `None` on a primitive
-    /// that does not say so ([`Primitive::point_at`]), and for an index that this tree does not have.
+    /// Where the point of the surface that `ray` hit is at another time of the shutter, as [`RayTree::point_at`] gives it.
     pub fn point_at(&self, ray: &Ray, hit: &Hit, time: f32) -> Option<DVec3> {
         point_of_shape(self.primitives().get(hit.primitive as usize)?, ray, hit, time)
     }
@@ -200,9 +199,9 @@ impl<P: Primitive> RayTree<Shapes<P>> {
     }
 }
 
-/// Where the point of a shape that was hit is at another time; `None` if it is not known.
+/// Where the point of a shape that was hit is at another time of the shutter; `None` if it is not known.
 fn point_of_shape(shape: &impl Primitive, ray: &Ray, hit: &Hit, time: f32) -> Option<DVec3> {
-    if time.is_nan() {
+    if !(0.0..=1.0).contains(&time) {
         return None;
     }
     let met = Intersection { t: hit.t, u: hit.u, v: hit.v };

@@ -9,6 +9,9 @@ use mbkd::{
 };
 use std::sync::Arc;
 
+/// Times outside of the shutter.
+const OUTSIDE: [f32; 3] = [-0.1, 1.1, f32::NAN];
+
 /// A direction in one of the half spaces, rather often along the surface.
 fn direction(random: &mut Random, normal: Vec3) -> Vec3 {
     let any = random.vec();
@@ -217,6 +220,7 @@ fn trees_of_primitives_have_the_secondary_rays_of_scenes() {
         assert_eq!((unknown.surface_normal(&ray, &hit), hidden.surface_normal(&ray, &hit)), (Vec3::ZERO, Vec3::ZERO));
         let (normal, seen) = (bare.surface_normal(&ray, &hit), ray.point(hit.t));
         assert_eq!(bare.interaction(&ray, &hit).point(), bare.point_at(&ray, &hit, ray.time).unwrap());
+        assert!(OUTSIDE.iter().all(|&time| bare.point_at(&ray, &hit, time).is_none()));
         assert_eq!(
             (unknown.interaction(&ray, &hit).point(), unknown.interaction(&ray, &hit).normal()),
             (seen, Vec3::ZERO)
@@ -319,7 +323,7 @@ fn points_of_surfaces_are_found_again_at_other_times() {
                 let surface = inner.interaction(&ray, &hit);
                 assert_eq!((surface.point(), surface.normal()), (now, inner.surface_normal(&ray, &hit)));
                 assert_eq!(surface.secondary_ray(Vec3::X), inner.secondary_ray(&ray, &hit, Vec3::X));
-                assert_eq!(inner.point_at(&ray, &hit, f32::NAN), None);
+                assert!(OUTSIDE.iter().all(|&time| inner.point_at(&ray, &hit, time).is_none()));
                 match inner.shapes().get(hit.primitive as usize).filter(|_| hit.mesh == 1) {
                     Some(Shape::Sphere(sphere)) => {
                         let ([(a, r), (b, s)], of_spheres) = ([ray.time, then].map(|t| sphere.at(t)), &mut of_spheres);
@@ -359,7 +363,7 @@ fn points_of_surfaces_are_found_again_at_other_times() {
                 };
                 let inside = inner.point_at(&local, &hit.hit, then).unwrap();
                 let other = outer.point_at(&ray, &hit, then).unwrap();
-                assert!([-0.1, 1.1, f32::NAN].iter().all(|&time| outer.point_at(&ray, &hit, time).is_none()));
+                assert!(OUTSIDE.iter().all(|&time| outer.point_at(&ray, &hit, time).is_none()));
                 assert!(other.distance(to.transform_point3(inside)) < 1e-12);
                 let (normal, of_placed) = (outer.surface_normal(&ray, &hit), inner.surface_normal(&local, &hit.hit));
                 let expected = (from.matrix3 * of_placed.as_dvec3()).normalize().as_vec3();
