@@ -205,8 +205,15 @@ pub(super) fn abs(m: DMat3) -> DMat3 {
     DMat3::from_cols(m.x_axis.abs(), m.y_axis.abs(), m.z_axis.abs())
 }
 
+/// The lengths of all columns, also of those whose squares f64 does not hold.
 fn column_lengths(m: DMat3) -> DVec3 {
-    DVec3::new(m.x_axis.length(), m.y_axis.length(), m.z_axis.length())
+    let length = |column: DVec3| {
+        // A power of two, which changes no rounding.
+        let size =
+            f64::from_bits(column.abs().max_element().to_bits() & f64::INFINITY.to_bits()).max(f64::MIN_POSITIVE);
+        (column / size).length() * size
+    };
+    DVec3::new(length(m.x_axis), length(m.y_axis), length(m.z_axis))
 }
 
 /// For each row the sum of its absolute values.

@@ -86,7 +86,7 @@ impl Placements {
             };
             always_active &= one.active == TimeInterval::FULL;
             let slack = Slack::new(&distortion, &extents[one.tree as usize]);
-            if !(slack.per_distance <= MAX_DEVIATION && slack.fixed.is_finite()) {
+            if slack.per_distance.is_nan() || slack.per_distance > MAX_DEVIATION {
                 return Err(InstanceError::Distorted { instance });
             }
             deviation = deviation.max(slack.per_distance * padding);

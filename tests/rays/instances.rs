@@ -5,8 +5,8 @@ use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 use mbkd::{
-    BuildParams, Counters, Division, Instance, InstanceError, InstanceHit, InstanceOf, InstanceTree, MAX_NESTING,
-    MovingSphere, Pose, Ray, RayTree, Shape, SimdLevel, TimeInterval, Transform, TriangleMesh, WideParams,
+    BuildParams, ClosestPointQuery, Counters, Division, Instance, InstanceError, InstanceHit, InstanceOf, InstanceTree,
+    MAX_NESTING, MovingSphere, Pose, Ray, RayTree, Shape, SimdLevel, TimeInterval, Transform, TriangleMesh, WideParams,
 };
 use std::sync::Arc;
 
@@ -497,6 +497,19 @@ fn bad_instances_are_refused_with_their_number() {
     let through = vec![DAffine3::IDENTITY, DAffine3::IDENTITY, DAffine3::from_scale(-DVec3::ONE)];
     assert_eq!(error(through.into()), InstanceError::SingularBetween { instance: i, key: 1 });
     assert_eq!(error(moved(DVec3::splat(1e31)).into()), InstanceError::TooLarge { instance: i });
+    // With squares, and with determinants, beyond f64.
+    for large in [1e31, 1e104, 1e155, 1e307].map(DVec3::splat) {
+        let (pose, matrix) = (scaled(large), DAffine3::from_scale(large));
+        let transforms: [Transform; 4] = [
+            pose.into(),
+            vec![one, pose].into(),
+            matrix.into(),
+            vec![matrix, DAffine3::from_scale(0.5 * large)].into(),
+        ];
+        for transform in transforms {
+            assert_eq!(error(transform), InstanceError::TooLarge { instance: i }, "{large}");
+        }
+    }
     let sheared = DMat3::from_cols(DVec3::X, DVec3::new(1e7, 1.0, 0.0), DVec3::Z);
     assert_eq!(error(DAffine3::from_mat3(sheared).into()), InstanceError::Distorted { instance: i });
     let params = WideParams { max_references: 0.0, ..WideParams::default() };
@@ -526,6 +539,26 @@ fn an_object_may_shrink_to_a_millionth() {
     assert!(hits > 20, "{hits}");
 }
 
+/// No direction in the space of the instance is in range, whatever f64 makes of the inverse; as points they are there.
+#[test]
+fn instances_of_the_least_scales_are_points_that_no_ray_hits() {
+    let of = Arc::new(RayTree::build(&[soup(5, 1, 0.1, 0.0, 5)], &BuildParams::default()).unwrap());
+    for small in [1e-40, 1e-104, 1e-155, 1e-300].map(DVec3::splat) {
+        let pose = Pose { scale: small, translation: DVec3::X, ..Pose::IDENTITY };
+        let larger = Pose { scale: 2.0 * small, ..pose };
+        let matrices = [pose, larger].map(|pose| pose.matrix());
+        let transforms: [Transform; 4] =
+            [pose.into(), vec![pose, larger].into(), matrices[0].into(), matrices.to_vec().into()];
+        for transform in transforms {
+            let tree = InstanceTree::build(vec![Instance::new(of.clone(), transform)], &WideParams::default()).unwrap();
+            let ray = Ray::new(Vec3::ZERO, Vec3::X);
+            assert!(tree.local_ray(0, &ray).is_none() && !tree.any_hit(&ray), "{small}");
+            let near = tree.closest_point(&ClosestPointQuery::new(Vec3::ZERO, 0.5)).unwrap().near;
+            assert!(near.distance == 1.0 && near.point.distance(DVec3::X) < 1e-39, "{small}: {near:?}");
+        }
+    }
+}
+
 #[test]
 fn nothing_and_instances_of_nothing_are_never_hit() {
     let nothing = InstanceTree::build(vec![], &WideParams::default()).unwrap();
@@ -542,7 +575,6 @@ fn nothing_and_instances_of_nothing_are_never_hit() {
     assert!(!tree.any_hit(&ray) && tree.len() == 2 && tree.statistics().primitives == 0);
 }
 
-/// Scales of one instant never count with those of another, so growing from a millionth distorts nothing at any level.
 #[test]
 fn bounds_hold_what_exists_and_nothing_else() {
     let of = |meshes: &[TriangleMesh]| Arc::new(RayTree::build(meshes, &BuildParams::default()).unwrap());
