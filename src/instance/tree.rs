@@ -184,8 +184,7 @@ const REPORTED: usize = 1024;
 impl InstanceTree {
     /// Builds a tree over instances; paths consist of indices into `instances`.
     ///
-    /// Takes O(n log n) time for `n` instances, whatever they place, and some 430 bytes for each, 230 more if it
-    /// has two poses or a tree of its own.
+    /// Takes O(n log n) time for `n` instances, whatever they place, and several hundred bytes for each (docs/rays.md).
     /// [`WideParams::bytes_per_primitive`] counts per instance.
     ///
     /// An instance with a scale of 0 along all axes at all keys is hidden (a pose with scale 0, a matrix of zeros beside its

@@ -9,6 +9,8 @@ use core::fmt;
 /// Sizes and counts of a finished tree ([`RayTree::statistics`](crate::RayTree::statistics)). Printed with `{}`, they are one line
 /// that says what the tree skips.
 ///
+/// A field that names a kind of tree is 0 for others. Wide trees include those of instances, and lazy trees count as wide.
+///
 /// ```
 /// use mbkd::{BuildParams, RayTree, TriangleMesh, glam::Vec3};
 /// let key = |t: f32| vec![Vec3::ZERO, Vec3::X + t, Vec3::Y];
@@ -27,7 +29,7 @@ pub struct Statistics {
     pub nodes: usize,
     /// Leaves, empty ones included.
     pub leaves: usize,
-    /// Leaves without references.
+    /// Leaves without references (k-d trees).
     pub empty_leaves: usize,
     /// Depth of the deepest leaf; the root has depth 0.
     pub depth: u32,
@@ -36,11 +38,11 @@ pub struct Statistics {
     /// Share of the references that are duplicates: references beyond the first of each primitive, divided by
     /// all references.
     pub duplicates: f64,
-    /// Share of the references whose time interval is a part of their primitive's, of all references.
+    /// Share of the references whose time interval is a part of their primitive's, of all references (k-d trees).
     pub timed: f64,
-    /// Share of the build time spent in duplication: distributing the Normal references of a node to its children.
+    /// Share of the build time spent in duplication: distributing the Normal references of a node to its children (k-d trees).
     pub duplication_time: f64,
-    /// Share of the build time spent in propagation: distributing the BP references.
+    /// Share of the build time spent in propagation: distributing the BP references (k-d trees).
     pub propagation_time: f64,
     /// Vertex positions of all meshes, over all keys, as given to the build.
     pub positions: usize,
@@ -54,7 +56,7 @@ pub struct Statistics {
     /// Share of the primitives below temporal splits, each counted once for each time slice, that the slice leaves out since they
     /// do not exist in it (wide trees). 0 if everything exists all the time.
     pub left_out: f64,
-    /// Subtrees that are built when a query first enters them ([`Policy::Lazy`](crate::Policy::Lazy)); 0 in other trees.
+    /// Subtrees that are built when a query first enters them ([`Policy::Lazy`](crate::Policy::Lazy)).
     pub subtrees: usize,
     /// Those of them that are built. Nodes, leaves, references and bytes are those of built subtrees and of the coarse
     /// tree.

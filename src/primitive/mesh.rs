@@ -168,9 +168,9 @@ impl TriangleMesh {
     /// to 2 cm, two machines 1e7 m apart only to 20 m: for these one tree each, placed in an
     /// [`InstanceTree`](crate::InstanceTree) without a transform, is as exact and far faster.
     ///
-    /// Triangles that f32 does not rule out are decided by their f64 vertices, so rays take 1.1 to 1.4 times as long. Redundant
-    /// keys are dropped here as well, where all vertices stay within 2^-50, relative to the coordinate, of the lines between those
-    /// that are kept.
+    /// Triangles that f32 does not rule out are decided by their f64 vertices, which takes time and memory (docs/limits.md).
+    /// Redundant keys are dropped here as well, where all vertices stay within 2^-50, relative to the coordinate, of the lines
+    /// between those that are kept.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::{DVec3, Vec3}};

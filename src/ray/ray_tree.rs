@@ -345,11 +345,9 @@ impl RayTree {
     /// *Time*: O(n log n) for `n` triangles. The build runs in parallel with the feature `rayon`, and the tree is the same
     /// for any number of threads.
     ///
-    /// *Memory*: at its peak the default build holds about 300 bytes per triangle, including the finished tree and its
-    /// triangles (40 to 60 bytes if they share vertices). The peak is 500 to 600 bytes if long triangles are pre-split or
-    /// the hierarchy has a temporal split. The tree itself exceeds 300 bytes if time slices have separate trees;
-    /// [`WideParams::bytes_per_primitive`](crate::WideParams::bytes_per_primitive) bounds it. These are allocated bytes,
-    /// measured on the procedural scenes (`scenes/`) at full size.
+    /// *Memory*: the default build holds several hundred bytes per triangle at its peak, the finished tree included.
+    /// [`WideParams::bytes_per_primitive`](crate::WideParams::bytes_per_primitive) bounds the tree, and
+    /// docs/measurements_rays.md has measured sizes.
     ///
     /// # Errors
     /// A [`BuildError`] that names the invalid mesh or parameter. An empty tree is valid, and no ray hits anything.

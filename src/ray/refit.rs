@@ -122,7 +122,7 @@ impl RayTree {
     /// not change. Triangles that were split into several references before the build stay split.
     ///
     /// Takes O(n) time, in parallel with the feature `rayon`, with the same result for any number of threads. The first
-    /// refit takes up to 2.5 times as long, since it indexes the tree, and up to 3.5 times where triangles were split.
+    /// refit takes a few times as long, since it indexes the tree (docs/measurements_rays.md).
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -195,7 +195,8 @@ impl RayTree {
         self.refit_scene(meshes, Some(shapes), Moved::Some(moved_flags(meshes, moved, true)?))
     }
 
-    /// [`RayTree::refit`] of a tree with spheres and custom primitives, as many as before ([`RayTree::of_scene`]).
+    /// [`RayTree::refit`] of a tree with spheres and custom primitives, as many as before ([`RayTree::of_scene`]). After an error,
+    /// `shapes` are dropped: a caller that goes on needs what they were made of.
     ///
     /// Spheres may have other keys. If some need keys that their leaf block does not have ([`Primitive::merge_keys`]), those of the
     /// block are tested one by one from then on, which is slower; a new build tests them together again.
