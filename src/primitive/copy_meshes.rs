@@ -53,7 +53,7 @@ impl Triangles {
         if meshes.len() != self.meshes.len() {
             return Err(RefitError::Count { expected: self.meshes.len(), found: meshes.len() });
         }
-        match (0..).zip(meshes).find(|&(i, mesh)| mesh.len() != self.len_of(i)) {
+        match (0..).zip(meshes).find(|&(i, mesh)| mesh.len() != self.ids_of_mesh(i).len()) {
             Some((mesh, _)) => Err(RefitError::Topology { mesh }),
             None => Ok(()),
         }
@@ -117,12 +117,6 @@ impl Triangles {
             precise,
             extents,
         })
-    }
-
-    /// Number of triangles of a mesh.
-    pub(super) fn len_of(&self, mesh: usize) -> usize {
-        let end = self.meshes.get(mesh + 1).map_or(self.len, |next| next.first as usize);
-        end - self.meshes[mesh].first as usize
     }
 }
 

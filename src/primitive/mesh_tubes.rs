@@ -20,7 +20,7 @@ impl Triangles {
         let mut all = VertexTubes::default();
         while let Some(&id) = ids.first() {
             let mesh = self.mesh_of(id);
-            let end = self.meshes.get(mesh + 1).map_or(self.len as u32, |next| next.first);
+            let end = self.ids_of_mesh(mesh).end;
             let own;
             (own, ids) = ids.split_at(ids.partition_point(|&id| id < end));
             let keys = self.meshes[mesh].keys;
@@ -56,7 +56,7 @@ impl Triangles {
                 for &vertex in &vertices[LANES..] {
                     self.prefetch_keys(vertex, of.keys());
                 }
-                dispatch(level, Tubes { of: &mut of, window, tubes });
+                dispatch(level, WriteTubes { of: &mut of, window, tubes });
             }
         });
         tubes
@@ -64,23 +64,23 @@ impl Triangles {
 
     /// The bounds of triangles of such a mesh, which has `keys` keys.
     pub(super) fn bounds_of_tubes(&self, ids: &[u32], keys: usize, of: &MeshTubes, out: &mut [LaneBounds]) {
-        dispatch(SimdLevel::best(), Bounds { set: self, ids, of, slack: Triangles::slack(keys, 1.0), out });
+        dispatch(SimdLevel::best(), WriteBounds { set: self, ids, of, slack: Triangles::slack(keys, 1.0), out });
     }
 }
 
 /// Writes the tubes of sixteen vertices.
-struct Tubes<'a, 'b> {
+struct WriteTubes<'a, 'b> {
     of: &'a mut KeysOfVertices<'b>,
     window: &'a Window,
     tubes: &'a mut [LaneBounds],
 }
 
-impl Kernel for Tubes<'_, '_> {
+impl Kernel for WriteTubes<'_, '_> {
     type Output = ();
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Tubes { of, window, tubes } = self;
+        let WriteTubes { of, window, tubes } = self;
         let all = of.transposed(s).tubes(s, window, 0);
         for (to, &tube) in tubes.iter_mut().zip(&lanes_of_faces(s, &all.faces(), all.size)) {
             s.store(tube, &mut to.0);
@@ -89,7 +89,7 @@ impl Kernel for Tubes<'_, '_> {
 }
 
 /// Writes the bounds of triangles.
-struct Bounds<'a> {
+struct WriteBounds<'a> {
     set: &'a Triangles,
     ids: &'a [u32],
     of: &'a MeshTubes,
@@ -101,12 +101,12 @@ struct Bounds<'a> {
 /// The lanes of faces, at the begin and the end of the interval.
 const FACES: Mask = 0x7777;
 
-impl Kernel for Bounds<'_> {
+impl Kernel for WriteBounds<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Bounds { set, ids, of, slack, out } = self;
+        let WriteBounds { set, ids, of, slack, out } = self;
         for (&id, to) in ids.iter().zip(out) {
             let [a, b, c] = set.vertices(id);
             let [a, b, c] = [s.load(&of.of(a).0), s.load(&of.of(b).0), s.load(&of.of(c).0)];
@@ -158,7 +158,7 @@ mod tests {
                         let own: Vec<u32> = ids.iter().copied().filter(|&id| set.mesh_of(id) == of.mesh).collect();
                         let mut out = vec![LaneBounds::EMPTY; own.len()];
                         let slack = Triangles::slack(keys, 1.0);
-                        dispatch(level, Bounds { set: &set, ids: &own, of, slack, out: &mut out });
+                        dispatch(level, WriteBounds { set: &set, ids: &own, of, slack, out: &mut out });
                         for (&id, found) in own.iter().zip(&out) {
                             assert_eq!(found.bounds(), set.bounds(id, over), "{keys} keys, {over:?}, {id}, {level}");
                         }

@@ -81,9 +81,13 @@ impl Triangles {
 
     /// The id of a triangle of a mesh, if there is such a triangle.
     pub(crate) fn id(&self, mesh: u32, triangle: u32) -> Option<u32> {
-        let first = self.meshes.get(mesh as usize)?.first;
-        let end = self.meshes.get(mesh as usize + 1).map_or(self.len() as u32, |next| next.first);
-        first.checked_add(triangle).filter(|&id| id < end)
+        let of_mesh = ((mesh as usize) < self.meshes.len()).then(|| self.ids_of_mesh(mesh as usize))?;
+        of_mesh.start.checked_add(triangle).filter(|id| of_mesh.contains(id))
+    }
+
+    /// The ids of the triangles of a mesh.
+    pub(super) fn ids_of_mesh(&self, mesh: usize) -> Range<u32> {
+        self.meshes[mesh].first..self.meshes.get(mesh + 1).map_or(self.len as u32, |next| next.first)
     }
 
     /// The entries of a triangle in a table with `slices` entries for each bent triangle (of a mesh with more than two keys)
@@ -157,13 +161,6 @@ impl Triangles {
     #[inline(always)]
     pub(crate) fn keys_of_vertex(&self, vertex: u32, keys: usize) -> &[Vec3] {
         &self.vertices.positions[vertex as usize..][..keys]
-    }
-
-    /// About the mesh of a triangle, for hints: one near it, if there are several. To find it takes as long as waiting for what
-    /// would be prefetched.
-    #[inline(always)]
-    fn mesh_near(&self, id: u32) -> &MeshInfo {
-        &self.meshes[self.index.near(id)]
     }
 
     /// Prefetches the positions of a vertex at some keys, for a mesh with more than two keys.
@@ -261,12 +258,6 @@ impl Triangles {
             [between(a), between(b), between(c)]
         };
         [at(over.begin()), at(over.end())]
-    }
-
-    /// Prefetches the indices of a triangle's vertices.
-    #[inline]
-    pub(crate) fn prefetch_corners(&self, id: u32) {
-        prefetch(&self.vertices.corners[id as usize]);
     }
 
     /// Prefetches the vertices of a triangle at the first two keys.
@@ -381,9 +372,8 @@ impl PrimitiveSet for Triangles {
     }
 
     fn further_key_bytes(&self) -> usize {
-        let of = |mesh: &MeshInfo, end: u32| (end - mesh.first) as usize * mesh.keys.saturating_sub(2);
-        let ends = self.meshes.iter().skip(1).map(|mesh| mesh.first).chain([self.len as u32]);
-        self.meshes.iter().zip(ends).map(|(mesh, end)| of(mesh, end)).sum::<usize>() * size_of::<[Vec3; 3]>()
+        let of = |mesh: usize| self.ids_of_mesh(mesh).len() * self.meshes[mesh].keys.saturating_sub(2);
+        (0..self.meshes.len()).map(of).sum::<usize>() * size_of::<[Vec3; 3]>()
     }
 
     #[inline(always)]
@@ -413,11 +403,12 @@ impl PrimitiveSet for Triangles {
     }
 
     fn prefetch(&self, id: u32) {
-        self.prefetch_corners(id);
+        prefetch(&self.vertices.corners[id as usize]);
     }
 
     fn prefetch_vertices(&self, id: u32, over: TimeInterval) {
-        let keys = if self.bent == 0 { 2 } else { self.mesh_near(id).keys };
+        // Of a mesh near the triangle's: to find its own takes as long as waiting for what is prefetched.
+        let keys = if self.bent == 0 { 2 } else { self.meshes[self.index.near(id)].keys };
         if keys <= 2 {
             return self.prefetch_positions(id);
         }

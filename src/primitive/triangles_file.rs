@@ -49,16 +49,15 @@ impl Triangles {
     pub(crate) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
         self.frame.encode(to)?;
         to.put(self.counts.map(|count| count as u64))?;
-        let ends = self.meshes.iter().skip(1).map(|mesh| mesh.first).chain([self.len as u32]);
-        let record = |(mesh, end): (&MeshInfo, u32)| MeshRecord {
-            triangles: end - mesh.first,
+        let record = |(i, mesh): (usize, &MeshInfo)| MeshRecord {
+            triangles: self.ids_of_mesh(i).len() as u32,
             keys: mesh.keys as u32,
             precise: mesh.precise.is_some(),
             stride: mesh.stride as u32,
             mask: mesh.mask,
             active: mesh.active.to_bounds(),
         };
-        to.array(&self.meshes.iter().zip(ends).map(record).collect::<Vec<_>>())?;
+        to.array(&self.meshes.iter().enumerate().map(record).collect::<Vec<_>>())?;
         to.array(&self.vertices.positions)?;
         to.array(&self.vertices.corners)?;
         // Only if there are such meshes: others need not name empty arrays.
