@@ -130,9 +130,9 @@ impl LinearBox3 {
 
     /// Lower and upper bound along one axis, as lines over `interval`.
     #[inline]
-    pub fn along(self, axis: usize, interval: TimeInterval) -> Extent {
+    pub fn along(self, axis: usize, interval: TimeInterval) -> AxisExtent {
         let line = |begin: f32, end: f32| Line { begin: f64::from(begin), end: f64::from(end) };
-        Extent {
+        AxisExtent {
             interval,
             lower: line(self.begin.min[axis], self.end.min[axis]),
             upper: line(self.begin.max[axis], self.end.max[axis]),
@@ -149,7 +149,7 @@ pub(crate) struct Line {
 
 /// The extent of an object along one axis during a time interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Extent {
+pub(crate) struct AxisExtent {
     pub interval: TimeInterval,
     pub lower: Line,
     pub upper: Line,

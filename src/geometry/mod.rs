@@ -23,7 +23,7 @@ mod separating_axes;
 mod sine;
 
 pub use aabb::{Aabb, LinearBounds};
-pub(crate) use box3::{Box3, Extent, KERNEL_ULPS, LEAST_SQUARED, Line, LinearBox3, ULP};
+pub(crate) use box3::{AxisExtent, Box3, KERNEL_ULPS, LEAST_SQUARED, Line, LinearBox3, ULP};
 pub(crate) use clip::{Polygon, clip_triangle};
 pub(crate) use closest_on_triangle::{OnTriangle, closest_on_triangle};
 pub(crate) use corner_bounds::CornerBounds;

@@ -2,12 +2,12 @@
 //!
 //! This is the core of the paper (section 3.1): an object that crosses the plane during the shutter is referenced on
 //! each side for the time interval it spends there. The code is the same for triangles, spheres, custom
-//! primitives and points: all of them have a linear [`Extent`] along the plane's axis, and differ
+//! primitives and points: all of them have a linear [`AxisExtent`] along the plane's axis, and differ
 //! in the rounding of the crossing times ([`Rounding`]).
 //! Repeated at every plane of the descent, with the interval that results from the plane above, it is
 //! the paper's duplication (section 3.1.1) and propagation (section 3.1.2) alike.
 
-use crate::geometry::{Extent, Line, Plane, TimeInterval};
+use crate::geometry::{AxisExtent, Line, Plane, TimeInterval};
 
 /// The intervals during which an object is on each side of a plane; at least one is not `None`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,7 +27,7 @@ pub(crate) enum Rounding {
 
 /// Computes when an extent is below the plane and when above it.
 #[inline]
-pub(crate) fn classify(extent: Extent, plane: Plane, rounding: Rounding) -> Sides {
+pub(crate) fn classify(extent: AxisExtent, plane: Plane, rounding: Rounding) -> Sides {
     match rounding {
         Rounding::Outward => outward(extent, plane),
         Rounding::ExactlyOnce => exactly_once(extent.lower, extent.interval, plane),
@@ -81,7 +81,7 @@ fn negative_by(
 /// The left interval is {lower < plane}, the right one {upper > plane}; each is one interval because
 /// the bounds are linear. An object that only touches the plane belongs to the other side alone, and one that lies in the
 /// plane throughout to the left: a ray that crosses the plane visits both sides with slack.
-fn outward(extent: Extent, plane: Plane) -> Sides {
+fn outward(extent: AxisExtent, plane: Plane) -> Sides {
     let interval = extent.interval;
     let low = distance(extent.lower, interval, plane);
     let (high0, high1) = distance(extent.upper, interval, plane);
@@ -187,9 +187,9 @@ mod tests {
         assert!(lost[0] > 1000, "{lost:?}");
     }
 
-    fn extent(interval: TimeInterval, lower: (f64, f64), upper: (f64, f64)) -> Extent {
+    fn extent(interval: TimeInterval, lower: (f64, f64), upper: (f64, f64)) -> AxisExtent {
         let line = |(begin, end)| Line { begin, end };
-        Extent { interval, lower: line(lower), upper: line(upper) }
+        AxisExtent { interval, lower: line(lower), upper: line(upper) }
     }
 
     #[test]
@@ -264,7 +264,7 @@ mod tests {
                 assert!(at(e.lower) >= plane.at(t) - 1e-12 || holds(sides.left), "{e:?} {plane:?} {t} {sides:?}");
                 assert!(at(e.upper) <= plane.at(t) + 1e-12 || holds(sides.right), "{e:?} {plane:?} {t} {sides:?}");
             }
-            let point = classify(Extent { upper: e.lower, ..e }, plane, Rounding::ExactlyOnce);
+            let point = classify(AxisExtent { upper: e.lower, ..e }, plane, Rounding::ExactlyOnce);
             for i in 0..=50 {
                 let t = interval.begin() + interval.duration() * (i as f32 / 50.0);
                 let holds = |side: Option<TimeInterval>| side.is_some_and(|s| s.contains(t));

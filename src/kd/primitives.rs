@@ -7,7 +7,7 @@ use super::kd_tree::KdTree;
 use super::reference::{Moving, Reference, representative_time};
 use super::sah::{Bounds, BoxReference, Split, best_split, leaf_cost, weight};
 use crate::error::BuildError;
-use crate::geometry::{Box3, Extent, LinearBox3, Plane, TimeInterval};
+use crate::geometry::{AxisExtent, Box3, LinearBox3, Plane, TimeInterval};
 use crate::limits::MAX_NODES;
 use crate::params::KdParams;
 use crate::primitive::PrimitiveSet;
@@ -111,7 +111,7 @@ impl<S: PrimitiveSet> Moving for Primitives<'_, S> {
     }
 
     #[inline]
-    fn extent(&self, reference: &BoxReference, axis: usize) -> Extent {
+    fn extent(&self, reference: &BoxReference, axis: usize) -> AxisExtent {
         reference.bounds.whole.along(axis, reference.interval)
     }
 

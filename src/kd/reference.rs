@@ -1,7 +1,7 @@
 //! References: an object in a node, for a time.
 
 use super::classify::Rounding;
-use crate::geometry::{Extent, LinearBox3, Plane, TimeInterval};
+use crate::geometry::{AxisExtent, LinearBox3, Plane, TimeInterval};
 
 /// One entry of an object in a node under construction.
 ///
@@ -47,7 +47,7 @@ pub(crate) trait Moving: Sync {
     fn plane_time(&self) -> f32;
 
     /// The extent of a reference along an axis during its interval.
-    fn extent(&self, reference: &Reference<Self::Bounds>, axis: usize) -> Extent;
+    fn extent(&self, reference: &Reference<Self::Bounds>, axis: usize) -> AxisExtent;
 
     /// The plane that divides a node with this cell (at shutter open and close) and these references, the Normal ones
     /// first; `None` if a leaf is better.

@@ -4,7 +4,7 @@ use super::builder::{Budget, build};
 use super::classify::Rounding;
 use super::kd_tree::KdTree;
 use super::reference::{Moving, Reference};
-use crate::geometry::{Box3, Extent, Line, LinearBox3, Plane};
+use crate::geometry::{AxisExtent, Box3, Line, LinearBox3, Plane};
 use crate::limits::MAX_NODES;
 use crate::params::usual_depth;
 use crate::progress::Progress;
@@ -112,10 +112,10 @@ impl Moving for Trajectories {
     }
 
     #[inline]
-    fn extent(&self, reference: &PointReference, axis: usize) -> Extent {
+    fn extent(&self, reference: &PointReference, axis: usize) -> AxisExtent {
         let interval = reference.interval;
         let [begin, end] = [interval.begin(), interval.end()].map(|t| self.at(&reference.bounds, axis, t));
-        Extent { interval, lower: Line { begin, end }, upper: Line { begin, end } }
+        AxisExtent { interval, lower: Line { begin, end }, upper: Line { begin, end } }
     }
 
     /// A plane through the median of the positions of the references in the middle of their intervals, including BP

@@ -13,7 +13,7 @@
 use super::leaf_ids::ids_of_leaf;
 use super::node_boxes::{BoxRows, MeasuredBoxes, read_box};
 use super::refit_parts::Parts;
-use super::refit_plan::{Above, RefitPlan, Slice, Touched, moved_meshes};
+use super::refit_plan::{Above, RefitPlan, SharingSlice, Touched, moved_meshes};
 use super::shared_blocks::{SharedBlocks, SharedBounds, SharedLeaf};
 use super::wide_node::{ChildRef, Kind, node_rows};
 use super::wide_source::{MovedLeaf, WideSource};
@@ -110,7 +110,7 @@ impl WideTree {
         // Leaf blocks that several hierarchies share come first, since the hierarchies need their bounds.
         let mut done = pass.shared_leaves(words, &touched);
         let units = pass.units(words, plan, &touched);
-        pass.known = plan.units.iter().map(|unit| Subtree { bounds: None, cost: unit.cost }).collect();
+        pass.known = plan.units.iter().map(|unit| Refitted { bounds: None, cost: unit.cost }).collect();
         for (i, subtree, of_unit) in units {
             (plan.units[i].cost, pass.known[i]) = (subtree.cost, subtree);
             done = done.add(of_unit);
@@ -143,7 +143,7 @@ impl WideTree {
 
 /// The result for a subtree.
 #[derive(Clone, Copy)]
-struct Subtree {
+struct Refitted {
     /// Its bounds; `None` if nothing in it changed.
     bounds: Option<LinearBox3>,
     /// The sum over its nodes and leaf blocks of the cost of a visit times area.
@@ -163,7 +163,7 @@ struct Pass<'a, S> {
     in_slices: Vec<SharedBounds>,
     places: &'a HashMap<u32, usize>,
     /// The results for the first of the subtrees in `places`, as many as are done.
-    known: Vec<Subtree>,
+    known: Vec<Refitted>,
 }
 
 /// A section of the arena that one thread alone writes.
@@ -172,7 +172,7 @@ struct Place<'a> {
     /// The word of the arena at which the section begins.
     begin: usize,
     /// The time slice of its hierarchy. The leaf blocks that slices share are done already, and may be in another section.
-    slice: Option<Slice>,
+    slice: Option<SharingSlice>,
     done: Done,
 }
 
@@ -247,7 +247,7 @@ impl<S: WideSource> Pass<'_, S> {
     }
 
     /// Refits the units in which something may have changed; returns their numbers, results and work.
-    fn units(&self, words: &mut [u32], plan: &RefitPlan, touched: &Touched) -> Vec<(usize, Subtree, Done)> {
+    fn units(&self, words: &mut [u32], plan: &RefitPlan, touched: &Touched) -> Vec<(usize, Refitted, Done)> {
         let mut units: Vec<usize> = (0..plan.units.len()).filter(|&i| touched.units[i]).collect();
         units.sort_unstable_by_key(|&i| plan.units[i].words.start);
         let ranges: Vec<Range<usize>> = units.iter().map(|&i| plan.units[i].words.clone()).collect();
@@ -260,13 +260,13 @@ impl<S: WideSource> Pass<'_, S> {
     }
 
     /// The result for a subtree if it is done already.
-    fn known(&self, root: ChildRef) -> Option<Subtree> {
+    fn known(&self, root: ChildRef) -> Option<Refitted> {
         // Most nodes are below units, where nothing is known.
         if self.known.is_empty() { None } else { self.known.get(*self.places.get(&root.0)?).copied() }
     }
 
     /// Refits a node and everything below it whose result is not known yet. The recursion is as deep as the tree.
-    fn node(&self, place: &mut Place<'_>, at: ChildRef, over: TimeInterval) -> Subtree {
+    fn node(&self, place: &mut Place<'_>, at: ChildRef, over: TimeInterval) -> Refitted {
         place.done.visited += 1;
         let kind = at.kind();
         let children = lanes_at(place.block(at), (node_rows(kind) - 1) * LANES).map(ChildRef);
@@ -279,7 +279,7 @@ impl<S: WideSource> Pass<'_, S> {
                 visits[lane] = visit;
                 bounds
             } else {
-                let Subtree { bounds, cost: below } =
+                let Refitted { bounds, cost: below } =
                     self.known(child).unwrap_or_else(|| self.node(place, child, over));
                 cost += below;
                 bounds
@@ -304,7 +304,7 @@ impl<S: WideSource> Pass<'_, S> {
         }
         place.done.nodes += usize::from(changed != 0);
         cost += f64::from(NODE_COST * motion_factor(kind == Kind::Node)) * area(&all);
-        Subtree { bounds: (changed != 0).then_some(all), cost }
+        Refitted { bounds: (changed != 0).then_some(all), cost }
     }
 
     /// Refits a leaf block unless that is done already. Returns its bounds if it changed, and the cost of a visit.
@@ -317,7 +317,7 @@ impl<S: WideSource> Pass<'_, S> {
     ) -> (Option<LinearBox3>, f64) {
         let (bounds, count) = match place.slice.filter(|slice| self.shares(*slice, leaf)) {
             // Nodes above units are visited even if nothing below them was. They are in the same section as the blocks.
-            Some(Slice { shared, index }) => self.in_slices[shared]
+            Some(SharingSlice { shared, index }) => self.in_slices[shared]
                 .of(self.shared[shared].number(leaf), index)
                 .unwrap_or_else(|| (None, self.held(place, leaf).count)),
             None => (self.rewrite(place, leaf, held, over), held.count),
@@ -326,7 +326,7 @@ impl<S: WideSource> Pass<'_, S> {
     }
 
     /// Whether a leaf block is one that a slice shares with others.
-    fn shares(&self, slice: Slice, leaf: ChildRef) -> bool {
+    fn shares(&self, slice: SharingSlice, leaf: ChildRef) -> bool {
         self.shared[slice.shared].have(leaf)
     }
 
@@ -395,7 +395,7 @@ impl<S: WideSource> Pass<'_, S> {
     }
 
     /// The result for a time node above subtrees whose results are known.
-    fn time_node(&self, place: &mut Place<'_>, at: ChildRef, over: TimeInterval) -> Subtree {
+    fn time_node(&self, place: &mut Place<'_>, at: ChildRef, over: TimeInterval) -> Refitted {
         place.done.visited += 1;
         let slices: Vec<ChildRef> = slices_of(place, at);
         let (mut cost, mut changed) = (0.0, false);
@@ -403,7 +403,7 @@ impl<S: WideSource> Pass<'_, S> {
             if slice.kind().is_leaf() {
                 let over = time_slice(i, slices.len());
                 let held = self.held(place, slice);
-                place.slice = place.slice.map(|slice| Slice { index: i, ..slice });
+                place.slice = place.slice.map(|slice| SharingSlice { index: i, ..slice });
                 let (bounds, visit) = self.leaf(place, slice, &held, over);
                 changed |= bounds.is_some();
                 cost += visit * area(&self.bounds(place, slice, over));
@@ -413,7 +413,7 @@ impl<S: WideSource> Pass<'_, S> {
             }
         }
         let bounds = changed.then(|| self.bounds(place, at, over));
-        Subtree { bounds, cost: cost / slices.len().max(1) as f64 }
+        Refitted { bounds, cost: cost / slices.len().max(1) as f64 }
     }
 
     /// Linear bounds of a subtree that has been refitted.

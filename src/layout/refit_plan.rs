@@ -29,7 +29,7 @@ pub(crate) struct Unit {
     /// The time interval of its boxes.
     pub over: TimeInterval,
     /// The time slice with shared leaf blocks that it is in, if any.
-    pub slice: Option<Slice>,
+    pub slice: Option<SharingSlice>,
     /// The sum of cost times area when it was last visited.
     pub cost: f64,
 }
@@ -39,12 +39,12 @@ pub(crate) struct Unit {
 pub(crate) struct Above {
     pub at: ChildRef,
     pub over: TimeInterval,
-    pub slice: Option<Slice>,
+    pub slice: Option<SharingSlice>,
 }
 
 /// A time slice whose leaf blocks are shared.
 #[derive(Clone, Copy)]
-pub(crate) struct Slice {
+pub(crate) struct SharingSlice {
     /// The index of the leaf blocks that it shares with others.
     pub shared: usize,
     /// Its number.
@@ -111,7 +111,7 @@ pub(crate) struct RefitPlan {
 const LINES: usize = 512;
 
 /// The extent of a subtree in the arena.
-struct Extent {
+struct ArenaExtent {
     /// From its first word to the end of its last one; empty if `begin` is after `end`.
     begin: usize,
     end: usize,
@@ -169,7 +169,7 @@ impl RefitPlan {
 
 impl<S: WideSource> Exploration<'_, S> {
     /// Makes a subtree a unit, unless it contains units already.
-    fn close(&mut self, root: ChildRef, extent: Extent, over: TimeInterval, slice: Option<Slice>) {
+    fn close(&mut self, root: ChildRef, extent: ArenaExtent, over: TimeInterval, slice: Option<SharingSlice>) {
         if extent.open && !root.kind().is_leaf() {
             self.plan.units_of.add(&mut self.meshes[extent.meshes], self.plan.units.len());
             self.plan.units.push(Unit { root, words: extent.begin..extent.end, over, slice, cost: 0.0 });
@@ -177,14 +177,14 @@ impl<S: WideSource> Exploration<'_, S> {
     }
 
     /// The extent of a subtree. The recursion is as deep as the tree.
-    fn explore(&mut self, at: ChildRef, over: TimeInterval, slice: Option<Slice>) -> Extent {
+    fn explore(&mut self, at: ChildRef, over: TimeInterval, slice: Option<SharingSlice>) -> ArenaExtent {
         let rows = match at.kind() {
             Kind::Time => return self.explore_slices(at, over),
             kind if kind.is_leaf() => return self.leaf(at, slice),
             kind => node_rows(kind),
         };
         let (begin, end, first) = (at.at(), at.at() + rows * LANES, self.meshes.len());
-        let mut all = Extent { begin, end, lines: rows, meshes: first..first, open: true };
+        let mut all = ArenaExtent { begin, end, lines: rows, meshes: first..first, open: true };
         let mut below = Vec::with_capacity(LANES);
         for (lane, child) in self.tree.lanes(at) {
             if self.tree.presplit && child.kind().is_leaf() {
@@ -208,7 +208,7 @@ impl<S: WideSource> Exploration<'_, S> {
         all
     }
 
-    fn explore_slices(&mut self, at: ChildRef, over: TimeInterval) -> Extent {
+    fn explore_slices(&mut self, at: ChildRef, over: TimeInterval) -> ArenaExtent {
         let slices: Vec<ChildRef> = self.tree.children(at).collect();
         let of_slices: Vec<Vec<ChildRef>> = slices.iter().map(|&slice| self.tree.leaves_below(slice)).collect();
         let first = self.meshes.len();
@@ -220,7 +220,7 @@ impl<S: WideSource> Exploration<'_, S> {
             self.plan.shared.push(SharedBlocks::new(leaves, end, slices.len()));
             self.plan.shared.len() - 1
         });
-        let numbered = |index: usize| shared.map(|shared| Slice { shared, index });
+        let numbered = |index: usize| shared.map(|shared| SharingSlice { shared, index });
         for (i, &slice) in slices.iter().enumerate() {
             let over = time_slice(i, slices.len());
             let extent = self.explore(slice, over, numbered(i));
@@ -228,10 +228,10 @@ impl<S: WideSource> Exploration<'_, S> {
             self.meshes.truncate(first);
         }
         self.plan.above.push(Above { at, over, slice: numbered(0) });
-        Extent { begin: at.at(), end: at.at() + LANES, lines: 1, meshes: first..first, open: false }
+        ArenaExtent { begin: at.at(), end: at.at() + LANES, lines: 1, meshes: first..first, open: false }
     }
 
-    fn leaf(&mut self, leaf: ChildRef, slice: Option<Slice>) -> Extent {
+    fn leaf(&mut self, leaf: ChildRef, slice: Option<SharingSlice>) -> ArenaExtent {
         let first = self.meshes.len();
         for &id in self.tree.ids(leaf).unwrap_or(&[]) {
             let mesh = self.set.mesh_and_primitive(id).0;
@@ -241,14 +241,14 @@ impl<S: WideSource> Exploration<'_, S> {
         }
         let meshes = first..self.meshes.len();
         if slice.is_some_and(|slice| self.plan.shared[slice.shared].have(leaf)) {
-            return Extent { begin: usize::MAX, end: 0, lines: 0, meshes, open: true };
+            return ArenaExtent { begin: usize::MAX, end: 0, lines: 0, meshes, open: true };
         }
         if meshes.len() > 1 {
             self.plan.mixed_of.add(&mut self.meshes[first..], self.plan.mixed.len());
             self.plan.mixed.push(leaf);
         }
         let lines = self.tree.words(leaf).div_ceil(LANES);
-        Extent { begin: leaf.at(), end: leaf.at() + lines * LANES, lines, meshes, open: true }
+        ArenaExtent { begin: leaf.at(), end: leaf.at() + lines * LANES, lines, meshes, open: true }
     }
 }
 

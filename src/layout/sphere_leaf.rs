@@ -212,7 +212,7 @@ impl SphereLeaf {
             // The caller's code may answer differently from one call to the next.
             let Some(sphere) = set.sphere(id).filter(|sphere| self.fits(sphere.keys.len())) else { return false };
             let last = sphere.keys.len() - 1;
-            let Some(of) = Measured::of(self.keys_of(sphere), last, set.frame()) else { return false };
+            let Some(of) = MeasuredSphere::of(self.keys_of(sphere), last, set.frame()) else { return false };
             (size, error) = (of.size.max(size), of.error.max(error));
             let (step, own_first, _) = self.own_range(sphere.keys.len());
             if let Some(own) = own_keys.get_mut(lane) {
@@ -254,14 +254,14 @@ fn is_in_f32(&(center, radius): &(DVec3, f64)) -> bool {
 }
 
 /// The size of a sphere in tree space, and the error of its rows.
-struct Measured {
+struct MeasuredSphere {
     size: f64,
     error: f64,
 }
 
-impl Measured {
+impl MeasuredSphere {
     /// Between some keys of a sphere that has `segments` segments; `None` if it is only listed.
-    fn of(keys: &[(DVec3, f64)], segments: usize, frame: &Frame) -> Option<Measured> {
+    fn of(keys: &[(DVec3, f64)], segments: usize, frame: &Frame) -> Option<MeasuredSphere> {
         let (mut size, mut world, mut step) = (0.0f64, 0.0f64, 0.0f64);
         let mut before = None;
         for &(center, radius) in keys {
@@ -281,7 +281,7 @@ impl Measured {
         }
         // A query's place between keys is rounded in f32: by an ULP of the number of segments, at most.
         let rounding = (segments + 1) as f64 * f64::from(ULP);
-        Some(Measured { size, error: SPHERE_ROUNDING * world * frame.scale + rounding * step })
+        Some(MeasuredSphere { size, error: SPHERE_ROUNDING * world * frame.scale + rounding * step })
     }
 }
 
@@ -446,7 +446,7 @@ mod tests {
 
     #[test]
     fn rows_of_many_keys_are_off_by_no_more_than_the_stated_error_and_would_be_without_the_steps() {
-        assert!(off(|ball, frame| Measured::of(&ball.keys, 299, frame).expect("near").error) <= 1.0);
+        assert!(off(|ball, frame| MeasuredSphere::of(&ball.keys, 299, frame).expect("near").error) <= 1.0);
         assert!(off(|_, _| SPHERE_ROUNDING) > 10.0, "an error that nothing needs");
     }
 

@@ -28,7 +28,7 @@ use crate::tuning::slices::LEAST_TREELET;
 use crate::tuning::wide::NEAR;
 
 /// A written subtree: its bounds over the whole shutter, and its root.
-struct Subtree {
+struct WrittenTree {
     bounds: LinearBox3,
     root: ChildRef,
 }
@@ -174,7 +174,7 @@ impl WideTree {
         ids: &[u32],
         params: &DraftParams,
         progress: &Progress,
-    ) -> Result<Subtree, BuildError> {
+    ) -> Result<WrittenTree, BuildError> {
         if let Division::SeparateTrees(count) = params.wide.division {
             return self.separate_trees(set, ids, count, params, progress);
         }
@@ -216,7 +216,7 @@ impl WideTree {
                 Division::Automatic | Division::Whole => continue,
             };
             if region.node == 0 {
-                return Ok(Subtree { bounds: node.bounds, root });
+                return Ok(WrittenTree { bounds: node.bounds, root });
             }
             replaced.push(ReplacedSubtree { node: region.node, cost: region.cost });
             roots.push((node.first, root));
@@ -234,7 +234,7 @@ impl WideTree {
         count: usize,
         params: &DraftParams,
         progress: &Progress,
-    ) -> Result<Subtree, BuildError> {
+    ) -> Result<WrittenTree, BuildError> {
         self.slices = self.slices.max(count);
         let mut written = Vec::with_capacity(count);
         for slice in (0..count).map(|index| TimeSlice { index, of: count }) {
@@ -254,7 +254,7 @@ impl WideTree {
     }
 
     /// Puts a time node above trees for equal time slices.
-    fn over_time(&mut self, mut slices: Vec<Subtree>) -> Result<Subtree, BuildError> {
+    fn over_time(&mut self, mut slices: Vec<WrittenTree>) -> Result<WrittenTree, BuildError> {
         if slices.len() == 1 {
             return Ok(slices.remove(0));
         }
@@ -263,7 +263,7 @@ impl WideTree {
         let roots: Vec<ChildRef> = slices.iter().map(|slice| slice.root).collect();
         let root = write_time(&mut self.arena, &roots)?;
         let bounds = swept.map_or(LinearBox3::EMPTY, |b| LinearBox3 { begin: b, end: b });
-        Ok(Subtree { bounds, root })
+        Ok(WrittenTree { bounds, root })
     }
 
     /// Writes a draft; `replaced` are subtrees that are written already, with their first references, in order.
@@ -273,7 +273,7 @@ impl WideTree {
         draft: &Draft,
         replaced: &[(u32, ChildRef)],
         progress: &Progress,
-    ) -> Result<Subtree, BuildError> {
+    ) -> Result<WrittenTree, BuildError> {
         self.presplit |= draft.presplit;
         let leaves = |arena: &mut Arena, of: &[BinaryNode], blocks: &mut [ChildRef]| {
             // A node that is too large for a block is a replaced subtree; those come first.
@@ -286,7 +286,7 @@ impl WideTree {
         };
         let (binary, collapse) = (&draft.binary, &draft.collapse);
         let nodes = Nodes { binary, collapse, over: draft.over, leaves: &leaves, writes: true, progress };
-        Ok(Subtree { bounds: draft.binary[0].bounds, root: nodes.write(&mut self.arena)? })
+        Ok(WrittenTree { bounds: draft.binary[0].bounds, root: nodes.write(&mut self.arena)? })
     }
 
     /// Writes the leaf blocks once and the nodes above them for each time slice.
@@ -331,7 +331,7 @@ impl WideTree {
     }
 
     /// Puts a node above several trees.
-    fn join(&mut self, mut subtrees: Vec<Subtree>) -> Result<ChildRef, BuildError> {
+    fn join(&mut self, mut subtrees: Vec<WrittenTree>) -> Result<ChildRef, BuildError> {
         while subtrees.len() > 1 {
             let mut joined = Vec::new();
             for some in subtrees.chunks(LANES) {
@@ -339,7 +339,7 @@ impl WideTree {
                 let root = write_node(&mut self.arena, &boxes, TimeInterval::FULL)?;
                 let refs: Vec<ChildRef> = some.iter().map(|subtree| subtree.root).collect();
                 set_children(&mut self.arena, root, &refs);
-                joined.push(Subtree { bounds: boxes.into_iter().fold(LinearBox3::EMPTY, LinearBox3::union), root });
+                joined.push(WrittenTree { bounds: boxes.into_iter().fold(LinearBox3::EMPTY, LinearBox3::union), root });
             }
             subtrees = joined;
         }

@@ -14,11 +14,11 @@ use crate::simd::{fill, huge_vec, huge_vec_of};
 pub(crate) struct SharedLeaves {
     /// The binary nodes that are leaf blocks.
     pub leaves: Vec<BinaryNode>,
-    pub trees: Vec<Slice>,
+    pub trees: Vec<SliceTree>,
 }
 
 /// The hierarchy of one time slice.
-pub(crate) struct Slice {
+pub(crate) struct SliceTree {
     pub over: TimeInterval,
     pub binary: BinaryTree,
     pub collapse: Collapse,
@@ -69,7 +69,7 @@ impl SharedLeaves {
                 },
                 None => in_slices[i * slices.len() + nth],
             };
-            Slice::build(&leaves, over, draft.density, bounds, &share.subtask(1.0 / slices.len() as f64))
+            SliceTree::build(&leaves, over, draft.density, bounds, &share.subtask(1.0 / slices.len() as f64))
         });
         SharedLeaves { leaves, trees }
     }
@@ -149,14 +149,14 @@ fn boundary<S: PrimitiveSet>(
     Some(boxes)
 }
 
-impl Slice {
+impl SliceTree {
     fn build(
         leaves: &[BinaryNode],
         over: TimeInterval,
         density: SurfaceDensity,
         bounds: impl Fn(usize) -> LinearBox3 + Sync,
         progress: &Progress,
-    ) -> Slice {
+    ) -> SliceTree {
         let n = leaves.len();
         let mut blocks = huge_vec(n);
         fill(&mut blocks, n, |i| Reference::new(bounds(i), i as u32));
@@ -174,6 +174,6 @@ impl Slice {
             })
         };
         let collapse = Collapse::new(&binary, density, cost, &progress.rest(1.0));
-        Slice { over, binary, collapse, order: blocks.iter().map(Reference::id).collect() }
+        SliceTree { over, binary, collapse, order: blocks.iter().map(Reference::id).collect() }
     }
 }

@@ -42,7 +42,7 @@ impl<const ORDERED: bool, Q: LeafVisitor + ?Sized> Kernel for ObjectTraversal<'_
     fn run<S: Simd>(self, s: S) {
         let ObjectTraversal { tree, ray, tree_ray, visitor } = self;
         let (ray, reach) = (Ray { t_max: tree_ray.t_max(), ..*ray }, tree_ray.end);
-        let mut query = RayState::<ORDERED, Q> { tree, tree_ray, ray, reach, mask: visitor.mask(), visitor };
+        let mut query = ObjectRayState::<ORDERED, Q> { tree, tree_ray, ray, reach, mask: visitor.mask(), visitor };
         let mut memory = StackOf::new();
         let mut cursor = Cursor::new(tree.root, memory.stack(tree.max_stack()));
         let traversal = WideTraversal::new(&tree.arena);
@@ -51,7 +51,7 @@ impl<const ORDERED: bool, Q: LeafVisitor + ?Sized> Kernel for ObjectTraversal<'_
 }
 
 /// The state of a traversal.
-struct RayState<'a, const ORDERED: bool, Q: ?Sized> {
+struct ObjectRayState<'a, const ORDERED: bool, Q: ?Sized> {
     tree: &'a WideTree,
     tree_ray: &'a TreeRay<'a>,
     /// The caller's ray, shortened to where a hit still matters.
@@ -63,7 +63,7 @@ struct RayState<'a, const ORDERED: bool, Q: ?Sized> {
     visitor: &'a mut Q,
 }
 
-impl<S: Simd, const ORDERED: bool, Q: LeafVisitor + ?Sized> WideQuery<S> for RayState<'_, ORDERED, Q> {
+impl<S: Simd, const ORDERED: bool, Q: LeafVisitor + ?Sized> WideQuery<S> for ObjectRayState<'_, ORDERED, Q> {
     const ORDERED: bool = ORDERED;
 
     #[inline(always)]
