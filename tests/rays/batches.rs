@@ -1,11 +1,10 @@
 //! Batches of rays, which are traversed in streams, give the answers of single rays.
 
 use crate::brute_force::Brick;
-use crate::common::{Random, soup};
+use crate::common::{Random, divided, soup};
 use mbkd::glam::Vec3;
 use mbkd::{
     BuildParams, Division, Geometry, Hit, MovingSphere, Ray, RayTree, Shape, SimdLevel, TimeInterval, TriangleMesh,
-    WideParams,
 };
 
 /// All kinds of leaves: triangles that are static, move, have many keys, exist for a while and are kept in f64, spheres
@@ -26,8 +25,7 @@ fn tree(division: Division, level: SimdLevel) -> RayTree {
         }
         MovingSphere::new(vec![(at, 0.1), (at + random.vec().as_dvec3() * 0.3, 0.05)]).into()
     });
-    let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
-    RayTree::of_scene(&meshes, shapes.collect(), &params).unwrap().with_simd(level)
+    RayTree::of_scene(&meshes, shapes.collect(), &divided(division)).unwrap().with_simd(level)
 }
 
 /// Rays in nearly the same direction from nearly the same origin, some of them of another kind than the others.
@@ -160,4 +158,6 @@ fn order_changes_nothing_nor_does_time_where_all_stands_still() {
     tree.closest_hits(&rays, &mut hits);
     tree.closest_hits(&at_once, &mut reversed);
     assert_eq!(hits, reversed);
+    tree.closest_hits(&[], &mut hits);
+    assert!(hits.is_empty());
 }

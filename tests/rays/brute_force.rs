@@ -318,47 +318,6 @@ fn rays_that_begin_behind_their_origin() {
 }
 
 #[test]
-fn batches_answer_in_order() {
-    let tree = RayTree::build(&[soup(500, 2, 0.2, 0.3, 1)], &BuildParams::default()).unwrap();
-    let mut random = Random(2);
-    let rays: Vec<Ray> = (0..3000).map(|_| random_ray(&mut random, 1.5)).collect();
-    let (mut hits, mut shadows) = (vec![None; 7], Vec::new());
-    tree.closest_hits(&rays, &mut hits);
-    tree.any_hits(&rays, &mut shadows);
-    for ((ray, hit), shadow) in rays.iter().zip(&hits).zip(&shadows) {
-        assert_eq!(*hit, tree.closest_hit(ray));
-        assert_eq!(*shadow, hit.is_some());
-    }
-    assert_eq!(hits.len(), rays.len());
-    tree.closest_hits(&[], &mut hits);
-    assert!(hits.is_empty());
-}
-
-#[test]
-fn filtered_batches_are_single_filtered_queries() {
-    let meshes: Vec<TriangleMesh> = (0..3).map(|i| soup(150, 2, 0.3, 0.5, 60 + i).with_mask(1 << i)).collect();
-    let mut random = Random(5);
-    let rays: Vec<Ray> = (0..2000).map(|_| random_ray(&mut random, 1.0)).collect();
-    for params in variants() {
-        let tree = RayTree::build(&meshes, &params).unwrap();
-        for mask in [u32::MAX, 0b101, 0] {
-            // Every ray has its own filter.
-            let accept = |i: usize, hit: &mbkd::Hit| hit.primitive as usize % 7 != i % 7;
-            let (mut hits, mut shadows) = (vec![None; 3], vec![true; 5]);
-            tree.closest_hits_filtered(&rays, mask, accept, &mut hits);
-            tree.any_hits_filtered(&rays, mask, accept, &mut shadows);
-            assert_eq!((hits.len(), shadows.len()), (rays.len(), rays.len()));
-            for (i, (ray, hit)) in rays.iter().zip(&hits).enumerate() {
-                assert_eq!(*hit, tree.closest_hit_filtered(ray, mask, |hit| accept(i, hit)), "{params:?}");
-                assert_eq!(shadows[i], hit.is_some(), "{params:?}");
-            }
-            let found = hits.iter().flatten().count();
-            assert!(if mask == 0 { found == 0 } else { found > 100 }, "{found} with {mask:b}");
-        }
-    }
-}
-
-#[test]
 fn all_hits_stops_when_told() {
     let mesh = soup(300, 2, 2.0, 0.1, 5);
     for params in [KdParams::default(), KdParams::classic()] {

@@ -1,7 +1,7 @@
 //! Clones of trees: they answer alike, and what becomes of one does not change the other.
 
 use crate::brute_force::Brick;
-use crate::common::{Random, closed_sphere, difference, random_ray, soup};
+use crate::common::{Random, closed_sphere, difference, divided, random_ray, soup};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DAffine3, DVec3, Vec3};
 use mbkd::{
@@ -56,8 +56,7 @@ fn state(tree: &RayTree) -> (Statistics, Vec<Option<mbkd::Hit>>) {
 fn a_refit_of_a_tree_or_of_its_clone_leaves_the_other_as_it_was() {
     let oracles = [0.0, 0.25].map(|by| BruteForce::of_scene(&meshes(by), shapes(f64::from(by))).unwrap());
     for division in [Division::Automatic, Division::SharedLeaves(3), Division::SeparateTrees(2)] {
-        let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
-        let mut tree = RayTree::of_scene(&meshes(0.0), shapes(0.0), &params).unwrap();
+        let mut tree = RayTree::of_scene(&meshes(0.0), shapes(0.0), &divided(division)).unwrap();
         // The first refit makes a plan, which a second clone copies.
         for round in 0..2 {
             let mut clone = tree.clone();

@@ -2,7 +2,7 @@
 //! shutter, instruction set and kind of primitive.
 
 use crate::brute_force::Brick;
-use crate::common::{Random, closed_sphere, grid, soup, variants};
+use crate::common::{Random, closed_sphere, divided, grid, soup, variants};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
@@ -13,8 +13,7 @@ use proptest::prelude::*;
 
 /// All policies, and divisions of the shutter that no automatic choice would make of small sets.
 fn all_variants() -> Vec<BuildParams> {
-    let divided = [Division::Whole, Division::SharedLeaves(3), Division::SeparateTrees(2)]
-        .map(|division| BuildParams::wide(WideParams { division, ..WideParams::default() }));
+    let divided = [Division::Whole, Division::SharedLeaves(3), Division::SeparateTrees(2)].map(divided);
     variants().into_iter().chain(divided).collect()
 }
 
@@ -107,7 +106,7 @@ fn long_triangles_that_are_cut_and_large_trees() {
     let oracle = BruteForce::new(&meshes).unwrap();
     let trees: Vec<RayTree> = [
         BuildParams::wide(WideParams { max_references: 4.0, ..WideParams::default() }),
-        BuildParams::wide(WideParams { division: Division::SharedLeaves(4), ..WideParams::default() }),
+        divided(Division::SharedLeaves(4)),
         BuildParams::kd(KdParams::default()),
     ]
     .iter()

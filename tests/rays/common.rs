@@ -11,7 +11,7 @@ pub use blob::Blob;
 use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::Vec3;
-use mbkd::{BuildParams, Geometry, Hit, KdParams, LazyParams, Ray, RayTree, TriangleMesh};
+use mbkd::{BuildParams, Division, Geometry, Hit, KdParams, LazyParams, Ray, RayTree, TriangleMesh, WideParams};
 pub use random::Random;
 
 /// Every policy under test, and the paper's policy in all its variants.
@@ -30,6 +30,11 @@ pub fn variants() -> Vec<BuildParams> {
         BuildParams::kd(KdParams::classic()),
         BuildParams::lazy(LazyParams { subtree: 5, ..LazyParams::default() }),
     ]
+}
+
+/// The default with this division of the shutter.
+pub fn divided(division: Division) -> BuildParams {
+    BuildParams::wide(WideParams { division, ..WideParams::default() })
 }
 
 /// Loose triangles of about `size`, each moving independently by up to `motion`, at `keys` keys.

@@ -1,7 +1,7 @@
 //! Trees over shapes of the caller's, whose leaf blocks have the boxes of the shapes: at rest, moving, with divided time, and
 //! refitted.
 
-use crate::common::{Blob, Random, difference, random_ray};
+use crate::common::{Blob, Random, difference, divided, random_ray};
 use mbkd::baseline::BruteForce;
 use mbkd::{BuildParams, ClosestPointQuery, Division, MovingSphere, RayTree, SimdLevel, WideParams, glam::DVec3};
 
@@ -52,8 +52,7 @@ fn rays_and_closest_points_equal_brute_force() {
         for count in [1, 2, 16, 17, 400] {
             let blobs = blobs(count, keys, motion, 3);
             for division in divisions {
-                let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
-                assert_same(RayTree::of_primitives(blobs.clone(), &params).unwrap(), &blobs);
+                assert_same(RayTree::of_primitives(blobs.clone(), &divided(division)).unwrap(), &blobs);
             }
         }
     }
@@ -64,9 +63,8 @@ fn rays_and_closest_points_equal_brute_force() {
 fn refitted_trees_equal_brute_force() {
     let divisions = [Division::Whole, Division::SharedLeaves(3), Division::SeparateTrees(4)];
     for division in divisions {
-        let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
         for (keys, motion) in [(1, 0.0), (2, 0.2)] {
-            let mut tree = RayTree::of_primitives(blobs(300, keys, motion, 3), &params).unwrap();
+            let mut tree = RayTree::of_primitives(blobs(300, keys, motion, 3), &divided(division)).unwrap();
             for (now_keys, now_motion, seed) in [(2, 0.1, 4), (1, 0.0, 5), (2, 0.3, 6)] {
                 let now = blobs(300, now_keys, now_motion, seed);
                 tree.refit_primitives(now.clone()).unwrap();

@@ -1,10 +1,9 @@
-//! What calls of trees of instances report: progress of builds, work of queries, `Debug`.
+//! What calls of trees of instances report: work of queries, `Debug`.
 
 use super::common::{Random, random_ray, soup};
 use core::ops::ControlFlow;
-use core::sync::atomic::{AtomicUsize, Ordering};
 use mbkd::glam::{DAffine3, DVec3};
-use mbkd::{BuildError, BuildParams, Counters, Instance, InstanceError, InstanceTree, LazyParams, RayTree, WideParams};
+use mbkd::{BuildParams, Counters, Instance, InstanceTree, LazyParams, RayTree, WideParams};
 use std::sync::Arc;
 
 /// This many copies of a tree, in a row along x.
@@ -15,26 +14,6 @@ fn row(tree: &Arc<RayTree>, count: usize) -> Vec<Instance> {
 
 fn leaf(params: &BuildParams) -> Arc<RayTree> {
     Arc::new(RayTree::build(&[soup(200, 2, 0.3, 0.2, 3)], params).unwrap())
-}
-
-#[test]
-fn builds_report_rising_fractions_up_to_one_and_stop_when_told() {
-    let tree = leaf(&BuildParams::default());
-    let (last, calls) = (AtomicUsize::new(0), AtomicUsize::new(0));
-    let note = |fraction: f32| {
-        calls.fetch_add(1, Ordering::Relaxed);
-        last.fetch_max((fraction * 1000.0) as usize, Ordering::Relaxed);
-        ControlFlow::Continue(())
-    };
-    let params = WideParams::default();
-    let reported = InstanceTree::build_with_progress(row(&tree, 500), &params, &note).unwrap();
-    assert!(calls.load(Ordering::Relaxed) > 1 && last.load(Ordering::Relaxed) == 1000, "{calls:?}, {last:?}");
-    assert_eq!(reported.statistics(), InstanceTree::build(row(&tree, 500), &params).unwrap().statistics());
-    for stop_at in [0.0, 1.0] {
-        let stop = |at: f32| if at >= stop_at { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-        let error = InstanceTree::build_with_progress(row(&tree, 500), &params, &stop).unwrap_err();
-        assert_eq!(error, InstanceError::Build(BuildError::Cancelled));
-    }
 }
 
 #[test]

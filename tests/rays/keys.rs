@@ -1,6 +1,6 @@
 //! Meshes with many keys: merging of keys, and answers against brute force.
 
-use super::common::{Random, closed_sphere, difference, soup, variants};
+use super::common::{Random, closed_sphere, difference, divided, soup, variants};
 use crate::scene;
 use mbkd::baseline::{BruteForce, TriangleTests};
 use mbkd::glam::{DVec3, Quat, Vec3};
@@ -148,7 +148,7 @@ fn bent_motion_equals_brute_force_however_the_shutter_is_divided() {
         Division::SeparateTrees(16),
     ];
     for (i, division) in divisions.into_iter().enumerate() {
-        let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
+        let params = divided(division);
         equals_brute_force(&mixed(i as u64), &params, 300);
         for keys in [3, 5, 17, 257] {
             equals_brute_force(&[closed_sphere(6, keys, 0.1, i as u64)], &params, 100);
@@ -167,8 +167,7 @@ fn motion_that_ends_where_it_began_is_motion() {
         at[8] = at[0].clone();
     }
     for division in [Division::Automatic, Division::Whole, Division::SharedLeaves(4), Division::SeparateTrees(4)] {
-        let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
-        equals_brute_force(&[there.clone()], &params, 300);
+        equals_brute_force(&[there.clone()], &divided(division), 300);
     }
 }
 
@@ -204,8 +203,7 @@ fn triangles_that_pass_through_a_point_are_hit_in_every_tree() {
 fn corners_and_closest_points_are_those_of_brute_force() {
     let meshes = mixed(30);
     for division in [Division::Automatic, Division::SeparateTrees(4), Division::SharedLeaves(3)] {
-        let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
-        let (tree, oracle) = (RayTree::build(&meshes, &params).unwrap(), BruteForce::new(&meshes).unwrap());
+        let (tree, oracle) = (RayTree::build(&meshes, &divided(division)).unwrap(), BruteForce::new(&meshes).unwrap());
         let kd = RayTree::build(&meshes, &BuildParams::paper()).unwrap();
         let mut random = Random(8);
         for _ in 0..200 {

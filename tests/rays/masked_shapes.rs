@@ -1,11 +1,11 @@
 //! Masks of spheres and custom primitives, alone and beside meshes.
 
-use crate::common::{Blob, Random, random_ray, soup, variants};
+use crate::common::{Blob, Random, divided, random_ray, soup, variants};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::DVec3;
 use mbkd::{
     BuildParams, ClosestPointQuery, Division, Intersection, LazyParams, LinearBounds, MovingSphere, Policy, Primitive,
-    Ray, RayTree, Shape, TimeInterval, TriangleMesh, WideParams,
+    Ray, RayTree, Shape, TimeInterval, TriangleMesh,
 };
 use std::ops::ControlFlow;
 
@@ -53,8 +53,7 @@ fn shapes(count: usize, masks: &[u32]) -> Vec<Shape> {
 }
 
 fn params() -> Vec<BuildParams> {
-    let divided = [Division::SharedLeaves(3), Division::SeparateTrees(2)]
-        .map(|division| BuildParams::wide(WideParams { division, ..WideParams::default() }));
+    let divided = [Division::SharedLeaves(3), Division::SeparateTrees(2)].map(divided);
     let lazy = BuildParams { policy: Policy::Lazy(LazyParams::default()) };
     variants().into_iter().chain(divided).chain([lazy]).collect()
 }

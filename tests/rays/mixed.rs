@@ -1,13 +1,13 @@
 //! Meshes, spheres and custom primitives in one tree equal brute force over the same kernels.
 
 use crate::brute_force::Brick;
-use crate::common::{Random, difference, random_ray, soup, variants};
+use crate::common::{Random, difference, divided, random_ray, soup, variants};
 use core::sync::atomic::{AtomicUsize, Ordering};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::DVec3;
 use mbkd::{
     BuildParams, ClosestPointQuery, Division, Intersection, LinearBounds, MovingSphere, Primitive, Ray, RayTree, Shape,
-    SimdLevel, TimeInterval, TriangleMesh, Visitor, WideParams,
+    SimdLevel, TimeInterval, TriangleMesh, Visitor,
 };
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
@@ -41,8 +41,7 @@ fn shapes(count: usize) -> Vec<Shape> {
 }
 
 fn params() -> Vec<BuildParams> {
-    let divided = [Division::SharedLeaves(3), Division::SeparateTrees(2)]
-        .map(|division| BuildParams::wide(WideParams { division, ..WideParams::default() }));
+    let divided = [Division::SharedLeaves(3), Division::SeparateTrees(2)].map(divided);
     variants().into_iter().chain(divided).collect()
 }
 

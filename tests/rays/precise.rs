@@ -1,6 +1,6 @@
 //! Meshes with f64 positions: every answer is that of brute force over them, and hits that f32 would lose are found.
 
-use crate::common::{Random, difference, soup, variants};
+use crate::common::{Random, difference, divided, soup, variants};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DAffine3, DVec3, Vec3};
 use mbkd::{
@@ -72,8 +72,7 @@ fn shapes(name: &str) -> Vec<Shape> {
 }
 
 fn params() -> Vec<BuildParams> {
-    let divided = [Division::SharedLeaves(3), Division::SeparateTrees(2)]
-        .map(|division| BuildParams::wide(WideParams { division, ..WideParams::default() }));
+    let divided = [Division::SharedLeaves(3), Division::SeparateTrees(2)].map(divided);
     let cut = BuildParams::wide(WideParams { max_references: 2.0, ..WideParams::default() });
     variants().into_iter().chain(divided).chain([cut]).collect()
 }

@@ -1,6 +1,6 @@
 //! Reports of progress, and cancellation at any of them.
 
-use crate::common::soup;
+use crate::common::{divided, soup};
 use core::ops::ControlFlow;
 use mbkd::glam::DVec3;
 use mbkd::{
@@ -72,10 +72,6 @@ fn check(what: &str, expected: &Result<(), BuildError>, build: Build<'_>) {
 
 fn check_meshes(what: &str, meshes: &[TriangleMesh], params: &BuildParams) {
     check(what, &Ok(()), &|report| RayTree::build_with_progress(meshes, params, report).map(|_| ()));
-}
-
-fn divided(division: Division) -> BuildParams {
-    BuildParams::wide(WideParams { division, ..WideParams::default() })
 }
 
 #[test]

@@ -1,20 +1,20 @@
 //! Refitted trees against brute force over the new positions, frame by frame.
 
 use crate::brute_force::Brick;
-use crate::common::{Random, closed_sphere, difference, random_ray, soup};
+use crate::common::{Random, closed_sphere, difference, divided, random_ray, soup};
 use crate::scene;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
     BuildError, BuildParams, Counters, Division, KdParams, Keys, MovingSphere, Ray, RayTree, Refit, RefitError, Shape,
-    TriangleMesh, WideParams,
+    TriangleMesh,
 };
 use std::ops::ControlFlow;
 
 /// All divisions of the shutter.
 fn params() -> Vec<BuildParams> {
     let divisions = [Division::Automatic, Division::Whole, Division::SharedLeaves(3), Division::SeparateTrees(2)];
-    divisions.map(|division| BuildParams::wide(WideParams { division, ..WideParams::default() })).into()
+    divisions.map(divided).into()
 }
 
 /// A mesh whose vertices went elsewhere: each its own way, and all of them.

@@ -1,12 +1,11 @@
 //! Refits that are told which meshes moved: the tree is that of a refit to all meshes, and what stays is not read.
 
 use crate::brute_force::Brick;
-use crate::common::{Random, closed_sphere, difference, random_ray, soup};
+use crate::common::{Random, closed_sphere, difference, divided, random_ray, soup};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
     BuildError, BuildParams, Division, Keys, MovingSphere, Ray, RayTree, RefitError, Shape, TimeInterval, TriangleMesh,
-    WideParams,
 };
 
 /// The same mesh with every vertex moved by up to `by`.
@@ -67,7 +66,7 @@ fn bytes(tree: &RayTree) -> Vec<u8> {
 fn a_tree_that_is_told_what_moved_is_that_of_a_refit_to_all_meshes() {
     let divisions = [Division::Automatic, Division::Whole, Division::SharedLeaves(4), Division::SeparateTrees(3)];
     for (division, with_shapes) in divisions.into_iter().flat_map(|division| [(division, false), (division, true)]) {
-        let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
+        let params = divided(division);
         let given = || if with_shapes { shapes() } else { Vec::new() };
         let mut random = Random(7);
         let mut now = meshes(100);
@@ -121,7 +120,7 @@ fn a_tree_that_is_told_what_moved_is_that_of_a_refit_to_all_meshes() {
 #[test]
 fn shapes_move_with_the_meshes_that_are_named() {
     for division in [Division::Automatic, Division::SharedLeaves(4), Division::SeparateTrees(3)] {
-        let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
+        let params = divided(division);
         let mut random = Random(17);
         let mut now: Vec<TriangleMesh> = meshes(200).into_iter().chain([closed_sphere(60, 2, 0.02, 9)]).collect();
         let balls = |frame: usize| -> Vec<Shape> {
@@ -163,8 +162,7 @@ fn a_refit_of_nothing_leaves_the_tree_as_it_is() {
     let now = [closed_sphere(60, 2, 0.2, 1), closed_sphere(60, 5, 0.2, 2)];
     for division in [Division::Whole, Division::SharedLeaves(8), Division::SharedLeaves(3), Division::SeparateTrees(3)]
     {
-        let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
-        let mut tree = RayTree::build(&now, &params).unwrap();
+        let mut tree = RayTree::build(&now, &divided(division)).unwrap();
         let before = bytes(&tree);
         for moved in [&[][..], &[0], &[1], &[]] {
             let refit = tree.refit_moved(&now, moved).unwrap();

@@ -1,6 +1,6 @@
 //! Spheres, of which rays are tested against many at a time, equal brute force over single ones.
 
-use crate::common::{Random, difference, variants};
+use crate::common::{Random, difference, divided, variants};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DQuat, DVec3, Vec3};
 use mbkd::{
@@ -80,8 +80,7 @@ fn rays(kind: Kind, balls: &[MovingSphere], count: usize, seed: u64) -> Vec<Ray>
 }
 
 fn params() -> Vec<BuildParams> {
-    let divided = [Division::Whole, Division::SharedLeaves(3), Division::SeparateTrees(4)]
-        .map(|division| BuildParams::wide(WideParams { division, ..WideParams::default() }));
+    let divided = [Division::Whole, Division::SharedLeaves(3), Division::SeparateTrees(4)].map(divided);
     variants().into_iter().chain(divided).collect()
 }
 
@@ -179,8 +178,7 @@ fn straight_motion_costs_the_same_with_any_number_of_keys() {
 fn spheres_with_few_keys_do_not_take_those_of_their_neighbours() {
     let of = |keys: &'static [usize]| {
         let balls = spheres(Kind { count: 2000, keys, ..PLAIN }, 8);
-        let params = BuildParams::wide(WideParams { division: Division::Whole, ..WideParams::default() });
-        RayTree::of_primitives(balls, &params).unwrap().statistics().bytes
+        RayTree::of_primitives(balls, &divided(Division::Whole)).unwrap().statistics().bytes
     };
     // One in ten moves on a curve.
     let (mixed, [still, bent]) = (of(&[1, 1, 1, 1, 1, 65, 1, 1, 1, 1]), [of(&[1]), of(&[65])]);
@@ -243,7 +241,7 @@ fn spheres_of_the_callers_equal_brute_force_and_are_tested_together() {
     ] {
         let balls = spheres(Kind { count: 5000, size: 0.03, motion: 0.05, ..kind }, 3);
         let own = || balls.iter().cloned().zip(0..).map(|(ball, name)| Named(ball, name)).collect::<Vec<_>>();
-        let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
+        let params = divided(division);
         let tree = RayTree::of_primitives(own(), &params).unwrap();
         let in_scene = RayTree::of_scene(&[], own().into_iter().map(Shape::custom).collect(), &params).unwrap();
         let oracle = BruteForce::of_primitives(own()).unwrap();

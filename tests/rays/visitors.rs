@@ -1,6 +1,6 @@
 //! Custom traversals visit all primitives of a region, inside their boxes, and can prune and stop.
 
-use crate::common::{Random, soup, variants};
+use crate::common::{Random, divided, soup, variants};
 use core::ops::ControlFlow;
 use mbkd::glam::DVec3;
 use mbkd::{Aabb, BuildParams, Division, RayTree, TimeInterval, TreePrimitive, TriangleMesh, Visitor, WideParams};
@@ -49,8 +49,11 @@ fn meshes() -> Vec<TriangleMesh> {
 
 fn trees(meshes: &[TriangleMesh]) -> Vec<RayTree> {
     let cut = BuildParams::wide(WideParams { max_references: 4.0, ..WideParams::default() });
-    let divided = BuildParams::wide(WideParams { division: Division::SharedLeaves(3), ..WideParams::default() });
-    variants().iter().chain([&cut, &divided]).map(|params| RayTree::build(meshes, params).unwrap()).collect()
+    variants()
+        .iter()
+        .chain([&cut, &divided(Division::SharedLeaves(3))])
+        .map(|params| RayTree::build(meshes, params).unwrap())
+        .collect()
 }
 
 #[test]
