@@ -319,3 +319,15 @@ fn add_references<S: PrimitiveSet>(
         }
     });
 }
+
+#[cfg(test)]
+impl Draft {
+    /// The triangles of a scene, and their draft for the whole shutter with the default parameters.
+    pub fn of_scene(scene: &crate::scene::Scene) -> (crate::primitive::Triangles, Draft) {
+        let set = crate::primitive::Triangles::new(&scene.meshes).expect("valid meshes");
+        let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
+        let (params, progress) = (DraftParams::new(WideParams::default()), Progress::new(None));
+        let draft = draft_tree(&set, &ids, TimeSlice::WHOLE, &params, None, WhenToReinsert::Later, &progress);
+        (set, draft.expect("a draft"))
+    }
+}

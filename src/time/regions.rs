@@ -254,23 +254,17 @@ fn is_nearly_all(draft: &Draft, x: u32) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::drafting::{WhenToReinsert, draft_tree};
-    use super::super::time_slice::TimeSlice;
     use super::*;
     use crate::params::WideParams;
-    use crate::primitive::{TriangleMesh, Triangles};
+    use crate::primitive::TriangleMesh;
     use crate::scene;
     use crate::tuning::slices::LEAST_TREELET;
     use glam::{Quat, Vec3};
 
     /// A scene's regions, and for each mesh the share of its triangles that lie in them.
     fn regions_of(scene: &scene::Scene) -> (Vec<Region>, Vec<f64>) {
-        let set = Triangles::new(&scene.meshes).unwrap();
-        let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
         let params = DraftParams::new(WideParams::default());
-        let draft =
-            draft_tree(&set, &ids, TimeSlice::WHOLE, &params, None, WhenToReinsert::Later, &Progress::new(None))
-                .expect("a draft");
+        let (set, draft) = Draft::of_scene(scene);
         let regions = regions(&set, &draft, &params, LEAST_TREELET, &Progress::new(None));
         for pair in regions.windows(2) {
             let (a, b) = (&draft.binary[pair[0].node as usize], &draft.binary[pair[1].node as usize]);
@@ -322,19 +316,7 @@ mod tests {
 
     #[test]
     fn parts_of_a_rejected_region_are_tried_if_they_are_dissimilar() {
-        let scene = scene::tornado(60_000);
-        let set = Triangles::new(&scene.meshes).unwrap();
-        let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
-        let draft = draft_tree(
-            &set,
-            &ids,
-            TimeSlice::WHOLE,
-            &DraftParams::new(WideParams::default()),
-            None,
-            WhenToReinsert::Later,
-            &Progress::new(None),
-        );
-        let draft = draft.expect("a draft");
+        let (set, draft) = Draft::of_scene(&scene::tornado(60_000));
         let mut treelets = treelets(&set, &draft, LEAST_TREELET);
         let (right, low, high) = sides(&draft, 0, &treelets);
         let middles = [sides(&draft, 1, low).0, sides(&draft, right, high).0];

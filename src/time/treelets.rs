@@ -151,25 +151,14 @@ fn changing_sample<S: PrimitiveSet>(set: &S, draft: &Draft, mut x: u32) -> (u32,
 
 #[cfg(test)]
 mod tests {
-    use super::super::drafting::{DraftParams, WhenToReinsert, draft_tree};
-    use super::super::time_slice::TimeSlice;
     use super::*;
-    use crate::params::WideParams;
-    use crate::primitive::Triangles;
-    use crate::progress::Progress;
     use crate::scene;
 
     /// What moves and what does not are side by side. The reference in the middle of a treelet may be static though most of the
     /// cost is of what moves.
     #[test]
     fn samples_of_treelets_in_which_something_moves_move() {
-        let scene = scene::mixed(60_000);
-        let set = Triangles::new(&scene.meshes).unwrap();
-        let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
-        let params = DraftParams::new(WideParams::default());
-        let draft =
-            draft_tree(&set, &ids, TimeSlice::WHOLE, &params, None, WhenToReinsert::Later, &Progress::new(None))
-                .expect("a draft");
+        let (set, draft) = Draft::of_scene(&scene::mixed(60_000));
         let mut static_middle = 0;
         for treelet in treelets(&set, &draft, 256) {
             let node = &draft.binary[treelet.node as usize];

@@ -394,25 +394,15 @@ fn descend_by_cost(draft: &Draft, mut x: u32, mut at: f32, most: u32) -> u32 {
 mod tests {
     use super::*;
     use crate::params::WideParams;
-    use crate::primitive::Triangles;
     use crate::scene;
 
     fn params() -> DraftParams {
         DraftParams::new(WideParams::default())
     }
 
-    fn drafted(scene: &scene::Scene) -> (Triangles, Draft) {
-        let set = Triangles::new(&scene.meshes).unwrap();
-        let ids: Vec<u32> = (0..scene.triangles() as u32).collect();
-        let draft =
-            draft_tree(&set, &ids, TimeSlice::WHOLE, &params(), None, WhenToReinsert::Later, &Progress::new(None))
-                .expect("a draft");
-        (set, draft)
-    }
-
     #[test]
     fn samples_lie_in_the_middle_of_equal_shares_of_the_cost() {
-        let (_, draft) = drafted(&scene::mixed(60_000));
+        let (_, draft) = Draft::of_scene(&scene::mixed(60_000));
         let (found, most) = samples(&draft, 0);
         assert_eq!(found.iter().map(|(_, shares)| shares).sum::<f32>(), SAMPLES as f32);
         let mut share = 0.0;
@@ -440,7 +430,7 @@ mod tests {
     #[test]
     fn samples_try_slices_evenly_and_separate_trees_those_in_the_middle() {
         let scene = scene::tornado(60_000);
-        let (set, draft) = drafted(&scene);
+        let (set, draft) = Draft::of_scene(&scene);
         let (params, progress) = (params(), Progress::new(None));
         let samples = Samples::new(&set, &draft, 0, &params, &progress);
         let tried = |count: usize| (0..SAMPLES).flat_map(|i| samples.slices(i, count).0).collect::<Vec<_>>();
@@ -474,7 +464,7 @@ mod tests {
     /// The mean area of a box over time is the mean of those over slices; its volume is taken at the middle.
     #[test]
     fn the_cost_during_slices_adds_up_to_the_cost_of_the_whole() {
-        let (_, draft) = drafted(&scene::mixed(20_000));
+        let (_, draft) = Draft::of_scene(&scene::mixed(20_000));
         let whole = draft.collapse.total();
         for of in [1, 2, 8] {
             let slices = (0..of).map(|index| draft.cost_during(0, TimeSlice { index, of }));
@@ -485,7 +475,7 @@ mod tests {
 
     #[test]
     fn some_of_the_slices_with_shared_leaves_are_those_of_all() {
-        let (set, draft) = drafted(&scene::tornado(4000));
+        let (set, draft) = Draft::of_scene(&scene::tornado(4000));
         let costs = |slices: &[usize]| {
             let shared = SharedLeaves::build(&set, &draft, 0, 4, slices, &Progress::new(None));
             shared.trees.iter().map(|tree| tree.collapse.total()).collect::<Vec<_>>()
@@ -498,7 +488,7 @@ mod tests {
     /// Trials tell what the whole would cost: two trees of the tornado's dust, each built over everything.
     #[test]
     fn trials_of_samples_predict_the_cost_of_the_whole() {
-        let (set, draft) = drafted(&scene::tornado(60_000));
+        let (set, draft) = Draft::of_scene(&scene::tornado(60_000));
         let params = params();
         let ids = draft.primitives_below(0);
         for count in [2, 4] {
