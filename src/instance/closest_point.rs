@@ -98,7 +98,7 @@ impl InstanceTree {
     /// [`InstanceTree::closest_point`] for many queries, in parallel. `answers` is cleared and gets one answer per query, in
     /// order.
     pub fn closest_points(&self, queries: &[ClosestPointQuery], answers: &mut Vec<Option<InstancePoint>>) {
-        answer_each(queries, answers, |_, query| self.nearest(*query, Guards::none()));
+        answer_each(queries, answers, |_, query| self.closest_point(query));
     }
 
     /// [`InstanceTree::closest_point_masked`] for many queries, in parallel. `answers` is cleared and gets one answer per query, in

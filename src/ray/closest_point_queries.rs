@@ -39,7 +39,7 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn closest_point(&self, query: &ClosestPointQuery) -> Option<ClosestPoint> {
-        self.closest_point_of(&(*query).into())
+        (self.queries.closest_point)(self.target(), &(*query).into())
     }
 
     /// [`RayTree::closest_point`] among the points for which `accept` returns true, on meshes and shapes whose
@@ -108,23 +108,17 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn closest_points(&self, queries: &[ClosestPointQuery], answers: &mut Vec<Option<ClosestPoint>>) {
-        answer_each(queries, answers, |_, query| self.closest_point_of(&(*query).into()));
+        answer_each(queries, answers, |_, query| self.closest_point(query));
     }
 
-    /// The closest point of a tree that may be placed in another space; see [`PlacedQuery`].
-    #[inline(always)]
-    pub(crate) fn closest_point_of(&self, query: &PlacedQuery) -> Option<ClosestPoint> {
-        (self.queries.closest_point)(self.target(), query)
-    }
-
-    /// [`RayTree::closest_point_of`] with guards.
+    /// The closest point of a tree that may be placed in another space ([`PlacedQuery`]), with guards.
     pub(crate) fn closest_point_guarded(
         &self,
         query: &PlacedQuery,
         guards: Guards<'_, ClosestPoint>,
     ) -> Option<ClosestPoint> {
         if self.can_do_without(&guards) {
-            return self.closest_point_of(query);
+            return (self.queries.closest_point)(self.target(), query);
         }
         (self.queries.closest_point_guarded)(self.target(), query, guards)
     }
