@@ -1,22 +1,19 @@
 //! Point trees in files.
 
-use super::build::time_slices::{precise_time_slices, time_slices};
+use super::build::time_slices::{double_time_slices, time_slices};
+use super::layout::double_file::DoubleRecord;
+use super::layout::kd_file::KdRecord;
+use super::layout::kd_points::KdPoints;
 use super::layout::moving_file::MovingRecord;
-use super::layout::moving_tree::MovingTree;
-use super::layout::plane_file::PlaneRecord;
-use super::layout::plane_tree::PlaneTree;
 use super::layout::slice_tree::SliceTree;
 use super::layout::static_file::StaticRecord;
-use super::layout::static_tree::StaticTree;
 use super::leaf_order::segment_slice::{SegmentSlice, segments};
-use super::precise::{PreciseRecord, PreciseTree};
 use super::search::layers::Layer;
 use super::statistics::{PointLayerKind, PointLayerStatistics};
 use super::tree::PointTree;
 use crate::file::{self, Decoder, Encoder, FileError, FileKind, broken, require};
 use crate::limits::{MAX_KEYS, MAX_POINT_TIME_SLICES};
 use crate::simd::SimdLevel;
-use core::slice::from_ref;
 use glam::DVec3;
 use std::io::{Read, Write};
 use std::path::Path;
@@ -24,8 +21,8 @@ use std::path::Path;
 /// The numbers of layer kinds in files.
 const STATIC: u32 = 0;
 const MOVING: u32 = 1;
-const PLANES: u32 = 2;
-const PRECISE: u32 = 3;
+const KD: u32 = 2;
+const DOUBLE: u32 = 3;
 
 /// Why a layer is rejected whose trees have too few or too many points.
 const OTHER_POINTS: &str = "the number of points does not match its trees";
@@ -34,8 +31,8 @@ const OTHER_POINTS: &str = "the number of points does not match its trees";
 enum Trees {
     Static(StaticRecord),
     Moving(Vec<MovingRecord>),
-    Planes(Vec<PlaneRecord>),
-    Precise(Vec<PreciseRecord>),
+    Kd(Vec<KdRecord>),
+    Double(Vec<DoubleRecord>),
 }
 
 /// The contents of a file for a layer, not validated yet.
@@ -53,17 +50,9 @@ impl PointTree {
         file::write(sink, FileKind::Points, |to| {
             to.put(self.origin)?;
             to.put(self.len as u64)?;
-            to.put((self.layers.len() + self.precise.len()) as u32)?;
-            let (of_layers, of_precise) = self.statistics.layers.split_at(self.layers.len());
-            for (layer, statistics) in self.layers.iter().zip(of_layers) {
-                match layer {
-                    Layer::Static(tree) => encode_layer(to, STATIC, from_ref(tree), statistics, StaticTree::encode)?,
-                    Layer::Moving(trees) => encode_layer(to, MOVING, trees, statistics, MovingTree::encode)?,
-                    Layer::Planes(trees) => encode_layer(to, PLANES, trees, statistics, PlaneTree::encode)?,
-                }
-            }
-            for (layer, statistics) in self.precise.iter().zip(of_precise) {
-                encode_layer(to, PRECISE, &layer.trees, statistics, PreciseTree::encode)?;
+            to.put(self.layers.len() as u32)?;
+            for (layer, statistics) in self.layers.iter().zip(&self.statistics.layers) {
+                encode_layer(to, layer, statistics)?;
             }
             Ok(())
         })
@@ -139,8 +128,8 @@ impl PointTree {
         require(origin.is_finite(), "its origin is not finite")?;
         let all = layers.iter().try_fold(0u64, |sum, layer| sum.checked_add(layer.points));
         require(all == Some(len) && len < u64::from(u32::MAX), "the number of points does not match its layers")?;
-        let precise = layers.iter().filter(|layer| matches!(layer.trees, Trees::Precise(_))).count();
-        require(precise == 0 || precise == layers.len(), "it has points in f32 and in f64")?;
+        let in_double = layers.iter().filter(|layer| matches!(layer.trees, Trees::Double(_))).count();
+        require(in_double == 0 || in_double == layers.len(), "it has points in f32 and in f64")?;
         let mut tree = PointTree::without_layers(len as usize, origin, SimdLevel::best(), false);
         layers.into_iter().try_for_each(|layer| layer.checked(&mut tree))?;
         Ok(tree)
@@ -148,21 +137,22 @@ impl PointTree {
 }
 
 /// Writes a layer: a header, and its trees.
-fn encode_layer<'a, 'b, T>(
-    to: &'a mut Encoder<'b>,
-    number: u32,
-    trees: &[T],
-    statistics: &PointLayerStatistics,
-    encode: fn(&T, &mut Encoder<'b>) -> Result<(), FileError>,
-) -> Result<(), FileError> {
+fn encode_layer(to: &mut Encoder<'_>, layer: &Layer, statistics: &PointLayerStatistics) -> Result<(), FileError> {
+    let number = match layer {
+        Layer::Static(_) => STATIC,
+        Layer::Moving(_) => MOVING,
+        Layer::Kd(_) => KD,
+        Layer::Double(_) => DOUBLE,
+    };
     let per_segment = match statistics.kind {
         PointLayerKind::Linear { time_slices } => time_slices,
         PointLayerKind::Static | PointLayerKind::Kd => 1,
     };
+    let trees = layer.trees();
     to.put([number, statistics.keys as u32, per_segment as u32, trees.len() as u32])?;
     to.put(statistics.points as u64)?;
     to.array(statistics.why.as_bytes())?;
-    trees.iter().try_for_each(|tree| encode(tree, to))
+    trees.iter().try_for_each(|tree| tree.encode(to))
 }
 
 impl LayerRecord {
@@ -180,8 +170,8 @@ impl LayerRecord {
         let trees = match number {
             STATIC => Trees::Static(StaticRecord::decode(from)?),
             MOVING => Trees::Moving(all(from, trees, MovingRecord::decode)?),
-            PLANES => Trees::Planes(all(from, trees, PlaneRecord::decode)?),
-            PRECISE => Trees::Precise(all(from, trees, PreciseRecord::decode)?),
+            KD => Trees::Kd(all(from, trees, KdRecord::decode)?),
+            DOUBLE => Trees::Double(all(from, trees, DoubleRecord::decode)?),
             _ => return broken("it has an unknown structure"),
         };
         Ok(LayerRecord { keys: keys as usize, per_segment: per_segment as usize, points, why, trees })
@@ -192,12 +182,12 @@ impl LayerRecord {
         let LayerRecord { keys, per_segment, points, why, trees } = self;
         let points = points as usize;
         let Ok(why) = String::from_utf8(why) else { return broken("the reason of a layer is not valid UTF-8") };
-        let slices_of = if matches!(trees, Trees::Precise(_)) { precise_time_slices } else { time_slices };
+        let slices_of = if matches!(trees, Trees::Double(_)) { double_time_slices } else { time_slices };
         let slices = |trees: usize| checked_slices(slices_of, (keys, per_segment), trees);
         match trees {
             Trees::Static(record) => {
-                let (static_tree, count) = record.checked()?;
-                require(points == count, OTHER_POINTS)?;
+                let static_tree = record.checked()?;
+                require(points == static_tree.references, OTHER_POINTS)?;
                 tree.add(Layer::Static(static_tree), PointLayerKind::Static, points, why);
             }
             Trees::Moving(records) => {
@@ -205,20 +195,20 @@ impl LayerRecord {
                 require_points(points, &trees)?;
                 tree.add(Layer::Moving(trees), PointLayerKind::Linear { time_slices: per_segment }, points, why);
             }
-            Trees::Planes(records) => {
-                let trees = checked_trees(slices(records.len())?, records, PlaneRecord::checked)?;
-                require(points <= trees.iter().map(PlaneTree::references).sum(), OTHER_POINTS)?;
-                tree.add(Layer::Planes(trees), PointLayerKind::Kd, points, why);
+            Trees::Kd(records) => {
+                let trees = checked_trees(slices(records.len())?, records, KdRecord::checked)?;
+                require(points <= trees.iter().map(KdPoints::references).sum(), OTHER_POINTS)?;
+                tree.add(Layer::Kd(trees), PointLayerKind::Kd, points, why);
             }
-            Trees::Precise(records) => {
-                let moves = records.iter().any(PreciseRecord::moves);
+            Trees::Double(records) => {
+                let moves = records.iter().any(DoubleRecord::moves);
                 let kind =
                     if moves { PointLayerKind::Linear { time_slices: per_segment } } else { PointLayerKind::Static };
                 let origin = tree.origin;
-                let checked = |record: PreciseRecord, slice| record.checked(slice, origin);
+                let checked = |record: DoubleRecord, slice| record.checked(slice, origin);
                 let trees = checked_trees(slices(records.len())?, records, checked)?;
                 require_points(points, &trees)?;
-                tree.add_precise_layer(trees, kind, points, why);
+                tree.add(Layer::Double(trees), kind, points, why);
             }
         }
         Ok(())

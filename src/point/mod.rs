@@ -17,7 +17,6 @@
 // | `layout` | the trees in memory, and their views at a time |
 // | `search` | the searches, each written once for all trees |
 // | `build` | reading and checking a set, choosing a structure, building it |
-// | `precise` | the same for points in f64 |
 // | `params`, `error`, `neighbor` | what callers pass to a tree and get from it |
 // | `tree`, `statistics`, `rebuild`, `in_file` | `PointTree`: builds, statistics, rebuilds, files |
 // | `queries` | the queries of a tree, single and in batches |
@@ -33,7 +32,6 @@ mod leaf_order;
 mod lists;
 mod neighbor;
 mod params;
-mod precise;
 mod queries;
 mod rebuild;
 mod search;

@@ -2,9 +2,8 @@
 
 use super::build::source::Source;
 use super::error::PointError;
-use super::layout::static_tree::StaticTree;
+use super::layout::slice_tree::all_ids;
 use super::params::PointParams;
-use super::precise::PreciseTree;
 use super::search::layers::Layer;
 use super::statistics::PointLayerKind;
 use super::tree::{ALL_STATIC, PointTree, work_of};
@@ -48,7 +47,7 @@ impl PointTree {
         }
         params.validate()?;
         let source = Source::read(points, params.precision)?;
-        if source.is_precise() || !source.is_plain() || !self.has_ids_of(source.len) {
+        if source.is_double() || !source.is_plain() || !self.has_ids_of(source.len) {
             *self = PointTree::of(&source, params, &Progress::new(None))?;
             return Ok(false);
         }
@@ -90,18 +89,7 @@ impl PointTree {
     /// # Ok::<(), mbkd::PointError>(())
     /// ```
     pub fn ids(&self) -> impl Iterator<Item = u32> {
-        let of_layers = self.layers.iter().flat_map(|layer| {
-            let (at_rest, moving, planes) = match layer {
-                Layer::Static(tree) => (Some(tree), None, None),
-                Layer::Moving(trees) => (None, Some(trees), None),
-                Layer::Planes(trees) => (None, None, Some(trees)),
-            };
-            let moving = moving.into_iter().flatten().flat_map(|tree| tree.leaves.all_ids());
-            let planes = planes.into_iter().flatten().flat_map(|tree| tree.leaves.all_ids());
-            at_rest.into_iter().flat_map(StaticTree::all_ids).chain(moving).chain(planes)
-        });
-        let precise = self.precise.iter().flat_map(|layer| &layer.trees);
-        of_layers.chain(precise.flat_map(PreciseTree::all_ids))
+        self.layers.iter().flat_map(Layer::trees).flat_map(all_ids)
     }
 
     /// Hands out the order of the tree, in which points that are close in space are close together, and numbers the points by it:
@@ -122,29 +110,20 @@ impl PointTree {
     /// ```
     pub fn take_order(&mut self) -> Vec<u32> {
         let mut order = Vec::with_capacity(self.len());
-        if let [Layer::Static(tree)] = &mut self.layers[..] {
-            // Each point is in the tree once.
-            for id in tree.ids_mut() {
-                order.push(core::mem::replace(id, order.len() as u32));
-            }
-            return order;
-        }
-        let mut numbers = HashMap::with_capacity(self.len());
-        let mut renumber = |id: &mut u32| {
-            *id = *numbers.entry(*id).or_insert_with(|| {
-                order.push(*id);
-                order.len() as u32 - 1
-            });
-        };
-        for layer in &mut self.layers {
-            match layer {
-                Layer::Static(tree) => tree.ids_mut().for_each(&mut renumber),
-                Layer::Moving(trees) => trees.iter_mut().flat_map(|tree| tree.leaves.ids_mut()).for_each(&mut renumber),
-                Layer::Planes(trees) => trees.iter_mut().flat_map(|tree| tree.leaves.ids_mut()).for_each(&mut renumber),
+        // Each point is in the tree once.
+        let each_once = matches!(self.layers[..], [Layer::Static(_)]);
+        let mut numbers = HashMap::with_capacity(if each_once { 0 } else { self.len() });
+        for tree in self.layers.iter_mut().flat_map(Layer::trees_mut) {
+            for block in 0..tree.block_count() {
+                for id in tree.block_ids_mut(block).iter_mut().filter(|id| **id != u32::MAX) {
+                    let mut next = || {
+                        order.push(*id);
+                        order.len() as u32 - 1
+                    };
+                    *id = if each_once { next() } else { *numbers.entry(*id).or_insert_with(next) };
+                }
             }
         }
-        let precise = self.precise.iter_mut().flat_map(|layer| &mut layer.trees);
-        precise.flat_map(|tree| tree.ids_mut()).for_each(&mut renumber);
         order
     }
 }

@@ -1,6 +1,6 @@
 //! Statistics of a point tree: its layers, their sizes, and why they were chosen.
 
-use super::layout::slice_tree::SliceTree;
+use super::search::layers::Layer;
 use core::fmt;
 
 /// The structure of a layer.
@@ -40,16 +40,16 @@ pub struct PointLayerStatistics {
 }
 
 impl PointLayerStatistics {
-    /// Statistics of a layer that consists of one tree for each time slice.
-    pub(super) fn of_trees<T: SliceTree>(trees: &[T], kind: PointLayerKind, points: usize, why: String) -> Self {
+    pub(super) fn of(layer: &Layer, kind: PointLayerKind, points: usize, why: String) -> Self {
+        let trees = layer.trees();
         PointLayerStatistics {
             kind,
             points,
-            references: trees.iter().map(T::references).sum(),
-            nodes: trees.iter().map(T::node_count).sum(),
-            levels: trees.iter().map(T::levels).max().unwrap_or(0),
-            keys: trees.first().map_or(1, |tree| tree.time_slice().keys),
-            bytes: trees.iter().map(T::bytes).sum(),
+            references: trees.iter().map(|tree| tree.references()).sum(),
+            nodes: trees.iter().map(|tree| tree.node_count()).sum(),
+            levels: trees.iter().map(|tree| tree.levels()).max().unwrap_or(0),
+            keys: trees.first().map_or(1, |tree| tree.slice().keys),
+            bytes: trees.iter().map(|tree| tree.bytes()).sum(),
             why,
         }
     }

@@ -5,13 +5,11 @@ use super::build::layer_request::{ChosenLayer, LayerRequest};
 use super::build::partition::Partition;
 use super::build::source::{Input, Source};
 use super::build::static_apart::static_apart;
-use super::build::time_slices::{moving_layer, plane_layer, precise_time_slices};
+use super::build::time_slices::{double_layer, kd_layer, moving_layer, static_double_layer};
 use super::error::PointError;
-use super::layout::plane_tree::PlaneTree;
+use super::layout::kd_points::KdPoints;
 use super::layout::static_tree::StaticTree;
-use super::leaf_order::segment_slice::SegmentSlice;
 use super::params::{PointParams, PointStructure, Precision};
-use super::precise::{PreciseLayer, PreciseTree};
 use super::search::layers::{Layer, LayerView};
 use super::statistics::{PointLayerKind, PointLayerStatistics, PointStatistics};
 use crate::parallel;
@@ -46,9 +44,8 @@ use glam::DVec3;
 pub struct PointTree {
     pub(super) origin: DVec3,
     pub(super) simd: SimdLevel,
+    /// What it consists of: as a rule one layer, or one of static points and another.
     pub(super) layers: Vec<Layer>,
-    /// Layers of points in f64; if there are any, `layers` is empty.
-    pub(super) precise: Vec<PreciseLayer>,
     pub(super) statistics: PointStatistics,
     pub(super) len: usize,
     /// Whether it is certain that no two points have the same id.
@@ -152,7 +149,7 @@ impl PointTree {
     /// A tree without layers.
     pub(super) fn without_layers(len: usize, origin: DVec3, simd: SimdLevel, distinct: bool) -> PointTree {
         let statistics = PointStatistics::default();
-        PointTree { origin, simd, layers: Vec::new(), precise: Vec::new(), statistics, len, distinct }
+        PointTree { origin, simd, layers: Vec::new(), statistics, len, distinct }
     }
 
     /// Builds the tree of a static set that was read into rows.
@@ -173,8 +170,8 @@ impl PointTree {
         }
         let (len, origin) = (source.len, source.origin);
         let mut tree = PointTree::without_layers(len, origin, params.simd, source.ids_are_indices());
-        if source.is_precise() {
-            tree.add_precise(source, params, progress)?;
+        if source.is_double() {
+            tree.add_double(source, params, progress)?;
             return Ok(tree);
         }
         let partition = Partition::of(source);
@@ -192,7 +189,7 @@ impl PointTree {
         }
         let moving = if separate { partition.moving_points() } else { (0..len as u32).collect() };
         if params.structure == PointStructure::Kd {
-            let layer = plane_layer(source, &moving, params.max_references, progress);
+            let layer = kd_layer(source, &moving, params.max_references, progress);
             tree.add(layer, PointLayerKind::Kd, len, "as requested".into());
         } else if let Some(time_slices) = params.structure.requested_slices() {
             let layer = moving_layer(source, &moving, time_slices, progress);
@@ -208,7 +205,7 @@ impl PointTree {
     }
 
     /// Adds layers of points in f64: static ones, and moving ones.
-    fn add_precise(&mut self, source: &Source, params: &PointParams, progress: &Progress) -> Result<(), PointError> {
+    fn add_double(&mut self, source: &Source, params: &PointParams, progress: &Progress) -> Result<(), PointError> {
         if params.structure == PointStructure::Kd {
             let expected = "one without planes where positions are kept in f64 (or ask for `Precision::Single`)";
             return Err(PointError::Parameter { name: "structure", expected });
@@ -228,82 +225,51 @@ impl PointTree {
         let separate = count == len || count as f64 >= MIN_STATIC_SHARE * len as f64 && requested.is_none();
         if separate {
             let progress = progress.rest(count as f64 / len as f64);
-            let numbers = partition.static_points().map(|point| point as u32).collect();
-            let tree = PreciseTree::build(source, SegmentSlice::AT_REST, numbers, false, &progress);
+            let layer = static_double_layer(source, partition.static_points(), &progress);
             let why = if count == len { ALL_STATIC.to_string() } else { partition.why() };
-            self.add_precise_layer(vec![tree], PointLayerKind::Static, count, format!("{why}; positions in f64"));
+            self.add(layer, PointLayerKind::Static, count, format!("{why}; positions in f64"));
         }
         if count < len {
             let moving = if separate { partition.moving_points() } else { (0..len as u32).collect() };
-            let slices = precise_time_slices(source.keys, time_slices);
-            let progress = progress.in_units(slices.len());
-            let tree = |slice: SegmentSlice| {
-                let points = if progress.cancelled() { Vec::new() } else { moving.clone() };
-                PreciseTree::build(source, slice, points, true, &progress.subtask(1.0))
-            };
-            let kind = PointLayerKind::Linear { time_slices };
-            self.add_precise_layer(slices.into_iter().map(tree).collect(), kind, moving.len(), why);
+            let layer = double_layer(source, &moving, time_slices, progress);
+            self.add(layer, PointLayerKind::Linear { time_slices }, moving.len(), why);
         }
         Ok(())
     }
 
-    pub(super) fn add_precise_layer(
-        &mut self,
-        trees: Vec<PreciseTree>,
-        kind: PointLayerKind,
-        points: usize,
-        why: String,
-    ) {
-        self.statistics.layers.push(PointLayerStatistics::of_trees(&trees, kind, points, why));
-        self.precise.push(PreciseLayer { trees });
-    }
-
     pub(super) fn add(&mut self, layer: Layer, kind: PointLayerKind, points: usize, why: String) {
-        self.statistics.layers.push(match &layer {
-            Layer::Static(tree) => PointLayerStatistics {
-                kind,
-                points,
-                references: points,
-                nodes: tree.shape.nodes(),
-                levels: tree.shape.levels,
-                keys: 1,
-                bytes: tree.bytes(),
-                why,
-            },
-            Layer::Moving(trees) => PointLayerStatistics::of_trees(trees, kind, points, why),
-            Layer::Planes(trees) => PointLayerStatistics::of_trees(trees, kind, points, why),
-        });
+        self.statistics.layers.push(PointLayerStatistics::of(&layer, kind, points, why));
         self.layers.push(layer);
     }
 
     /// The tree with moving boxes in place of k-d trees between two times; `None` if it has no k-d trees.
     pub(super) fn box_tree(&self, [begin, end]: [f32; 2]) -> Option<PointTree> {
-        let between = |tree: &&PlaneTree| {
+        let between = |tree: &&KdPoints| {
             let interval = tree.slice.interval;
             interval.begin() <= end && begin <= interval.end()
         };
         self.replaced(|layer| match layer {
-            Layer::Planes(trees) => Layer::Moving(trees.iter().filter(between).map(PlaneTree::box_tree).collect()),
+            Layer::Kd(trees) => Layer::Moving(trees.iter().filter(between).map(KdPoints::box_tree).collect()),
             _ => layer.clone(),
         })
     }
 
     /// The tree with static boxes in place of k-d trees at a time; `None` if it has no k-d trees.
     pub(super) fn box_tree_at(&self, time: f32) -> Option<PointTree> {
-        self.replaced(|layer| match layer.at(time) {
-            LayerView::Planes(view) => Layer::Static(view.tree.static_tree_at(time)),
+        self.replaced(|layer| match layer.at(DVec3::ZERO, time) {
+            LayerView::Kd(view) => Layer::Static(view.tree.static_tree_at(time)),
             _ => layer.clone(),
         })
     }
 
     /// The tree with its k-d trees replaced; `None` if it has none.
     fn replaced(&self, replacement: impl Fn(&Layer) -> Layer) -> Option<PointTree> {
-        if !self.layers.iter().any(|layer| matches!(layer, Layer::Planes(_))) {
+        if !self.layers.iter().any(|layer| matches!(layer, Layer::Kd(_))) {
             return None;
         }
         let layers = self.layers.iter().map(replacement).collect();
-        // Points in f64 are in no k-d trees. The trees of boxes have each point once, as this one does.
-        Some(PointTree { layers, precise: Vec::new(), statistics: self.statistics.clone(), ..*self })
+        // The trees of boxes have each point once, as this one does.
+        Some(PointTree { layers, statistics: self.statistics.clone(), ..*self })
     }
 
     /// The numbers that positions are kept in: [`Precision::Single`] or [`Precision::Double`], of an empty tree the former.
@@ -315,7 +281,18 @@ impl PointTree {
     /// # Ok::<(), mbkd::PointError>(())
     /// ```
     pub fn precision(&self) -> Precision {
-        if self.precise.is_empty() { Precision::Single } else { Precision::Double }
+        if self.is_double() { Precision::Double } else { Precision::Single }
+    }
+
+    /// Whether positions are kept in f64.
+    #[inline(always)]
+    pub(super) fn is_double(&self) -> bool {
+        matches!(self.layers[..], [Layer::Double(_), ..])
+    }
+
+    /// What the positions in its layers are relative to.
+    pub(super) fn origin_of_positions(&self) -> DVec3 {
+        if self.is_double() { DVec3::ZERO } else { self.origin }
     }
 
     /// The largest number of keys of a layer, at least 1.

@@ -43,7 +43,7 @@ fn approaches_are_those_of_the_nearest_image_of_the_path() {
                 .collect(),
         };
         let structure = [PointStructure::Automatic, PointStructure::Linear, PointStructure::Kd][seed as usize / 2 % 3];
-        // Planes are for f32.
+        // Kd are for f32.
         let double = structure != PointStructure::Kd && seed / 4 % 2 == 1;
         let precision = if double { Precision::Double } else { Precision::Single };
         let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();

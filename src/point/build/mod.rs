@@ -3,7 +3,9 @@
 mod active_trees;
 pub(super) mod automatic;
 mod cost;
+mod double_tree;
 mod excess;
+mod fill_double_leaves;
 pub(super) mod layer_request;
 mod own_trees;
 mod partial_layer;

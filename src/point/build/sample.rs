@@ -65,8 +65,8 @@ impl Sample {
 
     /// A point in the middle of the time slice, and its displacement between the keys.
     pub(in crate::point) fn displaced(&self, number: usize) -> Displaced {
-        let (m, wide) = (&self.references[number], |x: [f32; 3]| DVec3::from_array(x.map(f64::from)));
-        Displaced { at: wide(m.position(self.slice.middle_phase())), by: wide(m.close) - wide(m.open) }
+        let (m, double) = (&self.references[number], |x: [f32; 3]| DVec3::from_array(x.map(f64::from)));
+        Displaced { at: double(m.position(self.slice.middle_phase())), by: double(m.close) - double(m.open) }
     }
 
     /// Its leaves, if fast points are marked.

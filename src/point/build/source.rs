@@ -30,7 +30,7 @@ pub(in crate::point) struct Source {
     /// an order that is random in memory. Empty if all points are static and need f64: then no structure is to be chosen.
     positions: Vec<[f32; 3]>,
     /// The same in f64, as they were given; empty where f32 is enough.
-    exact: Vec<DVec3>,
+    double: Vec<DVec3>,
     /// Active intervals; empty if all points exist throughout the shutter.
     active: Vec<TimeInterval>,
     /// Ids; empty where they are the indices.
@@ -52,20 +52,20 @@ impl Source {
         precision: Precision,
     ) -> Result<Source, PointError> {
         let plain = !not_plain && is_plain(points, len);
-        let (origin, precise) = if P::WIDE { origin_of(points, len, keys)? } else { (DVec3::ZERO, false) };
+        let (origin, needs_double) = if P::WIDE { origin_of(points, len, keys)? } else { (DVec3::ZERO, false) };
         let reader = Reader::new(points, keys, origin);
-        let (mut positions, mut exact) = (Vec::new(), Vec::new());
+        let (mut positions, mut double) = (Vec::new(), Vec::new());
         // Keys that a straight motion does not need are dropped before anything is copied: what is copied is small.
-        let precise = match precision {
-            Precision::Automatic => precise,
+        let in_double = match precision {
+            Precision::Automatic => needs_double,
             Precision::Single => false,
             Precision::Double => true,
         };
-        let keys = if precise {
+        let keys = if in_double {
             let keys = kept_of(len, keys, DOUBLE, |point, key| points.position(point, key).to_array());
-            exact = reader.copy(len, keys, |point, key| reader.read_exact(point, key));
+            double = reader.copy(len, keys, |point, key| reader.read_double(point, key));
             if keys > 1 || !plain {
-                positions = exact.iter().map(|at| (*at - origin).as_vec3().to_array()).collect();
+                positions = double.iter().map(|at| (*at - origin).as_vec3().to_array()).collect();
             }
             keys
         } else {
@@ -96,13 +96,13 @@ impl Source {
                 *to = id;
             }
         }
-        Ok(Source { len, keys, origin, positions, exact, active, ids })
+        Ok(Source { len, keys, origin, positions, double, active, ids })
     }
 
     /// Static points that are kept in f64, whatever they are; their positions are in order.
-    pub(in crate::point) fn of_static_in_f64(exact: Vec<DVec3>, origin: DVec3) -> Source {
-        let (len, positions, active, ids) = (exact.len(), Vec::new(), Vec::new(), Vec::new());
-        Source { len, keys: 1, origin, positions, exact, active, ids }
+    pub(in crate::point) fn of_static_in_f64(double: Vec<DVec3>, origin: DVec3) -> Source {
+        let (len, positions, active, ids) = (double.len(), Vec::new(), Vec::new(), Vec::new());
+        Source { len, keys: 1, origin, positions, double, active, ids }
     }
 
     /// Position of a point at a key as the trees hold it.
@@ -153,21 +153,21 @@ impl Source {
 
     /// Position of a point at a key as it was given, in sets that need f64.
     #[inline(always)]
-    pub(in crate::point) fn exact(&self, point: usize, key: usize) -> DVec3 {
-        self.exact[point * self.keys + key]
+    pub(in crate::point) fn double(&self, point: usize, key: usize) -> DVec3 {
+        self.double[point * self.keys + key]
     }
 
-    /// Prefetches what [`Source::exact`] reads at a key and the next; a hint.
+    /// Prefetches what [`Source::double`] reads at a key and the next; a hint.
     #[inline(always)]
-    pub(in crate::point) fn prefetch_exact(&self, point: usize, key: usize) {
-        if let Some(at) = self.exact.get(point * self.keys + key..) {
+    pub(in crate::point) fn prefetch_double(&self, point: usize, key: usize) {
+        if let Some(at) = self.double.get(point * self.keys + key..) {
             at.iter().take(2).for_each(|at| prefetch(&at.z));
         }
     }
 
     /// Whether the set needs f64.
-    pub(in crate::point) fn is_precise(&self) -> bool {
-        !self.exact.is_empty()
+    pub(in crate::point) fn is_double(&self) -> bool {
+        !self.double.is_empty()
     }
 
     /// The active interval of a point.
@@ -191,9 +191,9 @@ impl Source {
         if self.active(point) != TimeInterval::FULL {
             return false;
         }
-        if self.is_precise() {
-            let first = self.exact(point, 0);
-            return (1..self.keys).all(|key| self.exact(point, key) == first);
+        if self.is_double() {
+            let first = self.double(point, 0);
+            return (1..self.keys).all(|key| self.double(point, key) == first);
         }
         let all = &self.positions[point * self.keys..][..self.keys];
         all.iter().all(|at| *at == all[0])
@@ -202,7 +202,7 @@ impl Source {
     /// Which points are static.
     pub(in crate::point) fn static_points(&self) -> Vec<bool> {
         // The most common case, in a loop without branches.
-        if self.keys == 2 && self.all_persist() && !self.is_precise() {
+        if self.keys == 2 && self.all_persist() && !self.is_double() {
             let (pairs, _) = self.positions.as_chunks();
             return pairs.iter().map(|[[a, b, c], [d, e, f]]| (a == d) & (b == e) & (c == f)).collect();
         }
@@ -353,7 +353,7 @@ impl<'a, P: PointSet + ?Sized> Reader<'a, P> {
 
     /// A position as it is given.
     #[inline(always)]
-    fn read_exact(&self, point: usize, key: usize) -> DVec3 {
+    fn read_double(&self, point: usize, key: usize) -> DVec3 {
         let at = self.points.position(point, key);
         self.note(at, point, key);
         at

@@ -3,8 +3,9 @@
 use super::slice_points::{SlicePoints, points_of_slice, points_of_slices};
 use super::source::Source;
 use crate::geometry::{KeyTime, TimeInterval};
+use crate::point::layout::double_tree::DoubleTree;
+use crate::point::layout::kd_points::KdPoints;
 use crate::point::layout::moving_tree::{MovingTree, Placed, WithoutFast};
-use crate::point::layout::plane_tree::PlaneTree;
 use crate::point::leaf_order::segment_slice::{SegmentSlice, exact_phase, segments};
 use crate::point::search::layers::Layer;
 use crate::progress::Progress;
@@ -22,7 +23,7 @@ pub(in crate::point) fn time_slices(keys: usize, per_segment: usize) -> Vec<Segm
 }
 
 /// The same for points in f64, whose positions at a time are exact: no slice contains a time before its segment or after it.
-pub(in crate::point) fn precise_time_slices(keys: usize, per_segment: usize) -> Vec<SegmentSlice> {
+pub(in crate::point) fn double_time_slices(keys: usize, per_segment: usize) -> Vec<SegmentSlice> {
     let of = |segment| slices_between(segment, keys, per_segment, KeyTime::not_before);
     (0..segments(keys)).flat_map(of).collect()
 }
@@ -123,16 +124,42 @@ pub(in crate::point) fn moving_layer(
     Layer::Moving(slices.iter().zip(existing).map(tree).collect())
 }
 
+/// Builds a layer of some of the points in f64, as [`moving_layer`].
+pub(in crate::point) fn double_layer(
+    source: &Source,
+    points: &[u32],
+    per_segment: usize,
+    progress: &Progress,
+) -> Layer {
+    let slices = double_time_slices(source.keys, per_segment);
+    let progress = progress.in_units(slices.len());
+    let tree = |slice: SegmentSlice| {
+        let points = if progress.cancelled() { Vec::new() } else { points.to_vec() };
+        DoubleTree::build(source, slice, points, true, &progress.subtask(1.0))
+    };
+    Layer::Double(slices.into_iter().map(tree).collect())
+}
+
+/// Builds a layer of points in f64 that are static.
+pub(in crate::point) fn static_double_layer(
+    source: &Source,
+    points: impl Iterator<Item = usize>,
+    progress: &Progress,
+) -> Layer {
+    let points = points.map(|point| point as u32).collect();
+    Layer::Double(vec![DoubleTree::build(source, SegmentSlice::AT_REST, points, false, progress)])
+}
+
 /// Builds a layer of some of the points: one k-d tree for each segment, with at most `most` references for each point.
-pub(in crate::point) fn plane_layer(source: &Source, points: &[u32], most: f32, progress: &Progress) -> Layer {
+pub(in crate::point) fn kd_layer(source: &Source, points: &[u32], most: f32, progress: &Progress) -> Layer {
     let slices = time_slices(source.keys, 1);
     let progress = progress.in_units(slices.len());
     let tree = |slice: &SegmentSlice| {
         let points = if progress.cancelled() { &[] } else { points };
         let references = source.references(slice, points.iter().map(|&i| i as usize), |i| source.id(i));
-        PlaneTree::build(&references, *slice, most, &progress.subtask(1.0))
+        KdPoints::build(&references, *slice, most, &progress.subtask(1.0))
     };
-    Layer::Planes(slices.iter().map(tree).collect())
+    Layer::Kd(slices.iter().map(tree).collect())
 }
 
 #[cfg(test)]

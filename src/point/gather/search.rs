@@ -11,11 +11,11 @@ use super::stamped::{Scale, StampedView};
 use crate::point::layout::view::LeafView;
 use crate::point::neighbor::Neighbor;
 use crate::point::queries::buffer::NeighborBuffer;
-use crate::point::queries::compiled::{PreparedQuery, append};
+use crate::point::queries::compiled::append;
 use crate::point::search::candidates::Candidates;
 use crate::point::search::counted_search::walk_counted;
 use crate::point::search::k_nearest::KNearest;
-use crate::point::search::layers::QueriedLayers;
+use crate::point::search::layers::SingleLayers;
 use crate::point::search::radius::within;
 use crate::point::search::sinks::Gather;
 use crate::point::search::sort::{all_in_order, nearest_in_order};
@@ -85,9 +85,9 @@ impl<K: Keep, const METRIC: bool> PhotonSearch<'_, K, METRIC> {
         candidates.count = 0;
         dispatch(self.index.simd, Within { search: self, bound, candidates });
         if let Some(tree) = self.others() {
-            let (point, exact, time) = (self.point, self.point.as_dvec3(), self.time);
+            let layers = SingleLayers { layers: &tree.layers, point: self.point, time: self.time };
             let kept = |slots: &_, mask| self.keep.kept(slots, mask);
-            append(&PreparedQuery { tree, point, exact, time, bound, shrink: 1.0, keep: KeepLanes(&kept) }, candidates);
+            append(self.index.simd, layers, bound, KeepLanes(&kept), candidates);
         }
     }
 
@@ -136,7 +136,7 @@ impl<K: Keep, const METRIC: bool> Kernel for Nearest<'_, '_, K, METRIC> {
                 // Compiled for searches with any filter.
                 let kept = |slots: &_, mask| of.keep.kept(slots, mask);
                 search.with_filter(&KeepLanes(&kept), &mut NeighborWork::default(), |search| {
-                    let layers = QueriedLayers { layers: &tree.layers, point: of.point, time: of.time };
+                    let layers = SingleLayers { layers: &tree.layers, point: of.point, time: of.time };
                     walk_counted(of.index.simd, layers, search);
                 });
             }

@@ -180,14 +180,14 @@ impl<S: Simd> OwnRangesFit<S> {
     pub(in crate::point) fn below(&self, s: S, at_begin: Row<S>, at_end: Row<S>) -> Face {
         let rise = sum(s, at_end, at_begin);
         let slope = (if self.duration > 0.0 { rise / self.duration } else { 0.0 }) as f32;
-        let wide = f64::from(slope);
-        let (by, mut all) = (s.splat_d(wide), at_begin);
+        let double = f64::from(slope);
+        let (by, mut all) = (s.splat_d(double), at_begin);
         for four in 0..VECTORS {
             let begin = at_begin[four] - by * self.begins[four];
             all[four] = s.min_d(begin, at_end[four] - by * self.ends[four]);
         }
         let least = least(s, all);
-        let error = UNIT * (least.abs() + 2.0 * wide.abs()) + TINY;
+        let error = UNIT * (least.abs() + 2.0 * double.abs()) + TINY;
         Face { at_zero: rounded_down(least - error * self.pad), slope }
     }
 }
@@ -213,11 +213,11 @@ mod tests {
     #[test]
     fn numbers_are_rounded_down() {
         for near in [0.0, -0.0, 1.0, -1.0, 1.5e-45, -1.5e-45, f32::MIN_POSITIVE, -3e38, 3e38, 2.0, f32::MAX] {
-            let wide = f64::from(near);
-            assert_eq!(rounded_down(wide), near);
-            let below = wide - (wide.abs() * 1e-12).max(1e-60);
+            let double = f64::from(near);
+            assert_eq!(rounded_down(double), near);
+            let below = double - (double.abs() * 1e-12).max(1e-60);
             assert_eq!(rounded_down(below), near.next_down());
-            let above = wide + (wide.abs() * 1e-12).max(1e-60);
+            let above = double + (double.abs() * 1e-12).max(1e-60);
             assert_eq!(rounded_down(above), near);
         }
     }

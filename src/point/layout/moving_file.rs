@@ -68,18 +68,8 @@ pub(in crate::point) struct MovingRecord {
     leaves: MovingLeaves,
 }
 
-impl MovingTree {
-    /// Writes everything except the time slice.
-    pub(in crate::point) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
-        to.put(self.references as u64)?;
-        to.array(&self.nodes)?;
-        to.array(&self.node_times)?;
-        self.leaves.encode(to)
-    }
-}
-
 impl MovingRecord {
-    /// Reads a tree that [`MovingTree::encode`] wrote.
+    /// Reads a tree that `MovingTree` wrote.
     pub(in crate::point) fn decode(from: &mut Decoder<'_>) -> Result<MovingRecord, FileError> {
         let (count, nodes, node_times) = (from.get()?, from.array()?, from.array()?);
         Ok(MovingRecord { count, nodes, node_times, leaves: MovingLeaves::decode(from)? })
@@ -89,7 +79,7 @@ impl MovingRecord {
     pub(in crate::point) fn checked(self, slice: SegmentSlice) -> Result<MovingTree, FileError> {
         let MovingRecord { count, nodes, node_times, leaves } = self;
         let blocks = leaves.blocks.len();
-        require(leaves.all_ids().count() as u64 == count, "the number of leaves does not match its points")?;
+        require(leaves.references() as u64 == count, "the number of leaves does not match its points")?;
         // Lanes may be empty where fast points were left out.
         let (count, shape) = (count as usize, Shape::with_leaf(blocks * LANES, 1));
         let timed = !node_times.is_empty();

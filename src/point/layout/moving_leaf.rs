@@ -97,14 +97,9 @@ impl MovingLeaves {
         &self.blocks[block].id
     }
 
-    /// The ids of all points, block after block.
-    pub(in crate::point) fn ids_mut(&mut self) -> impl Iterator<Item = &mut u32> {
-        self.blocks.iter_mut().flat_map(|block| &mut block.id).filter(|id| **id != u32::MAX)
-    }
-
-    /// The same to read.
-    pub(in crate::point) fn all_ids(&self) -> impl Iterator<Item = u32> {
-        self.blocks.iter().flat_map(|block| block.id).filter(|&id| id != u32::MAX)
+    /// Number of references.
+    pub(in crate::point) fn references(&self) -> usize {
+        self.blocks.iter().flat_map(|block| block.id).filter(|&id| id != u32::MAX).count()
     }
 
     /// Prefetches a block that will probably be tested soon.

@@ -12,6 +12,7 @@ use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath, throughout};
 use super::shape::Shape;
 use super::slice_tree::SliceTree;
 use super::view::{CoordinateView, Target, View, diagonal, outside, rows};
+use crate::file::{Encoder, FileError};
 use crate::point::leaf_order::moving_reference::{MovingReference, References, take_positions};
 use crate::point::leaf_order::order::{Displacements, ORDERING, order_rows};
 use crate::point::leaf_order::point_rows::{NO_POINT, PointRows};
@@ -155,8 +156,9 @@ pub(in crate::point) fn first_children(shape: &Shape) -> Vec<u32> {
 }
 
 impl SliceTree for MovingTree {
-    fn time_slice(&self) -> &SegmentSlice {
-        &self.slice
+    #[inline(always)]
+    fn slice(&self) -> SegmentSlice {
+        self.slice
     }
     fn references(&self) -> usize {
         self.references
@@ -172,6 +174,21 @@ impl SliceTree for MovingTree {
             + self.leaves.bytes()
             + self.node_times.capacity() * size_of::<LaneIntervals>()
             + self.first.capacity() * size_of::<u32>()
+    }
+    fn block_count(&self) -> usize {
+        self.leaves.blocks.len()
+    }
+    fn block_ids(&self, block: usize) -> &Lanes<u32> {
+        self.leaves.ids(block)
+    }
+    fn block_ids_mut(&mut self, block: usize) -> &mut Lanes<u32> {
+        &mut self.leaves.blocks[block].id
+    }
+    fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
+        to.put(self.references as u64)?;
+        to.array(&self.nodes)?;
+        to.array(&self.node_times)?;
+        self.leaves.encode(to)
     }
 }
 
@@ -251,9 +268,6 @@ impl<const TIMED: bool> CoordinateView for MovingView<'_, TIMED> {
 }
 
 impl BoxTree for MovingTree {
-    fn slice(&self) -> SegmentSlice {
-        self.slice
-    }
     fn root_node(&self) -> (usize, usize) {
         (self.levels - 1, self.nodes.len() - 1)
     }
@@ -281,9 +295,6 @@ impl BoxTree for MovingTree {
 
 impl BlockTree for MovingTree {
     type Coordinate = f32;
-    fn block_count(&self) -> usize {
-        self.leaves.blocks.len()
-    }
     #[inline(always)]
     fn rows(&self, block: usize) -> PathRows<f32> {
         self.leaves.path_rows(block)

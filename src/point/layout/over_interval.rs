@@ -1,8 +1,8 @@
 //! The interface between trees and searches over a range of times.
 
+use super::slice_tree::SliceTree;
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::parallel;
-use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::simd::{LANES, Lanes};
 use core::ops::Range;
 use glam::{DVec3, Vec3};
@@ -67,8 +67,6 @@ impl<C: Copy + Into<f64>> PathRows<C> {
 pub(in crate::point) trait BlockTree: BoxTree + Sync {
     /// The numbers that positions are kept in.
     type Coordinate: Copy + Into<f64>;
-    /// Number of blocks.
-    fn block_count(&self) -> usize;
     /// The points of a block.
     fn rows(&self, block: usize) -> PathRows<Self::Coordinate>;
     /// Whether some points do not exist throughout the shutter.
@@ -111,9 +109,7 @@ pub(in crate::point) trait BlockTree: BoxTree + Sync {
 }
 
 /// A tree whose boxes can be evaluated over a range of times.
-pub(in crate::point) trait BoxTree {
-    /// The time slice that the tree covers.
-    fn slice(&self) -> SegmentSlice;
+pub(in crate::point) trait BoxTree: SliceTree {
     /// Level and number of the root.
     fn root_node(&self) -> (usize, usize);
     /// The node, or block on level 0, of lane 0, and the stride from lane to lane.

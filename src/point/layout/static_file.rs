@@ -3,7 +3,7 @@
 use super::boxes::Boxes;
 use super::shape::Shape;
 use super::static_tree::{LastOrder, StaticTree};
-use crate::file::{Decoder, Encoder, FileError, Record, record_fields, require};
+use crate::file::{Decoder, FileError, Record, record_fields, require};
 use crate::limits::{MAX_LEVELS, MAX_POINT_COORDINATE};
 use crate::parallel;
 use crate::simd::{LANES, Lanes, PointBlock};
@@ -36,26 +36,15 @@ pub(in crate::point) struct StaticRecord {
     blocks: Vec<PointBlock>,
 }
 
-impl StaticTree {
-    /// Writes everything.
-    pub(in crate::point) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
-        to.put(self.all_ids().count() as u64)?;
-        let ordered = self.ordered.iter().flat_map(|ordered| [ordered.excess].into_iter().chain(ordered.sizes));
-        to.array(&ordered.collect::<Vec<f64>>())?;
-        to.array(&self.nodes)?;
-        to.array(&self.blocks)
-    }
-}
-
 impl StaticRecord {
-    /// Reads a tree that [`StaticTree::encode`] wrote.
+    /// Reads a tree that `StaticTree` wrote.
     pub(in crate::point) fn decode(from: &mut Decoder<'_>) -> Result<StaticRecord, FileError> {
         let (count, ordered) = (from.get()?, from.array()?);
         Ok(StaticRecord { count, ordered, nodes: from.array()?, blocks: from.array()? })
     }
 
-    /// The tree and the number of its points, or an error if searches cannot traverse it.
-    pub(in crate::point) fn checked(self) -> Result<(StaticTree, usize), FileError> {
+    /// The tree, or an error if searches cannot traverse it.
+    pub(in crate::point) fn checked(self) -> Result<StaticTree, FileError> {
         let StaticRecord { count, ordered, nodes, blocks } = self;
         require(count <= (blocks.len() * LANES) as u64, "it has more points than leaves could hold")?;
         let count = count as usize;
@@ -76,7 +65,7 @@ impl StaticRecord {
                 Some(Box::new(LastOrder { sizes: core::array::from_fn(|level| sizes[level]), excess }))
             }
         };
-        Ok((StaticTree { nodes, blocks, shape, ordered }, count))
+        Ok(StaticTree { nodes, blocks, shape, references: count, ordered })
     }
 }
 

@@ -9,7 +9,9 @@ use super::boxes::Boxes;
 use super::fill_leaves::{BottomNodes, BottomPoints, fill};
 use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath, throughout};
 use super::shape::Shape;
+use super::slice_tree::SliceTree;
 use super::view::{CoordinateView, LeafView, Target, View, diagonal, outside, rows, squared};
+use crate::file::{Encoder, FileError};
 use crate::geometry::TimeInterval;
 use crate::limits::MAX_LEVELS;
 use crate::point::leaf_order::bottom_order::{MOST, Rows};
@@ -28,6 +30,7 @@ pub(in crate::point) struct StaticTree {
     /// As many as all bottom nodes have lanes for.
     pub(in crate::point) blocks: Vec<PointBlock>,
     pub(in crate::point) shape: Shape,
+    pub(in crate::point) references: usize,
     /// What is known of the time when the points were put in order; nothing if that was for this tree.
     pub(in crate::point) ordered: Option<Box<LastOrder>>,
 }
@@ -94,7 +97,7 @@ impl StaticTree {
         progress: &Progress,
     ) -> StaticTree {
         let nodes = huge_vec_of(Boxes::NONE, shape.nodes());
-        let mut tree = StaticTree { nodes, blocks, shape, ordered: None };
+        let mut tree = StaticTree { nodes, blocks, shape, references: count, ordered: None };
         let (nodes, blocks) = (&mut tree.nodes[..shape.begin[1]], &mut tree.blocks[..]);
         let bottoms = BottomNodes { first: 0, count, nodes, blocks, leaf_blocks: shape.leaf_blocks };
         fill(bottoms, points, &progress.in_units(count));
@@ -157,20 +160,39 @@ impl StaticTree {
         }
         sizes
     }
+}
 
-    /// The ids of all points in the order of the tree.
-    pub(in crate::point) fn ids_mut(&mut self) -> impl Iterator<Item = &mut u32> {
-        self.blocks.iter_mut().flat_map(|block| &mut block.id).filter(|id| **id != u32::MAX)
+impl SliceTree for StaticTree {
+    fn slice(&self) -> SegmentSlice {
+        SegmentSlice::AT_REST
     }
-
-    /// The same to read.
-    pub(in crate::point) fn all_ids(&self) -> impl Iterator<Item = u32> {
-        self.blocks.iter().flat_map(|block| block.id).filter(|&id| id != u32::MAX)
+    fn references(&self) -> usize {
+        self.references
     }
-
-    /// Bytes allocated.
-    pub(in crate::point) fn bytes(&self) -> usize {
+    fn node_count(&self) -> usize {
+        self.nodes.len()
+    }
+    fn levels(&self) -> usize {
+        self.shape.levels
+    }
+    fn bytes(&self) -> usize {
         self.nodes.capacity() * size_of::<Boxes>() + self.blocks.capacity() * size_of::<PointBlock>()
+    }
+    fn block_count(&self) -> usize {
+        self.blocks.len()
+    }
+    fn block_ids(&self, block: usize) -> &Lanes<u32> {
+        &self.blocks[block].id
+    }
+    fn block_ids_mut(&mut self, block: usize) -> &mut Lanes<u32> {
+        &mut self.blocks[block].id
+    }
+    fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
+        to.put(self.references as u64)?;
+        let ordered = self.ordered.iter().flat_map(|ordered| [ordered.excess].into_iter().chain(ordered.sizes));
+        to.array(&ordered.collect::<Vec<f64>>())?;
+        to.array(&self.nodes)?;
+        to.array(&self.blocks)
     }
 }
 
@@ -298,9 +320,6 @@ impl CoordinateView for &StaticTree {
 }
 
 impl BoxTree for StaticTree {
-    fn slice(&self) -> SegmentSlice {
-        SegmentSlice::AT_REST
-    }
     fn root_node(&self) -> (usize, usize) {
         View::root(&self)
     }
@@ -337,9 +356,6 @@ impl BoxTree for StaticTree {
 
 impl BlockTree for StaticTree {
     type Coordinate = f32;
-    fn block_count(&self) -> usize {
-        self.blocks.len()
-    }
     #[inline(always)]
     fn rows(&self, block: usize) -> PathRows<f32> {
         let block = &self.blocks[block];

@@ -85,7 +85,7 @@ pub(in crate::point) trait CoordinateView: View {
     fn positions<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> [S::F; 3];
     /// The positions in f64, where the others are rounded; the first coordinate is infinite if there is no point at this time.
     #[inline(always)]
-    fn exact_positions<S: Simd>(&self, _s: S, _block: usize) -> Option<ExactRows> {
+    fn double_positions<S: Simd>(&self, _s: S, _block: usize) -> Option<DoubleRows> {
         None
     }
     /// Lanes with a child at this time.
@@ -99,7 +99,7 @@ pub(in crate::point) trait CoordinateView: View {
 /// Coordinates of sixteen points in f64, in rows.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
-pub(in crate::point) struct ExactRows(pub(in crate::point) [Lanes<f64>; 3]);
+pub(in crate::point) struct DoubleRows(pub(in crate::point) [Lanes<f64>; 3]);
 
 /// The squared length of `(x, y, z)`, in the one order of operations that all answers share.
 #[inline(always)]

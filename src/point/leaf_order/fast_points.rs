@@ -248,6 +248,7 @@ mod tests {
     use super::*;
     use crate::geometry::TimeInterval;
     use crate::point::layout::moving_tree::{MovingTree, Placed, WithoutFast};
+    use crate::point::layout::slice_tree::all_ids;
     use crate::random::Random;
 
     /// A tree without fast references, the numbers of those, and the numbers of what is in the tree, in ascending order.
@@ -255,8 +256,8 @@ mod tests {
         let leaf_size = Some(Fast::of(references, slice, slice.middle_phase()).leaf_size);
         let (placed, progress) = (Placed::new(references, slice), Progress::new(None));
         let built = MovingTree::build_without_fast(references, placed, *slice, leaf_size, &mut Vec::new(), &progress);
-        let WithoutFast { mut tree, mut fast, .. } = built;
-        let mut left: Vec<u32> = tree.leaves.ids_mut().map(|id| *id).collect();
+        let WithoutFast { tree, mut fast, .. } = built;
+        let mut left: Vec<u32> = all_ids(&tree).collect();
         left.sort_unstable();
         fast.sort_unstable();
         (tree, fast, left)

@@ -93,13 +93,13 @@ fn order_blocks(
 
 /// The keys by which to divide points by motion, and how many go to the left; `None` if division by position is better.
 fn divided_by_motion(rows: &PointRows, block: usize, displacements: Displacements<'_>) -> Option<(Vec<f32>, usize)> {
-    let wide = |x: [f32; 3]| DVec3::from_array(x.map(f64::from));
+    let double = |x: [f32; 3]| DVec3::from_array(x.map(f64::from));
     let items = (0..SAMPLE).map(|i| rows.get(spread(i, rows.len())));
     let items: Vec<Item> = items.filter(|item| item.index != NO_POINT.index).collect();
     let numbers: Vec<u32> = items.iter().map(|item| item.index).collect();
     let mut by = vec![[0.0; 3]; items.len()];
     displacements(&numbers, &mut by);
-    let sample = items.iter().zip(&by).map(|(item, &by)| Displaced { at: wide(item.at), by: wide(by) });
+    let sample = items.iter().zip(&by).map(|(item, &by)| Displaced { at: double(item.at), by: double(by) });
     let division = MotionDivision::of(&sample.collect::<Vec<_>>(), rows.len(), block)?;
     by.resize(rows.len(), [0.0; 3]);
     displacements(rows.index, &mut by);
@@ -108,7 +108,7 @@ fn divided_by_motion(rows: &PointRows, block: usize, displacements: Displacement
         if item.index == NO_POINT.index {
             return f32::INFINITY;
         }
-        division.key(&Displaced { at: wide(item.at), by: wide(by) }) as f32
+        division.key(&Displaced { at: double(item.at), by: double(by) }) as f32
     };
     Some((by.iter().enumerate().map(key).collect(), division.left))
 }

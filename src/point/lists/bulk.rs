@@ -122,11 +122,11 @@ impl<Q: Position> BulkQuery<'_, Q> {
             return Err(ListError::Query { query });
         }
         let params = PointParams { simd: among.simd, ..PointParams::default() };
-        let built = if among.precise.is_empty() {
+        let built = if !among.is_double() {
             PointTree::build(&positions, &params)
         } else {
-            let exact = queries.iter().map(|query| query.wide()).collect();
-            PointTree::of(&Source::of_static_in_f64(exact, among.origin), &params, &Progress::new(None))
+            let double = queries.iter().map(|query| query.wide()).collect();
+            PointTree::of(&Source::of_static_in_f64(double, among.origin), &params, &Progress::new(None))
         };
         let mut of_queries = built.expect("the positions and their number have been checked");
         // Positions in f32 are relative to this origin already.

@@ -4,7 +4,7 @@ use super::group::{BlockPoints, Group};
 use super::periodic_box::PeriodicBox;
 use super::radii::{Margin, Radii, radius_of};
 use super::reach::Reach;
-use crate::point::layout::view::{CoordinateView, ExactRows, Target, squared};
+use crate::point::layout::view::{CoordinateView, DoubleRows, Target, squared};
 use crate::simd::{LANES, Lanes, Mask, Simd, first_lanes, lanes_at, lanes_at_mut};
 
 /// Boxes in rows, each with the candidate it is around and how far the points in it reach.
@@ -140,7 +140,7 @@ pub(super) struct Candidates {
     pub(super) boxes: BoxRows,
     pub(super) blocks: Vec<BlockPoints>,
     /// Their positions in f64, where those are rounded.
-    pub(super) exact: Vec<ExactRows>,
+    pub(super) double: Vec<DoubleRows>,
     /// Radii of the points in the blocks, where these count.
     pub(super) radii: Vec<Lanes<f32>>,
     /// Whether the nearest image of any candidate is a wrapped one for any point of the group.
@@ -155,7 +155,7 @@ impl Candidates {
     pub(super) fn clear(&mut self) {
         self.boxes.clear();
         self.blocks.clear();
-        self.exact.clear();
+        self.double.clear();
         self.radii.clear();
         self.wrapped = false;
         self.wrapped_ones.clear();
@@ -176,7 +176,7 @@ impl Candidates {
     pub(super) fn bytes(&self) -> usize {
         self.boxes.bytes()
             + self.blocks.capacity() * size_of::<BlockPoints>()
-            + self.exact.capacity() * size_of::<ExactRows>()
+            + self.double.capacity() * size_of::<DoubleRows>()
             + self.radii.capacity() * size_of::<Lanes<f32>>()
             + self.wrapped_ones.capacity() * size_of::<Mask>()
             + self.open.capacity() * size_of::<(usize, usize)>()
@@ -246,7 +246,7 @@ impl Candidates {
                     number[lane] = self.blocks.len() as u32;
                     let block = first + lane * stride + part;
                     let points = BlockPoints::of_block(s, view, target, block);
-                    self.exact.extend(view.exact_positions(s, block));
+                    self.double.extend(view.double_positions(s, block));
                     if let Some(others) = radii.others() {
                         let mut radii = [0.0; LANES];
                         for (radius, &id) in radii.iter_mut().zip(&points.id) {

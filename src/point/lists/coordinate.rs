@@ -129,11 +129,11 @@ impl Coordinate for f64 {
 
     #[inline(always)]
     fn of_member(group: &Group, member: usize) -> &[Lanes<f64>; 3] {
-        &group.exact[member].0
+        &group.double[member].0
     }
     #[inline(always)]
     fn of_block(candidates: &Candidates, block: usize) -> &[Lanes<f64>; 3] {
-        &candidates.exact[block].0
+        &candidates.double[block].0
     }
     #[inline(always)]
     fn gathered(points: &GatheredPoints) -> &GatheredRows<f64> {
@@ -152,7 +152,7 @@ impl Coordinate for f64 {
         mask: Mask,
         to: &mut Lanes<f64>,
     ) {
-        s.store_compressed_d(&periodic_box.exact_shifts(s, periods, axis), mask, to);
+        s.store_compressed_d(&periodic_box.double_shifts(s, periods, axis), mask, to);
     }
     #[inline(always)]
     fn store_compressed<S: Simd>(s: S, row: &Lanes<f64>, mask: Mask, to: &mut Lanes<f64>) {
@@ -170,7 +170,7 @@ impl Coordinate for f64 {
         for four in 0..4 {
             for axis in 0..3 {
                 let d = s.load_d(&rows[axis].as_chunks().0[four]) - s.splat_d(from[axis]);
-                apart[axis][four] = if PERIODIC { periodic_box.nearest_exactly(s, d, axis) } else { d };
+                apart[axis][four] = if PERIODIC { periodic_box.nearest_double(s, d, axis) } else { d };
             }
             squares[four] = squared_of_four::<S>(apart, four);
         }

@@ -1,7 +1,7 @@
 //! The points of a group of leaves, whose lists are made together.
 
 use super::radii::{Margin, Radii, radius_of};
-use crate::point::layout::view::{CoordinateView, ExactRows, Target};
+use crate::point::layout::view::{CoordinateView, DoubleRows, Target};
 use crate::simd::{LANES, Lanes, Simd};
 
 /// Blocks of candidates for each point from which on scattered points are searched for one by one.
@@ -54,7 +54,7 @@ pub(super) struct Member {
 pub(super) struct Group {
     pub(super) members: Vec<Member>,
     /// The positions of the members in f64, where those are rounded.
-    pub(super) exact: Vec<ExactRows>,
+    pub(super) double: Vec<DoubleRows>,
     pub(super) lo: [f32; 3],
     pub(super) hi: [f32; 3],
     /// The largest radius.
@@ -75,7 +75,7 @@ impl Group {
         radii: &Radii,
     ) {
         self.members.clear();
-        self.exact.clear();
+        self.double.clear();
         (self.lo, self.hi, self.radius) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3], 0.0);
         let mut lanes = view.present(s, target, node);
         while lanes != 0 {
@@ -91,12 +91,12 @@ impl Group {
                     }
                     self.radius = self.radius.max(member.radius);
                     self.members.push(member);
-                    self.exact.extend(view.exact_positions(s, block));
+                    self.double.extend(view.double_positions(s, block));
                 }
             }
         }
         let size = (0..3).fold(0.0f32, |size, axis| size.max(self.lo[axis].abs()).max(self.hi[axis].abs()));
-        self.margin = if self.exact.is_empty() { Margin::NONE } else { Margin::of_rounding(size) };
+        self.margin = if self.double.is_empty() { Margin::NONE } else { Margin::of_rounding(size) };
     }
 
     /// Whether the points are scattered: most of what is within reach of the box around them is within reach of none of them.
@@ -125,13 +125,13 @@ impl Group {
             return false;
         }
         self.members.clear();
-        self.exact.clear();
+        self.double.clear();
         let mut alone = BlockPoints { id: points.id, ..BlockPoints::NONE };
         for (row, at) in alone.at.iter_mut().zip(at) {
             row[lane] = at;
         }
         self.members.push(Member { points: alone, lo: at, hi: at, radius });
-        self.exact.extend(of.exact.get(member));
+        self.double.extend(of.double.get(member));
         (self.lo, self.hi, self.radius, self.margin) = (at, at, radius, of.margin);
         true
     }

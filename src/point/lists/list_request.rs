@@ -55,14 +55,14 @@ impl ListRequest<'_> {
 
     /// Whether positions are kept in f32.
     pub(super) fn in_single(&self) -> bool {
-        self.tree.precise.is_empty() && self.among.precise.is_empty()
+        !self.tree.is_double() && !self.among.is_double()
     }
 }
 
 /// An error if two trees do not keep their positions in the same way.
 pub(super) fn check_sets(tree: &PointTree, among: &PointTree) -> Result<(), ListError> {
     let both = !tree.is_empty() && !among.is_empty();
-    let [own, others] = [tree, among].map(|tree| !tree.precise.is_empty());
+    let [own, others] = [tree, among].map(PointTree::is_double);
     match () {
         _ if both && own != others => Err(ListError::Double),
         _ if both && !own && tree.origin() != among.origin() => Err(ListError::Origins),

@@ -13,7 +13,7 @@
 //! [`bulk`] makes lists for positions that are not points of a tree. [`swept`] makes lists over an interval of time.
 //!
 //! Points in f64 are culled by their positions relative to the middle of the sixteen leaves, rounded to f32, and compared in f64
-//! ([`coordinate`], [`list_layer`]).
+//! ([`coordinate`]).
 //!
 //! **Why no neighbour is lost.** The proof is that of [`super::layout::view`], with a box instead of the query point:
 //! for `p` in `[lo, hi]` and `q` in `[lo', hi']`, consider the gap `max(lo − hi', lo' − hi, 0)`, each difference rounded
@@ -28,7 +28,6 @@ mod coordinate;
 mod error;
 mod gathered_points;
 mod group;
-mod list_layer;
 mod list_request;
 mod list_writer;
 mod make;

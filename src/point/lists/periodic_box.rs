@@ -36,7 +36,7 @@ pub(super) struct PeriodicBox {
     /// 1/L, or zero.
     pub(super) inverse: [f32; 3],
     /// The lengths as they were given, for positions in f64.
-    pub(super) exact_period: [f64; 3],
+    pub(super) double_period: [f64; 3],
     /// Whether any axis is periodic.
     pub(super) any: bool,
 }
@@ -59,10 +59,10 @@ pub(super) fn check_periods(periods: [Option<f64>; 3]) -> Result<(), ListError> 
 impl PeriodicBox {
     /// The box with these periods; `None` along axes that are not periodic.
     pub(super) fn new(periods: [Option<f64>; 3]) -> PeriodicBox {
-        let exact_period = periods.map(|length| length.unwrap_or(0.0));
-        let period = exact_period.map(|length| length as f32);
+        let double_period = periods.map(|length| length.unwrap_or(0.0));
+        let period = double_period.map(|length| length as f32);
         let inverse = period.map(|length| if length > 0.0 { 1.0 / length } else { 0.0 });
-        PeriodicBox { period, inverse, exact_period, any: periods.iter().any(Option::is_some) }
+        PeriodicBox { period, inverse, double_period, any: periods.iter().any(Option::is_some) }
     }
 
     /// The difference to the nearest image, for positions that are at most [`MOST_PERIODS`] from zero.
@@ -78,9 +78,9 @@ impl PeriodicBox {
         [along(0), along(1), along(2)]
     }
 
-    /// The same in f64, as [`PeriodicBox::nearest_exactly`] has it.
-    pub(super) fn nearest_of_pair_exactly(&self, d: [f64; 3]) -> [f64; 3] {
-        let along = |axis: usize| match self.exact_period[axis] {
+    /// The same in f64, as [`PeriodicBox::nearest_double`] has it.
+    pub(super) fn nearest_of_pair_double(&self, d: [f64; 3]) -> [f64; 3] {
+        let along = |axis: usize| match self.double_period[axis] {
             length if length > 0.0 => d[axis] - (d[axis] * (1.0 / length)).round_ties_even() * length,
             _ => d[axis],
         };
@@ -89,8 +89,8 @@ impl PeriodicBox {
 
     /// The difference to the nearest image of positions in f64, and with the length as it was given.
     #[inline(always)]
-    pub(super) fn nearest_exactly<S: Simd>(&self, s: S, d: S::D, axis: usize) -> S::D {
-        let length = self.exact_period[axis];
+    pub(super) fn nearest_double<S: Simd>(&self, s: S, d: S::D, axis: usize) -> S::D {
+        let length = self.double_period[axis];
         if length <= 0.0 {
             return d;
         }
@@ -108,10 +108,10 @@ impl PeriodicBox {
 
     /// The same for positions in f64, of sixteen images.
     #[inline(always)]
-    pub(super) fn exact_shifts<S: Simd>(&self, s: S, periods: S::F, axis: usize) -> Lanes<f64> {
+    pub(super) fn double_shifts<S: Simd>(&self, s: S, periods: S::F, axis: usize) -> Lanes<f64> {
         let (mut whole, mut shifts) = ([0.0; LANES], [0.0; LANES]);
         s.store(periods, &mut whole);
-        let length = s.splat_d(self.exact_period[axis]);
+        let length = s.splat_d(self.double_period[axis]);
         for (four, to) in shifts.as_chunks_mut::<4>().0.iter_mut().enumerate() {
             *to = s.lanes_d(s.widen_four(&whole.as_chunks().0[four]) * length);
         }

@@ -1,12 +1,12 @@
 //! What is computed before lists are made: the groups of leaves, how far points reach, and whether all is within bounds.
 
 use super::error::{ListError, RadiusOf};
-use super::list_layer::{ListLayer, ListView, with_view};
 use super::list_request::ListRequest;
 use super::periodic_box::MOST_PERIODS;
 use super::radii::Radii;
 use super::reach::{MeasureReach, Reach};
 use crate::point::layout::view::CoordinateView;
+use crate::point::search::layers::{LayerView, with_view};
 use crate::point::tree::PointTree;
 use crate::simd::{Kernel, LANES, Simd, dispatch};
 use glam::Vec3;
@@ -38,11 +38,11 @@ pub(super) fn prepare(request: &ListRequest<'_>, prepared: &mut Prepared) -> Res
     prepared.most_reach = 0.0;
     // Positions in f64 are measured from here.
     let origin = request.tree.origin();
-    for (number, layer) in ListLayer::all(request.tree).enumerate() {
+    for (number, layer) in request.tree.layers.iter().enumerate() {
         let groups = &mut prepared.groups;
         with_view!(layer.at(origin, time), view => dispatch(simd, FindBottomNodes { view, number, groups }));
     }
-    for layer in ListLayer::all(request.tree).chain(ListLayer::all(request.among)) {
+    for layer in request.tree.layers.iter().chain(&request.among.layers) {
         let most = with_view!(layer.at(origin, time), view => dispatch(simd, Extent { view }));
         for (axis, length) in request.periods.iter().enumerate() {
             if length.is_some_and(|length| f64::from(most[axis]) > MOST_PERIODS * length) {
@@ -51,9 +51,9 @@ pub(super) fn prepare(request: &ListRequest<'_>, prepared: &mut Prepared) -> Res
         }
     }
     let mut measure = |tree: &PointTree, radii: &[f32], of: fn(u32) -> RadiusOf| {
-        let count = ListLayer::all(tree).count();
+        let count = tree.layers.len();
         prepared.reaches.resize(prepared.reaches.len().max(count), Reach::default());
-        for (layer, reach) in ListLayer::all(tree).zip(&mut prepared.reaches) {
+        for (layer, reach) in tree.layers.iter().zip(&mut prepared.reaches) {
             with_view!(layer.at(origin, time), view => dispatch(simd, MeasureReach { view, radii, reach }));
         }
         match prepared.reaches[..count].iter().filter_map(|reach| reach.missing).min() {
@@ -67,7 +67,7 @@ pub(super) fn prepare(request: &ListRequest<'_>, prepared: &mut Prepared) -> Res
         Radii::Larger { own, others } | Radii::Sum { own, others } => {
             measure(request.tree, own, RadiusOf::Point)?;
             measure(request.among, others, RadiusOf::Listed)?;
-            let reaches = &prepared.reaches[..ListLayer::all(request.among).count()];
+            let reaches = &prepared.reaches[..request.among.layers.len()];
             prepared.most_reach = reaches.iter().fold(0.0, |most, reach| reach.most.max(most));
             Ok(())
         }

@@ -2,7 +2,6 @@
 
 use super::candidates::Candidates;
 use super::group::{Group, MOST_BLOCKS};
-use super::list_layer::{ListLayer, ListView, with_view};
 use super::list_request::{ListRequest, Listing};
 use super::list_writer::ListWriter;
 use super::prepare::Prepared;
@@ -10,6 +9,7 @@ use super::radii::Radii;
 use super::reach::Reach;
 use super::row::{GroupLists, RowBuilder};
 use crate::point::layout::view::CoordinateView;
+use crate::point::search::layers::{LayerView, with_view};
 use crate::simd::{Kernel, LANES, Simd};
 use core::marker::PhantomData;
 use core::ops::Range;
@@ -100,7 +100,7 @@ impl Kernel for ListGroup<'_> {
         let ListGroup { request, prepared, group, center, most, candidates, builder, lists } = self;
         let listing = &request.listing;
         candidates.clear();
-        for (number, layer) in ListLayer::all(request.among).enumerate() {
+        for (number, layer) in request.among.layers.iter().enumerate() {
             let reach = listing.radii.others().and_then(|_| prepared.reaches.get(number));
             let candidates = &mut *candidates;
             let all = with_view!(layer.at(center, request.time), view => {
@@ -110,7 +110,7 @@ impl Kernel for ListGroup<'_> {
                 return false;
             }
         }
-        if group.exact.is_empty() {
+        if group.double.is_empty() {
             s.call(GroupLists::<f32> { builder, listing, group, candidates, lists, coordinate: PhantomData });
         } else {
             s.call(GroupLists::<f64> { builder, listing, group, candidates, lists, coordinate: PhantomData });
@@ -126,7 +126,7 @@ impl Kernel for Share<'_> {
         let Share { request, prepared, worker } = self;
         let listing = &request.listing;
         for &(layer, node) in &prepared.groups[worker.share.clone()] {
-            let layer = ListLayer::of(request.tree, layer);
+            let layer = &request.tree.layers[layer];
             let center = layer.center(node, request.time);
             let Worker { group, alone, candidates, builder, lists, .. } = &mut *worker;
             with_view!(layer.at(center, request.time), view => {

@@ -13,8 +13,8 @@
 //! - The fraction of the query's interval is off by at most 7u of itself. With 5u for the rest, the position of the query is
 //!   within 2·7uM + 5uM = 19uM of the exact one per axis; with that end, 23uM.
 //! - Faces of moving boxes are farther out than the points by 2^-24 of the sizes that are rounded there, in f32
-//!   (`point/layout/linear_bounds.rs`), or by 2^-49 of the centre (`crate::point::precise`). Rounding the face itself moves it by u
-//!   of the query's coordinate and of the gap.
+//!   (`point/layout/linear_bounds.rs`), or by 2^-49 of the centre (`point/layout/double_box.rs`). Rounding the face itself moves it
+//!   by u of the query's coordinate and of the gap.
 //! - So the distance of a box is too large by less than √3·24uM < 0.5e-14 M, and a fraction 2^-50 of itself. But a distance
 //!   is excluded only if it is beyond that of a point as computed, raised by 1.5e-14 M, of which 0.9e-14 remain
 //!   ([`Overlap::estimate`]), and by two ulp of f32, of which one remains.
@@ -23,8 +23,8 @@ use super::pair_approach::{Overlap, QueryPath};
 use crate::geometry::{Plane, TimeInterval};
 use crate::kd::KdView;
 use crate::limits::MAX_POINT_COORDINATE;
+use crate::point::layout::kd_points::{KdPoints, plane_error};
 use crate::point::layout::over_interval::{BoxTree, PointPath, all_lanes, greater, lesser};
-use crate::point::layout::plane_tree::{PlaneTree, plane_error};
 use crate::point::layout::slice_tree::slices_during;
 use crate::point::leaf_order::segment_slice::{SegmentSlice, exact_phase, segments};
 use crate::point::search::layers::Layer;
@@ -250,10 +250,10 @@ impl QueryPath {
     }
 
     /// Searches a k-d tree: both sides of each plane, the nearer one first.
-    fn search_planes(
+    fn search_kd(
         &self,
-        tree: &PlaneTree,
-        slack: impl Fn(&PlaneTree, u32, &Plane) -> f64,
+        tree: &KdPoints,
+        slack: impl Fn(&KdPoints, u32, &Plane) -> f64,
         keep: &impl Fn(u32) -> bool,
         search: &mut Search,
     ) {
@@ -322,7 +322,7 @@ impl QueryPath {
 ///
 /// The slack of the tree holds at its times. To the exact begin or end of its segment it is a float at most, in which a
 /// point moves by what that slack allows for the rounding of phases; the plane moves by its error.
-fn plane_slack(tree: &PlaneTree, node: u32, plane: &Plane) -> f64 {
+fn plane_slack(tree: &KdPoints, node: u32, plane: &Plane) -> f64 {
     tree.slack(node) + plane_error(plane)
 }
 
@@ -400,10 +400,8 @@ impl PointTree {
         }
         let times = [interval.begin().into(), interval.end().into()];
         let keys = self.keys();
-        let exact = QueryPath { from: from.wide(), to: to.wide(), times, keys };
-        let path = QueryPath { from: relative[0], to: relative[1], times, keys };
-        // All positions are f64 ones, or all are f32 ones.
-        let path = if self.precise.is_empty() { path } else { exact };
+        let [from, to] = if self.is_double() { [from.wide(), to.wide()] } else { relative };
+        let path = QueryPath { from, to, times, keys };
         let mut search = Search { most, pending: Vec::new(), best: None };
         let around = [interval.begin() - BESIDE_KEY, interval.end() + BESIDE_KEY];
         for layer in &self.layers {
@@ -412,13 +410,13 @@ impl PointTree {
                 Layer::Moving(trees) => slices_during(trees, around)
                     .iter()
                     .for_each(|tree| path.search_boxes(self.simd, tree, keep, &mut search)),
-                Layer::Planes(trees) => slices_during(trees, around)
+                Layer::Kd(trees) => slices_during(trees, around)
                     .iter()
-                    .for_each(|tree| path.search_planes(tree, plane_slack, keep, &mut search)),
+                    .for_each(|tree| path.search_kd(tree, plane_slack, keep, &mut search)),
+                Layer::Double(trees) => slices_during(trees, around)
+                    .iter()
+                    .for_each(|tree| path.search_boxes(self.simd, tree, keep, &mut search)),
             }
-        }
-        for tree in self.precise.iter().flat_map(|layer| slices_during(&layer.trees, around)) {
-            path.search_boxes(self.simd, tree, keep, &mut search);
         }
         search.resolve(&path);
         search.best.map(|best| best.answer)
@@ -460,7 +458,7 @@ mod tests {
 
     /// Counts runners that are not found by queries that meet them at the end of the segment, if something is known that is just as
     /// near as far as f64 tells. The queries come from beyond the plane.
-    fn lost([plane, runners]: [f32; 2], sides: [usize; 2], slack: impl Fn(&PlaneTree, u32, &Plane) -> f64) -> usize {
+    fn lost([plane, runners]: [f32; 2], sides: [usize; 2], slack: impl Fn(&KdPoints, u32, &Plane) -> f64) -> usize {
         let (mut random, mut lost) = (Random(43), 0);
         // The slices that end before the key does, in segments.
         let slices = (500..540).flat_map(|keys| time_slices(keys, 1));
@@ -468,7 +466,7 @@ mod tests {
         let size = |slice: &SegmentSlice| (slice.keys - 1) as f64 / 16_777_216.0;
         for slice in slices.filter(|slice| behind(slice, slice.interval.end()) < -0.7 * size(slice)) {
             let references = crossing_at_the_end(&slice, plane, runners, sides, &mut random);
-            let tree = PlaneTree::build(&references, slice, 16.0, &Progress::new(None));
+            let tree = KdPoints::build(&references, slice, 16.0, &Progress::new(None));
             let times = [slice.interval.end(), slice.interval.end() + f32::EPSILON];
             for m in &references[..RUNNERS] {
                 let [from, to] = times.map(|time| {
@@ -478,7 +476,7 @@ mod tests {
                 let times = times.map(f64::from);
                 let path = QueryPath { from, to, times, keys: slice.keys };
                 let mut search = Search { most: 1.5e-14, pending: Vec::new(), best: None };
-                path.search_planes(&tree, &slack, &|id| id == m.id, &mut search);
+                path.search_kd(&tree, &slack, &|id| id == m.id, &mut search);
                 lost += usize::from(search.pending.is_empty() && search.best.is_none());
             }
         }

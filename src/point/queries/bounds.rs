@@ -1,8 +1,8 @@
 //! The box around all points of a [`PointTree`].
 
 use crate::geometry::Aabb;
+use crate::point::layout::kd_points::KdPoints;
 use crate::point::layout::over_interval::BoxTree;
-use crate::point::layout::plane_tree::PlaneTree;
 use crate::point::search::layers::Layer;
 use crate::point::tree::PointTree;
 use crate::simd::LANES;
@@ -25,13 +25,12 @@ impl PointTree {
         let of_layer = |layer: &Layer| match layer {
             Layer::Static(tree) => swept_root(tree),
             Layer::Moving(trees) => union(trees.iter().map(swept_root)),
-            Layer::Planes(trees) => union(trees.iter().map(cell_of_root)),
+            Layer::Kd(trees) => union(trees.iter().map(cell_of_root)),
+            Layer::Double(trees) => union(trees.iter().map(swept_root)),
         };
-        // Layers in f32 are relative to the origin, those in f64 are not.
         let Aabb { min, max } = union(self.layers.iter().map(of_layer));
-        let single = Aabb { min: min + self.origin, max: max + self.origin };
-        let double = union(self.precise.iter().flat_map(|layer| &layer.trees).map(swept_root));
-        let all = single.union(double);
+        let origin = self.origin_of_positions();
+        let all = Aabb { min: min + origin, max: max + origin };
         // No point may exist in the time slices of a tree that stands for another (`PointTree::box_tree`).
         (all.min.x <= all.max.x).then_some(all)
     }
@@ -57,7 +56,7 @@ fn swept_root(tree: &impl BoxTree) -> Aabb {
 }
 
 /// The cell of the root of a k-d tree, which holds all of its time slice, grown by its slack.
-fn cell_of_root(tree: &PlaneTree) -> Aabb {
+fn cell_of_root(tree: &KdPoints) -> Aabb {
     let [min, max] = [tree.root.min, tree.root.max].map(|corner| corner.as_dvec3());
     Aabb { min, max }.pad(tree.slack(0))
 }

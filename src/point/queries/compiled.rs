@@ -3,20 +3,21 @@
 //! A search is compiled for each instruction set and each kind of tree. If callers instantiated it, every crate that
 //! queries a tree would compile all of that again, once for each of its filters. So a caller's filter is called through
 //! `dyn`, once for each block with a point that is near enough, and each query is compiled in two forms: without and with
-//! a filter. For SSE2 only the latter is compiled; queries without a filter pass one that accepts everything.
+//! a filter. For SSE2 only the latter is compiled; queries without a filter pass one that accepts everything. Among points in f64,
+//! one form serves both; only the search for the nearest point waits for what it finds, so that even testing whether there is a
+//! filter would be noticed.
 
 use crate::point::neighbor::Neighbor;
-use crate::point::precise::{Allowed, PreciseQuery};
 use crate::point::search::candidates::Candidates;
 use crate::point::search::counted_search::{CountedSearch, search_counted};
 use crate::point::search::k_nearest::KNearest;
-use crate::point::search::layers::QueriedLayers;
+use crate::point::search::layers::{DoubleLayers, QueriedLayers, SingleLayers};
 use crate::point::search::nearest::Best;
 use crate::point::search::sinks::{Count, Gather, Visit, VisitSome};
 use crate::point::search::sort::{all_in_order, few_in_order, nearest_in_order};
-use crate::point::search::{Keep, KeepAll, KeepLanes, NeighborWork, Observe};
+use crate::point::search::{Allowed, Keep, KeepAll, KeepLanes, NeighborWork, Observe};
 use crate::point::tree::PointTree;
-use crate::simd::{Kernel, Lanes, Mask, Simd, SimdLevel, dispatch, dispatch_or};
+use crate::simd::{Kernel, Simd, SimdLevel, dispatch, dispatch_or};
 use core::ops::ControlFlow;
 use glam::{DVec3, Vec3};
 
@@ -27,7 +28,7 @@ pub(in crate::point) struct PreparedQuery<'a, K> {
     /// The point, relative to the tree's origin.
     pub point: Vec3,
     /// The point as the caller gave it.
-    pub exact: DVec3,
+    pub given: DVec3,
     pub time: f32,
     /// Squared distance up to which points count; negative if none do.
     pub bound: f32,
@@ -36,24 +37,27 @@ pub(in crate::point) struct PreparedQuery<'a, K> {
     pub keep: K,
 }
 
+/// A query with or without a filter.
+pub(in crate::point) type CompiledQuery<'a, 'k> = PreparedQuery<'a, Allowed<'k>>;
+
 impl<'a, K> PreparedQuery<'a, K> {
     /// The same query with another filter.
     #[inline(always)]
     pub(in crate::point) fn keeping<L>(&self, keep: L) -> PreparedQuery<'a, L> {
-        let PreparedQuery { tree, point, exact, time, bound, shrink, keep: _ } = *self;
-        PreparedQuery { tree, point, exact, time, bound, shrink, keep }
-    }
-
-    /// Whether the points are kept in f64.
-    #[inline(always)]
-    pub(in crate::point) fn is_precise(&self) -> bool {
-        !self.tree.precise.is_empty()
+        let PreparedQuery { tree, point, given, time, bound, shrink, keep: _ } = *self;
+        PreparedQuery { tree, point, given, time, bound, shrink, keep }
     }
 
     /// The layers of points in f32.
     #[inline(always)]
-    fn layers(&self) -> QueriedLayers<'a> {
-        QueriedLayers { layers: &self.tree.layers, point: self.point, time: self.time }
+    fn layers(&self) -> SingleLayers<'a> {
+        SingleLayers { layers: &self.tree.layers, point: self.point, time: self.time }
+    }
+
+    /// The layers of points in f64.
+    #[inline(always)]
+    fn double_layers(&self) -> DoubleLayers<'a> {
+        DoubleLayers { layers: &self.tree.layers, point: self.given, time: self.time }
     }
 
     #[inline(always)]
@@ -69,76 +73,36 @@ struct Limits {
     shrink: f32,
 }
 
-impl<K: Keep> PreparedQuery<'_, K> {
-    /// Runs the query over points in f64.
-    #[cold]
-    #[inline(never)]
-    fn precise<R>(&self, run: impl FnOnce(&PreciseQuery<'_>) -> R) -> R {
-        let kept = |ids: &Lanes<u32>, mask: Mask| self.keep.kept(ids, mask);
-        let PointTree { precise, simd, .. } = self.tree;
-        run(&PreciseQuery {
-            layers: precise,
-            simd: *simd,
-            point: self.exact,
-            time: self.time,
-            bound: self.bound,
-            shrink: self.shrink,
-            keep: Allowed(K::FILTERS.then_some(&kept)),
-        })
-    }
-}
-
 /// A filter that accepts everything.
 const ALL: KeepLanes<'static> = KeepLanes(&|_, mask| mask);
 
-/// A query without or with a filter.
-#[derive(Clone, Copy)]
-pub(in crate::point) enum MaybeFiltered<'q, 'a> {
-    Unfiltered(&'q PreparedQuery<'a, KeepAll>),
-    Filtered(&'q PreparedQuery<'a, KeepLanes<'q>>),
-}
-
-impl MaybeFiltered<'_, '_> {
-    /// [`PreparedQuery::precise`], if the points are kept in f64.
-    #[inline(always)]
-    fn precise<R>(self, run: impl FnOnce(&PreciseQuery<'_>) -> R) -> Option<R> {
-        match self {
-            MaybeFiltered::Unfiltered(query) => query.is_precise().then(|| query.precise(run)),
-            MaybeFiltered::Filtered(query) => query.is_precise().then(|| query.precise(run)),
-        }
-    }
-
-    #[inline(always)]
-    fn simd(self) -> SimdLevel {
-        match self {
-            MaybeFiltered::Unfiltered(query) => query.tree.simd,
-            MaybeFiltered::Filtered(query) => query.tree.simd,
-        }
-    }
+/// Runs a kernel among points in f64, beside the code for those in f32.
+#[cold]
+#[inline(never)]
+fn in_double<K: Kernel>(simd: SimdLevel, kernel: K) -> K::Output {
+    dispatch(simd, kernel)
 }
 
 /// The nearest point.
-pub(in crate::point) fn nearest(query: MaybeFiltered<'_, '_>) -> Option<Neighbor> {
-    let simd = query.simd();
-    let precise = query.precise(|query| query.nearest());
-    let found = match (precise, query) {
-        (Some(found), _) => found,
-        (None, MaybeFiltered::Unfiltered(query)) => {
-            let search = Nearest { layers: query.layers(), limits: query.limits(), keep: KeepAll };
+pub(in crate::point) fn nearest(query: &CompiledQuery<'_, '_>) -> Option<Neighbor> {
+    let (simd, limits) = (query.tree.simd, query.limits());
+    let found = match (query.tree.is_double(), query.keep.0) {
+        (false, None) => {
+            let search = Nearest { layers: query.layers(), limits, keep: KeepAll };
             dispatch_or(simd, search, |Nearest { layers, limits, .. }| {
                 dispatch(simd, Nearest { layers, limits, keep: ALL })
             })
         }
-        (None, MaybeFiltered::Filtered(query)) => {
-            dispatch(simd, Nearest { layers: query.layers(), limits: query.limits(), keep: query.keep })
-        }
+        (false, Some(kept)) => dispatch(simd, Nearest { layers: query.layers(), limits, keep: KeepLanes(kept) }),
+        (true, None) => in_double(simd, Nearest { layers: query.double_layers(), limits, keep: KeepAll }),
+        (true, Some(kept)) => in_double(simd, Nearest { layers: query.double_layers(), limits, keep: KeepLanes(kept) }),
     };
     found.map(|(id, distance_squared)| Neighbor { id, distance_squared })
 }
 
 /// The `k` nearest points in order, into an empty list.
 pub(in crate::point) fn nearest_n(
-    query: MaybeFiltered<'_, '_>,
+    query: &CompiledQuery<'_, '_>,
     k: usize,
     candidates: &mut Candidates,
     found: &mut Vec<Neighbor>,
@@ -147,22 +111,21 @@ pub(in crate::point) fn nearest_n(
         // Found without a list of candidates.
         return found.extend(nearest(query));
     }
-    let (simd, work) = (query.simd(), &mut NeighborWork::default());
-    let precise = query.precise(|query| query.nearest_n(k, candidates, found, work));
-    let in_order = match (precise, query) {
-        (Some(in_order), _) => in_order,
-        (None, MaybeFiltered::Unfiltered(query)) => {
-            let (layers, limits, observe) = (query.layers(), query.limits(), &mut ());
+    let (simd, limits) = (query.tree.simd, query.limits());
+    let in_order = match (query.tree.is_double(), query.keep.0) {
+        (false, None) => {
+            let (layers, observe) = (query.layers(), &mut ());
             let search = NearestN { layers, limits, keep: KeepAll, k, candidates: &mut *candidates, found, observe };
             dispatch_or(simd, search, |search| {
-                filtered(&query.keeping(ALL), k, search.candidates);
+                filtered(query, ALL, k, search.candidates);
                 false
             })
         }
-        (None, MaybeFiltered::Filtered(query)) => {
-            filtered(query, k, candidates);
+        (false, Some(kept)) => {
+            filtered(query, KeepLanes(kept), k, candidates);
             false
         }
+        (true, _) => nearest_n_in_double(query, k, candidates, found).0,
     };
     if !in_order {
         nearest_in_order(simd, k, candidates, found);
@@ -170,96 +133,110 @@ pub(in crate::point) fn nearest_n(
 }
 
 /// The same with a filter, not yet in order.
-fn filtered(query: &PreparedQuery<'_, KeepLanes<'_>>, k: usize, candidates: &mut Candidates) -> NeighborWork {
-    let &PreparedQuery { tree, point, time, bound, shrink, keep, .. } = query;
+fn filtered(query: &CompiledQuery<'_, '_>, keep: KeepLanes<'_>, k: usize, candidates: &mut Candidates) -> NeighborWork {
+    let &PreparedQuery { tree, point, time, bound, shrink, .. } = query;
     let search = CountedSearch { layers: &[&tree.layers], point, time, k, bound, shrink, keep };
     search_counted(tree.simd, &search, candidates)
 }
 
+/// The same among points in f64: whether they are in order, and the work.
+fn nearest_n_in_double(
+    query: &CompiledQuery<'_, '_>,
+    k: usize,
+    candidates: &mut Candidates,
+    found: &mut Vec<Neighbor>,
+) -> (bool, NeighborWork) {
+    let (layers, limits, keep) = (query.double_layers(), query.limits(), query.keep);
+    let mut work = NeighborWork::default();
+    let search = NearestN { layers, limits, keep, k, candidates, found, observe: &mut work };
+    (in_double(query.tree.simd, search), work)
+}
+
 /// The work of finding the `k` nearest.
-pub(in crate::point) fn work(query: MaybeFiltered<'_, '_>, k: usize) -> NeighborWork {
-    let (mut candidates, mut found, mut work) = (Candidates::default(), Vec::new(), NeighborWork::default());
-    let precise = query.precise(|query| query.nearest_n(k, &mut candidates, &mut found, &mut work));
-    if precise.is_some() {
-        return work;
+pub(in crate::point) fn work(query: &CompiledQuery<'_, '_>, k: usize) -> NeighborWork {
+    let mut candidates = Candidates::default();
+    if query.tree.is_double() {
+        return nearest_n_in_double(query, k, &mut candidates, &mut Vec::new()).1;
     }
-    let query = match query {
-        MaybeFiltered::Unfiltered(query) => query.keeping(ALL),
-        MaybeFiltered::Filtered(query) => *query,
-    };
-    filtered(&query, k, &mut candidates)
+    filtered(query, query.keep.0.map_or(ALL, KeepLanes), k, &mut candidates)
 }
 
 /// Gathers all points within the radius.
-pub(in crate::point) fn gather(query: MaybeFiltered<'_, '_>, candidates: &mut Candidates) {
+pub(in crate::point) fn gather(query: &CompiledQuery<'_, '_>, candidates: &mut Candidates) {
     candidates.count = 0;
-    let simd = query.simd();
-    let precise = query.precise(|query| query.collect(candidates));
-    match (precise, query) {
-        (Some(()), _) => {}
-        (None, MaybeFiltered::Unfiltered(query)) => {
-            let search = Collecting { layers: query.layers(), bound: query.bound, keep: KeepAll, candidates };
-            dispatch_or(simd, search, |search| append(&query.keeping(ALL), search.candidates));
+    let (simd, bound) = (query.tree.simd, query.bound);
+    match (query.tree.is_double(), query.keep) {
+        (false, Allowed(None)) => {
+            let search = Collecting { layers: query.layers(), bound, keep: KeepAll, candidates };
+            dispatch_or(simd, search, |Collecting { layers, candidates, .. }| {
+                append(simd, layers, bound, ALL, candidates);
+            });
         }
-        (None, MaybeFiltered::Filtered(query)) => append(query, candidates),
+        (false, Allowed(Some(kept))) => append(simd, query.layers(), bound, KeepLanes(kept), candidates),
+        (true, keep) => in_double(simd, Collecting { layers: query.double_layers(), bound, keep, candidates }),
     }
 }
 
-/// Appends all points within the radius that pass a filter to candidates, from a tree of points in f32.
-pub(in crate::point) fn append(query: &PreparedQuery<'_, KeepLanes<'_>>, candidates: &mut Candidates) {
-    let search = Collecting { layers: query.layers(), bound: query.bound, keep: query.keep, candidates };
-    dispatch(query.tree.simd, search);
+/// Appends all points within a bound that pass a filter to candidates.
+pub(in crate::point) fn append(
+    simd: SimdLevel,
+    layers: SingleLayers<'_>,
+    bound: f32,
+    keep: KeepLanes<'_>,
+    candidates: &mut Candidates,
+) {
+    dispatch(simd, Collecting { layers, bound, keep, candidates });
 }
 
 /// All points within the radius in any order, into an empty list.
-pub(in crate::point) fn collect(query: MaybeFiltered<'_, '_>, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
+pub(in crate::point) fn collect(query: &CompiledQuery<'_, '_>, candidates: &mut Candidates, found: &mut Vec<Neighbor>) {
     gather(query, candidates);
     found.extend(candidates.pairs().map(|(id, distance_squared)| Neighbor { id, distance_squared }));
 }
 
 /// All points within the radius in order, into an empty list.
 pub(in crate::point) fn collect_sorted(
-    query: MaybeFiltered<'_, '_>,
+    query: &CompiledQuery<'_, '_>,
     candidates: &mut Candidates,
     found: &mut Vec<Neighbor>,
 ) {
     gather(query, candidates);
-    all_in_order(query.simd(), candidates, found);
+    all_in_order(query.tree.simd, candidates, found);
 }
 
 /// The number of points within the radius.
-pub(in crate::point) fn count(query: MaybeFiltered<'_, '_>) -> usize {
-    let simd = query.simd();
-    let precise = query.precise(|query| query.count());
-    match (precise, query) {
-        (Some(count), _) => count,
-        (None, MaybeFiltered::Unfiltered(query)) => {
-            let search = Counting { layers: query.layers(), bound: query.bound, keep: KeepAll };
+pub(in crate::point) fn count(query: &CompiledQuery<'_, '_>) -> usize {
+    let (simd, bound) = (query.tree.simd, query.bound);
+    match (query.tree.is_double(), query.keep) {
+        (false, Allowed(None)) => {
+            let search = Counting { layers: query.layers(), bound, keep: KeepAll };
             dispatch_or(simd, search, |Counting { layers, bound, .. }| {
                 dispatch(simd, Counting { layers, bound, keep: ALL })
             })
         }
-        (None, MaybeFiltered::Filtered(query)) => {
-            dispatch(simd, Counting { layers: query.layers(), bound: query.bound, keep: query.keep })
+        (false, Allowed(Some(kept))) => {
+            dispatch(simd, Counting { layers: query.layers(), bound, keep: KeepLanes(kept) })
         }
+        (true, keep) => in_double(simd, Counting { layers: query.double_layers(), bound, keep }),
     }
 }
 
-/// Calls `visit` with all points within the radius, some at a time, until it breaks.
-pub(in crate::point) fn for_some(query: &PreparedQuery<'_, KeepAll>, visit: VisitSome<'_>) -> ControlFlow<()> {
-    if query.is_precise() {
-        return query.precise(|query| query.for_some(visit));
+/// Calls `visit` with all points within the radius, some at a time, until it breaks; whatever is kept.
+pub(in crate::point) fn for_some(query: &CompiledQuery<'_, '_>, visit: VisitSome<'_>) -> ControlFlow<()> {
+    let (simd, bound) = (query.tree.simd, query.bound);
+    if query.tree.is_double() {
+        return in_double(simd, Visiting { layers: query.double_layers(), bound, visit });
     }
-    dispatch(query.tree.simd, Visiting { layers: query.layers(), bound: query.bound, visit })
+    dispatch(simd, Visiting { layers: query.layers(), bound, visit })
 }
 
-struct Nearest<'a, K> {
-    layers: QueriedLayers<'a>,
+struct Nearest<L, K> {
+    layers: L,
     limits: Limits,
     keep: K,
 }
 
-impl<K: Keep> Kernel for Nearest<'_, K> {
+impl<L: QueriedLayers, K: Keep> Kernel for Nearest<L, K> {
     type Output = Option<(u32, f32)>;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Option<(u32, f32)> {
@@ -270,17 +247,17 @@ impl<K: Keep> Kernel for Nearest<'_, K> {
     }
 }
 
-struct NearestN<'a, 'b, K, O> {
-    layers: QueriedLayers<'a>,
+struct NearestN<'a, L, K, O> {
+    layers: L,
     limits: Limits,
     keep: K,
     k: usize,
-    candidates: &'b mut Candidates,
-    found: &'b mut Vec<Neighbor>,
-    observe: &'b mut O,
+    candidates: &'a mut Candidates,
+    found: &'a mut Vec<Neighbor>,
+    observe: &'a mut O,
 }
 
-impl<K: Keep, O: Observe> Kernel for NearestN<'_, '_, K, O> {
+impl<L: QueriedLayers, K: Keep, O: Observe> Kernel for NearestN<'_, L, K, O> {
     /// Whether the points found are in order already.
     type Output = bool;
     #[inline(always)]
@@ -297,14 +274,14 @@ impl<K: Keep, O: Observe> Kernel for NearestN<'_, '_, K, O> {
     }
 }
 
-struct Collecting<'a, 'b, K> {
-    layers: QueriedLayers<'a>,
+struct Collecting<'a, L, K> {
+    layers: L,
     bound: f32,
     keep: K,
-    candidates: &'b mut Candidates,
+    candidates: &'a mut Candidates,
 }
 
-impl<K: Keep> Kernel for Collecting<'_, '_, K> {
+impl<L: QueriedLayers, K: Keep> Kernel for Collecting<'_, L, K> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
@@ -314,13 +291,13 @@ impl<K: Keep> Kernel for Collecting<'_, '_, K> {
     }
 }
 
-struct Counting<'a, K> {
-    layers: QueriedLayers<'a>,
+struct Counting<L, K> {
+    layers: L,
     bound: f32,
     keep: K,
 }
 
-impl<K: Keep> Kernel for Counting<'_, K> {
+impl<L: QueriedLayers, K: Keep> Kernel for Counting<L, K> {
     type Output = usize;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> usize {
@@ -332,13 +309,13 @@ impl<K: Keep> Kernel for Counting<'_, K> {
     }
 }
 
-struct Visiting<'a, 'v> {
-    layers: QueriedLayers<'a>,
+struct Visiting<'v, L> {
+    layers: L,
     bound: f32,
     visit: VisitSome<'v>,
 }
 
-impl Kernel for Visiting<'_, '_> {
+impl<L: QueriedLayers> Kernel for Visiting<'_, L> {
     type Output = ControlFlow<()>;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> ControlFlow<()> {

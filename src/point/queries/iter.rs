@@ -1,16 +1,16 @@
 //! Points within a radius as an iterator that searches a few bottom nodes at a time.
 
-use super::compiled::{self, MaybeFiltered, PreparedQuery};
+use super::compiled::{self, PreparedQuery};
 use super::query::NeighborQuery;
-use crate::point::layout::plane_tree::PlaneView;
+use crate::point::layout::kd_points::KdPointsView;
 use crate::point::layout::view::{LeafView, View};
 use crate::point::neighbor::Neighbor;
 use crate::point::search::candidates::Candidates;
+use crate::point::search::kd_search::KdFront;
 use crate::point::search::layers::{Layer, LayerView};
-use crate::point::search::planes::PlaneFront;
 use crate::point::search::radius::{Front, search_blocks};
 use crate::point::search::sinks::Gather;
-use crate::point::search::{Keep, KeepAll};
+use crate::point::search::{Allowed, Keep, KeepAll};
 use crate::simd::{Kernel, Simd, dispatch};
 use core::fmt;
 
@@ -21,7 +21,7 @@ const BATCH: usize = 64;
 #[allow(clippy::large_enum_variant)] // stored in place, so that iterating does not allocate
 enum LayerFront {
     Boxes(Front),
-    Planes(PlaneFront),
+    Kd(KdFront),
 }
 
 /// Iterator over the points within the radius of a query; made by [`NeighborQuery::iter`].
@@ -33,9 +33,9 @@ pub struct WithinIter<'a, K> {
 
 impl<K> fmt::Debug for WithinIter<'_, K> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let PreparedQuery { exact, time, bound, .. } = &self.search.query;
+        let PreparedQuery { given, time, bound, .. } = &self.search.query;
         f.debug_struct("WithinIter")
-            .field("position", exact)
+            .field("position", given)
             .field("time", time)
             .field("radius_squared", bound)
             .finish_non_exhaustive()
@@ -68,8 +68,8 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         let layer = if query.bound >= 0.0 { 0 } else { query.tree.layers.len() };
         let mut candidates = Candidates::default();
         candidates.reserve(BATCH);
-        if query.bound >= 0.0 && query.is_precise() {
-            compiled::gather(MaybeFiltered::Unfiltered(&query), &mut candidates);
+        if query.bound >= 0.0 && query.tree.is_double() {
+            compiled::gather(&query.keeping(Allowed(None)), &mut candidates);
         }
         let search = Search { query, layer, front: None, candidates, next: 0 };
         WithinIter { search, keep: self.query.keep }
@@ -122,11 +122,14 @@ impl Kernel for Step<'_, '_, '_> {
     type Output = bool;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> bool {
-        match self.layer.at(self.search.query.time) {
+        let PreparedQuery { given, time, .. } = self.search.query;
+        match self.layer.at(given, time) {
             LayerView::Static(view) => steps(s, self.search, &view),
             LayerView::Moving(view) => steps(s, self.search, &view),
             LayerView::Timed(view) => steps(s, self.search, &view),
-            LayerView::Planes(view) => step_planes(s, self.search, &view),
+            LayerView::Kd(view) => step_kd(s, self.search, &view),
+            // They have been searched at once.
+            LayerView::DoubleStatic(_) | LayerView::DoubleMoving(_) => false,
         }
     }
 }
@@ -147,7 +150,7 @@ fn step<S: Simd, V: View>(s: S, search: &mut Search<'_>, view: &V) -> bool {
     let target = view.target(s, search.query.point);
     let front = match search.front.get_or_insert_with(|| LayerFront::Boxes(Front::begin(view))) {
         LayerFront::Boxes(front) => front,
-        LayerFront::Planes(_) => return false,
+        LayerFront::Kd(_) => return false,
     };
     let Some((node, mut lanes)) = front.next(s, view, &target, bound) else { return false };
     let mut sink = Gather { candidates: &mut search.candidates, keep: &KeepAll };
@@ -161,10 +164,10 @@ fn step<S: Simd, V: View>(s: S, search: &mut Search<'_>, view: &V) -> bool {
 }
 
 #[inline(always)]
-fn step_planes<S: Simd>(s: S, search: &mut Search<'_>, view: &PlaneView<'_>) -> bool {
+fn step_kd<S: Simd>(s: S, search: &mut Search<'_>, view: &KdPointsView<'_>) -> bool {
     let PreparedQuery { bound, point, .. } = search.query;
-    let front = match search.front.get_or_insert_with(|| LayerFront::Planes(PlaneFront::begin())) {
-        LayerFront::Planes(front) => front,
+    let front = match search.front.get_or_insert_with(|| LayerFront::Kd(KdFront::begin())) {
+        LayerFront::Kd(front) => front,
         LayerFront::Boxes(_) => return false,
     };
     let Some(blocks) = front.next(view, point, bound, || ()) else { return false };

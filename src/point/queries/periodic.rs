@@ -338,7 +338,7 @@ impl<K: Keep> PeriodicQuery<'_, K> {
 
     #[inline(always)]
     fn home(&self) -> DVec3 {
-        self.images.home(self.query.query.exact)
+        self.images.home(self.query.query.given)
     }
 }
 

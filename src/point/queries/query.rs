@@ -1,10 +1,10 @@
 //! The interface of neighbour queries: point, time, radius and filter, and then one of several runs.
 
 use super::buffer::NeighborBuffer;
-use super::compiled::{self, MaybeFiltered, PreparedQuery};
+use super::compiled::{self, CompiledQuery, PreparedQuery};
 use crate::limits::is_in_range;
 use crate::point::neighbor::Neighbor;
-use crate::point::search::{Keep, KeepAll, KeepIf, KeepLanes, NeighborWork};
+use crate::point::search::{Allowed, Keep, KeepAll, KeepIf, NeighborWork};
 use crate::point::tree::PointTree;
 use crate::primitive::Position;
 use crate::simd::{Lanes, Mask};
@@ -24,9 +24,9 @@ pub struct NeighborQuery<'a, K = KeepAll> {
 
 impl<K> fmt::Debug for NeighborQuery<'_, K> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let PreparedQuery { exact, time, bound, .. } = &self.query;
+        let PreparedQuery { given, time, bound, .. } = &self.query;
         f.debug_struct("NeighborQuery")
-            .field("position", exact)
+            .field("position", given)
             .field("time", time)
             .field("radius_squared", bound)
             .finish_non_exhaustive()
@@ -36,10 +36,10 @@ impl<K> fmt::Debug for NeighborQuery<'_, K> {
 impl<'a> NeighborQuery<'a> {
     #[inline(always)]
     pub(in crate::point) fn new(tree: &'a PointTree, at: impl Position, time: f32) -> Self {
-        let (exact, point) = (at.wide(), at.relative(tree.origin));
+        let (given, point) = (at.wide(), at.relative(tree.origin));
         let valid = is_in_range(point) && (0.0..=1.0).contains(&time);
         let bound = if valid { f32::MAX } else { -1.0 };
-        NeighborQuery { query: PreparedQuery { tree, point, exact, time, bound, shrink: 1.0, keep: KeepAll } }
+        NeighborQuery { query: PreparedQuery { tree, point, given, time, bound, shrink: 1.0, keep: KeepAll } }
     }
 
     /// Considers only points for whose id the predicate returns true. It must be pure. It may be called more than once for
@@ -105,18 +105,18 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
     pub(super) fn moved(&self, place: DVec3, bound: f32) -> NeighborQuery<'a, &K> {
         let query = self.query.keeping(&self.query.keep);
         NeighborQuery {
-            query: PreparedQuery { point: place.relative(query.tree.origin), exact: place, bound, ..query },
+            query: PreparedQuery { point: place.relative(query.tree.origin), given: place, bound, ..query },
         }
     }
 
     /// Runs the query by one of the functions that are compiled in this crate.
     #[inline(always)]
-    pub(super) fn run<R>(&self, run: impl FnOnce(MaybeFiltered<'_, 'a>) -> R) -> R {
+    pub(super) fn run<R>(&self, run: impl FnOnce(&CompiledQuery<'a, '_>) -> R) -> R {
         if K::FILTERS {
             let kept = |ids: &Lanes<u32>, mask: Mask| self.query.keep.kept(ids, mask);
-            run(MaybeFiltered::Filtered(&self.query.keeping(KeepLanes(&kept))))
+            run(&self.query.keeping(Allowed(Some(&kept))))
         } else {
-            run(MaybeFiltered::Unfiltered(&self.query.keeping(KeepAll)))
+            run(&self.query.keeping(Allowed(None)))
         }
     }
 
@@ -217,7 +217,7 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         if !self.finds_something() {
             return ControlFlow::Continue(());
         }
-        compiled::for_some(&self.query.keeping(KeepAll), &mut |ids, distances| {
+        compiled::for_some(&self.query.keeping(Allowed(None)), &mut |ids, distances| {
             for (&id, &distance_squared) in ids.iter().zip(distances) {
                 if self.query.keep.keep(id) {
                     visit(Neighbor { id, distance_squared })?;

@@ -2,8 +2,8 @@
 
 use crate::geometry::{Aabb, KeyTime};
 use crate::kd::KdView;
+use crate::point::layout::kd_points::KdPoints;
 use crate::point::layout::over_interval::{BoxTree, PointPath, all_lanes};
-use crate::point::layout::plane_tree::PlaneTree;
 use crate::point::search::layers::Layer;
 use crate::point::tree::PointTree;
 use crate::simd::LANES;
@@ -41,15 +41,15 @@ struct LayersAt<'a> {
 }
 
 impl LayersAt<'_> {
-    /// Children or points of an entry in a tree whose positions are relative to `origin`.
-    fn expand_in(
+    /// Children or points of an entry in a tree of boxes.
+    fn expand_boxes(
         &self,
         tree: &impl BoxTree,
-        origin: DVec3,
         entry: Entry,
         children: &mut Vec<(Aabb, Entry)>,
         items: &mut Vec<TreePoint>,
     ) {
+        let origin = self.tree.origin_of_positions();
         let Some(level) = entry.level else {
             for (block, lane) in all_lanes(entry.at..entry.at + entry.blocks) {
                 if tree.is_active(block, lane, self.time) {
@@ -70,14 +70,8 @@ impl LayersAt<'_> {
         }
     }
 
-    /// [`LayersAt::expand_in`] for a k-d tree: cells of its planes at the time, grown by their slack.
-    fn expand_planes(
-        &self,
-        tree: &PlaneTree,
-        entry: Entry,
-        children: &mut Vec<(Aabb, Entry)>,
-        items: &mut Vec<TreePoint>,
-    ) {
+    /// [`LayersAt::expand_boxes`] for a k-d tree: cells of its planes at the time, grown by their slack.
+    fn expand_kd(&self, tree: &KdPoints, entry: Entry, children: &mut Vec<(Aabb, Entry)>, items: &mut Vec<TreePoint>) {
         match tree.node(entry.at as u32) {
             KdView::Leaf { first, count } => {
                 let at = KeyTime::new(self.time, tree.slice.keys);
@@ -115,30 +109,22 @@ impl Hierarchy for LayersAt<'_> {
             roots.push(match of {
                 Layer::Static(tree) => top(tree.root_node()),
                 Layer::Moving(trees) => top(trees[slice].root_node()),
-                Layer::Planes(trees) => {
+                Layer::Kd(trees) => {
                     let (root, slack) = (trees[slice].root, trees[slice].slack(0));
                     let [min, max] = [root.min, root.max].map(|corner| corner.as_dvec3() + self.tree.origin);
                     Entry { cell: Aabb { min, max }.pad(slack), ..entry }
                 }
+                Layer::Double(trees) => top(trees[slice].root_node()),
             });
-        }
-        for (number, of) in self.tree.precise.iter().enumerate() {
-            let (layer, slice) = (self.tree.layers.len() + number, of.slice_at(self.time));
-            let (level, at) = of.trees[slice].root_node();
-            roots.push(Entry { layer, slice, level: Some(level), at, blocks: 0, cell: Aabb::EMPTY });
         }
     }
 
     fn expand(&self, entry: Entry, children: &mut Vec<(Aabb, Entry)>, items: &mut Vec<TreePoint>) {
-        let origin = self.tree.origin;
-        match self.tree.layers.get(entry.layer) {
-            Some(Layer::Static(tree)) => self.expand_in(tree, origin, entry, children, items),
-            Some(Layer::Moving(trees)) => self.expand_in(&trees[entry.slice], origin, entry, children, items),
-            Some(Layer::Planes(trees)) => self.expand_planes(&trees[entry.slice], entry, children, items),
-            None => {
-                let layer = &self.tree.precise[entry.layer - self.tree.layers.len()];
-                self.expand_in(&layer.trees[entry.slice], DVec3::ZERO, entry, children, items);
-            }
+        match &self.tree.layers[entry.layer] {
+            Layer::Static(tree) => self.expand_boxes(tree, entry, children, items),
+            Layer::Moving(trees) => self.expand_boxes(&trees[entry.slice], entry, children, items),
+            Layer::Kd(trees) => self.expand_kd(&trees[entry.slice], entry, children, items),
+            Layer::Double(trees) => self.expand_boxes(&trees[entry.slice], entry, children, items),
         }
     }
 }

@@ -4,7 +4,7 @@
 //! filter and those for the work alone; queries without a filter have a form that does not count
 //! ([`crate::point::queries::compiled`]).
 
-use super::layers::{Layer, QueriedLayers};
+use super::layers::{Layer, QueriedLayers, SingleLayers};
 use crate::point::search::candidates::Candidates;
 use crate::point::search::k_nearest::KNearest;
 use crate::point::search::{KeepLanes, NeighborWork};
@@ -34,7 +34,7 @@ pub(in crate::point) fn search_counted(
     let mut search = KNearest::within(*k, *bound, *shrink, candidates, keep, &mut work);
     loop {
         for layers in *layers {
-            walk_counted(simd, QueriedLayers { layers, point: *point, time: *time }, &mut search);
+            walk_counted(simd, SingleLayers { layers, point: *point, time: *time }, &mut search);
         }
         if !search.retry() {
             return work;
@@ -45,14 +45,14 @@ pub(in crate::point) fn search_counted(
 /// Traverses all layers once, nearest boxes first: a part of a search.
 pub(in crate::point) fn walk_counted(
     simd: SimdLevel,
-    layers: QueriedLayers<'_>,
+    layers: SingleLayers<'_>,
     search: &mut KNearest<'_, KeepLanes<'_>, NeighborWork>,
 ) {
     dispatch(simd, CountedTraversal { layers, search });
 }
 
 struct CountedTraversal<'a, 'b, 'c, 'k> {
-    layers: QueriedLayers<'a>,
+    layers: SingleLayers<'a>,
     search: &'b mut KNearest<'c, KeepLanes<'k>, NeighborWork>,
 }
 

@@ -81,3 +81,21 @@ impl Keep for KeepLanes<'_> {
         if mask == 0 { 0 } else { (self.0)(ids, mask) }
     }
 }
+
+/// A caller's predicate, if there is one: for searches that are compiled once for both.
+#[derive(Clone, Copy)]
+pub(in crate::point) struct Allowed<'a>(pub(in crate::point) Option<KeptLanes<'a>>);
+
+impl Keep for Allowed<'_> {
+    const FILTERS: bool = true;
+    fn keep(&self, id: u32) -> bool {
+        self.kept(&[id; LANES], 1) != 0
+    }
+    #[inline(always)]
+    fn kept(&self, ids: &Lanes<u32>, mask: Mask) -> Mask {
+        match self.0 {
+            Some(kept) if mask != 0 => kept(ids, mask),
+            _ => mask,
+        }
+    }
+}

@@ -6,12 +6,12 @@
 pub(super) mod candidates;
 pub(super) mod counted_search;
 pub(super) mod k_nearest;
+pub(super) mod kd_search;
 mod keep;
 mod keys;
 pub(super) mod layers;
 mod leaf_queue;
 pub(super) mod nearest;
-pub(super) mod planes;
 pub(super) mod radius;
 pub(super) mod sinks;
 pub(super) mod sort;
@@ -19,7 +19,7 @@ mod threshold;
 pub(super) mod walk;
 mod work;
 
+pub(super) use keep::{Allowed, KeepLanes};
 pub use keep::{Keep, KeepAll, KeepIf};
-pub(super) use keep::{KeepLanes, KeptLanes};
 pub use work::NeighborWork;
 pub(super) use work::Observe;

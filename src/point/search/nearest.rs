@@ -7,10 +7,10 @@
 //! are needed at the end only, and in all lanes, so that it can be compared with boxes.
 
 use super::Keep;
+use super::kd_search::KdFront;
 use super::keys::{keys, smallest, unpack};
-use super::planes::PlaneFront;
 use crate::limits::MAX_LEVELS;
-use crate::point::layout::plane_tree::PlaneView;
+use crate::point::layout::kd_points::KdPointsView;
 use crate::point::layout::view::{LeafView, Target, View};
 use crate::simd::{LANES, Mask, Simd};
 use crate::tuning::points::NEAR;
@@ -177,9 +177,9 @@ impl<'a, S: Simd, K: Keep> Best<'a, S, K> {
 
     /// Searches a k-d tree for points nearer than the best so far.
     #[inline(always)]
-    pub(in crate::point) fn search_planes(&mut self, s: S, view: &PlaneView<'_>, point: Vec3) {
+    pub(in crate::point) fn search_kd(&mut self, s: S, view: &KdPointsView<'_>, point: Vec3) {
         let target = view.target(s, point);
-        let mut front = PlaneFront::begin();
+        let mut front = KdFront::begin();
         while let Some(blocks) = front.next(view, point, s.lane(self.cull, 0), || ()) {
             let mut least = s.to_bits(self.least);
             for block in blocks {

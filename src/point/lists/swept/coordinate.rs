@@ -2,14 +2,13 @@
 //! time.
 
 use crate::geometry::KeyTime;
+use crate::point::layout::double_tree::{DoubleTree, between};
 use crate::point::layout::moving_tree::MovingTree;
 use crate::point::layout::over_interval::{BlockTree, PointPath};
-use crate::point::layout::slice_tree::SliceTree;
 use crate::point::layout::static_tree::StaticTree;
 use crate::point::leaf_order::segment_slice::exact_phase;
 use crate::point::lists::periodic_box::PeriodicBox;
 use crate::point::lists::radii::Allowance;
-use crate::point::precise::{PreciseTree, between};
 use crate::point::search::layers::Layer;
 use crate::point::tree::PointTree;
 use crate::simd::Simd;
@@ -29,8 +28,8 @@ pub(super) enum SweptLayer<'a, C: SweptCoordinate> {
 /// A number that positions of moving points are kept in.
 pub(super) trait SweptCoordinate: Copy + Default + Into<f64> + Send + Sync {
     /// The trees of static points and of others.
-    type Static: BlockTree<Coordinate = Self> + Sync;
-    type Moving: BlockTree<Coordinate = Self> + SliceTree + Sync;
+    type Static: BlockTree<Coordinate = Self>;
+    type Moving: BlockTree<Coordinate = Self>;
 
     /// The layers of a tree.
     fn layers(tree: &PointTree) -> Vec<SweptLayer<'_, Self>>;
@@ -66,11 +65,12 @@ impl SweptCoordinate for f32 {
     type Moving = MovingTree;
 
     fn layers(tree: &PointTree) -> Vec<SweptLayer<'_, f32>> {
-        let layers = tree.layers.iter().map(|layer| match layer {
-            Layer::Static(tree) => SweptLayer::Static(tree),
-            Layer::Moving(trees) => SweptLayer::Moving(trees),
+        let layers = tree.layers.iter().filter_map(|layer| match layer {
+            Layer::Static(tree) => Some(SweptLayer::Static(tree)),
+            Layer::Moving(trees) => Some(SweptLayer::Moving(&trees[..])),
             // See `PointTree::box_tree`.
-            Layer::Planes(_) => SweptLayer::Moving(&[]),
+            Layer::Kd(_) => Some(SweptLayer::Moving(&[])),
+            Layer::Double(_) => None,
         });
         layers.collect()
     }
@@ -117,13 +117,17 @@ impl SweptCoordinate for f32 {
 }
 
 impl SweptCoordinate for f64 {
-    type Static = PreciseTree;
-    type Moving = PreciseTree;
+    type Static = DoubleTree;
+    type Moving = DoubleTree;
 
     fn layers(tree: &PointTree) -> Vec<SweptLayer<'_, f64>> {
-        let layers = tree.precise.iter().map(|layer| match &layer.trees[..] {
-            [tree] if !tree.moves() => SweptLayer::Static(tree),
-            trees => SweptLayer::Moving(trees),
+        let layers = tree.layers.iter().filter_map(|layer| match layer {
+            Layer::Double(trees) => Some(match &trees[..] {
+                [tree] if !tree.moves() => SweptLayer::Static(tree),
+                trees => SweptLayer::Moving(trees),
+            }),
+            // A tree without points.
+            Layer::Static(_) | Layer::Moving(_) | Layer::Kd(_) => None,
         });
         layers.collect()
     }
@@ -132,7 +136,7 @@ impl SweptCoordinate for f64 {
         x - center
     }
     fn lengths(periodic_box: &PeriodicBox) -> [f64; 3] {
-        periodic_box.exact_period
+        periodic_box.double_period
     }
     #[inline(always)]
     fn displacement(open: f64, close: f64) -> f64 {
@@ -166,7 +170,7 @@ impl SweptCoordinate for f64 {
             between([point.open, point.close].map(DVec3::from_array), phase)
         };
         let (a, b) = (place(a, keys[0]), place(b, keys[1]));
-        let [x, y, z] = periodic_box.nearest_of_pair_exactly((b - a).to_array());
+        let [x, y, z] = periodic_box.nearest_of_pair_double((b - a).to_array());
         ((x * x + y * y) + z * z) as f32
     }
 }

@@ -44,7 +44,7 @@
 //! a key, n the number of segments, and R the most by which displacements between two keys differ along an axis.
 //! - A position is `a + (b − a) s`. That makes 5εA. Taking off the place and the drift, each at most 2A away, makes 6εA more in the
 //!   tests, but none where a pair is decided. Faces are computed in f64 as well, from a centre and a face relative to it, and have
-//!   4εA in place of 5: they hold the exact positions for all phases of a slice (`point/precise/linear_box.rs`).
+//!   4εA in place of 5: they hold the exact positions for all phases of a slice (`point/layout/double_box.rs`).
 //! - The phase of a time is wrong by 4nε where the time is that of a key. A point moves by 8nεA then.
 //! - So what the tests compare and what decides differ by (32 + 16n)εA along an axis, below (56 + 28n)εA altogether.
 //! - An encounter is reported in the slice that holds the computed time at which it begins. There the two are farther apart than

@@ -222,7 +222,7 @@ impl<'a> SweptQuery<'a> {
         let times = [interval.begin(), interval.end()];
         let (boxed, boxed_among) = (tree.box_tree(times), among.and_then(|among| among.box_tree(times)));
         let sets = (boxed.as_ref().unwrap_or(tree), boxed_among.as_ref().or(among));
-        let single = tree.precise.is_empty() && among.is_none_or(|among| among.precise.is_empty());
+        let single = !tree.is_double() && among.is_none_or(|among| !among.is_double());
         let crowded = if single {
             self.unordered::<f32>(sets, times, lists)?
         } else {

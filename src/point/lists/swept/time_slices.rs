@@ -26,7 +26,7 @@
 use super::coordinate::{SweptCoordinate, SweptLayer};
 use super::window::Segment;
 use crate::point::layout::over_interval::{BlockTree, BoxTree};
-use crate::point::layout::slice_tree::slices_during;
+use crate::point::layout::slice_tree::{SliceTree, slices_during};
 use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::point::lists::radii::radius_of;
 use crate::simd::{LANES, Lanes};

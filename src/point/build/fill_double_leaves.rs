@@ -1,13 +1,13 @@
 //! Writing f64 points into the leaves of a tree, in the order that was found for them.
 
-use super::linear_box::LinearBox;
-use super::rounded_order::PointsToOrder;
-use super::tree::{Block, PreciseTree, between};
+use super::source::Source;
 use crate::geometry::TimeInterval;
 use crate::parallel;
-use crate::point::build::source::Source;
+use crate::point::layout::double_box::DoubleBox;
+use crate::point::layout::double_tree::{DoubleBlock, DoubleTree, between};
 use crate::point::layout::moving_leaf::LaneIntervals;
-use crate::point::layout::view::ExactRows;
+use crate::point::layout::view::DoubleRows;
+use crate::point::leaf_order::rounded_order::PointsToOrder;
 use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::point::leaf_order::widest_axis::include;
 use crate::progress::Progress;
@@ -23,80 +23,60 @@ const AHEAD: usize = 16;
 
 /// The points of a set during a time slice.
 #[derive(Clone, Copy)]
-pub(super) struct PrecisePoints<'a> {
-    pub(super) source: &'a Source,
-    pub(super) slice: SegmentSlice,
+pub(in crate::point) struct DoublePoints<'a> {
+    pub(in crate::point) source: &'a Source,
+    pub(in crate::point) slice: SegmentSlice,
 }
 
-impl PrecisePoints<'_> {
+impl DoublePoints<'_> {
     /// Positions of a point at the keys of the segment.
     #[inline(always)]
-    pub(super) fn keys(&self, point: u32) -> [DVec3; 2] {
+    pub(in crate::point) fn keys(&self, point: u32) -> [DVec3; 2] {
         let [open, close] = self.slice.ends();
-        [self.source.exact(point as usize, open), self.source.exact(point as usize, close)]
+        [self.source.double(point as usize, open), self.source.double(point as usize, close)]
     }
 
     /// The position of a point at the earlier key.
     #[inline(always)]
-    pub(super) fn at_rest(&self, point: u32) -> DVec3 {
-        self.source.exact(point as usize, self.slice.segment)
-    }
-
-    /// The position of a point in the middle of the slice.
-    #[inline(always)]
-    pub(super) fn in_the_middle(&self, point: u32) -> DVec3 {
-        let [begin, end] = self.slice.phases;
-        between(self.keys(point), 0.5 * (begin + end))
+    pub(in crate::point) fn at_rest(&self, point: u32) -> DVec3 {
+        self.source.double(point as usize, self.slice.segment)
     }
 
     /// Positions of a point at the begin and at the end of the slice.
     #[inline(always)]
-    pub(super) fn ends(&self, point: u32) -> [DVec3; 2] {
+    pub(in crate::point) fn ends(&self, point: u32) -> [DVec3; 2] {
         let (keys, [begin, end]) = (self.keys(point), self.slice.phases);
         [between(keys, begin), between(keys, end)]
     }
 
     /// When a point exists.
     #[inline(always)]
-    pub(super) fn active(&self, point: u32) -> TimeInterval {
+    pub(in crate::point) fn active(&self, point: u32) -> TimeInterval {
         self.source.active(point as usize)
     }
 
     /// Whether a point exists at some time of the slice.
-    pub(super) fn exists(&self, point: u32) -> bool {
+    pub(in crate::point) fn exists(&self, point: u32) -> bool {
         self.active(point).intersect(self.slice.interval).is_some()
     }
 
     /// Prefetches the positions of a point; a hint.
     #[inline(always)]
-    pub(super) fn prefetch(&self, point: u32) {
-        self.source.prefetch_exact(point as usize, self.slice.segment);
+    pub(in crate::point) fn prefetch(&self, point: u32) {
+        self.source.prefetch_double(point as usize, self.slice.segment);
     }
 }
 
-/// Static points, to be ordered by where they are.
-pub(super) struct AtRest<'a>(pub(super) PrecisePoints<'a>);
-
-impl PointsToOrder for AtRest<'_> {
+/// They are ordered by where they are in the middle of the slice.
+impl PointsToOrder for DoublePoints<'_> {
     #[inline(always)]
     fn at(&self, point: u32) -> DVec3 {
-        self.0.at_rest(point)
-    }
-    fn displacement(&self, _: u32) -> DVec3 {
-        DVec3::ZERO
-    }
-}
-
-/// Points to be ordered by where they are in the middle of the slice.
-pub(super) struct InTheMiddle<'a>(pub(super) PrecisePoints<'a>);
-
-impl PointsToOrder for InTheMiddle<'_> {
-    #[inline(always)]
-    fn at(&self, point: u32) -> DVec3 {
-        self.0.in_the_middle(point)
+        let [begin, end] = self.slice.phases;
+        // Of a single key both give the same.
+        if self.slice.keys == 1 { self.at_rest(point) } else { between(self.keys(point), 0.5 * (begin + end)) }
     }
     fn displacement(&self, point: u32) -> DVec3 {
-        let [begin, end] = self.0.ends(point);
+        let [begin, end] = self.ends(point);
         end - begin
     }
 }
@@ -104,22 +84,22 @@ impl PointsToOrder for InTheMiddle<'_> {
 /// Leaves to be filled. Rows that the tree does not have are empty.
 struct LeafRowsMut<'a> {
     numbers: &'a [u32],
-    blocks: &'a mut [Block],
-    ends: &'a mut [ExactRows],
+    blocks: &'a mut [DoubleBlock],
+    ends: &'a mut [DoubleRows],
     block_times: &'a mut [LaneIntervals],
     active: &'a mut [LaneIntervals],
 }
 
-impl PreciseTree {
+impl DoubleTree {
     /// Writes points, in order, into the leaves, which are empty; returns the boxes around each leaf.
     ///
     /// Once `progress` is cancelled, the other leaves are left empty, without boxes.
-    pub(super) fn fill_leaves(
+    pub(in crate::point) fn fill_leaves(
         &mut self,
-        points: PrecisePoints<'_>,
+        points: DoublePoints<'_>,
         numbers: &[u32],
         progress: &Progress,
-    ) -> Vec<LinearBox> {
+    ) -> Vec<DoubleBox> {
         let (moves, leaf_blocks) = (self.moves(), self.shape.leaf_blocks);
         let leaf = leaf_blocks * LANES;
         let mut ends = sections(&mut self.ends, leaf_blocks);
@@ -160,13 +140,13 @@ fn with_next(numbers: &[u32]) -> impl Iterator<Item = (u32, Option<u32>)> {
 
 impl LeafRowsMut<'_> {
     /// Fills leaves with points that do not move and exist throughout the shutter.
-    fn fill_static(&mut self, points: PrecisePoints<'_>, leaf_blocks: usize) -> Vec<LinearBox> {
+    fn fill_static(&mut self, points: DoublePoints<'_>, leaf_blocks: usize) -> Vec<DoubleBox> {
         let mut boxes = Vec::with_capacity(self.blocks.len() / leaf_blocks);
         let (mut lo, mut hi) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
         let mut next = self.numbers.chunks(LANES).skip(1);
         for (i, (numbers, block)) in self.numbers.chunks(LANES).zip(self.blocks.iter_mut()).enumerate() {
             next.next().into_iter().flatten().for_each(|&next| points.prefetch(next));
-            let Block { begin: ExactRows([x, y, z]), id } = block;
+            let DoubleBlock { begin: DoubleRows([x, y, z]), id } = block;
             let lanes = x.iter_mut().zip(y).zip(z).zip(id);
             for ((((x, y), z), id), &number) in lanes.zip(numbers) {
                 let at = points.at_rest(number).to_array();
@@ -175,7 +155,7 @@ impl LeafRowsMut<'_> {
             }
             // A leaf ends here, or there are no more points.
             if (i + 1) % leaf_blocks == 0 || numbers.len() < LANES || (i + 1) * LANES == self.numbers.len() {
-                boxes.push(LinearBox::at_rest(DVec3::from_array(lo), DVec3::from_array(hi)));
+                boxes.push(DoubleBox::at_rest(DVec3::from_array(lo), DVec3::from_array(hi)));
                 (lo, hi) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
             }
         }
@@ -183,8 +163,8 @@ impl LeafRowsMut<'_> {
     }
 
     /// Fills leaves, of one block each.
-    fn fill_moving(&mut self, points: PrecisePoints<'_>) -> Vec<LinearBox> {
-        let mut boxes = vec![LinearBox::NONE; self.blocks.len()];
+    fn fill_moving(&mut self, points: DoublePoints<'_>) -> Vec<DoubleBox> {
+        let mut boxes = vec![DoubleBox::NONE; self.blocks.len()];
         for (i, (number, next)) in with_next(self.numbers).enumerate() {
             next.into_iter().for_each(|next| points.prefetch(next));
             let (block, lane) = (i / LANES, i % LANES);
@@ -202,7 +182,7 @@ impl LeafRowsMut<'_> {
             set(self.block_times, interval);
             set(self.active, active);
             let times = [interval.begin(), interval.end_bound()];
-            boxes[block] = boxes[block].union(&LinearBox::of_point(points.ends(number), keys, times));
+            boxes[block] = boxes[block].union(&DoubleBox::of_point(points.ends(number), keys, times));
         }
         boxes
     }

@@ -1,52 +1,38 @@
 //! Trees over f64 points in files.
 
-use super::linear_box::Node;
-use super::tree::{ABSENT, Block, PreciseTree};
-use crate::file::{Decoder, Encoder, FileError, record_fields, require};
+use super::double_box::DoubleNode;
+use super::double_tree::{ABSENT, DoubleBlock, DoubleTree};
+use crate::file::{Decoder, FileError, record_fields, require};
 use crate::limits::MAX_COORDINATE;
 use crate::parallel;
 use crate::point::layout::boxes::Boxes;
 use crate::point::layout::moving_leaf::LaneIntervals;
 use crate::point::layout::static_file::{FARTHEST_FACE, are_fine};
-use crate::point::layout::view::ExactRows;
+use crate::point::layout::view::DoubleRows;
 use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::simd::{LANES, Lanes};
 use glam::DVec3;
 
-record_fields!(Node { middle: [f64; 3], displacement: [f64; 3], boxes: Boxes });
-record_fields!(ExactRows { 0: [Lanes<f64>; 3] });
-record_fields!(Block { begin: ExactRows, id: Lanes<u32> });
+record_fields!(DoubleNode { middle: [f64; 3], displacement: [f64; 3], boxes: Boxes });
+record_fields!(DoubleRows { 0: [Lanes<f64>; 3] });
+record_fields!(DoubleBlock { begin: DoubleRows, id: Lanes<u32> });
 
 /// The contents of a file for one tree, not validated yet.
-pub(in crate::point) struct PreciseRecord {
+pub(in crate::point) struct DoubleRecord {
     count: u64,
-    nodes: Vec<Node>,
+    nodes: Vec<DoubleNode>,
     slopes: Vec<Boxes>,
-    blocks: Vec<Block>,
-    ends: Vec<ExactRows>,
+    blocks: Vec<DoubleBlock>,
+    ends: Vec<DoubleRows>,
     node_times: Vec<LaneIntervals>,
     block_times: Vec<LaneIntervals>,
     active: Vec<LaneIntervals>,
 }
 
-impl PreciseTree {
-    /// Writes everything except the time slice.
-    pub(in crate::point) fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
-        to.put(self.references as u64)?;
-        to.array(&self.nodes)?;
-        to.array(&self.slopes)?;
-        to.array(&self.blocks)?;
-        to.array(&self.ends)?;
-        to.array(&self.node_times)?;
-        to.array(&self.block_times)?;
-        to.array(&self.active)
-    }
-}
-
-impl PreciseRecord {
-    /// Reads a tree that [`PreciseTree::encode`] wrote.
-    pub(in crate::point) fn decode(from: &mut Decoder<'_>) -> Result<PreciseRecord, FileError> {
-        Ok(PreciseRecord {
+impl DoubleRecord {
+    /// Reads a tree that `DoubleTree` wrote.
+    pub(in crate::point) fn decode(from: &mut Decoder<'_>) -> Result<DoubleRecord, FileError> {
+        Ok(DoubleRecord {
             count: from.get()?,
             nodes: from.array()?,
             slopes: from.array()?,
@@ -64,12 +50,12 @@ impl PreciseRecord {
     }
 
     /// The tree of a time slice around an origin, or an error if searches cannot traverse it.
-    pub(in crate::point) fn checked(self, slice: SegmentSlice, origin: DVec3) -> Result<PreciseTree, FileError> {
+    pub(in crate::point) fn checked(self, slice: SegmentSlice, origin: DVec3) -> Result<DoubleTree, FileError> {
         let (moves, timed) = (self.moves(), !self.node_times.is_empty());
-        let PreciseRecord { count, nodes, slopes, blocks, ends, node_times, block_times, active } = self;
+        let DoubleRecord { count, nodes, slopes, blocks, ends, node_times, block_times, active } = self;
         require(count <= (blocks.len() * LANES) as u64, "it has more points than leaves could hold")?;
         let references = count as usize;
-        let shape = PreciseTree::shape(references, moves);
+        let shape = DoubleTree::shape(references, moves);
         let leaves = references.div_ceil(shape.leaf());
         require(blocks.len() == leaves * shape.leaf_blocks, "the number of leaves does not match its points")?;
         let all = |needed: bool, of: usize| if needed { of } else { 0 };
@@ -85,7 +71,7 @@ impl PreciseRecord {
             "the number of active intervals does not match its leaves",
         )?;
         let tree =
-            PreciseTree { slice, shape, nodes, slopes, blocks, ends, node_times, block_times, active, references };
+            DoubleTree { slice, shape, nodes, slopes, blocks, ends, node_times, block_times, active, references };
         let fine =
             parallel::chunks(tree.blocks.len(), |range| range.into_iter().all(|block| tree.block_is_fine(block)));
         require(fine.into_iter().all(|fine| fine), "a leaf holds invalid points")?;
@@ -95,10 +81,10 @@ impl PreciseRecord {
     }
 }
 
-impl PreciseTree {
+impl DoubleTree {
     /// Whether the first lanes of a block are points and the others absent.
     fn block_is_fine(&self, block: usize) -> bool {
-        let Block { begin, id } = &self.blocks[block];
+        let DoubleBlock { begin, id } = &self.blocks[block];
         let end = self.ends.get(block).unwrap_or(begin);
         let count = self.references.saturating_sub(block * LANES);
         (0..LANES).all(|lane| {
@@ -113,7 +99,7 @@ impl PreciseTree {
 
     /// Whether boxes and their centre are finite and in range, and absent where there is no child.
     fn node_is_fine(&self, node: usize, lanes: usize, origin: DVec3) -> bool {
-        let Node { middle, displacement, boxes } = &self.nodes[node];
+        let DoubleNode { middle, displacement, boxes } = &self.nodes[node];
         let near = |x: f64| x.abs() <= f64::from(FARTHEST_FACE);
         let has_children = lanes > 0;
         let placed = (0..3).all(|axis| near(middle[axis] - origin[axis]) || !has_children && middle[axis] == 0.0);

@@ -14,7 +14,7 @@ use crate::simd::{Item, LANES};
 use glam::DVec3;
 
 /// Points to be ordered, by their numbers in the set.
-pub(super) trait PointsToOrder: Sync {
+pub(in crate::point) trait PointsToOrder: Sync {
     /// Where a point is.
     fn at(&self, number: u32) -> DVec3;
     /// The displacement of a point during the time slice.
@@ -39,7 +39,7 @@ struct Part<'a, 'b> {
 /// Orders a range into runs of `leaf` points, by motion as well if that is said. Whether f32 was fine enough; if not, all numbers
 /// are there in some order. `again` orders parts that this range is too large for. A point counts 1 for `progress` when it is in
 /// its part, and 1 when that is ordered here.
-pub(super) fn order_in_f32<P: PointsToOrder>(
+pub(in crate::point) fn order_in_f32<P: PointsToOrder>(
     numbers: &mut [u32],
     leaf: usize,
     (points, by_motion): (&P, bool),

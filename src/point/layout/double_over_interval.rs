@@ -2,18 +2,14 @@
 //!
 //! Beyond the ends of a time slice, faces go on along their lines: searches that take a common motion off everything need lines.
 
-use super::linear_box::Node;
-use super::tree::{Block, PreciseTree, between};
+use super::double_box::DoubleNode;
+use super::double_tree::{DoubleBlock, DoubleTree, between};
 use crate::geometry::TimeInterval;
 use crate::point::layout::over_interval::{BlockTree, BoxTree, PathRows, PointPath, greater, lesser, throughout};
-use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::simd::{LANES, Lanes};
 use glam::DVec3;
 
-impl BoxTree for PreciseTree {
-    fn slice(&self) -> SegmentSlice {
-        self.slice
-    }
+impl BoxTree for DoubleTree {
     fn root_node(&self) -> (usize, usize) {
         self.shape.root()
     }
@@ -29,7 +25,7 @@ impl BoxTree for PreciseTree {
     }
     #[inline(always)]
     fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
-        let (Node { middle, displacement, boxes }, slopes) = (&self.nodes[node], self.slopes.get(node));
+        let (DoubleNode { middle, displacement, boxes }, slopes) = (&self.nodes[node], self.slopes.get(node));
         let still = [[0.0; LANES]; 3];
         let (slopes_lo, slopes_hi) = slopes.map_or((&still, &still), |slopes| (&slopes.lo, &slopes.hi));
         let mut w = [0.0; LANES];
@@ -52,7 +48,7 @@ impl BoxTree for PreciseTree {
         self.block_times.get(block).is_none_or(|times| times.is_active(lane, time))
     }
     fn point_path(&self, block: usize, lane: usize) -> Option<PointPath> {
-        let Block { begin, id } = self.blocks.get(block)?;
+        let DoubleBlock { begin, id } = self.blocks.get(block)?;
         let active = self.active.get(block).map_or(Some(TimeInterval::FULL), |active| active.of_lane(lane))?;
         let open = begin.0.map(|row| row[lane]);
         let close = self.ends.get(block).map_or(open, |rows| rows.0.map(|row| row[lane]));
@@ -66,14 +62,11 @@ impl BoxTree for PreciseTree {
     }
 }
 
-impl BlockTree for PreciseTree {
+impl BlockTree for DoubleTree {
     type Coordinate = f64;
-    fn block_count(&self) -> usize {
-        self.blocks.len()
-    }
     #[inline(always)]
     fn rows(&self, block: usize) -> PathRows<f64> {
-        let Block { begin, id } = &self.blocks[block];
+        let DoubleBlock { begin, id } = &self.blocks[block];
         let rows = PathRows::always_active(&begin.0, &self.ends.get(block).unwrap_or(begin).0, id);
         match self.active.get(block) {
             Some(active) => PathRows { begin: active.begin, end: active.end, ..rows },
@@ -95,7 +88,7 @@ impl BlockTree for PreciseTree {
     }
     fn displacements(&self) -> [[f64; 3]; 2] {
         let (mut lo, mut hi) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-        for (number, Block { begin, id }) in self.blocks.iter().enumerate() {
+        for (number, DoubleBlock { begin, id }) in self.blocks.iter().enumerate() {
             let end = self.ends.get(number).unwrap_or(begin);
             for axis in 0..3 {
                 for lane in (0..LANES).filter(|&lane| id[lane] != u32::MAX) {

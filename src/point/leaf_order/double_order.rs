@@ -20,7 +20,7 @@ const SHARE: usize = 1 << 14;
 
 /// Orders the numbers of points so that leaf i holds the i-th run of `leaf` of them, by motion as well if that is said. Once
 /// `progress` is cancelled, ranges are left unordered.
-pub(super) fn order<P: PointsToOrder>(
+pub(in crate::point) fn order<P: PointsToOrder>(
     numbers: &mut [u32],
     leaf: usize,
     points: &P,

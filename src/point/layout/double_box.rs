@@ -1,11 +1,11 @@
 //! Boxes around moving f64 points, and nodes that hold such boxes in f32 relative to a centre.
 //!
 //! **Padding.** A point that moves from a to b is computed with three roundings of at most 2^-52 max(|a|, |b|): its
-//! box is wider by 2^-49 of that, and not at all if it is static ([`LinearBox::of_point`]). A face is stored relative to
+//! box is wider by 2^-49 of that, and not at all if it is static ([`DoubleBox::of_point`]). A face is stored relative to
 //! the centre of its node, and computed in f32 as `at + slope·w`, where w is rounded too: by at most (|at| + 3 |slope|)u.
 //! The query is rounded relative to the centre as well: by u of its distance from there, which is at most the distance of
 //! the face from there, |at| + |slope|, plus that of the query from the face. The latter changes gaps by a fraction of
-//! themselves only, which `super::tree` accounts for. For the rest, (2 |at| + 4 |slope|)u, the face is moved outward by
+//! themselves only, which `super::double_tree` accounts for. For the rest, (2 |at| + 4 |slope|)u, the face is moved outward by
 //! (3 |at| + 6 |slope|)u; the difference covers the f64 rounding of the build. The centre moves along a line; computed in
 //! f64 it is off by less than 2^-49 of its largest coordinates, by which faces are moved outward too.
 
@@ -18,7 +18,7 @@ use glam::DVec3;
 
 /// A box at the begin and at the end of a time slice, linear between, and its active interval.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct LinearBox {
+pub(in crate::point) struct DoubleBox {
     lo: [DVec3; 2],
     hi: [DVec3; 2],
     times: [f32; 2],
@@ -27,68 +27,69 @@ pub(super) struct LinearBox {
 /// Sixteen boxes relative to a centre that moves along a line.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
-pub(super) struct Node {
+pub(in crate::point) struct DoubleNode {
     /// The centre at the begin of the slice.
-    pub(super) middle: [f64; 3],
+    pub(in crate::point) middle: [f64; 3],
     /// The displacement of the centre until the end of the slice.
-    pub(super) displacement: [f64; 3],
+    pub(in crate::point) displacement: [f64; 3],
     /// The boxes at the begin of the slice.
-    pub(super) boxes: Boxes,
+    pub(in crate::point) boxes: Boxes,
 }
 
 /// A node without children, to be filled: the displacements of its faces during the slice if they move, and the active intervals
 /// of its children if there are any.
-pub(super) struct NodeRows<'a> {
-    pub(super) node: &'a mut Node,
-    pub(super) slopes: Option<&'a mut Boxes>,
-    pub(super) times: Option<&'a mut LaneIntervals>,
+pub(in crate::point) struct DoubleNodeRows<'a> {
+    pub(in crate::point) node: &'a mut DoubleNode,
+    pub(in crate::point) slopes: Option<&'a mut Boxes>,
+    pub(in crate::point) times: Option<&'a mut LaneIntervals>,
 }
 
-/// Faces are moved outward by at least this, so that squares in f32 may underflow (`super::tree`).
+/// Faces are moved outward by at least this, so that squares in f32 may underflow (`super::double_tree`).
 const TINY: f64 = 1e-22;
 
 /// Multiple of the paddings that is applied: 1, except in a test that shows that less loses points.
-pub(super) const FULL: f64 = 1.0;
+pub(in crate::point) const FULL: f64 = 1.0;
 
-impl LinearBox {
-    pub(super) const NONE: LinearBox =
-        LinearBox { lo: [DVec3::INFINITY; 2], hi: [DVec3::NEG_INFINITY; 2], times: [f32::INFINITY, f32::NEG_INFINITY] };
+impl DoubleBox {
+    pub(in crate::point) const NONE: DoubleBox =
+        DoubleBox { lo: [DVec3::INFINITY; 2], hi: [DVec3::NEG_INFINITY; 2], times: [f32::INFINITY, f32::NEG_INFINITY] };
 
     /// The box around a point at the begin and at the end of a slice, given its positions at both keys.
-    pub(super) fn of_point(ends: [DVec3; 2], keys: [DVec3; 2], times: [f32; 2]) -> LinearBox {
+    pub(in crate::point) fn of_point(ends: [DVec3; 2], keys: [DVec3; 2], times: [f32; 2]) -> DoubleBox {
         let [a, b] = keys;
         let moves = if a == b { 0.0 } else { 1.0 };
         let error = a.abs().max(b.abs()) * (moves * 2f64.powi(-49));
         // (Without `map` of arrays here and below, which is a call in some places.)
         let [begin, end] = ends;
-        LinearBox { lo: [begin - error, end - error], hi: [begin + error, end + error], times }
+        DoubleBox { lo: [begin - error, end - error], hi: [begin + error, end + error], times }
     }
 
     /// A box that does not move and always exists.
-    pub(super) fn at_rest(lo: DVec3, hi: DVec3) -> LinearBox {
-        LinearBox { lo: [lo; 2], hi: [hi; 2], times: [TimeInterval::FULL.begin(), TimeInterval::FULL.end_bound()] }
+    pub(in crate::point) fn at_rest(lo: DVec3, hi: DVec3) -> DoubleBox {
+        DoubleBox { lo: [lo; 2], hi: [hi; 2], times: [TimeInterval::FULL.begin(), TimeInterval::FULL.end_bound()] }
     }
 
     /// The box around both.
-    pub(super) fn union(self, other: &LinearBox) -> LinearBox {
+    pub(in crate::point) fn union(self, other: &DoubleBox) -> DoubleBox {
         let both = |i: usize| (self.lo[i].min(other.lo[i]), self.hi[i].max(other.hi[i]));
         let ((lo, hi), (end_lo, end_hi)) = (both(0), both(1));
         let times = [self.times[0].min(other.times[0]), self.times[1].max(other.times[1])];
-        LinearBox { lo: [lo, end_lo], hi: [hi, end_hi], times }
+        DoubleBox { lo: [lo, end_lo], hi: [hi, end_hi], times }
     }
 }
 
-impl Node {
+impl DoubleNode {
     /// A node without children.
-    pub(super) const NONE: Node = Node { middle: [0.0; 3], displacement: [0.0; 3], boxes: Boxes::NONE };
+    pub(in crate::point) const NONE: DoubleNode =
+        DoubleNode { middle: [0.0; 3], displacement: [0.0; 3], boxes: Boxes::NONE };
 
     /// The displacements of static boxes.
-    pub(super) const STATIC: Boxes = Boxes { lo: [[0.0; LANES]; 3], hi: [[0.0; LANES]; 3] };
+    pub(in crate::point) const STATIC: Boxes = Boxes { lo: [[0.0; LANES]; 3], hi: [[0.0; LANES]; 3] };
 
     /// Fills a node over at most sixteen children, and returns the box around it.
-    pub(super) fn over(children: &[LinearBox], padding: f64, to: NodeRows<'_>) -> LinearBox {
-        let NodeRows { node, mut slopes, mut times } = to;
-        let hull = children.iter().fold(LinearBox::NONE, LinearBox::union);
+    pub(in crate::point) fn over(children: &[DoubleBox], padding: f64, to: DoubleNodeRows<'_>) -> DoubleBox {
+        let DoubleNodeRows { node, mut slopes, mut times } = to;
+        let hull = children.iter().fold(DoubleBox::NONE, DoubleBox::union);
         if children.is_empty() {
             return hull;
         }
@@ -120,7 +121,7 @@ impl Node {
 
     /// The centre at a fraction of the slice.
     #[inline(always)]
-    pub(super) fn middle_at(&self, within: f64) -> [f64; 3] {
+    pub(in crate::point) fn middle_at(&self, within: f64) -> [f64; 3] {
         let ([x, y, z], [by_x, by_y, by_z]) = (self.middle, self.displacement);
         [x + by_x * within, y + by_y * within, z + by_z * within]
     }
@@ -129,9 +130,9 @@ impl Node {
 /// A line in f32 that is computed below the line between two heights, by the slack and a multiple of `unit`.
 fn below([begin, end]: [f64; 2], moves: bool, unit: f64, slack: f64) -> (f32, f32) {
     let slope = if moves { (end - begin) as f32 } else { 0.0 };
-    let wide = f64::from(slope);
-    let least = if moves { begin.min(end - wide) } else { begin };
-    let at = least - (3.0 * least.abs() + 6.0 * wide.abs()) * unit - slack;
+    let double = f64::from(slope);
+    let least = if moves { begin.min(end - double) } else { begin };
+    let at = least - (3.0 * least.abs() + 6.0 * double.abs()) * unit - slack;
     (rounded_down(at), slope)
 }
 
@@ -156,11 +157,11 @@ mod tests {
                     [a, a + random_vec(speed)]
                 })
                 .collect();
-            let boxes_below: Vec<LinearBox> =
-                points.iter().map(|&ends| LinearBox::of_point(ends, ends, [0.0, 1.0])).collect();
-            let (mut node, mut slopes) = (Node::NONE, Node::STATIC);
-            let to = NodeRows { node: &mut node, slopes: moves.then_some(&mut slopes), times: None };
-            Node::over(&boxes_below, padding, to);
+            let boxes_below: Vec<DoubleBox> =
+                points.iter().map(|&ends| DoubleBox::of_point(ends, ends, [0.0, 1.0])).collect();
+            let (mut node, mut slopes) = (DoubleNode::NONE, DoubleNode::STATIC);
+            let to = DoubleNodeRows { node: &mut node, slopes: moves.then_some(&mut slopes), times: None };
+            DoubleNode::over(&boxes_below, padding, to);
             for step in 0..=8 {
                 let w = f64::from(step) / 8.0;
                 for (lane, [a, b]) in points.iter().enumerate() {

@@ -1,20 +1,25 @@
 //! The tree over f64 points for a time slice, and its view at a time.
 //!
+//! The picture to have in mind: the same pyramid of sixteen-wide nodes, but each node has a centre of its own in f64, and
+//! boxes in f32 relative to it; so boxes are as fine as their contents, wherever these are. Leaves hold f64 positions. The
+//! distance of a point is computed in f64 and rounded to f32 once; order, ties and radii use that number.
+//!
 //! **Why no search ever loses a neighbour.** Let `q` be the query and `m` the centre of a node at the query's time, both in f64.
 //! The boxes of the node are relative to `m`, and so is the query: `p = q − m`, rounded to f32, is off by u = 2^-24 of itself. With
 //! `h` an exact face of the contents of a box, the query on its outer side at a distance `g`, |p| is at most |h| + g. Faces as
-//! computed are farther out than `h` by more than u|h| and by 1e-22 (`super::linear_box` has the sum), so the gap is at most g (1 +
+//! computed are farther out than `h` by more than u|h| and by 1e-22 (`super::double_box` has the sum), so the gap is at most g (1 +
 //! u) before it is rounded; and if the query is not on the outer side, there is no gap. Rounding the gap, squaring it, and adding
 //! squares makes at most seven roundings of u in the square of the distance, with those of p. It is multiplied by 1 − 2^-20 (16 u):
 //! then it is below the exact squared distance of any point in the box by more than f64 rounds that (if squares underflow, the
 //! 1e-22 compensate for it). And rounding to f32 is monotone. So the distance of the box is never above that of a point in it.
 
-use super::linear_box::Node;
+use super::double_box::DoubleNode;
+use crate::file::{Encoder, FileError};
 use crate::point::layout::boxes::Boxes;
 use crate::point::layout::moving_leaf::LaneIntervals;
 use crate::point::layout::shape::Shape;
 use crate::point::layout::slice_tree::SliceTree;
-use crate::point::layout::view::{CoordinateView, ExactRows, LeafView, Target, View, diagonal, outside, rows};
+use crate::point::layout::view::{CoordinateView, DoubleRows, LeafView, Target, View, diagonal, outside, rows};
 use crate::point::leaf_order::segment_slice::{SegmentSlice, exact_phase};
 use crate::simd::{LANES, Lanes, Mask, Simd, prefetch};
 use glam::{DVec3, Vec3};
@@ -22,21 +27,21 @@ use glam::{DVec3, Vec3};
 /// Positions of sixteen points at the earlier key of the segment, in rows.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
-pub(super) struct Block {
-    pub(super) begin: ExactRows,
-    pub(super) id: Lanes<u32>,
+pub(in crate::point) struct DoubleBlock {
+    pub(in crate::point) begin: DoubleRows,
+    pub(in crate::point) id: Lanes<u32>,
 }
 
 /// Coordinates of no point.
-pub(super) const NO_POINTS: ExactRows = ExactRows([[ABSENT; LANES]; 3]);
+pub(in crate::point) const NO_POINTS: DoubleRows = DoubleRows([[ABSENT; LANES]; 3]);
 
-impl Block {
+impl DoubleBlock {
     /// No point.
-    pub(super) const EMPTY: Block = Block { begin: NO_POINTS, id: [u32::MAX; LANES] };
+    pub(in crate::point) const EMPTY: DoubleBlock = DoubleBlock { begin: NO_POINTS, id: [u32::MAX; LANES] };
 
     /// Sets the position at the earlier key, and the id, of one lane.
     #[inline(always)]
-    pub(super) fn set(&mut self, lane: usize, at: DVec3, id: u32) {
+    pub(in crate::point) fn set(&mut self, lane: usize, at: DVec3, id: u32) {
         for (row, x) in self.begin.0.iter_mut().zip(at.to_array()) {
             row[lane] = x;
         }
@@ -45,28 +50,28 @@ impl Block {
 }
 
 /// The coordinates of absent points: every squared distance to them is infinite in f32.
-pub(super) const ABSENT: f64 = 1e150;
+pub(in crate::point) const ABSENT: f64 = 1e150;
 
 /// The factor on squared distances of boxes.
 const SHRINK: f32 = 1.0 - 1.0 / 1_048_576.0;
 
 /// Points given in f64, in a complete 16-ary tree for one time slice.
 #[derive(Clone)]
-pub(in crate::point) struct PreciseTree {
-    pub(super) slice: SegmentSlice,
-    pub(super) shape: Shape,
-    pub(super) nodes: Vec<Node>,
+pub(in crate::point) struct DoubleTree {
+    pub(in crate::point) slice: SegmentSlice,
+    pub(in crate::point) shape: Shape,
+    pub(in crate::point) nodes: Vec<DoubleNode>,
     /// Displacements of the faces until the end of the slice; empty if all points are static.
-    pub(super) slopes: Vec<Boxes>,
-    pub(super) blocks: Vec<Block>,
+    pub(in crate::point) slopes: Vec<Boxes>,
+    pub(in crate::point) blocks: Vec<DoubleBlock>,
     /// Positions at the later key; empty if all points are static.
-    pub(super) ends: Vec<ExactRows>,
+    pub(in crate::point) ends: Vec<DoubleRows>,
     /// Active intervals of nodes and points; empty if all are active throughout.
-    pub(super) node_times: Vec<LaneIntervals>,
-    pub(super) block_times: Vec<LaneIntervals>,
+    pub(in crate::point) node_times: Vec<LaneIntervals>,
+    pub(in crate::point) block_times: Vec<LaneIntervals>,
     /// Whole intervals of the points; empty if all exist throughout the shutter.
-    pub(super) active: Vec<LaneIntervals>,
-    pub(super) references: usize,
+    pub(in crate::point) active: Vec<LaneIntervals>,
+    pub(in crate::point) references: usize,
 }
 
 /// The position at a phase between two keys, from the nearer one.
@@ -82,25 +87,15 @@ fn nearer(phase: f64) -> (f64, bool) {
     if phase < 0.5 { (phase, false) } else { (phase - 1.0, true) }
 }
 
-impl PreciseTree {
+impl DoubleTree {
     /// The shape of a tree over `count` points.
-    pub(super) fn shape(count: usize, moves: bool) -> Shape {
+    pub(in crate::point) fn shape(count: usize, moves: bool) -> Shape {
         if moves { Shape::with_leaf(count, 1) } else { Shape::flattest(count) }
     }
 
     /// Whether its points may move or exist for a while only.
     pub(in crate::point) fn moves(&self) -> bool {
         !self.slopes.is_empty()
-    }
-
-    /// The ids of all points, in the order of the tree.
-    pub(in crate::point) fn ids_mut(&mut self) -> impl Iterator<Item = &mut u32> {
-        self.blocks.iter_mut().flat_map(|block| &mut block.id).filter(|id| **id != u32::MAX)
-    }
-
-    /// The same to read.
-    pub(in crate::point) fn all_ids(&self) -> impl Iterator<Item = u32> {
-        self.blocks.iter().flat_map(|block| block.id).filter(|&id| id != u32::MAX)
     }
 
     /// The centre of a node at a time.
@@ -110,7 +105,7 @@ impl PreciseTree {
 
     /// The phase of a time between the keys; exact.
     #[inline(always)]
-    pub(super) fn phase_at(&self, time: f32) -> f64 {
+    pub(in crate::point) fn phase_at(&self, time: f32) -> f64 {
         let SegmentSlice { keys, segment, phases: [begin, end], .. } = self.slice;
         exact_phase(time, keys, segment).max(begin).min(end)
     }
@@ -123,24 +118,25 @@ impl PreciseTree {
 
     /// The same, outside of [0, 1] where the phase is outside of the slice.
     #[inline(always)]
-    pub(super) fn fraction(&self, phase: f64) -> f64 {
+    pub(in crate::point) fn fraction(&self, phase: f64) -> f64 {
         let [begin, end] = self.slice.phases;
         if end > begin { (phase - begin) / (end - begin) } else { 0.0 }
     }
 
     /// The tree at a time of its slice, seen from a query point.
     #[inline(always)]
-    pub(in crate::point) fn at<const MOVING: bool>(&self, query: DVec3, time: f32) -> PreciseView<'_, MOVING> {
+    pub(in crate::point) fn at<const MOVING: bool>(&self, query: DVec3, time: f32) -> DoubleView<'_, MOVING> {
         let phase = if MOVING { self.phase_at(time) } else { 0.0 };
         let (step, from_end) = nearer(phase);
         let within = if MOVING { self.within(phase) } else { 0.0 };
-        PreciseView { tree: self, query: query.to_array(), time, within, step, from_end }
+        DoubleView { tree: self, query: query.to_array(), time, within, step, from_end }
     }
 }
 
-impl SliceTree for PreciseTree {
-    fn time_slice(&self) -> &SegmentSlice {
-        &self.slice
+impl SliceTree for DoubleTree {
+    #[inline(always)]
+    fn slice(&self) -> SegmentSlice {
+        self.slice
     }
     fn references(&self) -> usize {
         self.references
@@ -152,19 +148,38 @@ impl SliceTree for PreciseTree {
         self.shape.levels
     }
     fn bytes(&self) -> usize {
-        self.nodes.capacity() * size_of::<Node>()
+        self.nodes.capacity() * size_of::<DoubleNode>()
             + self.slopes.capacity() * size_of::<Boxes>()
-            + self.blocks.capacity() * size_of::<Block>()
-            + self.ends.capacity() * size_of::<ExactRows>()
+            + self.blocks.capacity() * size_of::<DoubleBlock>()
+            + self.ends.capacity() * size_of::<DoubleRows>()
             + (self.node_times.capacity() + self.block_times.capacity() + self.active.capacity())
                 * size_of::<LaneIntervals>()
+    }
+    fn block_count(&self) -> usize {
+        self.blocks.len()
+    }
+    fn block_ids(&self, block: usize) -> &Lanes<u32> {
+        &self.blocks[block].id
+    }
+    fn block_ids_mut(&mut self, block: usize) -> &mut Lanes<u32> {
+        &mut self.blocks[block].id
+    }
+    fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
+        to.put(self.references as u64)?;
+        to.array(&self.nodes)?;
+        to.array(&self.slopes)?;
+        to.array(&self.blocks)?;
+        to.array(&self.ends)?;
+        to.array(&self.node_times)?;
+        to.array(&self.block_times)?;
+        to.array(&self.active)
     }
 }
 
 /// A tree at a time, seen from a query point.
 #[derive(Clone, Copy)]
-pub(in crate::point) struct PreciseView<'a, const MOVING: bool> {
-    tree: &'a PreciseTree,
+pub(in crate::point) struct DoubleView<'a, const MOVING: bool> {
+    tree: &'a DoubleTree,
     query: [f64; 3],
     time: f32,
     /// The fraction of the slice at the time.
@@ -174,7 +189,7 @@ pub(in crate::point) struct PreciseView<'a, const MOVING: bool> {
     from_end: bool,
 }
 
-impl<const MOVING: bool> PreciseView<'_, MOVING> {
+impl<const MOVING: bool> DoubleView<'_, MOVING> {
     /// Faces relative to the centre.
     #[inline(always)]
     fn relative_faces<S: Simd>(&self, s: S, node: usize) -> ([S::F; 3], [S::F; 3]) {
@@ -214,7 +229,7 @@ impl<const MOVING: bool> PreciseView<'_, MOVING> {
 
     /// The positions of the points of a block; infinite along the first axis, for any period, where there is no active point.
     #[inline(always)]
-    fn position_rows<S: Simd>(&self, s: S, block: usize) -> ExactRows {
+    fn position_rows<S: Simd>(&self, s: S, block: usize) -> DoubleRows {
         let mut positions = self.tree.blocks[block].begin;
         if MOVING {
             for (axis, row) in positions.0.iter_mut().enumerate() {
@@ -246,7 +261,7 @@ impl<const MOVING: bool> PreciseView<'_, MOVING> {
     }
 }
 
-impl<const MOVING: bool> LeafView for PreciseView<'_, MOVING> {
+impl<const MOVING: bool> LeafView for DoubleView<'_, MOVING> {
     #[inline(always)]
     fn leaf_blocks(&self) -> usize {
         if MOVING { 1 } else { self.tree.shape.leaf_blocks }
@@ -283,7 +298,7 @@ impl<const MOVING: bool> LeafView for PreciseView<'_, MOVING> {
     }
     #[inline(always)]
     fn leaf_bytes(&self) -> usize {
-        self.tree.blocks.len() * size_of::<Block>() + self.tree.ends.len() * size_of::<ExactRows>()
+        self.tree.blocks.len() * size_of::<DoubleBlock>() + self.tree.ends.len() * size_of::<DoubleRows>()
     }
     #[inline(always)]
     fn ids(&self, block: usize) -> &Lanes<u32> {
@@ -291,7 +306,7 @@ impl<const MOVING: bool> LeafView for PreciseView<'_, MOVING> {
     }
 }
 
-impl<const MOVING: bool> View for PreciseView<'_, MOVING> {
+impl<const MOVING: bool> View for DoubleView<'_, MOVING> {
     const BALL: f32 = if MOVING { 0.14 } else { 0.18 };
 
     #[inline(always)]
@@ -331,7 +346,7 @@ impl<const MOVING: bool> View for PreciseView<'_, MOVING> {
     }
 }
 
-impl<const MOVING: bool> CoordinateView for PreciseView<'_, MOVING> {
+impl<const MOVING: bool> CoordinateView for DoubleView<'_, MOVING> {
     /// **Rounding.** Faces relative to the centre of the node hold the contents, and 1e-22 more. The query is rounded relative to
     /// the centre, by u of its distance from there, and the difference of the two numbers and the face in the end by u of their sum
     /// each. The face is moved outward by 4u of the sum.
@@ -352,12 +367,12 @@ impl<const MOVING: bool> CoordinateView for PreciseView<'_, MOVING> {
     }
     #[inline(always)]
     fn positions<S: Simd>(&self, s: S, _: &Target<S>, block: usize) -> [S::F; 3] {
-        let ExactRows([x, y, z]) = self.position_rows(s, block);
+        let DoubleRows([x, y, z]) = self.position_rows(s, block);
         let [qx, qy, qz] = self.query;
         [relative_row(s, &x, qx), relative_row(s, &y, qy), relative_row(s, &z, qz)]
     }
     #[inline(always)]
-    fn exact_positions<S: Simd>(&self, s: S, block: usize) -> Option<ExactRows> {
+    fn double_positions<S: Simd>(&self, s: S, block: usize) -> Option<DoubleRows> {
         Some(self.position_rows(s, block))
     }
 }
@@ -391,7 +406,7 @@ mod tests {
     /// Counts boxes of leaves that are farther from the query than one of their points, with squared distances multiplied
     /// by `less`.
     struct Lost<'a> {
-        view: PreciseView<'a, false>,
+        view: DoubleView<'a, false>,
         less: f32,
     }
 
@@ -426,10 +441,10 @@ mod tests {
             let points: Vec<DVec3> = (0..256).map(|_| random_vec(size) + offset).collect();
             let source = Source::read(&points, Precision::Automatic).expect("points are in order");
             let slice = SegmentSlice::AT_REST;
-            if !source.is_precise() {
+            if !source.is_double() {
                 continue;
             }
-            let tree = PreciseTree::build(&source, slice, (0..256).collect(), false, &Progress::new(None));
+            let tree = DoubleTree::build(&source, slice, (0..256).collect(), false, &Progress::new(None));
             let view = tree.at::<false>(points[0] + random_vec(size * far), 0.0);
             for simd in SimdLevel::available() {
                 lost += dispatch(simd, Lost { view, less: SHRINK });

@@ -3,7 +3,7 @@
 //! Inner nodes are planes that may move, the same nodes as in the k-d tree for rays. A point that crosses a plane is in
 //! several leaves, in each for the time it spends there; at every time it is in exactly one of them, so no point is
 //! found twice. Leaves are blocks of sixteen references with their intervals. Sections 3.1.1 and 3.1.2 of the paper;
-//! built by [`build_kd_over_points`], traversed by [`PlaneFront`](crate::point::search::planes::PlaneFront).
+//! built by [`build_kd_over_points`], traversed by [`KdFront`](crate::point::search::kd_search::KdFront).
 //!
 //! **Slack.** A search culls the far side of a plane if everything in it is too far away. A point that is active
 //! there at time t may be computed on the wrong side of the plane, by no more than the slack of the subtree. Let
@@ -25,17 +25,18 @@ use super::moving_view::{HasLeaves, TreeAtTime};
 use super::over_interval::{PointPath, all_lanes};
 use super::slice_tree::SliceTree;
 use super::static_tree::StaticTree;
+use crate::file::{Encoder, FileError};
 use crate::geometry::{Box3, KeyTime, Plane};
 use crate::kd::{KdNode, KdView, PointReference, Trajectories, Trajectory, build_kd_over_points};
 use crate::point::leaf_order::moving_reference::MovingReference;
 use crate::point::leaf_order::segment_slice::{SegmentSlice, segments};
 use crate::progress::Progress;
-use crate::simd::{Item, LANES, MovingPointBlock, huge_vec_of};
+use crate::simd::{Item, LANES, Lanes, MovingPointBlock, huge_vec_of};
 use glam::Vec3;
 
 /// Points between two keys in the k-d layout.
 #[derive(Clone)]
-pub(in crate::point) struct PlaneTree {
+pub(in crate::point) struct KdPoints {
     pub(in crate::point) slice: SegmentSlice,
     /// The bounds of all points at all times, up to the slack.
     pub(in crate::point) root: Box3,
@@ -48,14 +49,14 @@ pub(in crate::point) struct PlaneTree {
     pub(in crate::point) references: usize,
 }
 
-impl PlaneTree {
+impl KdPoints {
     /// Builds the tree of one time slice with at most `most` references per point.
     pub(in crate::point) fn build(
         references: &[MovingReference],
         slice: SegmentSlice,
         most: f32,
         progress: &Progress,
-    ) -> PlaneTree {
+    ) -> KdPoints {
         let reference = |(id, m): (usize, &MovingReference)| PointReference {
             id: id as u32,
             interval: m.interval,
@@ -104,7 +105,7 @@ impl PlaneTree {
                 slack[right] = (slack[right] + own).next_up();
             }
         }
-        PlaneTree { slice, root: tree.root, nodes, slack, leaves, depth: tree.depth as usize, references: stored.len() }
+        KdPoints { slice, root: tree.root, nodes, slack, leaves, depth: tree.depth as usize, references: stored.len() }
     }
 
     /// A node.
@@ -143,7 +144,7 @@ impl PlaneTree {
 
     /// The tree at a time, which lies in its slice.
     #[inline(always)]
-    pub(in crate::point) fn at(&self, time: f32) -> PlaneView<'_> {
+    pub(in crate::point) fn at(&self, time: f32) -> KdPointsView<'_> {
         TreeAtTime::new(self, &self.slice, time)
     }
 }
@@ -170,9 +171,10 @@ fn error(m: &MovingReference, segments: usize) -> f32 {
     raised(UNIT * axis(0).max(axis(1)).max(axis(2)))
 }
 
-impl SliceTree for PlaneTree {
-    fn time_slice(&self) -> &SegmentSlice {
-        &self.slice
+impl SliceTree for KdPoints {
+    #[inline(always)]
+    fn slice(&self) -> SegmentSlice {
+        self.slice
     }
     fn references(&self) -> usize {
         self.references
@@ -186,9 +188,24 @@ impl SliceTree for PlaneTree {
     fn bytes(&self) -> usize {
         self.nodes.capacity() * size_of::<KdNode>() + self.slack.capacity() * size_of::<f32>() + self.leaves.bytes()
     }
+    fn block_count(&self) -> usize {
+        self.leaves.blocks.len()
+    }
+    fn block_ids(&self, block: usize) -> &Lanes<u32> {
+        self.leaves.ids(block)
+    }
+    fn block_ids_mut(&mut self, block: usize) -> &mut Lanes<u32> {
+        &mut self.leaves.blocks[block].id
+    }
+    fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
+        to.put(self.root)?;
+        to.array(&self.nodes)?;
+        to.array(&self.slack)?;
+        self.leaves.encode(to)
+    }
 }
 
-impl HasLeaves for PlaneTree {
+impl HasLeaves for KdPoints {
     #[inline(always)]
     fn leaves(&self) -> &MovingLeaves {
         &self.leaves
@@ -196,7 +213,7 @@ impl HasLeaves for PlaneTree {
 }
 
 /// A k-d tree over points at a time.
-pub(in crate::point) type PlaneView<'a> = TreeAtTime<'a, PlaneTree, true>;
+pub(in crate::point) type KdPointsView<'a> = TreeAtTime<'a, KdPoints, true>;
 
 #[cfg(test)]
 mod tests {
@@ -207,7 +224,7 @@ mod tests {
 
     /// Calls `visit` with the planes above each leaf, the sides it lies on (-1 below) with their slack, and its blocks.
     fn leaves(
-        tree: &PlaneTree,
+        tree: &KdPoints,
         node: u32,
         above: &mut Vec<(Plane, f64, f64)>,
         visit: &mut impl FnMut(&[(Plane, f64, f64)], usize),
@@ -241,7 +258,7 @@ mod tests {
         let slice = time_slices(keys, 1)[(keys - 1) / 2];
         let inside: Vec<MovingReference> =
             references.iter().map(|m| MovingReference { interval: slice.interval, ..*m }).collect();
-        let tree = PlaneTree::build(&inside, slice, 16.0, &Progress::new(None));
+        let tree = KdPoints::build(&inside, slice, 16.0, &Progress::new(None));
         let mut worst: f64 = 0.0;
         leaves(&tree, 0, &mut Vec::new(), &mut |planes, block| {
             for lane in 0..LANES {

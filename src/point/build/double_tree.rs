@@ -1,13 +1,13 @@
 //! Building a tree over f64 points.
 
-use super::fill_leaves::{AtRest, InTheMiddle, PrecisePoints};
-use super::linear_box::{FULL, LinearBox, Node, NodeRows};
-use super::order::order;
-use super::tree::{Block, NO_POINTS, PreciseTree};
+use super::fill_double_leaves::DoublePoints;
+use super::source::Source;
 use crate::geometry::TimeInterval;
 use crate::parallel;
-use crate::point::build::source::Source;
+use crate::point::layout::double_box::{DoubleBox, DoubleNode, DoubleNodeRows, FULL};
+use crate::point::layout::double_tree::{DoubleBlock, DoubleTree, NO_POINTS};
 use crate::point::layout::moving_leaf::LaneIntervals;
+use crate::point::leaf_order::double_order::order;
 use crate::point::leaf_order::order::ORDERING;
 use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::progress::Progress;
@@ -16,7 +16,7 @@ use crate::simd::{LANES, huge_vec_of};
 /// Nodes that one thread writes at a time.
 const SHARE: usize = 256;
 
-impl PreciseTree {
+impl DoubleTree {
     /// The tree of a time slice over some points of a set. Unless it `moves`, all points must be static
     /// and exist throughout the shutter.
     pub(in crate::point) fn build(
@@ -25,18 +25,14 @@ impl PreciseTree {
         mut numbers: Vec<u32>,
         moves: bool,
         progress: &Progress,
-    ) -> PreciseTree {
-        let points = PrecisePoints { source, slice };
+    ) -> DoubleTree {
+        let points = DoublePoints { source, slice };
         if !source.all_persist() {
             numbers.retain(|&point| points.exists(point));
         }
-        let mut tree = PreciseTree::empty(points, &numbers, moves);
+        let mut tree = DoubleTree::empty(points, &numbers, moves);
         let (leaf, ordering) = (tree.shape.leaf(), progress.subtask(ORDERING));
-        if moves {
-            order(&mut numbers, leaf, &InTheMiddle(points), true, &ordering);
-        } else {
-            order(&mut numbers, leaf, &AtRest(points), false, &ordering);
-        }
+        order(&mut numbers, leaf, &points, moves, &ordering);
         drop(ordering);
         let boxes = tree.fill_leaves(points, &numbers, &progress.rest(1.0));
         drop(numbers);
@@ -47,9 +43,9 @@ impl PreciseTree {
     }
 
     /// A tree with room for some points.
-    fn empty(points: PrecisePoints<'_>, numbers: &[u32], moves: bool) -> PreciseTree {
-        let PrecisePoints { source, slice } = points;
-        let shape = PreciseTree::shape(numbers.len(), moves);
+    fn empty(points: DoublePoints<'_>, numbers: &[u32], moves: bool) -> DoubleTree {
+        let DoublePoints { source, slice } = points;
+        let shape = DoubleTree::shape(numbers.len(), moves);
         let blocks = numbers.len().div_ceil(shape.leaf()) * shape.leaf_blocks;
         let any = |holds: &dyn Fn(TimeInterval) -> bool| {
             !source.all_persist() && numbers.iter().any(|&number| holds(points.active(number)))
@@ -57,12 +53,12 @@ impl PreciseTree {
         let has_active_intervals = any(&|active| active != TimeInterval::FULL);
         let timed = any(&|active| active.intersect(slice.interval) != Some(slice.interval));
         let times = |timed: bool, rows: usize| vec![LaneIntervals::NEVER; if timed { rows } else { 0 }];
-        PreciseTree {
+        DoubleTree {
             slice,
             shape,
-            nodes: huge_vec_of(Node::NONE, shape.nodes()),
-            slopes: huge_vec_of(Node::STATIC, if moves { shape.nodes() } else { 0 }),
-            blocks: huge_vec_of(Block::EMPTY, blocks),
+            nodes: huge_vec_of(DoubleNode::NONE, shape.nodes()),
+            slopes: huge_vec_of(DoubleNode::STATIC, if moves { shape.nodes() } else { 0 }),
+            blocks: huge_vec_of(DoubleBlock::EMPTY, blocks),
             ends: huge_vec_of(NO_POINTS, if moves { blocks } else { 0 }),
             node_times: times(timed, shape.nodes()),
             block_times: times(timed, blocks),
@@ -72,7 +68,7 @@ impl PreciseTree {
     }
 
     /// Writes the nodes of all levels above leaves with these boxes.
-    fn write_nodes(&mut self, mut boxes: Vec<LinearBox>) {
+    fn write_nodes(&mut self, mut boxes: Vec<DoubleBox>) {
         for level in 0..self.shape.levels {
             let (begin, end) = (self.shape.begin[level], self.shape.begin[level + 1]);
             // Even a tree without points has a root.
@@ -84,8 +80,9 @@ impl PreciseTree {
             let above = parallel::each(&mut shares, |(first, nodes, slopes, times)| {
                 let mut slopes = slopes.iter_mut().flat_map(|slopes| slopes.iter_mut());
                 let mut times = times.iter_mut().flat_map(|times| times.iter_mut());
-                let rows = nodes.iter_mut().map(|node| NodeRows { node, slopes: slopes.next(), times: times.next() });
-                (*first..).zip(rows).map(|(i, rows)| Node::over(children(i), FULL, rows)).collect::<Vec<_>>()
+                let rows =
+                    nodes.iter_mut().map(|node| DoubleNodeRows { node, slopes: slopes.next(), times: times.next() });
+                (*first..).zip(rows).map(|(i, rows)| DoubleNode::over(children(i), FULL, rows)).collect::<Vec<_>>()
             });
             boxes = above.concat();
         }

@@ -16,7 +16,7 @@ use super::radius::{Sink, search_blocks};
 use super::{Keep, Observe};
 use crate::kd::KdView;
 use crate::limits::DEPTH_LIMIT;
-use crate::point::layout::plane_tree::{PlaneView, plane_error};
+use crate::point::layout::kd_points::{KdPointsView, plane_error};
 use crate::point::layout::view::LeafView;
 use crate::simd::Simd;
 use core::ops::{ControlFlow, Range};
@@ -44,24 +44,24 @@ fn distance(gaps: &[f64; 3], slack: f64) -> f32 {
 }
 
 /// The state of a traversal. For each plane on the path at most one side is on the stack.
-pub(in crate::point) struct PlaneFront {
+pub(in crate::point) struct KdFront {
     waiting: [Entry; DEPTH_LIMIT + 1],
     count: usize,
 }
 
-impl PlaneFront {
+impl KdFront {
     /// A traversal that begins at the root.
     #[inline(always)]
-    pub(in crate::point) fn begin() -> PlaneFront {
+    pub(in crate::point) fn begin() -> KdFront {
         let root = Entry { node: 0, distance: 0.0, gaps: [0.0; 3] };
-        PlaneFront { waiting: [root; DEPTH_LIMIT + 1], count: 1 }
+        KdFront { waiting: [root; DEPTH_LIMIT + 1], count: 1 }
     }
 
     /// The blocks of the next leaf that may hold points within the bound; `None` at the end.
     #[inline(always)]
     pub(in crate::point) fn next(
         &mut self,
-        view: &PlaneView<'_>,
+        view: &KdPointsView<'_>,
         point: Vec3,
         bound: f32,
         mut node_visited: impl FnMut(),
@@ -111,12 +111,12 @@ const BELOW_ONE: f64 = 1.0 - 4.0 * f64::EPSILON;
 #[inline(always)]
 pub(in crate::point) fn walk<S: Simd, K: Keep, O: Observe>(
     s: S,
-    view: &PlaneView<'_>,
+    view: &KdPointsView<'_>,
     point: Vec3,
     search: &mut KNearest<'_, K, O>,
 ) {
     let target = view.target(s, point);
-    let mut front = PlaneFront::begin();
+    let mut front = KdFront::begin();
     while let Some(blocks) = front.next(view, point, search.cull(), || search.count_node()) {
         search.leaf(s, view, &target, blocks);
     }
@@ -126,13 +126,13 @@ pub(in crate::point) fn walk<S: Simd, K: Keep, O: Observe>(
 #[inline(always)]
 pub(in crate::point) fn within<S: Simd, T: Sink<S>>(
     s: S,
-    view: &PlaneView<'_>,
+    view: &KdPointsView<'_>,
     point: Vec3,
     bound: f32,
     sink: &mut T,
 ) -> ControlFlow<()> {
     let (target, wide_bound) = (view.target(s, point), s.splat(bound));
-    let mut front = PlaneFront::begin();
+    let mut front = KdFront::begin();
     while let Some(blocks) = front.next(view, point, bound, || ()) {
         search_blocks(s, view, &target, wide_bound, blocks, sink)?;
     }
