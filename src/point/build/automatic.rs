@@ -38,7 +38,8 @@ pub(in crate::point) fn moving_layers(request: LayerRequest<'_>) -> Vec<ChosenLa
         return vec![layer.finish(WHY_FEW.to_string(), progress)];
     }
     let mut trials = Trials::new(request);
-    let (mut fast, mut slow, mut ready) = (Vec::new(), Vec::new(), None);
+    // The linear tree of all points between the keys in the middle, once it is built.
+    let mut ready = None;
     if trials.stay_together() {
         let WithoutFast { tree, by_motion, .. } = linear_tree(source, points, trials.placed.take(), None, progress);
         let size = Excess::of_segment(&tree.leaves.blocks, simd);
@@ -53,37 +54,37 @@ pub(in crate::point) fn moving_layers(request: LayerRequest<'_>) -> Vec<ChosenLa
     if !fast_first {
         trials.try_slices(true);
     }
-    if fast_first || trials.best(true).fast.is_some() {
-        (fast, slow, ready) = split_fast(&mut trials);
-    }
+    let (fast, slow);
     let mut separated = None;
-    if !fast.is_empty()
-        && let Some(tree) = ready.take()
-    {
-        separated = Some(Separated::new((&slow, tree), &fast, &trials));
+    if fast_first || trials.best(true).fast.is_some() {
+        let tree;
+        (fast, slow, tree) = split_fast(&mut trials);
+        (separated, ready) = match fast[..] {
+            [] => (None, Some(tree)),
+            _ => (Some(Separated::new((&slow, tree), &fast, &trials)), None),
+        };
     }
-    let costs_less = |trials: &Trials, separated: &Option<Separated>, factor: f64| {
+    let costs_less = |trials: &Trials, factor: f64| {
         separated.as_ref().is_some_and(|separated| separated.cost * factor <= trials.least_of_one_layer())
     };
-    let mut chosen = fast_first && costs_less(&trials, &separated, MAX_COST);
+    let mut chosen = fast_first && costs_less(&trials, MAX_COST);
     if fast_first && !chosen {
         trials.try_slices(false);
     }
-    chosen = chosen || costs_less(&trials, &separated, MAX_PREDICTED_COST);
-    if let Some(separated) = separated.take_if(|_| chosen) {
-        return separated.finish(explain(&trials), progress);
-    }
+    chosen = chosen || costs_less(&trials, MAX_PREDICTED_COST);
     let why = explain(&trials);
-    let (whole, cost, measured) = one_layer(&mut trials, ready);
-    match separated {
-        Some(separated) if separated.cost * MAX_COST <= cost => separated.finish(why, progress),
-        Some(separated) => {
-            let Separated { fast, cost, .. } = separated;
-            let why = format!("{why}; {measured}, fast points apart in {} {cost:.1}", slices_named(fast.per_segment));
-            vec![whole.finish(why, progress)]
-        }
-        None => vec![whole.finish(format!("{why}; {measured}"), progress)],
+    if let Some(separated) = separated.take_if(|_| chosen) {
+        return separated.finish(why, progress);
     }
+    let (whole, cost, mut measured) = one_layer(&mut trials, ready);
+    if let Some(separated) = separated {
+        if separated.cost * MAX_COST <= cost {
+            return separated.finish(why, progress);
+        }
+        let Separated { fast, cost, .. } = separated;
+        measured = format!("{measured}, fast points apart in {} {cost:.1}", slices_named(fast.per_segment));
+    }
+    vec![whole.finish(format!("{why}; {measured}"), progress)]
 }
 
 /// The number of time slices of each segment in one layer for all points, and the reason for it.
@@ -141,14 +142,14 @@ fn one_layer<'a>(trials: &mut Trials<'a>, ready: Option<MovingTree>) -> (Partial
 }
 
 /// The fast points, the others, and the linear tree of those between the keys in the middle.
-fn split_fast(trials: &mut Trials) -> (Vec<u32>, Vec<u32>, Option<MovingTree>) {
+fn split_fast(trials: &mut Trials) -> (Vec<u32>, Vec<u32>, MovingTree) {
     let LayerRequest { source, points, progress, .. } = trials.request;
     let leaf_size = Some(trials.leaf_size);
     let WithoutFast { tree, fast, .. } = linear_tree(source, points, trials.placed.take(), leaf_size, progress);
     let mut is_fast = vec![false; source.len];
     fast.iter().for_each(|&point| is_fast[point as usize] = true);
     let slow = points.iter().copied().filter(|&point| !is_fast[point as usize]).collect();
-    (fast, slow, Some(tree))
+    (fast, slow, tree)
 }
 
 /// Two layers, one of them for the fast points.
