@@ -40,31 +40,3 @@ impl Partition {
         (0..self.len as u32).filter(|&point| !self.is_static(point as usize)).collect()
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::point::params::Precision;
-    use crate::primitive::MovingPoint;
-    use glam::Vec3;
-
-    fn of(points: &[MovingPoint]) -> (usize, Vec<usize>, Vec<u32>) {
-        let source = Source::read(points, Precision::Single).expect("valid points");
-        let partition = Partition::of(&source);
-        (partition.static_count, partition.static_points().collect(), partition.moving_points())
-    }
-
-    #[test]
-    fn every_point_is_on_one_side() {
-        let [still, moving] = [MovingPoint::fixed(Vec3::X), MovingPoint::new(Vec3::X, Vec3::Y)];
-        assert_eq!(of(&[still, moving, moving, still]), (2, vec![0, 3], vec![1, 2]));
-        assert_eq!(of(&[still, still]), (2, vec![0, 1], vec![]));
-        assert_eq!(of(&[moving]), (0, vec![], vec![0]));
-        let source = Source::read(&[[1.0f32; 3], [2.0; 3]], Precision::Single).expect("valid points");
-        let partition = Partition::of(&source);
-        assert_eq!(
-            (partition.static_count, partition.static_points().count(), partition.moving_points().len()),
-            (2, 2, 0)
-        );
-    }
-}

@@ -19,7 +19,9 @@ use crate::point::layout::boxes::Boxes;
 use crate::point::layout::moving_leaf::LaneIntervals;
 use crate::point::layout::shape::Shape;
 use crate::point::layout::slice_tree::SliceTree;
-use crate::point::layout::view::{CoordinateView, DoubleRows, LeafView, Target, View, diagonal, outside, rows};
+use crate::point::layout::view::{
+    CoordinateView, DoubleRows, LeafView, Target, View, diagonal, magnitude, outside, rows,
+};
 use crate::point::leaf_order::segment_slice::{SegmentSlice, exact_phase};
 use crate::simd::{LANES, Lanes, Mask, Simd, prefetch};
 use glam::{DVec3, Vec3};
@@ -387,11 +389,6 @@ fn relative_row<S: Simd>(s: S, row: &Lanes<f64>, query: f64) -> S::F {
         s.load_d(&row[2]) - query,
         s.load_d(&row[3]) - query,
     ])
-}
-
-#[inline(always)]
-fn magnitude<S: Simd>(s: S, x: S::F) -> S::F {
-    s.max(x, s.splat(0.0) - x)
 }
 
 #[cfg(test)]

@@ -22,8 +22,9 @@
 //! and no others.
 
 use super::linear_face::{
-    Face, OwnRangesFit, SharedRangeFit, TINY, UNIT, VECTORS, least, load_row, magnitude, negated, sum,
+    Face, OwnRangesFit, SharedRangeFit, TINY, UNIT, VECTORS, least, load_row, magnitude_d, negated, sum,
 };
+use super::view::magnitude;
 use crate::point::leaf_order::selection::least_lane;
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch, greatest_of_each};
 
@@ -122,7 +123,8 @@ impl LinearBox {
                 let open = s.widen_four(&open[axis].as_chunks().0[four]);
                 let close = s.widen_four(&close[axis].as_chunks().0[four]);
                 let motion = close - open;
-                let error = unit * (magnitude(s, motion) + s.max_d(magnitude(s, open), magnitude(s, close))) + tiny;
+                let most = s.max_d(magnitude_d(s, open), magnitude_d(s, close));
+                let error = unit * (magnitude_d(s, motion) + most) + tiny;
                 for (end, phases) in range.iter().enumerate() {
                     let at = open + motion * s.load_d(&phases.as_chunks().0[four]);
                     spans.lo[axis][end].as_chunks_mut().0[four] = s.lanes_d(at - error);
@@ -145,7 +147,7 @@ impl LinearBox {
         for axis in 0..3 {
             let (from, to) = (s.load(&open[axis]), s.load(&close[axis]));
             let motion = to - from;
-            let (far, fast) = (s.max(sizes(s, from), sizes(s, to)), sizes(s, motion));
+            let (far, fast) = (s.max(magnitude(s, from), magnitude(s, to)), magnitude(s, motion));
             let (begin, end) = (from + motion * phases[0], from + motion * phases[1]);
             (greatest[axis], greatest[4 + axis]) = (zero - begin, zero - end);
             (greatest[8 + axis], greatest[12 + axis]) = (begin, end);
@@ -261,12 +263,6 @@ impl Spans {
         }
         linear_box
     }
-}
-
-/// The magnitudes of all lanes.
-#[inline(always)]
-fn sizes<S: Simd>(s: S, a: S::F) -> S::F {
-    s.max(a, s.splat(0.0) - a)
 }
 
 /// The sum of all lanes.

@@ -52,7 +52,7 @@ pub(in crate::point) fn negated<S: Simd>(s: S, [a, b, c, d]: Row<S>) -> Row<S> {
 }
 
 #[inline(always)]
-pub(in crate::point) fn magnitude<S: Simd>(s: S, a: S::D) -> S::D {
+pub(in crate::point) fn magnitude_d<S: Simd>(s: S, a: S::D) -> S::D {
     s.max_d(a, s.splat_d(0.0) - a)
 }
 
@@ -139,7 +139,8 @@ impl<S: Simd> SharedRangeFit<S> {
         let slope = s.widen_four(&s.narrow(slope));
         let [begin, end] = self.range;
         let least = s.min_d(self.least[0] - slope * s.splat_d(begin), self.least[1] - slope * s.splat_d(end));
-        let error = s.splat_d(UNIT) * (magnitude(s, least) + s.splat_d(2.0) * magnitude(s, slope)) + s.splat_d(TINY);
+        let error =
+            s.splat_d(UNIT) * (magnitude_d(s, least) + s.splat_d(2.0) * magnitude_d(s, slope)) + s.splat_d(TINY);
         (least - error * s.splat_d(self.pad), slope)
     }
 }

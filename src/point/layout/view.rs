@@ -117,6 +117,12 @@ pub(in crate::point) fn outside<S: Simd>(s: S, point: &[S::F; 3], lo: [S::F; 3],
     (squared::<S>(x, y, z), s.le_signed(widest, s.splat(0.0)))
 }
 
+/// The magnitude of each lane.
+#[inline(always)]
+pub(in crate::point) fn magnitude<S: Simd>(s: S, x: S::F) -> S::F {
+    s.max(x, s.splat(0.0) - x)
+}
+
 /// Squared diagonals of boxes.
 #[inline(always)]
 pub(in crate::point) fn diagonal<S: Simd>(lo: [S::F; 3], hi: [S::F; 3]) -> S::F {
