@@ -64,6 +64,10 @@ pub(super) struct Group {
 }
 
 impl Group {
+    pub(super) fn bytes(&self) -> usize {
+        self.members.capacity() * size_of::<Member>() + self.double.capacity() * size_of::<DoubleRows>()
+    }
+
     /// Takes the points below bottom node `node`.
     #[inline(always)]
     pub(super) fn take<S: Simd, V: CoordinateView>(

@@ -9,18 +9,18 @@ use crate::point::tree::PointTree;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Listing<'a> {
     pub(super) radii: Radii<'a>,
-    pub(super) periodic_box: PeriodicBox,
     /// Only neighbours with greater ids: each pair once.
     pub(super) once: bool,
-    /// Whether the candidates are another set; otherwise a point is no neighbour of itself.
-    pub(super) other_set: bool,
-    /// Whether no two points of the set have the same id.
-    pub(super) distinct: bool,
     pub(super) distances: bool,
     pub(super) displacements: bool,
     pub(super) sorted: bool,
     /// The greatest number of neighbours of a point.
     pub(super) most: usize,
+    /// What follows from the request, where lists are made: the periodic box; whether the candidates are another set, as otherwise
+    /// a point is no neighbour of itself; and whether no two points have the same id.
+    pub(super) periodic_box: PeriodicBox,
+    pub(super) other_set: bool,
+    pub(super) distinct: bool,
 }
 
 impl Listing<'_> {
@@ -34,7 +34,8 @@ impl Listing<'_> {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ListRequest<'a> {
     pub(super) tree: &'a PointTree,
-    pub(super) among: &'a PointTree,
+    /// Another set, whose points are listed.
+    pub(super) among: Option<&'a PointTree>,
     pub(super) time: f32,
     pub(super) periods: [Option<f64>; 3],
     pub(super) listing: Listing<'a>,
@@ -42,20 +43,25 @@ pub(super) struct ListRequest<'a> {
     pub(super) by_id: bool,
 }
 
-impl ListRequest<'_> {
+impl<'a> ListRequest<'a> {
     /// Validates what does not depend on the points.
     pub(super) fn check(&self) -> Result<(), ListError> {
         if !(0.0..=1.0).contains(&self.time) {
             return Err(ListError::Time);
         }
-        check_sets(self.tree, self.among)?;
+        check_sets(self.tree, self.others())?;
         check_periods(self.periods)?;
         self.listing.radii.check()
     }
 
+    /// The set whose points are listed.
+    pub(super) fn others(&self) -> &'a PointTree {
+        self.among.unwrap_or(self.tree)
+    }
+
     /// Whether positions are kept in f32.
     pub(super) fn in_single(&self) -> bool {
-        !self.tree.is_double() && !self.among.is_double()
+        !self.tree.is_double() && !self.others().is_double()
     }
 }
 

@@ -159,6 +159,7 @@ impl NeighborLists {
             + self.prepared.bytes()
             + self.columns.bytes()
             + self.spare.bytes()
+            + self.workers.capacity() * size_of::<Worker>()
             + workers
     }
 }

@@ -42,7 +42,7 @@ pub(super) fn prepare(request: &ListRequest<'_>, prepared: &mut Prepared) -> Res
         let groups = &mut prepared.groups;
         with_view!(layer.at(origin, time), view => dispatch(simd, FindBottomNodes { view, number, groups }));
     }
-    for layer in request.tree.layers.iter().chain(&request.among.layers) {
+    for layer in request.tree.layers.iter().chain(&request.others().layers) {
         let most = with_view!(layer.at(origin, time), view => dispatch(simd, Extent { view }));
         for (axis, length) in request.periods.iter().enumerate() {
             if length.is_some_and(|length| f64::from(most[axis]) > MOST_PERIODS * length) {
@@ -66,8 +66,8 @@ pub(super) fn prepare(request: &ListRequest<'_>, prepared: &mut Prepared) -> Res
         Radii::Own(own) => measure(request.tree, own, RadiusOf::Point),
         Radii::Larger { own, others } | Radii::Sum { own, others } => {
             measure(request.tree, own, RadiusOf::Point)?;
-            measure(request.among, others, RadiusOf::Listed)?;
-            let reaches = &prepared.reaches[..request.among.layers.len()];
+            measure(request.others(), others, RadiusOf::Listed)?;
+            let reaches = &prepared.reaches[..request.others().layers.len()];
             prepared.most_reach = reaches.iter().fold(0.0, |most, reach| reach.most.max(most));
             Ok(())
         }

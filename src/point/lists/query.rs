@@ -46,16 +46,16 @@ impl PointTree {
     pub fn neighbor_lists<'a>(&'a self, time: f32, radii: impl Into<Radii<'a>>) -> ListQuery<'a> {
         let listing = Listing {
             radii: radii.into(),
-            periodic_box: PeriodicBox::default(),
             once: false,
-            other_set: false,
-            distinct: self.distinct,
             distances: false,
             displacements: false,
             sorted: false,
             most: usize::MAX,
+            periodic_box: PeriodicBox::default(),
+            other_set: false,
+            distinct: false,
         };
-        ListQuery { request: ListRequest { tree: self, among: self, time, periods: [None; 3], listing, by_id: false } }
+        ListQuery { request: ListRequest { tree: self, among: None, time, periods: [None; 3], listing, by_id: false } }
     }
 }
 
@@ -70,8 +70,7 @@ impl<'a> ListQuery<'a> {
 
     /// Lists the points of another tree instead, all of them: fluid among boundary particles, say.
     pub fn among(mut self, other: &'a PointTree) -> Self {
-        self.request.among = other;
-        self.request.listing.other_set = true;
+        self.request.among = Some(other);
         self
     }
 
@@ -136,10 +135,7 @@ impl<'a> ListQuery<'a> {
     where
         'a: 'b,
     {
-        let ListRequest { listing, .. } = self.request;
-        ListQuery {
-            request: ListRequest { tree, listing: Listing { distinct: tree.distinct, ..listing }, ..self.request },
-        }
+        ListQuery { request: ListRequest { tree, ..self.request } }
     }
 
     /// Makes the lists, in new memory. Step after step, [`ListQuery::run`] saves allocating it.
@@ -177,17 +173,11 @@ impl<'a> ListQuery<'a> {
     fn checked_run(mut self, lists: &mut NeighborLists) -> Result<(), ListError> {
         lists.clear();
         self.request.check()?;
-        self.request.listing.periodic_box = PeriodicBox::new(self.request.periods);
-        let mut request = self.request;
-        let alone = core::ptr::eq(request.tree, request.among);
-        let tree = request.tree.box_tree_at(request.time);
-        let among = if alone { None } else { request.among.box_tree_at(request.time) };
-        if let Some(tree) = &tree {
-            request.tree = tree;
-        }
-        if let Some(among) = among.as_ref().or(tree.as_ref().filter(|_| alone)) {
-            request.among = among;
-        }
-        make::lists(&request, lists)
+        let ListRequest { tree, among, time, periods, ref mut listing, .. } = self.request;
+        listing.periodic_box = PeriodicBox::new(periods);
+        (listing.other_set, listing.distinct) = (among.is_some(), tree.distinct);
+        let (boxed, boxed_among) = (tree.box_tree_at(time), among.and_then(|among| among.box_tree_at(time)));
+        let (tree, among) = (boxed.as_ref().unwrap_or(tree), boxed_among.as_ref().or(among));
+        make::lists(&ListRequest { tree, among, ..self.request }, lists)
     }
 }

@@ -30,7 +30,8 @@ pub(super) struct Worker {
 
 impl Worker {
     pub(super) fn bytes(&self) -> usize {
-        self.candidates.bytes() + self.builder.bytes() + self.lists.bytes()
+        let groups = self.group.bytes() + self.alone.bytes();
+        groups + self.candidates.bytes() + self.builder.bytes() + self.lists.bytes()
     }
 }
 
@@ -100,7 +101,7 @@ impl Kernel for ListGroup<'_> {
         let ListGroup { request, prepared, group, center, most, candidates, builder, lists } = self;
         let listing = &request.listing;
         candidates.clear();
-        for (number, layer) in request.among.layers.iter().enumerate() {
+        for (number, layer) in request.others().layers.iter().enumerate() {
             let reach = listing.radii.others().and_then(|_| prepared.reaches.get(number));
             let candidates = &mut *candidates;
             let all = with_view!(layer.at(center, request.time), view => {

@@ -134,9 +134,8 @@ fn first_missing<C: SweptCoordinate>(
     radii: Radii<'_>,
     until: f32,
 ) -> Result<f32, ListError> {
-    let ListRequest { tree, time, periods, listing, .. } = *request;
-    let among = listing.other_set.then_some(request.among);
-    let sets = [tree, request.among];
+    let ListRequest { tree, among, time, periods, listing, .. } = *request;
+    let sets = [tree, request.others()];
     let images = Images::new::<C>(periods, (tree, among))?;
     // Positions are the same numbers at all times.
     let at_rest = sets.iter().flat_map(|tree| C::layers(tree)).all(|layer| matches!(layer, SweptLayer::Static(_)));
@@ -159,7 +158,7 @@ fn first_missing<C: SweptCoordinate>(
     let mut shortened = [Vec::new(), Vec::new()];
     let radii = images.shortened(radii, &mut shortened);
     // Where all pairs have the same radius, either point of a pair finds what the other does.
-    let alike = matches!(radii, Radii::Equal(_)) && !listing.other_set;
+    let alike = matches!(radii, Radii::Equal(_)) && among.is_none();
     let sweep = Sweep::<C>::new(sets, [time, first_key], radii, segments.map(Some))
         .pairs_once(listing.once || alike)
         .in_box(images)
