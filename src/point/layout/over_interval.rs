@@ -3,7 +3,7 @@
 use super::slice_tree::SliceTree;
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::parallel;
-use crate::simd::{LANES, Lanes};
+use crate::simd::{LANES, Lanes, Mask};
 use core::ops::Range;
 use glam::{DVec3, Vec3};
 
@@ -140,6 +140,28 @@ pub(in crate::point) fn throughout(lowest: &Lanes<f32>) -> [Lanes<f32>; 2] {
         *begin = if x < f32::INFINITY { 0.0 } else { f32::INFINITY };
     }
     [begins, [1.0; LANES]]
+}
+
+/// Lanes of a node that are active at some time of a range, both ends included.
+#[inline(always)]
+pub(in crate::point) fn active_lanes<T: BoxTree + ?Sized>(tree: &T, node: usize, [first, last]: [f32; 2]) -> Mask {
+    let [begin, end] = tree.times(node);
+    (0..LANES).fold(0, |mask, lane| mask | Mask::from(begin[lane] <= last && first <= end[lane]) << lane)
+}
+
+/// The bottom nodes in the order of the tree, without those below lanes that are active at no time of a range.
+pub(in crate::point) fn bottom_nodes<T: BoxTree + ?Sized>(tree: &T, times: [f32; 2]) -> Vec<usize> {
+    let (top, root) = tree.root_node();
+    let mut nodes = vec![root];
+    // One level after the other: each node is replaced by its children.
+    for level in (1..=top).rev() {
+        let children = |&node: &usize| {
+            let (first, active) = (tree.children(level, node).0, active_lanes(tree, node, times));
+            (0..LANES).filter(move |lane| active >> lane & 1 != 0).map(move |lane| first + lane)
+        };
+        nodes = nodes.iter().flat_map(children).collect();
+    }
+    nodes
 }
 
 /// All lanes of some blocks.

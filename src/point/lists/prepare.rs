@@ -4,7 +4,8 @@ use super::error::{ListError, RadiusOf};
 use super::list_request::ListRequest;
 use super::periodic_box::MOST_PERIODS;
 use super::radii::Radii;
-use super::reach::{MeasureReach, Reach};
+use super::reach::Reach;
+use crate::point::layout::over_interval::bottom_nodes;
 use crate::point::layout::view::CoordinateView;
 use crate::point::search::layers::{LayerView, with_view};
 use crate::point::tree::PointTree;
@@ -39,8 +40,8 @@ pub(super) fn prepare(request: &ListRequest<'_>, prepared: &mut Prepared) -> Res
     // Positions in f64 are measured from here.
     let origin = request.tree.origin();
     for (number, layer) in request.tree.layers.iter().enumerate() {
-        let groups = &mut prepared.groups;
-        with_view!(layer.at(origin, time), view => dispatch(simd, FindBottomNodes { view, number, groups }));
+        let nodes = bottom_nodes(layer.boxes_at(time), [time; 2]);
+        prepared.groups.extend(nodes.into_iter().map(|node| (number, node)));
     }
     for layer in request.tree.layers.iter().chain(&request.others().layers) {
         let most = with_view!(layer.at(origin, time), view => dispatch(simd, Extent { view }));
@@ -54,7 +55,7 @@ pub(super) fn prepare(request: &ListRequest<'_>, prepared: &mut Prepared) -> Res
         let count = tree.layers.len();
         prepared.reaches.resize(prepared.reaches.len().max(count), Reach::default());
         for (layer, reach) in tree.layers.iter().zip(&mut prepared.reaches) {
-            with_view!(layer.at(origin, time), view => dispatch(simd, MeasureReach { view, radii, reach }));
+            reach.measure_at(layer, time, radii);
         }
         match prepared.reaches[..count].iter().filter_map(|reach| reach.missing).min() {
             Some(id) => Err(ListError::MissingRadius { of: of(id) }),
@@ -70,38 +71,6 @@ pub(super) fn prepare(request: &ListRequest<'_>, prepared: &mut Prepared) -> Res
             let reaches = &prepared.reaches[..request.others().layers.len()];
             prepared.most_reach = reaches.iter().fold(0.0, |most, reach| reach.most.max(most));
             Ok(())
-        }
-    }
-}
-
-/// Finds the bottom nodes of a view, in the order of the tree.
-struct FindBottomNodes<'a, V> {
-    view: V,
-    number: usize,
-    groups: &'a mut Vec<BottomNode>,
-}
-
-impl<V: CoordinateView> Kernel for FindBottomNodes<'_, V> {
-    type Output = ();
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let FindBottomNodes { view, number, groups } = self;
-        let target = view.target(s, Vec3::ZERO);
-        let begin = groups.len();
-        let (top, root) = view.root();
-        groups.push((number, root));
-        // One level after the other: each node is replaced by its children.
-        for level in (1..=top).rev() {
-            let end = groups.len();
-            for i in begin..end {
-                let node = groups[i].1;
-                let mut lanes = view.present(s, &target, node);
-                while lanes != 0 {
-                    groups.push((number, view.first_child(level, node) + lanes.trailing_zeros() as usize));
-                    lanes &= lanes - 1;
-                }
-            }
-            groups.drain(begin..end);
         }
     }
 }

@@ -1,18 +1,18 @@
-//! How far points of one set reach: the largest radius behind each lane of each node.
+//! How far points of one set reach: the largest radius below each lane of each node.
 
 use super::radii::radius_of;
-use crate::point::layout::view::CoordinateView;
-use crate::simd::{Kernel, LANES, Lanes, Simd};
-use glam::Vec3;
+use crate::point::layout::over_interval::BoxTree;
+use crate::point::search::layers::Layer;
+use crate::simd::{LANES, Lanes};
 
-/// The largest radius behind each lane of the nodes of a view.
+/// The largest radius below each lane of the nodes of a tree.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Reach {
     /// By node.
     pub(super) nodes: Vec<Lanes<f32>>,
     /// The largest of all.
     pub(super) most: f32,
-    /// The lowest id of a point that exists at the time and for which there is no radius.
+    /// The lowest id of a point that counts and for which there is no radius.
     pub(super) missing: Option<u32>,
 }
 
@@ -20,71 +20,57 @@ impl Reach {
     pub(super) fn bytes(&self) -> usize {
         self.nodes.capacity() * size_of::<Lanes<f32>>()
     }
-}
 
-/// Fills a [`Reach`] for the nodes of a view.
-pub(super) struct MeasureReach<'a, V> {
-    pub(super) view: V,
-    pub(super) radii: &'a [f32],
-    pub(super) reach: &'a mut Reach,
-}
-
-impl<V: CoordinateView> Kernel for MeasureReach<'_, V> {
-    type Output = ();
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let MeasureReach { view, radii, reach } = self;
-        let (level, node) = view.root();
-        reach.missing = None;
-        reach.nodes.clear();
-        reach.nodes.resize(node + 1, [0.0; LANES]);
-        let most = s.call(MeasureNode { view: &view, level, node, radii, reach });
-        reach.most = most;
+    /// That of the points of a layer that exist at a time.
+    pub(super) fn measure_at(&mut self, layer: &Layer, time: f32, radii: &[f32]) {
+        let slice = layer.slice_at(time);
+        match layer {
+            Layer::Static(tree) => self.measure(tree, None, radii),
+            Layer::Moving(trees) => self.measure(&trees[slice], Some(time), radii),
+            Layer::Double(trees) => self.measure(&trees[slice], Some(time), radii),
+            Layer::Kd(_) => unreachable!("`PointTree::box_tree_at` puts them into boxes before lists are made"),
+        }
     }
-}
 
-/// The largest radius below a node. As deep as the tree, at most nine levels.
-struct MeasureNode<'a, V> {
-    view: &'a V,
-    level: usize,
-    node: usize,
-    radii: &'a [f32],
-    reach: &'a mut Reach,
-}
+    /// That of the points of a tree, of those that exist at a time if one is given.
+    pub(super) fn measure<T: BoxTree>(&mut self, tree: &T, time: Option<f32>, radii: &[f32]) {
+        let (level, node) = tree.root_node();
+        self.missing = None;
+        self.nodes.clear();
+        self.nodes.resize(node + 1, [0.0; LANES]);
+        self.most = self.largest_below(tree, (level, node), time, radii);
+    }
 
-impl<V: CoordinateView> Kernel for MeasureNode<'_, V> {
-    type Output = f32;
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> f32 {
-        let MeasureNode { view, level, node, radii, reach } = self;
-        let target = view.target(s, Vec3::ZERO);
-        let mut lanes = view.present(s, &target, node);
+    /// The largest radius below a node, of which that of each lane is written. As deep as the tree, at most nine levels.
+    fn largest_below<T: BoxTree>(
+        &mut self,
+        tree: &T,
+        (level, node): (usize, usize),
+        time: Option<f32>,
+        radii: &[f32],
+    ) -> f32 {
+        let (first, stride) = tree.children(level, node);
+        let begins = tree.times(node)[0];
         let mut most = 0.0f32;
-        while lanes != 0 {
-            let lane = lanes.trailing_zeros() as usize;
-            lanes &= lanes - 1;
-            let below = if level > 0 {
-                let node = view.first_child(level, node) + lane;
-                s.call(MeasureNode { view, level: level - 1, node, radii, reach })
+        for lane in (0..LANES).filter(|&lane| begins[lane] < f32::INFINITY) {
+            let mut below = 0.0f32;
+            if level > 0 {
+                below = self.largest_below(tree, (level - 1, first + lane), time, radii);
             } else {
-                let first = view.first_block(node) + lane * view.leaf_blocks();
-                let mut most = 0.0f32;
-                for block in first..first + view.leaf_blocks() {
-                    let [x, ..] = view.positions(s, &target, block);
-                    // Other points do not exist at the time. Which of them the tree holds depends on its time slices.
-                    let mut points = s.lt(x, s.splat(f32::MAX));
-                    while points != 0 {
-                        let id = view.ids(block)[points.trailing_zeros() as usize % LANES];
-                        points &= points - 1;
-                        most = most.max(radius_of(radii, id));
+                for block in first + lane * stride..first + (lane + 1) * stride {
+                    for (lane, &id) in tree.block_ids(block).iter().enumerate() {
+                        // Which points the tree holds that do not exist at the time depends on its time slices.
+                        if id == u32::MAX || !time.is_none_or(|time| tree.is_active(block, lane, time)) {
+                            continue;
+                        }
+                        below = below.max(radius_of(radii, id));
                         if id as usize >= radii.len() {
-                            reach.missing = Some(reach.missing.map_or(id, |other| other.min(id)));
+                            self.missing = Some(self.missing.map_or(id, |other| other.min(id)));
                         }
                     }
                 }
-                most
-            };
-            reach.nodes[node][lane] = below;
+            }
+            self.nodes[node][lane] = below;
             most = most.max(below);
         }
         most

@@ -6,7 +6,7 @@
 use crate::point::layout::double_tree::{DoubleTree, DoubleView};
 use crate::point::layout::kd_points::{KdPoints, KdPointsView};
 use crate::point::layout::moving_tree::{MovingTree, MovingView};
-use crate::point::layout::over_interval::BlockTree;
+use crate::point::layout::over_interval::{BlockTree, BoxTree};
 use crate::point::layout::slice_tree::{SliceTree, slice_at};
 use crate::point::layout::static_tree::StaticTree;
 use crate::point::layout::view::LeafView;
@@ -89,6 +89,16 @@ impl Layer {
         match self {
             Layer::Double(trees) => trees[slice_at(trees, time)].center(node, time),
             _ => DVec3::ZERO,
+        }
+    }
+
+    /// The tree of boxes that is responsible for a time in [0, 1].
+    pub(in crate::point) fn boxes_at(&self, time: f32) -> &dyn BoxTree {
+        match self {
+            Layer::Static(tree) => tree,
+            Layer::Moving(trees) => &trees[slice_at(trees, time)],
+            Layer::Double(trees) => &trees[slice_at(trees, time)],
+            Layer::Kd(_) => unreachable!("`PointTree::box_tree_at` puts them into boxes before lists are made"),
         }
     }
 

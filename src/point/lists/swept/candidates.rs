@@ -3,9 +3,9 @@
 use super::candidate_points::CandidatePoints;
 use super::coordinate::SweptCoordinate;
 use super::criteria::Criteria;
-use super::group::{RelativePaths, SLACK, SweptGroup, active_lanes, early, phases};
+use super::group::{RelativePaths, SLACK, SweptGroup, early, phases};
 use super::window::Window;
-use crate::point::layout::over_interval::{BlockTree, greater};
+use crate::point::layout::over_interval::{BlockTree, active_lanes, greater};
 use crate::point::lists::candidates::{BoxRows, BoxVector};
 use crate::point::lists::radii::{Radii, squared_up};
 use crate::simd::{LANES, Lanes, Simd};

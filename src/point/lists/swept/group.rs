@@ -3,10 +3,10 @@
 use super::coordinate::SweptCoordinate;
 use super::criteria::Criteria;
 use super::window::Segment;
-use crate::point::layout::over_interval::{BlockTree, BoxTree, PathRows, greater, lesser};
+use crate::point::layout::over_interval::{BlockTree, BoxTree, PathRows, active_lanes, greater, lesser};
 use crate::point::layout::view::rows;
 use crate::point::lists::candidates::BoxVector;
-use crate::simd::{LANES, Lanes, Mask, Simd};
+use crate::simd::{LANES, Lanes, Simd};
 
 /// 2^-24.
 const ROUNDING: f64 = 1.0 / 16_777_216.0;
@@ -280,11 +280,4 @@ impl<C: SweptCoordinate> SweptGroup<C> {
         }
         (lo, hi)
     }
-}
-
-/// Lanes of a node that are active at some time of a range, both ends included.
-#[inline(always)]
-pub(super) fn active_lanes<T: BoxTree>(tree: &T, node: usize, [first, last]: [f32; 2]) -> Mask {
-    let [begin, end] = tree.times(node);
-    (0..LANES).fold(0, |mask, lane| mask | Mask::from(begin[lane] <= last && first <= end[lane]) << lane)
 }

@@ -15,8 +15,9 @@ use crate::point::layout::over_interval::{greater, lesser};
 use crate::point::lists::error::RadiusOf;
 use crate::point::lists::group::MOST_BLOCKS;
 use crate::point::lists::radii::{Allowance, Radii};
+use crate::point::lists::reach::Reach;
 use crate::point::tree::PointTree;
-use crate::simd::{Kernel, LANES, Lanes, Simd, dispatch};
+use crate::simd::{Kernel, LANES, Simd, dispatch};
 use core::ops::Range;
 
 /// A search for all encounters of a set with itself or another one.
@@ -34,8 +35,8 @@ pub(super) struct Sweep<'a, C: SweptCoordinate> {
     times: [f64; 2],
     radii: Radii<'a>,
     allowance: Allowance,
-    /// For each slice and node the greatest radius behind each lane, where those of listed points count.
-    reaches: Vec<Vec<Lanes<f32>>>,
+    /// For each slice the greatest radii of its points, where those of listed points count.
+    reaches: Vec<Reach>,
     /// The greatest of these.
     most_reach: f32,
     /// Whether each pair is in the list of the lower id only.
@@ -102,7 +103,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         let motion = relative_motion(&slices);
         let reach = |radii: &[f32]| parallel::map(slices.len(), |i| slices[i].reach(radii));
         let reaches = radii.others().map_or_else(Vec::new, reach);
-        let most_reach = reaches.iter().flatten().flatten().fold(0.0, |most: f32, &reach| most.max(reach));
+        let most_reach = reaches.iter().fold(0.0, |most: f32, reach| most.max(reach.most));
         Sweep {
             tree,
             among,
@@ -340,7 +341,7 @@ impl<C: SweptCoordinate, const IMAGES: bool> Kernel for AddAll<'_, C, IMAGES> {
         let slice = &sweep.slices[pairing.own];
         candidates.clear();
         for &other in &pairing.others {
-            let reach = sweep.reaches.get(other).map_or(&[][..], Vec::as_slice);
+            let reach = sweep.reaches.get(other).map_or(&[][..], |reach| &reach.nodes);
             let other = &sweep.slices[other];
             let (candidates, window) = (&mut *candidates, (sweep.window(slice, other), reach));
             let all = match other.tree {

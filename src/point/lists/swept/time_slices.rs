@@ -25,11 +25,10 @@
 
 use super::coordinate::{SweptCoordinate, SweptLayer};
 use super::window::Segment;
-use crate::point::layout::over_interval::{BlockTree, BoxTree};
+use crate::point::layout::over_interval::{BlockTree, bottom_nodes};
 use crate::point::layout::slice_tree::{SliceTree, slices_during};
 use crate::point::leaf_order::segment_slice::SegmentSlice;
-use crate::point::lists::radii::radius_of;
-use crate::simd::{LANES, Lanes};
+use crate::point::lists::reach::Reach;
 use core::ops::Range;
 use std::collections::HashMap;
 
@@ -80,12 +79,14 @@ impl<C: SweptCoordinate> SweptSlice<'_, C> {
         matches!((&self.tree, &other.tree), (SweptTree::Static(tree), SweptTree::Static(same)) if core::ptr::eq(*tree, *same))
     }
 
-    /// The greatest radius behind each lane of each node.
-    pub(super) fn reach(&self, radii: &[f32]) -> Vec<Lanes<f32>> {
+    /// The greatest radius below each lane of each node.
+    pub(super) fn reach(&self, radii: &[f32]) -> Reach {
+        let mut reach = Reach::default();
         match self.tree {
-            SweptTree::Static(tree) => reach(tree, radii),
-            SweptTree::Moving(tree) => reach(tree, radii),
+            SweptTree::Static(tree) => reach.measure(tree, None, radii),
+            SweptTree::Moving(tree) => reach.measure(tree, None, radii),
         }
+        reach
     }
 
     /// Whether some points do not count throughout.
@@ -103,58 +104,9 @@ impl<C: SweptCoordinate> SweptSlice<'_, C> {
 
     /// The bottom nodes.
     pub(super) fn bottom_nodes(&self) -> Vec<usize> {
-        match self.tree {
-            SweptTree::Static(tree) => bottom_nodes(tree),
-            SweptTree::Moving(tree) => bottom_nodes(tree),
-        }
+        // All of them: absent children begin later than any time.
+        bottom_nodes(self.points(), [f32::NEG_INFINITY, f32::MAX])
     }
-}
-
-fn reach<T: BlockTree>(tree: &T, radii: &[f32]) -> Vec<Lanes<f32>> {
-    let mut nodes = Vec::new();
-    greatest_below(tree, tree.root_node(), radii, &mut nodes);
-    nodes
-}
-
-/// The greatest radius below a node, of which that of each lane is written. As deep as the tree, at most nine levels.
-fn greatest_below<T: BlockTree>(
-    tree: &T,
-    (level, node): (usize, usize),
-    radii: &[f32],
-    nodes: &mut Vec<Lanes<f32>>,
-) -> f32 {
-    let (first, stride) = tree.children(level, node);
-    let begins = tree.times(node)[0];
-    if nodes.len() <= node {
-        nodes.resize(node + 1, [0.0; LANES]);
-    }
-    let mut most = 0.0f32;
-    for lane in (0..LANES).filter(|&lane| begins[lane] < f32::INFINITY) {
-        let below = if level > 0 {
-            greatest_below(tree, (level - 1, first + lane), radii, nodes)
-        } else {
-            let blocks = first + lane * stride..first + (lane + 1) * stride;
-            let ids = blocks.flat_map(|block| tree.rows(block).id);
-            ids.map(|id| radius_of(radii, id)).fold(0.0, f32::max)
-        };
-        nodes[node][lane] = below;
-        most = most.max(below);
-    }
-    most
-}
-
-fn bottom_nodes<T: BoxTree>(tree: &T) -> Vec<usize> {
-    let (top, root) = tree.root_node();
-    let mut nodes = vec![root];
-    for level in (1..=top).rev() {
-        let children = |&node: &usize| {
-            let first = tree.children(level, node).0;
-            let begins = tree.times(node)[0];
-            (0..LANES).filter(move |&lane| begins[lane] < f32::INFINITY).map(move |lane| first + lane)
-        };
-        nodes = nodes.iter().flat_map(children).collect();
-    }
-    nodes
 }
 
 /// Whether an active interval begins exactly where a time slice of its layer does.
