@@ -1,40 +1,46 @@
 //! Lists in the order of ids instead of that of the tree.
 
 use super::error::ListError;
-use super::list_request::ListRequest;
-use super::neighbor_lists::NeighborLists;
+use super::scheduling::ListData;
 use crate::parallel;
 
 /// Lists that one task copies.
 const SHARE: usize = 1024;
 
-/// Brings the lists into the order of ids.
-pub(super) fn reorder(request: &ListRequest<'_>, lists: &mut NeighborLists) -> Result<(), ListError> {
-    let count = request.tree.len();
-    if let Err(error) = rows_of_ids(&lists.points, count, &mut lists.rows) {
-        lists.clear();
-        return Err(error);
+/// Memory for bringing lists into the order of ids.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Reordering<D> {
+    data: D,
+    offsets: Vec<usize>,
+    /// The row of each id.
+    rows: Vec<u32>,
+}
+
+impl<D: ListData> Reordering<D> {
+    /// Brings lists into the order of `count` ids: where each begins and the last ends, the ids of their points, and what is in
+    /// them.
+    pub(super) fn reorder(
+        &mut self,
+        count: usize,
+        (offsets, points, data): (&mut Vec<usize>, &mut Vec<u32>, &mut D),
+    ) -> Result<(), ListError> {
+        rows_of_ids(points, count, &mut self.rows)?;
+        let moves = RowMoves::new(&self.rows, offsets, &mut self.offsets);
+        data.copy_rows(&moves, &mut self.data, offsets.last().copied().unwrap_or(0));
+        core::mem::swap(data, &mut self.data);
+        core::mem::swap(offsets, &mut self.offsets);
+        points.clear();
+        points.extend(0..count as u32);
+        Ok(())
     }
-    let moves = RowMoves::new(&lists.rows, &lists.offsets, &mut lists.new_offsets);
-    let end = lists.offsets.last().copied().unwrap_or(0);
-    lists.spare.make_room(end, request.listing.columns());
-    moves.copy(&lists.columns.ids, &mut lists.spare.ids[..end]);
-    for (requested, (to, from)) in
-        request.listing.columns().into_iter().zip(lists.spare.floats.iter_mut().zip(&lists.columns.floats))
-    {
-        if requested {
-            moves.copy(from, &mut to[..end]);
-        }
+
+    pub(super) fn bytes(&self) -> usize {
+        self.data.bytes() + self.offsets.capacity() * size_of::<usize>() + self.rows.capacity() * size_of::<u32>()
     }
-    core::mem::swap(&mut lists.columns, &mut lists.spare);
-    core::mem::swap(&mut lists.offsets, &mut lists.new_offsets);
-    lists.points.clear();
-    lists.points.extend(0..count as u32);
-    Ok(())
 }
 
 /// The row of each of `count` ids, given the ids of rows; an error if one is too large or has two rows.
-pub(super) fn rows_of_ids(points: &[u32], count: usize, rows: &mut Vec<u32>) -> Result<(), ListError> {
+fn rows_of_ids(points: &[u32], count: usize, rows: &mut Vec<u32>) -> Result<(), ListError> {
     rows.clear();
     rows.resize(count, ABSENT);
     for (row, &id) in points.iter().enumerate() {
@@ -59,7 +65,7 @@ pub(super) struct RowMoves<'a> {
 
 impl<'a> RowMoves<'a> {
     /// Of rows to the places of others, whose offsets are computed here.
-    pub(super) fn new(rows: &'a [u32], old: &'a [usize], new: &'a mut Vec<usize>) -> RowMoves<'a> {
+    fn new(rows: &'a [u32], old: &'a [usize], new: &'a mut Vec<usize>) -> RowMoves<'a> {
         let mut end = 0;
         new.clear();
         new.push(0);

@@ -1,5 +1,7 @@
 //! The columns of neighbour lists: ids, distances and displacements.
 
+use super::by_id::RowMoves;
+use super::scheduling::ListData;
 use crate::simd::{LANES, huge_vec};
 
 /// Ids, distances and displacements of neighbours, in columns. The content of columns that were not requested is
@@ -9,61 +11,73 @@ pub(super) struct Columns {
     pub(super) ids: Vec<u32>,
     /// Squared distances, and displacements along the axes.
     pub(super) floats: [Vec<f32>; 4],
+    /// Which of these are requested.
+    pub(super) requested: [bool; 4],
 }
 
-impl Columns {
-    /// The room in the columns from an index on.
-    pub(super) fn room(&mut self, begin: usize, requested: [bool; 4]) -> Room<'_> {
-        let mut from = requested.into_iter();
-        let floats = self.floats.each_mut().map(|column| match from.next() {
-            Some(true) => column.get_mut(begin..).unwrap_or_default(),
-            _ => Default::default(),
+/// Room in columns, in those that are requested.
+pub(super) struct Room<'a> {
+    ids: &'a mut [u32],
+    floats: [Option<&'a mut [f32]>; 4],
+}
+
+impl ListData for Columns {
+    type Room<'a> = Room<'a>;
+
+    fn room(&mut self, begin: usize) -> Room<'_> {
+        let mut requested = self.requested.into_iter();
+        let floats = self.floats.each_mut().map(|column| match requested.next() {
+            Some(true) => Some(column.get_mut(begin..).unwrap_or_default()),
+            _ => None,
         });
-        Room { ids: self.ids.get_mut(begin..).unwrap_or_default(), floats, requested }
+        Room { ids: self.ids.get_mut(begin..).unwrap_or_default(), floats }
     }
 
-    pub(super) fn bytes(&self) -> usize {
-        let floats = self.floats.iter().map(Vec::capacity).sum::<usize>();
-        (self.ids.capacity() + floats) * 4
+    fn take<'a>(room: &mut Room<'a>, count: usize) -> Option<Room<'a>>
+    where
+        Self: 'a,
+    {
+        let short = room.floats.iter().flatten().any(|column| column.len() < count);
+        if short || room.ids.len() < count {
+            return None;
+        }
+        let floats = room.floats.each_mut().map(|column| column.as_mut().map(|column| first(column, count)));
+        Some(Room { ids: first(&mut room.ids, count), floats })
     }
 
-    /// Gives the requested columns at least this length.
-    pub(super) fn make_room(&mut self, length: usize, requested: [bool; 4]) {
+    fn fill(&self, room: Room<'_>) {
+        let Room { ids, floats } = room;
+        ids.copy_from_slice(&self.ids[..ids.len()]);
+        for (to, from) in floats.into_iter().zip(&self.floats) {
+            if let Some(to) = to {
+                to.copy_from_slice(&from[..to.len()]);
+            }
+        }
+    }
+
+    fn make_room(&mut self, length: usize) {
         grow(&mut self.ids, length);
-        for (requested, column) in requested.into_iter().zip(&mut self.floats) {
+        for (requested, column) in self.requested.into_iter().zip(&mut self.floats) {
             if requested {
                 grow(column, length);
             }
         }
     }
-}
 
-/// Room in columns. Columns that were not requested have none.
-pub(super) struct Room<'a> {
-    ids: &'a mut [u32],
-    floats: [&'a mut [f32]; 4],
-    requested: [bool; 4],
-}
-
-impl<'a> Room<'a> {
-    /// Takes the first `count` elements, if there are so many.
-    pub(super) fn take(&mut self, count: usize) -> Option<Room<'a>> {
-        let short =
-            self.requested.iter().zip(&self.floats).any(|(requested, column)| *requested && column.len() < count);
-        if short || self.ids.len() < count {
-            return None;
+    fn copy_rows(&self, moves: &RowMoves<'_>, to: &mut Columns, end: usize) {
+        to.requested = self.requested;
+        to.make_room(end);
+        moves.copy(&self.ids, &mut to.ids[..end]);
+        for (requested, (from, to)) in self.requested.into_iter().zip(self.floats.iter().zip(&mut to.floats)) {
+            if requested {
+                moves.copy(from, &mut to[..end]);
+            }
         }
-        let floats = core::array::from_fn(|i| first(&mut self.floats[i], if self.requested[i] { count } else { 0 }));
-        Some(Room { ids: first(&mut self.ids, count), floats, requested: self.requested })
     }
 
-    /// Copies what columns begin with.
-    pub(super) fn fill(self, from: &Columns) {
-        let Room { ids, floats, .. } = self;
-        ids.copy_from_slice(&from.ids[..ids.len()]);
-        for (to, from) in floats.into_iter().zip(&from.floats) {
-            to.copy_from_slice(&from[..to.len()]);
-        }
+    fn bytes(&self) -> usize {
+        let floats = self.floats.iter().map(Vec::capacity).sum::<usize>();
+        (self.ids.capacity() + floats) * 4
     }
 }
 

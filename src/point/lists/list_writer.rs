@@ -4,6 +4,7 @@ use super::candidates::write;
 use super::columns::Columns;
 use super::coordinate::Seen;
 use super::list_request::Listing;
+use super::scheduling::ListData;
 use crate::simd::{LANES, Lanes, Mask, Simd};
 
 /// Lists in the making, one behind the other.
@@ -51,13 +52,13 @@ impl ListWriter {
             && (!listing.distances || self.columns.floats[0].len() >= length)
             && (!listing.displacements || self.columns.floats[3].len() >= length);
         if !room {
-            self.grow(length, listing);
+            self.grow(length);
         }
     }
 
     #[cold]
-    fn grow(&mut self, length: usize, listing: &Listing) {
-        self.columns.make_room(length, listing.columns());
+    fn grow(&mut self, length: usize) {
+        self.columns.make_room(length);
     }
 
     /// Ends the list of a point; drops it if it has too many neighbours.
@@ -88,7 +89,7 @@ impl ListWriter {
         for (id, key) in self.columns.ids[list.clone()].iter_mut().zip(&self.keys) {
             *id = (key >> 32) as u32;
         }
-        for (requested, column) in listing.columns().into_iter().zip(&mut self.columns.floats) {
+        for (requested, column) in self.columns.requested.into_iter().zip(&mut self.columns.floats) {
             if requested {
                 self.column.clear();
                 self.column.extend_from_slice(&column[list.clone()]);

@@ -1,7 +1,9 @@
 //! Neighbour lists one behind the other, in memory that is used again.
 
+use super::by_id::Reordering;
 use super::columns::Columns;
 use super::prepare::Prepared;
+use super::scheduling::ListData;
 use super::worker::Worker;
 use core::ops::Range;
 
@@ -28,13 +30,7 @@ pub struct NeighborLists {
     pub(super) points: Vec<u32>,
     /// Longer than what is in use, so that nothing is cleared from query to query.
     pub(super) columns: Columns,
-    /// Which columns were requested.
-    pub(super) distances: bool,
-    pub(super) displacements: bool,
-    /// Where lists are brought into the order of ids: columns, offsets, and the row of each id.
-    pub(super) spare: Columns,
-    pub(super) new_offsets: Vec<usize>,
-    pub(super) rows: Vec<u32>,
+    pub(super) reordering: Reordering<Columns>,
     pub(super) prepared: Prepared,
     pub(super) workers: Vec<Worker>,
 }
@@ -42,8 +38,7 @@ pub struct NeighborLists {
 /// The lists and the columns that were requested; not the memory.
 impl PartialEq for NeighborLists {
     fn eq(&self, other: &NeighborLists) -> bool {
-        let lists = |of: &NeighborLists| (of.distances, of.displacements);
-        lists(self) == lists(other)
+        self.columns.requested == other.columns.requested
             && (self.offsets(), self.points(), self.ids()) == (other.offsets(), other.points(), other.ids())
             && self.distances_squared() == other.distances_squared()
             && self.displacements() == other.displacements()
@@ -107,17 +102,18 @@ impl NeighborLists {
     /// The squared distance of each neighbour, as [`Neighbor`](crate::Neighbor) has it; empty unless requested with
     /// [`with_distances`](super::ListQuery::with_distances).
     pub fn distances_squared(&self) -> &[f32] {
-        self.column(self.distances, &self.columns.floats[0])
+        self.column(0)
     }
 
     /// The displacement from the point to each neighbour along the three axes, to the nearest image along periodic ones; empty
     /// unless requested with [`with_displacements`](super::ListQuery::with_displacements).
     pub fn displacements(&self) -> [&[f32]; 3] {
-        [0, 1, 2].map(|axis| self.column(self.displacements, &self.columns.floats[1 + axis]))
+        [1, 2, 3].map(|column| self.column(column))
     }
 
-    fn column<'a>(&self, requested: bool, column: &'a [f32]) -> &'a [f32] {
-        if requested { &column[..self.neighbors()] } else { &[] }
+    fn column(&self, column: usize) -> &[f32] {
+        let Columns { floats, requested, .. } = &self.columns;
+        if requested[column] { &floats[column][..self.neighbors()] } else { &[] }
     }
 
     /// Where list `row` is in the columns.
@@ -154,11 +150,11 @@ impl NeighborLists {
     /// Bytes allocated, for the lists and for making them.
     pub fn bytes(&self) -> usize {
         let workers: usize = self.workers.iter().map(Worker::bytes).sum();
-        (self.offsets.capacity() + self.new_offsets.capacity()) * size_of::<usize>()
-            + (self.points.capacity() + self.rows.capacity()) * size_of::<u32>()
+        self.offsets.capacity() * size_of::<usize>()
+            + self.points.capacity() * size_of::<u32>()
             + self.prepared.bytes()
             + self.columns.bytes()
-            + self.spare.bytes()
+            + self.reordering.bytes()
             + self.workers.capacity() * size_of::<Worker>()
             + workers
     }

@@ -333,7 +333,7 @@ impl RowBuilder {
                 }
             }
             // Apart from the lists, the end stays in a register.
-            let Columns { ids: listed, floats } = &mut lists.columns;
+            let Columns { ids: listed, floats, .. } = &mut lists.columns;
             let (listed, mut end) = (&mut listed[..], begin);
             for (from, &hits) in hits.iter().enumerate() {
                 s.store_compressed_u(s.load_u(&from_id[from]), hits, lanes_at_mut(listed, end));
@@ -383,7 +383,7 @@ impl RowBuilder {
             let radius = s.splat(radius);
             let bound = squared_radii(s, radius);
             // Apart from the lists, the end stays in a register.
-            let Columns { ids: listed, floats } = &mut lists.columns;
+            let Columns { ids: listed, floats, .. } = &mut lists.columns;
             let (listed, mut end) = (&mut listed[..], begin);
             for &index in selected {
                 let rows = C::of_block(candidates, index as usize).each_ref();

@@ -1,11 +1,14 @@
 //! Making lists on several threads that do not wait for each other, always in the same order.
 //!
+//! The lists of groups of points are made in parallel, and copied one behind the other to the memory of the caller.
+//!
 //! The slots form a ring. A thread takes the next group and makes its lists in the memory of the next slot, which is small
 //! enough for a near cache. The output range of the lists is known when all groups before have been made. The thread that
 //! completes them assigns the ranges of all groups for which this holds, and copies their lists there. The others make
 //! further groups meanwhile. A thread waits only if all slots are made and not copied. Ranges depend on nothing but the
 //! lists before.
 
+use super::by_id::RowMoves;
 use crate::parallel::{self, lock};
 use core::ops::Range;
 use std::sync::{Mutex, PoisonError};
@@ -28,15 +31,77 @@ const GROWTH: usize = 4;
 /// A group is expected to have as many as others on average. But the first ones may lie in a clump, where points have a thousand
 /// times the usual number of neighbours. So the room grows in steps, each in proportion to what is known, and the largest group
 /// always finds room.
-pub(super) fn room_for(
-    end: usize,
-    done: usize,
-    left: usize,
-    made: impl ExactSizeIterator<Item = usize> + Clone,
-) -> usize {
+fn room_for(end: usize, done: usize, left: usize, made: impl ExactSizeIterator<Item = usize> + Clone) -> usize {
     let (slots, most, sum) = (made.len().max(1), made.clone().max().unwrap_or(0), made.sum::<usize>());
     let usual = if done > 0 { end.div_ceil(done) } else { sum.div_ceil(slots) };
     end + most + usual.saturating_mul(left).min(end.max(sum).saturating_mul(GROWTH))
+}
+
+/// What lists hold, one list behind the other: columns, or encounters.
+pub(super) trait ListData: Sync {
+    /// Room for some of it.
+    type Room<'a>: Send
+    where
+        Self: 'a;
+    /// The room from an index on.
+    fn room(&mut self, begin: usize) -> Self::Room<'_>;
+    /// Takes the first `count` elements off some room, if there are so many.
+    fn take<'a>(room: &mut Self::Room<'a>, count: usize) -> Option<Self::Room<'a>>
+    where
+        Self: 'a;
+    /// Fills room with what this begins with.
+    fn fill(&self, room: Self::Room<'_>);
+    /// Makes it at least as long.
+    fn make_room(&mut self, length: usize);
+    /// Copies all lists, which end there, to other places, where they end as well.
+    fn copy_rows(&self, moves: &RowMoves<'_>, to: &mut Self, end: usize);
+    /// Bytes allocated.
+    fn bytes(&self) -> usize;
+}
+
+/// The lists of a group as a worker has made them: the ids of their points, where each ends, and what is in them.
+pub(super) struct Made<'a, D> {
+    pub(super) points: &'a [u32],
+    pub(super) ends: &'a [usize],
+    pub(super) data: &'a D,
+}
+
+impl<D> Made<'_, D> {
+    fn len(&self) -> usize {
+        self.ends.last().copied().unwrap_or(0)
+    }
+}
+
+/// Makes the lists of so many groups in the memory of the workers, and appends them to others in the order of the groups: where
+/// each begins and the last ends, the ids of their points, and what is in them.
+pub(super) fn append_in_order<W: Send, D: ListData>(
+    groups: usize,
+    workers: &mut [W],
+    (offsets, points, data): (&mut Vec<usize>, &mut Vec<u32>, &mut D),
+    make: impl Fn(usize, &mut W) + Sync,
+    made: impl Fn(&W) -> Made<'_, D> + Sync,
+) {
+    let mut done = 0;
+    while done < groups {
+        let end_of = |offsets: &[usize]| offsets.last().copied().unwrap_or(0);
+        done = {
+            let mut room = data.room(end_of(offsets));
+            let assign = |worker: &W| {
+                let made = made(worker);
+                let room = D::take(&mut room, made.len())?;
+                let begin = end_of(offsets);
+                points.extend_from_slice(made.points);
+                offsets.extend(made.ends.iter().map(|end| begin + end));
+                Some(room)
+            };
+            let copy = |worker: &W, room: D::Room<'_>| made(worker).data.fill(room);
+            in_order(done..groups, workers, &make, assign, copy)
+        };
+        if done < groups {
+            let made = workers.iter().map(|worker| made(worker).len());
+            data.make_room(room_for(end_of(offsets), done, groups - done, made));
+        }
+    }
 }
 
 /// The progress of all threads.
@@ -54,7 +119,7 @@ struct State<P> {
 
 /// Makes the groups of a range in slots, assigns output ranges in the order of the groups, and copies them there. Ends
 /// when there is no room left, and returns the first group that was not copied.
-pub(super) fn in_order<W: Send, J>(
+fn in_order<W: Send, J>(
     groups: Range<usize>,
     slots: &mut [W],
     make: impl Fn(usize, &mut W) + Sync,

@@ -3,8 +3,9 @@
 use super::candidate_points::WIDTH;
 use super::encounter::Encounter;
 use crate::parallel;
-use crate::point::lists::by_id::{RowMoves, rows_of_ids};
+use crate::point::lists::by_id::{Reordering, RowMoves};
 use crate::point::lists::error::ListError;
+use crate::point::lists::scheduling::ListData;
 use crate::simd::huge_vec;
 
 /// Who comes within a radius of whom during an interval, and when: a list for each point.
@@ -31,8 +32,7 @@ pub struct EncounterLists {
     pub(super) encounters: Vec<Encounter>,
     /// Lists on their way, of one group of points each.
     pub(super) shares: Vec<EncounterLists>,
-    /// Where lists are brought into the order of ids.
-    spare: Vec<Encounter>,
+    reordering: Reordering<Vec<Encounter>>,
 }
 
 impl PartialEq for EncounterLists {
@@ -111,7 +111,8 @@ impl EncounterLists {
         let shares: usize = self.shares.iter().map(EncounterLists::bytes).sum();
         self.offsets.capacity() * size_of::<usize>()
             + self.points.capacity() * size_of::<u32>()
-            + (self.encounters.capacity() + self.spare.capacity()) * size_of::<Encounter>()
+            + self.encounters.bytes()
+            + self.reordering.bytes()
             + self.shares.capacity() * size_of::<EncounterLists>()
             + shares
     }
@@ -126,6 +127,40 @@ pub(super) fn grow(encounters: &mut Vec<Encounter>, length: usize) {
     *encounters = larger;
 }
 
+impl ListData for Vec<Encounter> {
+    type Room<'a> = &'a mut [Encounter];
+
+    fn room(&mut self, begin: usize) -> &mut [Encounter] {
+        self.get_mut(begin..).unwrap_or_default()
+    }
+
+    fn take<'a>(room: &mut &'a mut [Encounter], count: usize) -> Option<&'a mut [Encounter]>
+    where
+        Self: 'a,
+    {
+        room.split_off_mut(..count)
+    }
+
+    fn fill(&self, room: &mut [Encounter]) {
+        room.copy_from_slice(&self[..room.len()]);
+    }
+
+    fn make_room(&mut self, length: usize) {
+        if self.len() < length {
+            grow(self, length);
+        }
+    }
+
+    fn copy_rows(&self, moves: &RowMoves<'_>, to: &mut Vec<Encounter>, end: usize) {
+        to.make_room(end);
+        moves.copy(self, &mut to[..end]);
+    }
+
+    fn bytes(&self) -> usize {
+        self.capacity() * size_of::<Encounter>()
+    }
+}
+
 impl EncounterLists {
     /// Where the last list ends.
     #[inline(always)]
@@ -138,32 +173,13 @@ impl EncounterLists {
         EncounterLists { offsets: vec![0], ..EncounterLists::default() }
     }
 
-    /// Room for so many encounters.
-    pub(super) fn make_room(&mut self, length: usize) {
-        if self.encounters.len() < length {
-            grow(&mut self.encounters, length);
-        }
-    }
-
     /// Brings the lists into the order of ids, of which there are so many.
     pub(super) fn reorder(&mut self, count: usize) -> Result<(), ListError> {
-        let mut rows = Vec::new();
-        if let Err(error) = rows_of_ids(&self.points, count, &mut rows) {
+        let done = self.reordering.reorder(count, (&mut self.offsets, &mut self.points, &mut self.encounters));
+        if done.is_err() {
             self.clear();
-            return Err(error);
         }
-        let mut offsets = Vec::with_capacity(count + 1);
-        let moves = RowMoves::new(&rows, &self.offsets, &mut offsets);
-        let end = self.end();
-        if self.spare.len() < end {
-            grow(&mut self.spare, end);
-        }
-        moves.copy(&self.encounters, &mut self.spare[..end]);
-        core::mem::swap(&mut self.encounters, &mut self.spare);
-        self.offsets = offsets;
-        self.points.clear();
-        self.points.extend(0..count as u32);
-        Ok(())
+        done
     }
 
     /// Sorts each list by id.

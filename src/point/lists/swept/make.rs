@@ -8,7 +8,7 @@ use super::merge::unite;
 use super::sweep::{Sweep, Worker};
 use crate::parallel;
 use crate::point::layout::over_interval::PointPath;
-use crate::point::lists::scheduling::{in_order, room_for};
+use crate::point::lists::scheduling::{Made, append_in_order};
 
 /// Groups of points for each thread whose lists are on their way: few, because the lists of one are a few hundred kilobytes.
 const SHARES: usize = 2;
@@ -152,34 +152,16 @@ fn in_parallel<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Sweep<'_,
     shares.iter_mut().for_each(EncounterLists::clear);
     shares.resize(SHARES * parallel::threads(), EncounterLists::cleared());
     let mut workers: Vec<_> = shares.into_iter().map(|share| Worker::new(Maker::new(share, most, true))).collect();
-    let (groups, mut done) = (sweep.groups(), 0);
-    while done < groups {
-        let EncounterLists { offsets, points, encounters, .. } = &mut *lists;
-        let begin = offsets.last().map_or(0, |end| *end);
-        let mut room = encounters.get_mut(begin..).unwrap_or_default();
-        let assign = |worker: &Worker<Maker, C>| {
-            let share = &worker.visitor.lists;
-            let (own, rest) = core::mem::take(&mut room).split_at_mut_checked(share.end())?;
-            room = rest;
-            let begin = offsets.last().map_or(0, |end| *end);
-            points.extend_from_slice(&share.points);
-            offsets.extend(share.offsets[1..].iter().map(|end| begin + end));
-            Some(own)
-        };
-        let make = |group: usize, worker: &mut Worker<Maker, C>| {
-            worker.visitor.lists.clear();
-            sweep.run_group(group, worker);
-            worker.visitor.end_list();
-        };
-        let copy = |worker: &Worker<Maker, C>, room: &mut [Encounter]| {
-            room.copy_from_slice(worker.visitor.lists.encounters());
-        };
-        done = in_order(done..groups, &mut workers, make, assign, copy);
-        if done < groups {
-            let made = workers.iter().map(|worker| worker.visitor.lists.end());
-            lists.make_room(room_for(lists.end(), done, groups - done, made));
-        }
-    }
+    let make = |group: usize, worker: &mut Worker<Maker, C>| {
+        worker.visitor.lists.clear();
+        sweep.run_group(group, worker);
+        worker.visitor.end_list();
+    };
+    let EncounterLists { offsets, points, encounters, .. } = &mut *lists;
+    append_in_order(sweep.groups(), &mut workers, (offsets, points, encounters), make, |worker| {
+        let lists = &worker.visitor.lists;
+        Made { points: &lists.points, ends: &lists.offsets[1..], data: &lists.encounters }
+    });
     let crowded = workers.iter().filter_map(|worker| worker.visitor.crowded).min();
     lists.shares = workers.into_iter().map(|worker| worker.visitor.lists).collect();
     crowded

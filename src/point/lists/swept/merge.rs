@@ -7,6 +7,7 @@
 use super::encounter::Encounter;
 use super::encounter_lists::EncounterLists;
 use crate::parallel;
+use crate::point::lists::scheduling::ListData;
 
 /// One of the lists of a point: its id, the share, and the number of the list in it.
 type Row = (u32, u32, u32);
@@ -40,7 +41,7 @@ impl EncounterLists {
             self.offsets.push(self.end() + length);
         }
         let end = self.end();
-        self.make_room(end);
+        self.encounters.make_room(end);
         let mut lengths = vec![0; points.len()];
         let all = Points { shares, rows: &points, ends: &self.offsets };
         all.merge(&mut self.encounters[..end], &mut lengths);
