@@ -88,13 +88,7 @@ impl PointTree {
         queries: &[(Q, f32)],
         options: impl Fn(usize, NeighborQuery<'a>) -> NeighborQuery<'a, K> + Sync,
     ) -> Vec<Option<Neighbor>> {
-        answered_in_order(&self.order(queries), |indices| {
-            let one = |&index: &usize| {
-                let (point, time) = queries[index];
-                options(index, self.query(point, time)).nearest()
-            };
-            indices.iter().map(one).collect()
-        })
+        self.answers(queries, |index, (point, time)| options(index, self.query(point, time)).nearest())
     }
 
     /// The `k` nearest points of each query, as [`PointTree::nearest_n`] gives them.
@@ -120,9 +114,8 @@ impl PointTree {
         k: usize,
         options: impl Fn(usize, NeighborQuery<'a>) -> NeighborQuery<'a, K> + Sync,
     ) -> NeighborBatch {
-        lists_in_order(&self.order(queries), |index, buffer, out| {
-            let (point, time) = queries[index];
-            out.extend_from_slice(options(index, self.query(point, time)).nearest_n_into(k, buffer));
+        self.lists(queries, |index, (point, time), buffer| {
+            options(index, self.query(point, time)).nearest_n_into(k, buffer)
         })
     }
 
@@ -156,9 +149,8 @@ impl PointTree {
         queries: &[(Q, f32)],
         options: impl Fn(usize, NeighborQuery<'a>) -> NeighborQuery<'a, K> + Sync,
     ) -> NeighborBatch {
-        lists_in_order(&self.order(queries), |index, buffer, out| {
-            let (point, time) = queries[index];
-            out.extend_from_slice(options(index, self.query(point, time)).collect_sorted_into(buffer));
+        self.lists(queries, |index, (point, time), buffer| {
+            options(index, self.query(point, time)).collect_sorted_into(buffer)
         })
     }
 
@@ -190,17 +182,33 @@ impl PointTree {
         queries: &[(Q, f32)],
         options: impl Fn(usize, NeighborQuery<'a>) -> NeighborQuery<'a, K> + Sync,
     ) -> Vec<usize> {
+        self.answers(queries, |index, (point, time)| options(index, self.query(point, time)).count())
+    }
+
+    /// The answer of each query, given its index and itself.
+    pub(super) fn answers<Q: Position, A: Clone + Default + Send>(
+        &self,
+        queries: &[(Q, f32)],
+        answer: impl Fn(usize, (Q, f32)) -> A + Sync,
+    ) -> Vec<A> {
         answered_in_order(&self.order(queries), |indices| {
-            let one = |&index: &usize| {
-                let (point, time) = queries[index];
-                options(index, self.query(point, time)).count()
-            };
-            indices.iter().map(one).collect()
+            indices.iter().map(|&index| answer(index, queries[index])).collect()
+        })
+    }
+
+    /// The list of each query, given its index and itself.
+    pub(super) fn lists<Q: Position>(
+        &self,
+        queries: &[(Q, f32)],
+        answer: impl for<'b> Fn(usize, (Q, f32), &'b mut NeighborBuffer) -> &'b [Neighbor] + Sync,
+    ) -> NeighborBatch {
+        lists_in_order(&self.order(queries), |index, buffer, out| {
+            out.extend_from_slice(answer(index, queries[index], buffer));
         })
     }
 
     /// The order in which queries are answered. For a tree that fits a near cache any order will do.
-    pub(super) fn order<Q: Position>(&self, queries: &[(Q, f32)]) -> Vec<usize> {
+    fn order<Q: Position>(&self, queries: &[(Q, f32)]) -> Vec<usize> {
         if self.statistics().bytes() <= NEAR {
             return (0..queries.len()).collect();
         }
@@ -223,7 +231,7 @@ pub(in crate::point) fn answered_in_order<T: Clone + Default + Send>(
 }
 
 /// The lists of queries, which are made in an order of their indices, in parallel. `answer` appends the list of a query.
-pub(super) fn lists_in_order(
+fn lists_in_order(
     order: &[usize],
     answer: impl Fn(usize, &mut NeighborBuffer, &mut Vec<Neighbor>) + Send + Sync,
 ) -> NeighborBatch {

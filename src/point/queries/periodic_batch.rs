@@ -1,6 +1,6 @@
 //! Batches of queries in periodic boxes: in parallel and in an order of locality, as those in open space.
 
-use super::batch::{NeighborBatch, answered_in_order, lists_in_order};
+use super::batch::NeighborBatch;
 use super::periodic::{PeriodicPoints, PeriodicQuery};
 use crate::point::neighbor::Neighbor;
 use crate::point::search::Keep;
@@ -27,7 +27,7 @@ impl<'a> PeriodicPoints<'a> {
         queries: &[(Q, f32)],
         options: impl Fn(usize, PeriodicQuery<'a>) -> PeriodicQuery<'a, K> + Sync,
     ) -> Vec<Option<Neighbor>> {
-        self.answers(queries, |index, query| options(index, query).nearest())
+        self.tree.answers(queries, |index, (point, time)| options(index, self.query(point, time)).nearest())
     }
 
     /// The `k` nearest points of each query, as [`PeriodicQuery::nearest_n`] gives them.
@@ -43,9 +43,8 @@ impl<'a> PeriodicPoints<'a> {
         k: usize,
         options: impl Fn(usize, PeriodicQuery<'a>) -> PeriodicQuery<'a, K> + Sync,
     ) -> NeighborBatch {
-        lists_in_order(&self.tree.order(queries), |index, buffer, out| {
-            let (point, time) = queries[index];
-            out.extend_from_slice(options(index, self.query(point, time)).nearest_n_into(k, buffer));
+        self.tree.lists(queries, |index, (point, time), buffer| {
+            options(index, self.query(point, time)).nearest_n_into(k, buffer)
         })
     }
 
@@ -70,9 +69,8 @@ impl<'a> PeriodicPoints<'a> {
         queries: &[(Q, f32)],
         options: impl Fn(usize, PeriodicQuery<'a>) -> PeriodicQuery<'a, K> + Sync,
     ) -> NeighborBatch {
-        lists_in_order(&self.tree.order(queries), |index, buffer, out| {
-            let (point, time) = queries[index];
-            out.extend_from_slice(options(index, self.query(point, time)).collect_sorted_into(buffer));
+        self.tree.lists(queries, |index, (point, time), buffer| {
+            options(index, self.query(point, time)).collect_sorted_into(buffer)
         })
     }
 
@@ -88,20 +86,6 @@ impl<'a> PeriodicPoints<'a> {
         queries: &[(Q, f32)],
         options: impl Fn(usize, PeriodicQuery<'a>) -> PeriodicQuery<'a, K> + Sync,
     ) -> Vec<usize> {
-        self.answers(queries, |index, query| options(index, query).count())
-    }
-
-    fn answers<Q: Position, A: Clone + Default + Send>(
-        &self,
-        queries: &[(Q, f32)],
-        answer: impl Fn(usize, PeriodicQuery<'a>) -> A + Sync,
-    ) -> Vec<A> {
-        answered_in_order(&self.tree.order(queries), |indices| {
-            let one = |&index: &usize| {
-                let (point, time) = queries[index];
-                answer(index, self.query(point, time))
-            };
-            indices.iter().map(one).collect()
-        })
+        self.tree.answers(queries, |index, (point, time)| options(index, self.query(point, time)).count())
     }
 }
