@@ -11,7 +11,7 @@ use crate::point::search::KeepLanes;
 use crate::point::search::candidates::Candidates;
 use crate::point::search::counted_search::{CountedSearch, search_counted};
 use crate::point::search::layers::Layer;
-use crate::simd::{Lanes, Mask, SimdLevel};
+use crate::simd::SimdLevel;
 use crate::tuning::points::{
     BLOCK_COST, HALF_UNCACHED_BYTES, MOST_AT_REST, REFERENCE_BYTES, SEARCHED, SEARCHES, UNCACHED_COST,
 };
@@ -50,8 +50,7 @@ impl Visits {
                 let time = interval.begin() + interval.duration() * fraction;
                 let [open, close] = ends.map(Vec3::from_array);
                 let point = KeyTime::new(time, slice.keys).position(open, close);
-                let all = |_: &Lanes<u32>, mask: Mask| mask;
-                let (layers, keep) = (&layers[..], KeepLanes(&all));
+                let (layers, keep) = (&layers[..], KeepLanes::ALL);
                 let search = CountedSearch { layers, point, time, k: 8, bound: f32::MAX, shrink: 1.0, keep };
                 let work = search_counted(simd, &search, &mut candidates);
                 visited.nodes += work.nodes as f64;

@@ -6,7 +6,7 @@ use crate::geometry::TimeInterval;
 use crate::parallel;
 use crate::point::layout::double_box::{DoubleBox, DoubleNode, DoubleNodeRows, FULL};
 use crate::point::layout::double_tree::{DoubleBlock, DoubleTree, NO_POINTS};
-use crate::point::layout::moving_leaf::LaneIntervals;
+use crate::point::layout::lane_intervals::LaneIntervals;
 use crate::point::leaf_order::double_order::order;
 use crate::point::leaf_order::order::ORDERING;
 use crate::point::leaf_order::segment_slice::SegmentSlice;

@@ -5,7 +5,7 @@ use crate::geometry::TimeInterval;
 use crate::parallel;
 use crate::point::layout::double_box::DoubleBox;
 use crate::point::layout::double_tree::{DoubleBlock, DoubleTree, between};
-use crate::point::layout::moving_leaf::LaneIntervals;
+use crate::point::layout::lane_intervals::LaneIntervals;
 use crate::point::layout::view::DoubleRows;
 use crate::point::leaf_order::rounded_order::PointsToOrder;
 use crate::point::leaf_order::segment_slice::SegmentSlice;

@@ -11,8 +11,8 @@
 
 use crate::geometry::TimeInterval;
 use crate::point::layout::boxes::Boxes;
+use crate::point::layout::lane_intervals::LaneIntervals;
 use crate::point::layout::linear_face::{UNIT, rounded_down};
-use crate::point::layout::moving_leaf::LaneIntervals;
 use crate::simd::LANES;
 use glam::DVec3;
 

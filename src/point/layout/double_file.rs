@@ -6,7 +6,7 @@ use crate::file::{Decoder, FileError, record_fields, require};
 use crate::limits::MAX_COORDINATE;
 use crate::parallel;
 use crate::point::layout::boxes::Boxes;
-use crate::point::layout::moving_leaf::LaneIntervals;
+use crate::point::layout::lane_intervals::LaneIntervals;
 use crate::point::layout::static_file::{FARTHEST_FACE, are_fine};
 use crate::point::layout::view::DoubleRows;
 use crate::point::leaf_order::segment_slice::SegmentSlice;

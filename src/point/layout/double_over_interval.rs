@@ -67,11 +67,7 @@ impl BlockTree for DoubleTree {
     #[inline(always)]
     fn rows(&self, block: usize) -> PathRows<f64> {
         let DoubleBlock { begin, id } = &self.blocks[block];
-        let rows = PathRows::always_active(&begin.0, &self.ends.get(block).unwrap_or(begin).0, id);
-        match self.active.get(block) {
-            Some(active) => PathRows { begin: active.begin, end: active.end, ..rows },
-            None => rows,
-        }
+        PathRows::new(&begin.0, &self.ends.get(block).unwrap_or(begin).0, id, self.active.get(block))
     }
     fn has_active_intervals(&self) -> bool {
         !self.active.is_empty()

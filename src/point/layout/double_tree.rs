@@ -16,7 +16,7 @@
 use super::double_box::DoubleNode;
 use crate::file::{Encoder, FileError};
 use crate::point::layout::boxes::Boxes;
-use crate::point::layout::moving_leaf::LaneIntervals;
+use crate::point::layout::lane_intervals::LaneIntervals;
 use crate::point::layout::shape::Shape;
 use crate::point::layout::slice_tree::SliceTree;
 use crate::point::layout::view::{

@@ -1,8 +1,9 @@
 //! From moving points below bottom nodes to leaf blocks and boxes that move linearly.
 
 use super::boxes::LinearBoxes;
+use super::lane_intervals::LaneIntervals;
 use super::linear_bounds::{LinearBox, TrajectoryRows};
-use super::moving_leaf::{LaneIntervals, LeafRows};
+use super::moving_leaf::LeafRows;
 use crate::parallel;
 use crate::point::leaf_order::bottom_order::{MOST, Rows, SPARE};
 use crate::point::leaf_order::fast_points::{Among, displacements, sizes_of_leaves};

@@ -9,6 +9,7 @@ mod fill_leaves;
 mod fill_moving_leaves;
 pub(super) mod kd_file;
 pub(super) mod kd_points;
+pub(super) mod lane_intervals;
 mod linear_bounds;
 pub(super) mod linear_face;
 pub(super) mod moving_file;

@@ -1,7 +1,8 @@
 //! Moving point trees in files.
 
 use super::boxes::LinearBoxes;
-use super::moving_leaf::{LaneIntervals, MovingLeaves};
+use super::lane_intervals::LaneIntervals;
+use super::moving_leaf::MovingLeaves;
 use super::moving_tree::{MovingTree, first_children};
 use super::shape::Shape;
 use crate::file::{Decoder, Encoder, FileError, record_fields, require};

@@ -1,10 +1,11 @@
 //! Leaves of moving points: blocks of sixteen in rows, with active intervals.
 
-use super::over_interval::{PathRows, PointPath, all_lanes};
+use super::lane_intervals::LaneIntervals;
+use super::over_interval::{PointPath, all_lanes};
 use super::view::{Target, rows, squared};
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::point::leaf_order::moving_reference::MovingReference;
-use crate::simd::{LANES, Lanes, Mask, MovingPointBlock, Simd, prefetch};
+use crate::simd::{LANES, Lanes, MovingPointBlock, Simd, prefetch};
 use glam::Vec3;
 
 /// Sets the point of a lane.
@@ -15,47 +16,6 @@ pub(in crate::point) fn set(block: &mut MovingPointBlock, lane: usize, reference
         block.close[axis][lane] = reference.close[axis];
     }
     block.id[lane] = reference.id;
-}
-
-/// The active intervals of sixteen lanes: `begin <= t < end`.
-#[derive(Clone, Copy)]
-#[repr(C, align(64))]
-pub(in crate::point) struct LaneIntervals {
-    pub(in crate::point) begin: Lanes<f32>,
-    pub(in crate::point) end: Lanes<f32>,
-}
-
-impl LaneIntervals {
-    /// Sixteen lanes that are never active.
-    pub(in crate::point) const NEVER: LaneIntervals =
-        LaneIntervals { begin: [f32::INFINITY; LANES], end: [f32::NEG_INFINITY; LANES] };
-
-    /// Sets one lane.
-    #[inline(always)]
-    pub(in crate::point) fn set(&mut self, lane: usize, [begin, end]: [f32; 2]) {
-        (self.begin[lane], self.end[lane]) = (begin, end);
-    }
-
-    /// The interval of a lane; none if it is never active.
-    pub(in crate::point) fn of_lane(&self, lane: usize) -> Option<TimeInterval> {
-        TimeInterval::half_open(self.begin[lane], self.end[lane])
-    }
-
-    /// Whether a lane is active at a time.
-    pub(in crate::point) fn is_active(&self, lane: usize, time: f32) -> bool {
-        self.begin[lane] <= time && time < self.end[lane]
-    }
-
-    /// Whether a lane has the interval of one that is absent.
-    pub(in crate::point) fn is_never(&self, lane: usize) -> bool {
-        (self.begin[lane], self.end[lane]) == (f32::INFINITY, f32::NEG_INFINITY)
-    }
-
-    /// The lanes that are active at a time.
-    #[inline(always)]
-    pub(in crate::point) fn active_at<S: Simd>(&self, s: S, time: S::F) -> Mask {
-        s.le(s.load(&self.begin), time) & s.lt(time, s.load(&self.end))
-    }
 }
 
 /// The leaves of a tree, one block each.
@@ -172,22 +132,6 @@ impl MovingLeaves {
     pub(in crate::point) fn times(&self, block: usize, lane: usize) -> [f32; 2] {
         let times = &self.times[block];
         [times.begin[lane], times.end[lane]]
-    }
-
-    /// Whether the interval of any point begins at a time.
-    pub(in crate::point) fn begins_at(&self, time: f32) -> bool {
-        self.active.iter().any(|active| active.begin.contains(&time))
-    }
-
-    /// The points of a block between its keys.
-    #[inline(always)]
-    pub(in crate::point) fn path_rows(&self, block: usize) -> PathRows<f32> {
-        let MovingPointBlock { open, close, id } = &self.blocks[block];
-        let rows = PathRows::always_active(open, close, id);
-        match self.active.get(block) {
-            Some(active) => PathRows { begin: active.begin, end: active.end, ..rows },
-            None => rows,
-        }
     }
 
     /// A point of a block between its keys.

@@ -5,8 +5,9 @@
 
 use super::boxes::LinearBoxes;
 use super::fill_moving_leaves::{MovingBottomNodes, OrderedReferences, fill};
+use super::lane_intervals::LaneIntervals;
 use super::linear_bounds::LinearBox;
-use super::moving_leaf::{LaneIntervals, MovingLeaves};
+use super::moving_leaf::MovingLeaves;
 use super::moving_view::{HasLeaves, TreeAtTime};
 use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath, throughout};
 use super::shape::Shape;
@@ -297,7 +298,8 @@ impl BlockTree for MovingTree {
     type Coordinate = f32;
     #[inline(always)]
     fn rows(&self, block: usize) -> PathRows<f32> {
-        self.leaves.path_rows(block)
+        let MovingPointBlock { open, close, id } = &self.leaves.blocks[block];
+        PathRows::new(open, close, id, self.leaves.active.get(block))
     }
     fn has_active_intervals(&self) -> bool {
         !self.leaves.active.is_empty()
@@ -306,6 +308,6 @@ impl BlockTree for MovingTree {
         !self.node_times.is_empty()
     }
     fn begins_at(&self, time: f32) -> bool {
-        self.leaves.begins_at(time)
+        self.leaves.active.iter().any(|active| active.begin.contains(&time))
     }
 }

@@ -1,5 +1,6 @@
 //! The interface between trees and searches over a range of times.
 
+use super::lane_intervals::LaneIntervals;
 use super::slice_tree::SliceTree;
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::parallel;
@@ -44,11 +45,18 @@ pub(in crate::point) struct PathRows<C> {
 }
 
 impl<C: Copy + Into<f64>> PathRows<C> {
-    /// Points that exist throughout the shutter.
+    /// Points with these active intervals, or throughout the shutter.
     #[inline(always)]
-    pub(in crate::point) fn always_active(open: &[Lanes<C>; 3], close: &[Lanes<C>; 3], id: &Lanes<u32>) -> PathRows<C> {
-        let active = TimeInterval::FULL;
-        let (begin, end) = ([active.begin(); LANES], [active.end_bound(); LANES]);
+    pub(in crate::point) fn new(
+        open: &[Lanes<C>; 3],
+        close: &[Lanes<C>; 3],
+        id: &Lanes<u32>,
+        active: Option<&LaneIntervals>,
+    ) -> PathRows<C> {
+        let (begin, end) = match active {
+            Some(active) => (active.begin, active.end),
+            None => ([TimeInterval::FULL.begin(); LANES], [TimeInterval::FULL.end_bound(); LANES]),
+        };
         PathRows { open: *open, close: *close, begin, end, id: *id }
     }
 

@@ -359,7 +359,7 @@ impl BlockTree for StaticTree {
     #[inline(always)]
     fn rows(&self, block: usize) -> PathRows<f32> {
         let block = &self.blocks[block];
-        PathRows::always_active(&block.at, &block.at, &block.id)
+        PathRows::new(&block.at, &block.at, &block.id, None)
     }
     fn has_active_intervals(&self) -> bool {
         false

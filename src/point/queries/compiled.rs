@@ -73,9 +73,6 @@ struct Limits {
     shrink: f32,
 }
 
-/// A filter that accepts everything.
-const ALL: KeepLanes<'static> = KeepLanes(&|_, mask| mask);
-
 /// Runs a kernel among points in f64, beside the code for those in f32.
 #[cold]
 #[inline(never)]
@@ -90,7 +87,7 @@ pub(in crate::point) fn nearest(query: &CompiledQuery<'_, '_>) -> Option<Neighbo
         (false, None) => {
             let search = Nearest { layers: query.layers(), limits, keep: KeepAll };
             dispatch_or(simd, search, |Nearest { layers, limits, .. }| {
-                dispatch(simd, Nearest { layers, limits, keep: ALL })
+                dispatch(simd, Nearest { layers, limits, keep: KeepLanes::ALL })
             })
         }
         (false, Some(kept)) => dispatch(simd, Nearest { layers: query.layers(), limits, keep: KeepLanes(kept) }),
@@ -117,7 +114,7 @@ pub(in crate::point) fn nearest_n(
             let (layers, observe) = (query.layers(), &mut ());
             let search = NearestN { layers, limits, keep: KeepAll, k, candidates: &mut *candidates, found, observe };
             dispatch_or(simd, search, |search| {
-                filtered(query, ALL, k, search.candidates);
+                filtered(query, KeepLanes::ALL, k, search.candidates);
                 false
             })
         }
@@ -158,7 +155,7 @@ pub(in crate::point) fn work(query: &CompiledQuery<'_, '_>, k: usize) -> Neighbo
     if query.tree.is_double() {
         return nearest_n_in_double(query, k, &mut candidates, &mut Vec::new()).1;
     }
-    filtered(query, query.keep.0.map_or(ALL, KeepLanes), k, &mut candidates)
+    filtered(query, query.keep.0.map_or(KeepLanes::ALL, KeepLanes), k, &mut candidates)
 }
 
 /// Gathers all points within the radius.
@@ -169,7 +166,7 @@ pub(in crate::point) fn gather(query: &CompiledQuery<'_, '_>, candidates: &mut C
         (false, Allowed(None)) => {
             let search = Collecting { layers: query.layers(), bound, keep: KeepAll, candidates };
             dispatch_or(simd, search, |Collecting { layers, candidates, .. }| {
-                append(simd, layers, bound, ALL, candidates);
+                append(simd, layers, bound, KeepLanes::ALL, candidates);
             });
         }
         (false, Allowed(Some(kept))) => append(simd, query.layers(), bound, KeepLanes(kept), candidates),
@@ -211,7 +208,7 @@ pub(in crate::point) fn count(query: &CompiledQuery<'_, '_>) -> usize {
         (false, Allowed(None)) => {
             let search = Counting { layers: query.layers(), bound, keep: KeepAll };
             dispatch_or(simd, search, |Counting { layers, bound, .. }| {
-                dispatch(simd, Counting { layers, bound, keep: ALL })
+                dispatch(simd, Counting { layers, bound, keep: KeepLanes::ALL })
             })
         }
         (false, Allowed(Some(kept))) => {

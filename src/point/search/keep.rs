@@ -71,6 +71,11 @@ pub(in crate::point) type KeptLanes<'a> = &'a dyn Fn(&Lanes<u32>, Mask) -> Mask;
 #[derive(Clone, Copy)]
 pub(in crate::point) struct KeepLanes<'a>(pub(in crate::point) KeptLanes<'a>);
 
+impl KeepLanes<'static> {
+    /// Accepts everything.
+    pub(in crate::point) const ALL: KeepLanes<'static> = KeepLanes(&|_, mask| mask);
+}
+
 impl Keep for KeepLanes<'_> {
     const FILTERS: bool = true;
     fn keep(&self, id: u32) -> bool {
