@@ -161,7 +161,7 @@ impl Member {
                 lo[axis] = if at[axis] < lo[axis] { at[axis] } else { lo[axis] };
                 hi[axis] = if at[axis] > hi[axis] { at[axis] } else { hi[axis] };
             }
-            if let Radii::Own(own) | Radii::Larger { own, .. } | Radii::Sum { own, .. } = radii {
+            if let Some(own) = radii.own() {
                 radius = radius.max(radius_of(own, points.id[lane]));
             }
         }

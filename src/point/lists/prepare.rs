@@ -3,7 +3,6 @@
 use super::error::{ListError, RadiusOf};
 use super::list_request::ListRequest;
 use super::periodic_box::MOST_PERIODS;
-use super::radii::Radii;
 use super::reach::Reach;
 use crate::point::layout::over_interval::bottom_nodes;
 use crate::point::layout::view::CoordinateView;
@@ -62,17 +61,16 @@ pub(super) fn prepare(request: &ListRequest<'_>, prepared: &mut Prepared) -> Res
             None => Ok(()),
         }
     };
-    match request.listing.radii {
-        Radii::Equal(_) => Ok(()),
-        Radii::Own(own) => measure(request.tree, own, RadiusOf::Point),
-        Radii::Larger { own, others } | Radii::Sum { own, others } => {
-            measure(request.tree, own, RadiusOf::Point)?;
-            measure(request.others(), others, RadiusOf::Listed)?;
-            let reaches = &prepared.reaches[..request.others().layers.len()];
-            prepared.most_reach = reaches.iter().fold(0.0, |most, reach| reach.most.max(most));
-            Ok(())
-        }
+    let radii = &request.listing.radii;
+    if let Some(own) = radii.own() {
+        measure(request.tree, own, RadiusOf::Point)?;
     }
+    if let Some(others) = radii.others() {
+        measure(request.others(), others, RadiusOf::Listed)?;
+        let reaches = &prepared.reaches[..request.others().layers.len()];
+        prepared.most_reach = reaches.iter().fold(0.0, |most, reach| reach.most.max(most));
+    }
+    Ok(())
 }
 
 /// The largest magnitude of a coordinate along each axis.

@@ -54,15 +54,11 @@ impl<'a> Radii<'a> {
             Some(id) => Err(ListError::Radius { of: Some(of(id as u32)) }),
             None => Ok(()),
         };
-        match self {
-            Radii::Equal(radius) if is_bad(*radius) => Err(ListError::Radius { of: None }),
-            Radii::Equal(_) => Ok(()),
-            Radii::Own(own) => check(own, RadiusOf::Point),
-            Radii::Larger { own, others } | Radii::Sum { own, others } => {
-                check(own, RadiusOf::Point)?;
-                check(others, RadiusOf::Listed)
-            }
+        if matches!(self, Radii::Equal(radius) if is_bad(*radius)) {
+            return Err(ListError::Radius { of: None });
         }
+        check(self.own().unwrap_or_default(), RadiusOf::Point)?;
+        check(self.others().unwrap_or_default(), RadiusOf::Listed)
     }
 
     /// An error if these are not of the same kind as others, or one is greater.
@@ -86,6 +82,15 @@ impl<'a> Radii<'a> {
         match self {
             Radii::Equal(radius) => *radius,
             Radii::Own(own) | Radii::Larger { own, .. } | Radii::Sum { own, .. } => radius_of(own, id),
+        }
+    }
+
+    /// The radii of the points whose lists are made, unless all have the same.
+    #[inline(always)]
+    pub(super) fn own(&self) -> Option<&'a [f32]> {
+        match self {
+            Radii::Equal(_) => None,
+            Radii::Own(own) | Radii::Larger { own, .. } | Radii::Sum { own, .. } => Some(own),
         }
     }
 

@@ -47,7 +47,7 @@ impl Criteria<'_> {
     /// The greatest radius of points with these ids, unless all have the same.
     #[inline(always)]
     pub(super) fn greatest(&self, ids: &Lanes<u32>) -> f32 {
-        let (Radii::Own(own) | Radii::Larger { own, .. } | Radii::Sum { own, .. }) = self.radii else { return 0.0 };
+        let Some(own) = self.radii.own() else { return 0.0 };
         let mut most = 0.0;
         for &id in ids {
             most = f32::max(most, radius_of(own, id));

@@ -178,14 +178,8 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         };
         let slices_of_own = &self.slices[..self.own];
         let slices_of_others = if self.among.is_some() { &self.slices[self.own..] } else { slices_of_own };
-        match radii {
-            Radii::Equal(_) => None,
-            Radii::Own(own) => without(slices_of_own, own, RadiusOf::Point),
-            Radii::Larger { own, others } | Radii::Sum { own, others } => {
-                let of_others = || without(slices_of_others, others, RadiusOf::Listed);
-                without(slices_of_own, own, RadiusOf::Point).or_else(of_others)
-            }
-        }
+        let of_own = radii.own().and_then(|own| without(slices_of_own, own, RadiusOf::Point));
+        of_own.or_else(|| radii.others().and_then(|others| without(slices_of_others, others, RadiusOf::Listed)))
     }
 
     /// With each pair in the list of the lower id only.
