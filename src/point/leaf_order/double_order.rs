@@ -10,10 +10,9 @@ use crate::parallel;
 use crate::point::leaf_order::complete_tree::{left_part, subtree, subtrees_of};
 use crate::point::leaf_order::motion_groups::{self, Displaced, MotionDivision};
 use crate::point::leaf_order::spread::spread;
-use crate::point::leaf_order::widest_axis::SAMPLE;
+use crate::point::leaf_order::widest_axis::widest_axis;
 use crate::progress::Progress;
 use crate::simd::LANES;
-use glam::DVec3;
 
 /// Ranges shorter than this are not divided among threads.
 const SHARE: usize = 1 << 14;
@@ -53,7 +52,7 @@ fn order_range<P: PointsToOrder>(
     let above_bottom = block == leaf * LANES;
     let divided = if by_motion && above_bottom { divide_by_motion(numbers, block, points) } else { None };
     let left = divided.unwrap_or_else(|| {
-        let (left, axis) = (left_part(count, block), widest_axis(numbers, points));
+        let (left, axis) = (left_part(count, block), widest_axis(count, |i| points.at(numbers[i]).to_array()));
         select(numbers, left, |number| points.at(number)[axis]);
         left
     });
@@ -86,18 +85,11 @@ fn divide_by_motion(numbers: &mut [u32], block: usize, points: &impl PointsToOrd
     Some(division.left)
 }
 
-/// The axis of the largest extent, estimated from a sample if there are many points.
-fn widest_axis(numbers: &[u32], points: &impl PointsToOrder) -> usize {
-    let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    let sample = numbers.iter().step_by((numbers.len() / SAMPLE).max(1)).map(|&number| points.at(number));
-    let (lo, hi) = sample.fold(none, |(lo, hi), at| (lo.min(at), hi.max(at)));
-    (hi - lo).max_position()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::random::Random;
+    use glam::DVec3;
 
     struct Set<'a>(&'a [DVec3]);
 
