@@ -60,6 +60,12 @@ impl<C: Copy + Into<f64>> PathRows<C> {
         PathRows { open: *open, close: *close, begin, end, id: *id }
     }
 
+    /// The largest magnitude of a coordinate at either key.
+    pub(in crate::point) fn magnitude(&self) -> f64 {
+        let coordinates = self.open.iter().chain(&self.close).flat_map(|row| row.iter().zip(self.id));
+        coordinates.filter(|(_, id)| *id != u32::MAX).fold(0.0, |most, (&x, _)| greater(most, x.into().abs()))
+    }
+
     /// One of the points.
     #[inline(always)]
     pub(in crate::point) fn point_path(&self, lane: usize) -> Option<PointPath> {
@@ -91,11 +97,7 @@ pub(in crate::point) trait BlockTree: BoxTree + Sync {
     /// The largest magnitude of a coordinate at either key of the segment. (Boxes do not tell: those of a time slice, and of points
     /// that exist for a while, bound nothing at the keys.)
     fn magnitude(&self) -> f64 {
-        let of_block = |block: usize| {
-            let rows = self.rows(block);
-            let coordinates = rows.open.into_iter().chain(rows.close).flat_map(move |row| row.into_iter().zip(rows.id));
-            coordinates.filter(|(_, id)| *id != u32::MAX).fold(0.0, |most, (x, _)| greater(most, x.into().abs()))
-        };
+        let of_block = |block: usize| self.rows(block).magnitude();
         let parts = parallel::chunks(self.block_count(), |blocks| blocks.map(of_block).fold(0.0, greater));
         parts.into_iter().fold(0.0, greater)
     }

@@ -14,6 +14,9 @@ use crate::simd::{LANES, Lanes, Simd};
 /// displacement is below the least normal f32, and is missed by up to the displacement then.
 const UNDERFLOW: f64 = 1e-18;
 
+/// What f64 rounds of positions, in units of the coordinates at keys, which may be much greater: see [`super`].
+const OF_KEYS: f64 = 1.0 / (1u64 << 42) as f64;
+
 /// A block whose points may come near those of a group.
 pub(super) struct CandidateBlock {
     pub(super) paths: RelativePaths,
@@ -126,7 +129,12 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
                     number[lane] = self.blocks.len() as u32;
                     let points = tree.rows(first + lane * stride + part);
                     let paths = RelativePaths::new::<C, IMAGES>(&points, phases, &frame);
-                    let slack = SLACK * magnitude[lane] + group.slack;
+                    let mut slack = SLACK * magnitude[lane];
+                    // A box beside one that is far away is coarse, and points of it may be much nearer than one of their block.
+                    if slack > criteria.longest(criteria.own, reach[lane]) {
+                        slack = slack.min(SLACK * paths.magnitude() + OF_KEYS * points.magnitude());
+                    }
+                    let slack = slack + group.slack;
                     let bound = squared_up(criteria.longest(0.0, 0.0) + slack + UNDERFLOW);
                     // The radius has been lowered by more than f32 adds here, rounding of its square included:
                     // see `Sweep::for_certificate`.

@@ -35,6 +35,8 @@ pub(super) trait SweptCoordinate: Copy + Default + Into<f64> + Send + Sync {
     fn layers(tree: &PointTree) -> Vec<SweptLayer<'_, Self>>;
     /// A coordinate relative to the centre of a group. If `IMAGES`, the centre is that of an image of the group, in f32 as well.
     fn relative<const IMAGES: bool>(x: f64, center: f64) -> f64;
+    /// What the positions near one are measured from.
+    fn center(x: f64) -> f64;
     /// The lengths of a periodic box, zero along axes that are not periodic.
     fn lengths(periodic_box: &PeriodicBox) -> [f64; 3];
     /// The displacement between two keys.
@@ -77,6 +79,10 @@ impl SweptCoordinate for f32 {
     #[inline(always)]
     fn relative<const IMAGES: bool>(x: f64, center: f64) -> f64 {
         if IMAGES { x - center } else { x }
+    }
+    /// Zero loses no bits.
+    fn center(_x: f64) -> f64 {
+        0.0
     }
     fn lengths(periodic_box: &PeriodicBox) -> [f64; 3] {
         periodic_box.period.map(f64::from)
@@ -134,6 +140,9 @@ impl SweptCoordinate for f64 {
     #[inline(always)]
     fn relative<const IMAGES: bool>(x: f64, center: f64) -> f64 {
         x - center
+    }
+    fn center(x: f64) -> f64 {
+        x
     }
     fn lengths(periodic_box: &PeriodicBox) -> [f64; 3] {
         periodic_box.double_period

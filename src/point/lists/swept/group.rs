@@ -80,6 +80,18 @@ impl RelativePaths {
         }
         paths
     }
+
+    /// The largest magnitude of a coordinate.
+    pub(super) fn magnitude(&self) -> f64 {
+        let mut most = 0.0;
+        for axis in 0..3 {
+            for (&from, &displacement) in self.start[axis].iter().zip(&self.displacement[axis]) {
+                let ends = from.abs().max((from + displacement).abs());
+                most = if ends < f32::INFINITY && ends > most { ends } else { most };
+            }
+        }
+        most.into()
+    }
 }
 
 /// Sixteen points whose encounters are looked for.
@@ -140,6 +152,8 @@ pub(super) struct SweptGroup<C> {
     pub(super) blocks: Vec<Block<C>>,
     /// The times between which boxes are swept.
     pub(super) times: [f32; 2],
+    /// The same as phases of the points' segment.
+    phases: [f64; 2],
     /// The share of the range of phases that lies before the first time.
     pub(super) early: f64,
     pub(super) frame: Frame,
@@ -178,7 +192,7 @@ impl<C: SweptCoordinate> SweptGroup<C> {
             *drift = halved(row, |a, b| a + b) / count * (phases[1] - phases[0]);
         }
         self.frame = Frame { center: tree.center(node, phases[0]), drift };
-        (self.times, self.early) = (times, early(tree, phases, times[0]));
+        (self.times, self.phases, self.early) = (times, phases, early(tree, phases, times[0]));
         self.blocks.clear();
         (self.lo, self.hi, self.magnitude) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3], 0.0);
         for number in numbers {
@@ -210,22 +224,39 @@ impl<C: SweptCoordinate> SweptGroup<C> {
         count > 1 && volume(self.lo, self.hi, most) > 2.0 * boxes
     }
 
-    /// Becomes a group of one point, of a block of another group; `false` where that has none in the lane.
-    pub(super) fn take_one(&mut self, of: &SweptGroup<C>, block: usize, lane: usize) -> bool {
-        let block = &of.blocks[block];
-        if block.points.id[lane] == u32::MAX {
+    /// Whether most points are so near to each other that, at the slack of the group, they pass the test in f32 whether they meet or
+    /// not: in most blocks, by volume, each another one. A few that are far from the others make it so: what is measured from a
+    /// place is as coarse as the farthest is far. `reach` is as above.
+    pub(super) fn is_coarse(&self, criteria: &Criteria<'_>, reach: f32) -> bool {
+        let dense = |block: &&Block<C>| {
+            let width = |axis: usize| f64::from(block.hi[axis]) - f64::from(block.lo[axis]);
+            let near: f64 = (0..3).map(|axis| (self.slack / width(axis)).min(1.0)).product();
+            near * LANES as f64 >= 1.0
+        };
+        self.slack > criteria.longest(criteria.own, reach)
+            && 2 * self.blocks.iter().filter(dense).count() > self.blocks.len()
+    }
+
+    /// Becomes a group of one point, of a block of another group; `false` where that has none in the lane. Everything is measured
+    /// from the point and relative to its motion. The slack is wider by [`SweptCoordinate::excess`].
+    pub(super) fn take_one(&mut self, of: &SweptGroup<C>, block: usize, lane: usize, excess: f64) -> bool {
+        let mut points = of.blocks[block].points;
+        if points.id[lane] == u32::MAX {
             return false;
         }
-        let mut alone = block.clone();
         for other in (0..LANES).filter(|&other| other != lane) {
-            alone.points.id[other] = u32::MAX;
-            alone.paths.start.iter_mut().for_each(|row| row[other] = f32::INFINITY);
-            alone.paths.displacement.iter_mut().for_each(|row| row[other] = 0.0);
+            points.id[other] = u32::MAX;
         }
-        (alone.lo, alone.hi) = block.path_box(lane);
-        (self.lo, self.hi) = (alone.lo, alone.hi);
-        (self.times, self.early, self.frame) = (of.times, of.early, of.frame);
-        (self.magnitude, self.slack) = (of.magnitude, of.slack);
+        let displacement = points.open.iter().zip(&points.close).map(|(a, b)| C::displacement(a[lane], b[lane]));
+        for (axis, displacement) in displacement.enumerate() {
+            let first: f64 = points.open[axis][lane].into() + displacement * of.phases[0];
+            self.frame.center[axis] = C::center(first);
+            self.frame.drift[axis] = displacement * (of.phases[1] - of.phases[0]);
+        }
+        (self.times, self.phases, self.early) = (of.times, of.phases, of.early);
+        let alone = Block::new(points, of.phases, &self.frame);
+        (self.lo, self.hi, self.magnitude) = (alone.lo, alone.hi, alone.magnitude);
+        self.slack = self.magnitude * SLACK + excess;
         self.blocks.clear();
         self.blocks.push(alone);
         true

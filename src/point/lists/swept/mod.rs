@@ -35,6 +35,11 @@
 //! |b − a|), m being the larger of |a| and |b|. The range of times of the group is at least u wide, so its points pass (b − a)u in
 //! it, and M' is at least half of that: 64M'u is at least 2^-43 |b − a|. Faces of static boxes are not rounded.
 //!
+//! **Points far from the others** make everything coarse that is measured together with them. So a group that is too coarse is
+//! divided into its points, each measured from its own place where this is in f64, relative to its own motion: then the drift is at
+//! least |b − a|u, so that M' is. And where the box of a block is too coarse, pairs are tested with the magnitude of the block's
+//! points as M, which is what their positions are rounded by, and with 2^-42 of their coordinates at keys for what f64 loses.
+//!
 //! **Radii of their own.** Boxes and blocks are culled by the greatest radius that a point of the group can have with one in them,
 //! a pair by its own: all of the above holds for any radius that is at least that of the pair.
 //!
@@ -65,6 +70,8 @@ mod criteria;
 mod encounter;
 mod encounter_lists;
 mod evaluation;
+#[cfg(test)]
+mod far_points_tests;
 mod group;
 mod group_steps;
 mod images;

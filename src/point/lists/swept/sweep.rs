@@ -387,10 +387,15 @@ impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for Sha
             for block in &group.blocks {
                 criteria.own = criteria.own.max(criteria.greatest(&block.points.id));
             }
-            // Few points among many others lie far apart in a tree of their own.
+            // Few points among many others lie far apart in a tree of their own, and one that has left the others lies far from those
+            // that it shares a node with.
             let scattered = criteria.other_set && group.is_scattered(&criteria, sweep.most_reach);
             let lanes = group.blocks.len() * LANES;
-            let most = if scattered { MOST_BLOCKS * lanes } else { usize::MAX };
+            let most = match scattered {
+                _ if group.is_coarse(&criteria, sweep.most_reach) => 0,
+                true => MOST_BLOCKS * lanes,
+                false => usize::MAX,
+            };
             if s.call(AddAll::<_, IMAGES> { sweep, pairing, group, candidates, criteria: &criteria, most }) {
                 for block in &group.blocks {
                     if block.points.id.iter().any(|&id| visitor.wants(id)) {
@@ -400,7 +405,7 @@ impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for Sha
                 continue;
             }
             for lane in 0..lanes {
-                if !alone.take_one(group, lane / LANES, lane % LANES) {
+                if !alone.take_one(group, lane / LANES, lane % LANES, excess) {
                     continue;
                 }
                 let block = &alone.blocks[0];
