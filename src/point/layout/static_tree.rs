@@ -47,6 +47,9 @@ pub(in crate::point) struct LastOrder {
 /// The least size of a box relative to that around it; smaller ones, as those of equal points, count as this.
 const LEAST_SIZE: f64 = 1.0 / 16_777_216.0;
 
+/// Sizes of boxes are multiples of one over this.
+const SIZE_STEPS: f64 = (1u64 << 32) as f64;
+
 impl StaticTree {
     /// The blocks of a tree over `count` points, without points.
     pub(in crate::point) fn room(count: usize) -> Vec<PointBlock> {
@@ -157,6 +160,8 @@ impl StaticTree {
                 *size += product.ln();
             }
             *size /= f64::from(boxes.max(1));
+            // Logarithms of platforms differ in their last bits, and files with them.
+            *size = (*size * SIZE_STEPS).round() / SIZE_STEPS;
         }
         sizes
     }

@@ -224,8 +224,8 @@ impl<C: SweptCoordinate> SweptGroup<C> {
         count > 1 && volume(self.lo, self.hi, most) > 2.0 * boxes
     }
 
-    /// Whether most points are so near to each other that, at the slack of the group, they pass the test in f32 whether they meet or
-    /// not: in most blocks, by volume, each another one. A few that are far from the others make it so: what is measured from a
+    /// Whether most points are so near to each other that, at the slack of the group, they pass the test in f32 whether they meet
+    /// or not: in most blocks, by volume, each another one. A few that are far from the others make it so: what is measured from a
     /// place is as coarse as the farthest is far. `reach` is as above.
     pub(super) fn is_coarse(&self, criteria: &Criteria<'_>, reach: f32) -> bool {
         let dense = |block: &&Block<C>| {

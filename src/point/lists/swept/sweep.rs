@@ -387,14 +387,16 @@ impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for Sha
             for block in &group.blocks {
                 criteria.own = criteria.own.max(criteria.greatest(&block.points.id));
             }
-            // Few points among many others lie far apart in a tree of their own, and one that has left the others lies far from those
-            // that it shares a node with.
+            // Few points among many others lie far apart in a tree of their own, and one that has left the others lies far from
+            // those that it shares a node with.
             let scattered = criteria.other_set && group.is_scattered(&criteria, sweep.most_reach);
             let lanes = group.blocks.len() * LANES;
-            let most = match scattered {
-                _ if group.is_coarse(&criteria, sweep.most_reach) => 0,
-                true => MOST_BLOCKS * lanes,
-                false => usize::MAX,
+            let most = if group.is_coarse(&criteria, sweep.most_reach) {
+                0
+            } else if scattered {
+                MOST_BLOCKS * lanes
+            } else {
+                usize::MAX
             };
             if s.call(AddAll::<_, IMAGES> { sweep, pairing, group, candidates, criteria: &criteria, most }) {
                 for block in &group.blocks {

@@ -1,0 +1,160 @@
+//! The bounds of boxes that closest approaches use, and how many nodes they visit.
+
+use super::*;
+use crate::file::{Encoder, FileError};
+use crate::point::PointParams;
+use crate::point::build::time_slices::time_slices;
+use crate::point::layout::slice_tree::SliceTree;
+use crate::point::leaf_order::moving_reference::MovingReference;
+use crate::progress::Progress;
+use crate::random::Random;
+use core::cell::Cell;
+use glam::Vec3;
+
+const RUNNERS: usize = 100;
+
+/// Points of a time slice in which the median moves with the velocity `plane` and is at zero at the end, like the plane through
+/// it, with points on either side; and runners with a velocity of their own that cross the plane about then.
+fn crossing_at_the_end(
+    slice: &SegmentSlice,
+    plane: f32,
+    runners: f32,
+    sides: [usize; 2],
+    random: &mut Random,
+) -> Vec<MovingReference> {
+    let [left, right] = sides;
+    let reference = |id: usize| {
+        let (close, velocity) = match id {
+            0..RUNNERS => (3.0 * f32::EPSILON * random.signed() * (plane - runners).abs(), runners),
+            RUNNERS => (0.0, plane),
+            _ => ((0.5 + 0.5 * random.unit()) * if id <= RUNNERS + left { -1.0 } else { 1.0 }, plane),
+        };
+        let (open, close) = ([close - velocity / (slice.keys - 1) as f32, 0.0, 0.0], [close, 0.0, 0.0]);
+        let (interval, active) = (slice.interval, TimeInterval::FULL);
+        MovingReference { open, close, interval, active, id: id as u32, fast: false }
+    };
+    (0..RUNNERS + 1 + left + right).map(reference).collect()
+}
+
+/// Counts runners that are not found by queries that meet them at the end of the segment, if something is known that is just as
+/// near as far as f64 tells. The queries come from beyond the plane.
+fn lost([plane, runners]: [f32; 2], sides: [usize; 2], slack: impl Fn(&KdPoints, u32, &Plane) -> f64) -> usize {
+    let (mut random, mut lost) = (Random(43), 0);
+    // The slices that end before the key does, in segments.
+    let slices = (500..540).flat_map(|keys| time_slices(keys, 1));
+    let behind = |slice: &SegmentSlice, time: f32| exact_phase(time, slice.keys, slice.segment) - 1.0;
+    let size = |slice: &SegmentSlice| (slice.keys - 1) as f64 / 16_777_216.0;
+    for slice in slices.filter(|slice| behind(slice, slice.interval.end()) < -0.7 * size(slice)) {
+        let references = crossing_at_the_end(&slice, plane, runners, sides, &mut random);
+        let tree = KdPoints::build(&references, slice, 16.0, &Progress::new(None));
+        let times = [slice.interval.end(), slice.interval.end() + f32::EPSILON];
+        for m in &references[..RUNNERS] {
+            let [from, to] = times.map(|time| {
+                let way = behind(&slice, time) / size(&slice) * f64::from(plane - runners).signum();
+                DVec3::X * (f64::from(m.close[0]) + way)
+            });
+            let times = times.map(f64::from);
+            let path = QueryPath { from, to, times, keys: slice.keys };
+            let mut search = Search { most: 1.5e-14, pending: Vec::new(), best: None };
+            path.search_kd(&tree, &slack, &|id| id == m.id, &mut search);
+            lost += usize::from(search.pending.is_empty() && search.best.is_none());
+        }
+    }
+    lost
+}
+
+#[test]
+fn planes_at_the_end_of_a_segment_exclude_no_answer_and_would_with_less_slack() {
+    let fast_runners = ([0.0, 1.0], [RUNNERS, 2 * RUNNERS - 1]);
+    let fast_plane = ([1.0, 0.0], [RUNNERS + 1, 0]);
+    for (velocities, sides) in [fast_runners, fast_plane] {
+        assert_eq!(lost(velocities, sides, plane_slack), 0, "{velocities:?}");
+        assert!(lost(velocities, sides, |_, _, plane| plane_error(plane)) > 100, "{velocities:?}");
+    }
+    assert!(lost(fast_plane.0, fast_plane.1, |tree, node, _| tree.slack(node)) > 100);
+}
+
+/// A tree that counts the nodes whose children are asked for.
+struct Counted<'a, T>(&'a T, Cell<usize>);
+
+impl<T: BoxTree> SliceTree for Counted<'_, T> {
+    fn slice(&self) -> SegmentSlice {
+        self.0.slice()
+    }
+    fn references(&self) -> usize {
+        self.0.references()
+    }
+    fn node_count(&self) -> usize {
+        self.0.node_count()
+    }
+    fn levels(&self) -> usize {
+        self.0.levels()
+    }
+    fn bytes(&self) -> usize {
+        self.0.bytes()
+    }
+    fn block_count(&self) -> usize {
+        self.0.block_count()
+    }
+    fn block_ids(&self, block: usize) -> &Lanes<u32> {
+        self.0.block_ids(block)
+    }
+    fn block_ids_mut(&mut self, _: usize) -> &mut Lanes<u32> {
+        unreachable!("no search changes a tree")
+    }
+    fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
+        self.0.encode(to)
+    }
+}
+
+impl<T: BoxTree> BoxTree for Counted<'_, T> {
+    fn root_node(&self) -> (usize, usize) {
+        self.0.root_node()
+    }
+    fn children(&self, level: usize, node: usize) -> (usize, usize) {
+        self.1.update(|count| count + 1);
+        self.0.children(level, node)
+    }
+    fn times(&self, node: usize) -> [Lanes<f32>; 2] {
+        self.0.times(node)
+    }
+    fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
+        self.0.faces(node, phase)
+    }
+    fn is_active(&self, block: usize, lane: usize, time: f32) -> bool {
+        self.0.is_active(block, lane, time)
+    }
+    fn point_path(&self, block: usize, lane: usize) -> Option<PointPath> {
+        self.0.point_path(block, lane)
+    }
+}
+
+/// A query that crosses a set is never near most of the boxes which it passes along each axis.
+#[test]
+fn a_long_path_visits_the_nodes_along_it() {
+    let mut random = Random(44);
+    let mut place = || Vec3::from_array(core::array::from_fn(|_| random.signed()));
+    let set: Vec<Vec3> = (0..100_000).map(|_| place()).collect();
+    let tree = PointTree::build(&set[..], &PointParams::default()).unwrap();
+    let Layer::Static(boxes) = &tree.layers[0] else { panic!("points at rest") };
+    let mut visited = 0;
+    for _ in 0..50 {
+        let [from, to] = [place(), place()].map(Vec3::as_dvec3);
+        let path = QueryPath { from, to: from + (to - from) * 10.0, times: [0.0, 1.0], keys: 1 };
+        let counted = Counted(boxes, Cell::new(0));
+        let mut search = Search { most: f64::INFINITY, pending: Vec::new(), best: None };
+        path.search_boxes(tree.simd, &counted, &|_| true, &mut search);
+        search.resolve(&path);
+        let best = search.best.map(|best| best.answer.distance).unwrap();
+        let (way, length) = ((path.to - path.from).normalize(), (path.to - path.from).length());
+        let off = |p: &Vec3| {
+            let offset = p.as_dvec3() - path.from;
+            (offset - way * offset.dot(way).clamp(0.0, length)).length()
+        };
+        let least = set.iter().map(off).fold(f64::INFINITY, f64::min);
+        assert!((f64::from(best) - least).abs() <= 1e-6 * least, "{best} instead of {least}");
+        visited += counted.1.get();
+    }
+    // 23 for a query; 53 if boxes are only compared axis by axis.
+    assert!(visited < 50 * 35, "{visited}");
+}
