@@ -33,7 +33,7 @@ pub(crate) use keys::{KeyPhase, KeyTime, lerp};
 pub(crate) use lane_bounds::LaneBounds;
 pub(crate) use local_space::Frame;
 pub(crate) use morton::morton_code;
-pub(crate) use placement::Placement;
+pub(crate) use placement::{Placement, Preimage};
 pub(crate) use plane::Plane;
 pub use ray::Ray;
 pub(crate) use separating_axes::{INSTANTS, Instant, are_disjoint};

@@ -8,20 +8,25 @@ use glam::{DAffine3, DMat3, DVec3};
 /// **Distances.** For any matrix `X` with `|I - X M| <= e < 1`, the inverse of `M` is no longer than `|X| / (1 - e)`. So
 /// distances in the placed space are at most that many times those of their images. The norm `|X|` is at most the root of
 /// the largest row sum of `X Xᵀ`, which is exact for a rotation after a scaling, whatever the scales.
+///
+/// **Along axes.** Let `c` be the columns of `M`, and `k` the cosines of the angles between them. By `2|ab| <= a² + b²`, `|M v|²`
+/// is at least the sum of `|c_i|² v_i² (1 - sum of |k_ij|)` over the axes `i`, with the other axes `j`. This is exact for a
+/// rotation after a scaling, and tells nothing about a strong shear.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Placement {
     pub matrix: DAffine3,
     inverse: DMat3,
-    /// Bound of the distances in the placed space per distance of the images; infinite if there is none.
-    scale_bound: f64,
+    /// For each axis the least length of an image per distance in the placed space: the distance of images is at least that of the
+    /// places scaled by these. Zero if there is no such bound.
+    least: DVec3,
 }
 
 /// The preimage of a point in a placed space.
 pub(crate) struct Preimage {
     pub point: DVec3,
-    /// Bound of the distances in the placed space per distance of the images.
-    pub scale_bound: f64,
-    /// By how much a computed distance of images may be smaller than the distance to which `scale_bound` applies.
+    /// The distance of images is at least that of the places scaled by these along the axes. Zero if there is no such bound.
+    pub least: DVec3,
+    /// By how much a computed distance of images may be smaller than the distance to which `least` applies.
     pub deviation: f64,
 }
 
@@ -35,7 +40,11 @@ impl Placement {
         let longest = norm(inverse) * (1.0 + ROUNDING) / (1.0 - off);
         // NaN fails this as well.
         let known = off < 0.5 && longest.is_finite();
-        Placement { matrix, inverse, scale_bound: if known { longest } else { f64::INFINITY } }
+        let everywhere = DVec3::splat(if known { longest.recip() } else { 0.0 });
+        let along = least_along_axes(matrix.matrix3);
+        // What is farther than a distance is outside of an ellipsoid; the smaller one says more.
+        let least = if known && along.element_product() > everywhere.element_product() { along } else { everywhere };
+        Placement { matrix, inverse, least }
     }
 
     /// The placement of a space in a space that is itself placed, if `placed` is given.
@@ -49,16 +58,27 @@ impl Placement {
     /// the rounding of the images of objects in `bounds`.
     pub fn preimage(&self, point: DVec3, bounds: Aabb) -> Preimage {
         let there = self.inverse * (point - self.matrix.translation);
-        if !there.is_finite() || self.scale_bound.is_infinite() {
-            return Preimage { point: DVec3::ZERO, scale_bound: f64::INFINITY, deviation: 0.0 };
+        if !there.is_finite() || self.least == DVec3::ZERO {
+            return Preimage { point: DVec3::ZERO, least: DVec3::ZERO, deviation: 0.0 };
         }
         let missed = self.matrix.transform_point3(there) - point;
         let far = there.abs() + bounds.min.abs().max(bounds.max.abs());
         let size = sum(self.matrix.matrix3) * far.max_element()
             + self.matrix.translation.abs().max_element()
             + point.abs().max_element();
-        Preimage { point: there, scale_bound: self.scale_bound, deviation: missed.length() + ROUNDING * size }
+        Preimage { point: there, least: self.least, deviation: missed.length() + ROUNDING * size }
     }
+}
+
+/// For each axis a lower bound of the lengths of images per length along it, as derived above; zero if there is none.
+fn least_along_axes(m: DMat3) -> DVec3 {
+    let lengths = DVec3::new(m.x_axis.length(), m.y_axis.length(), m.z_axis.length());
+    let [x, y, z] = [m.x_axis / lengths.x, m.y_axis / lengths.y, m.z_axis / lengths.z];
+    let [xy, xz, yz] = [x.dot(y).abs(), x.dot(z).abs(), y.dot(z).abs()];
+    let left = DVec3::ONE - DVec3::new(xy + xz, xy + yz, xz + yz) - ROUNDING;
+    // NaN fails this as well, and lengths whose squares are not normal numbers are no bound.
+    let known = left.cmpgt(DVec3::ZERO).all() && lengths.min_element() > 1e-150 && lengths.max_element() < 1e150;
+    if known { lengths * (left.map(f64::sqrt) - ROUNDING).max(DVec3::ZERO) } else { DVec3::ZERO }
 }
 
 /// The sum of the magnitudes of all entries: a bound of every norm.
@@ -100,22 +120,21 @@ mod tests {
             let placement = Placement::new(matrix);
             let bounds = Aabb { min: DVec3::NEG_ONE, max: DVec3::ONE };
             let q = vec(&mut random) * 10f64.powf(5.0 * random.signed_f64());
-            let Preimage { point, scale_bound, deviation } = placement.preimage(q, bounds);
-            assert!(scale_bound.is_finite() && deviation.is_finite());
+            let Preimage { point, least, deviation } = placement.preimage(q, bounds);
+            assert!(least.min_element() > 0.0 && deviation.is_finite());
             let mut most = 0.0f64;
             for i in 0..50 {
                 // Also along each axis, in which scales are met exactly.
                 let by = if i < 3 { DVec3::AXES[i] } else { vec(&mut random) };
                 let p = vec(&mut random) * 0.5 + by * 0.5;
-                let inside = (point - p).length();
+                let inside = ((point - p) * least).length();
                 let image = (matrix.transform_point3(p) - q).length();
-                assert!(inside <= (image + deviation) * scale_bound, "{inside} {image} {deviation} {scale_bound}");
-                most = most.max(by.length() / matrix.transform_vector3(by).length());
+                assert!(inside <= image + deviation, "{inside} {image} {deviation} {least}");
+                most = most.max((by * least).length() / matrix.transform_vector3(by).length());
             }
-            assert!(most <= scale_bound * (1.0 + 1e-12));
+            assert!(most <= 1.0 + 1e-12);
             if round % 2 == 0 {
-                // Where scales differ by up to 1e8, rounding hides the last digits of what is known.
-                assert!(most >= scale_bound * (1.0 - 1e-4), "{most} {scale_bound}");
+                assert!((least - scale.abs()).abs().cmple(scale.abs() * 1e-12).all(), "{least} {scale}");
             }
         }
     }
@@ -126,7 +145,7 @@ mod tests {
         for matrix3 in [flat, DMat3::ZERO, DMat3::from_diagonal(DVec3::new(1.0, f64::NAN, 1.0))] {
             let placement = Placement::new(DAffine3 { matrix3, translation: DVec3::ZERO });
             let preimage = placement.preimage(DVec3::ONE, Aabb { min: DVec3::NEG_ONE, max: DVec3::ONE });
-            assert!(preimage.scale_bound.is_infinite() && preimage.point.is_finite());
+            assert!(preimage.least == DVec3::ZERO && preimage.point.is_finite());
         }
     }
 }

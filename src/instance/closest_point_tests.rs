@@ -231,3 +231,31 @@ fn few_instances_are_searched_and_batches_answer_in_order() {
     // Of a million triangles.
     assert!(counters.primitive_tests < 600 * 60, "{counters:?}");
 }
+
+/// Distances along the axes count as the scales of these axes say: a tree that is flattened is not searched as one that is as small
+/// in all directions.
+#[test]
+fn stretched_instances_are_searched_like_others() {
+    let mut random = Random(17);
+    for params in [BuildParams::default(), BuildParams::kd(KdParams::default())] {
+        let of = Arc::new(RayTree::build(&[soup(4000, 2, &mut random)], &params).unwrap());
+        let mut tests_of = |scale: DVec3| {
+            let rotation = DQuat::from_axis_angle(random.dvec().normalize(), 1.0);
+            let flat = Instance::new(of.clone(), Pose { scale, rotation, translation: DVec3::X });
+            let inner = Arc::new(InstanceTree::build(vec![flat], &WideParams::default()).unwrap());
+            let tree = Instance::new(inner, Pose { scale: DVec3::splat(0.1), ..Pose::IDENTITY });
+            let tree = InstanceTree::build(vec![tree], &WideParams::default()).unwrap();
+            let mut counters = Counters::default();
+            for _ in 0..200 {
+                let at = DVec3::X + rotation * (random.dvec() * 3.0 * scale);
+                tree.closest_point_observed(&ClosestPointQuery::new(at * 0.1, time(&mut random)), &mut counters);
+            }
+            counters.primitive_tests
+        };
+        let even = tests_of(DVec3::ONE);
+        for scale in [DVec3::new(1.0, 1.0, 0.5), DVec3::new(0.2, 1.0, 1.0), DVec3::new(1.0, 0.01, 3.0)] {
+            let stretched = tests_of(scale);
+            assert!(stretched < 4 * even, "{scale}: {stretched} tests instead of {even}");
+        }
+    }
+}

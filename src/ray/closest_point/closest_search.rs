@@ -200,12 +200,12 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
         let query = self.best.query;
         let CornerLanes { corners, count, ids, sizes } = CornerLanes::of(s, &self.tree.arena, leaf, query.time);
         let [a, b, c] = corners;
-        // How far corners may be from those in the block, in tree space: along each axis less than four ULP of the largest
-        // coordinate, if vertices are kept in f64 and rounded in blocks: one at the keys, and one each for difference, product and
-        // sum between them.
+        // How far corners may be from those in the block, in tree space, if vertices are kept in f64 and rounded in blocks: along
+        // each axis less than four ULP of the largest coordinate, one at the keys, and one each for difference, product and sum
+        // between them. That is less than seven altogether.
         let kept = self.best.set.triangles().filter(|triangles| triangles.any_precise());
-        let error = if kept.is_some() { 4.5 * ULP * block_sizes(sizes).0 + f32::MIN_POSITIVE } else { 0.0 };
-        let reach = |limit: f32| query.reach(limit) + f64::from(error);
+        let error = if kept.is_some() { 7.5 * ULP * block_sizes(sizes).0 + f32::MIN_POSITIVE } else { 0.0 };
+        let reach = |limit: f32| query.reach(limit) + f64::from(error * query.stretch.most());
         let (mut lower, mut upper) = (a, a);
         for axis in 0..3 {
             lower[axis] = s.min(a[axis], s.min(b[axis], c[axis]));
@@ -218,7 +218,8 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
         }
         let mut bounds = s.splat(0.0);
         if query.is_close() {
-            bounds = TriangleBound::new(query.inside.as_vec3(), block_sizes(sizes), error).of(s, corners);
+            bounds =
+                TriangleBound::new(query.inside.as_vec3(), block_sizes(sizes), error, query.stretch).of(s, corners);
             near &= s.le(bounds, s.splat(TriangleBound::beyond(query.reach(self.best.limit))));
         }
         let mut lanes = [[[0.0; LANES]; 3]; 3];
@@ -366,7 +367,7 @@ fn search_kd<G: ClosestPointSource, F: Filter<ClosestPoint>>(
     loop {
         let reach = query.reach(best.limit);
         // Squares in f64 have a relative error of 2^-53 each; infinite where the reach is.
-        if cell.gap.length_squared() <= reach * reach * (1.0 + 1e-12) {
+        if query.square(cell.gap) <= reach * reach * (1.0 + 1e-12) {
             match tree.nodes[cell.node as usize].view() {
                 KdView::Inner { plane, right } => {
                     observer.node();

@@ -3,8 +3,9 @@
 //!
 //! The `closest_point` module proves that no closest point is lost.
 
+use super::stretch::Stretch;
 use super::triangle_bound::FARTHEST;
-use crate::geometry::{Frame, OnTriangle, Placement, ULP, closest_on_triangle};
+use crate::geometry::{Frame, OnTriangle, Placement, Preimage, ULP, closest_on_triangle};
 use crate::layout::ChildRef;
 use crate::limits::MAX_COORDINATE;
 use crate::simd::{LANES, Mask, Simd};
@@ -85,6 +86,8 @@ pub(crate) struct QueryInTree<'a> {
     pub(in crate::ray) own: DVec3,
     /// The greatest distance in tree space per unit of distance in the outer space.
     scale_bound: f64,
+    /// By how much more distances count along other axes than `scale_bound` says.
+    pub(super) stretch: Stretch,
     /// By how much computed outer distances may be smaller than this bound assumes.
     deviation: f64,
     /// The query point in tree space.
@@ -101,11 +104,11 @@ impl<'a> QueryInTree<'a> {
         if !query.is_valid() {
             return None;
         }
-        let (own, scale_bound, deviation) = match placed {
-            None => (query.point, frame.scale, 0.0),
+        let (own, scale_bound, stretch, deviation) = match placed {
+            None => (query.point, frame.scale, Stretch::NONE, 0.0),
             Some(placed) => {
-                let preimage = placed.preimage(query.point, frame.bounds);
-                (preimage.point, preimage.scale_bound * frame.scale, preimage.deviation)
+                let Preimage { point, least, deviation } = placed.preimage(query.point, frame.bounds);
+                (point, frame.scale / least.min_element(), Stretch::new(least), deviation)
             }
         };
         let inside = (own - frame.origin) * frame.scale;
@@ -122,6 +125,7 @@ impl<'a> QueryInTree<'a> {
             placed: placed.as_ref(),
             own,
             scale_bound,
+            stretch,
             deviation,
             inside,
             low,
@@ -160,10 +164,16 @@ impl<'a> QueryInTree<'a> {
         (f64::from(limit.next_up()) + self.deviation) * self.scale_bound
     }
 
+    /// The square of a distance in tree space, as [`QueryInTree::distances`] counts it, given its parts along the axes.
+    #[inline(always)]
+    pub(in crate::ray) fn square(&self, along: DVec3) -> f64 {
+        (along * Vec3::from_array(self.stretch.factors()).as_dvec3()).length_squared()
+    }
+
     /// Whether the query point is close enough for bounds of distances from triangles and spheres.
     #[inline(always)]
     pub(in crate::ray) fn is_close(&self) -> bool {
-        self.high.max(-self.low).max_element() < FARTHEST
+        self.high.max(-self.low).max_element() * self.stretch.most() < FARTHEST
     }
 
     /// The boxes of a node that are within reach, and their squared distances; see [`QueryInTree::distances`].
@@ -203,13 +213,13 @@ impl<'a> QueryInTree<'a> {
     #[inline(always)]
     pub(in crate::ray) fn distances<S: Simd>(&self, s: S, lower: [S::F; 3], upper: [S::F; 3]) -> S::F {
         let zero = s.splat(0.0);
-        let mut sum = zero;
+        let mut gaps = [zero; 3];
         for axis in 0..3 {
             let below = lower[axis] - s.splat(self.high[axis]);
             let above = s.splat(self.low[axis]) - upper[axis];
-            let gap = s.max(s.max(below, above), zero);
-            sum = sum + gap * gap;
+            gaps[axis] = s.max(s.max(below, above), zero);
         }
-        sum
+        let [x, y, z] = self.stretch.of(s, gaps);
+        x * x + y * y + z * z
     }
 }

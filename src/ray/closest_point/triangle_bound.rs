@@ -10,18 +10,22 @@
 //! `q` and the triangle, and `e` the longest edge at `a`. The computed bound is
 //! `r = (g . (a - p) + min(0, g . (b - a), g . (c - a))) / |g|`.
 //!
-//! - `a - p` is off by u |a - p|, each edge by ue. The products with `g` and their sums add 3u and the last sum u, so the numerator
-//!   divided by `|g|` is off by u (5 |a - p| + 5e), and by |q - p|.
+//! - `a - p` is off by u |a - p|, each edge by ue, and by as much again where they are stretched. The products with `g` and their
+//!   sums add 3u and the last sum u, so the numerator divided by `|g|` is off by u (6 |a - p| + 6e), and by |q - p|.
 //! - `|g|` is off by 2.5u of itself, and the quotient by u. As r is at most |a - p|, this is less than 3.6u |a - p|.
-//! - `|a - p|` is at most d + e + |q - p|. So d (1 + 9u) is at least r - 14ue - |q - p|, up to roundings of roundings.
+//! - `|a - p|` is at most d + e + |q - p|. So d (1 + 10u) is at least r - 16ue - |q - p|, up to roundings of roundings.
 //! - `e` is at most the root of three times the largest extent of a triangle, and `|q - p|` at most that many times u times the
 //!   largest coordinate of `p`. Extents of triangles that move are off by 6u of the largest coordinate in the block, as the corners
 //!   are rounded.
 //!
 //! What f64 rounds in the distance that decides is far less than what the code adds beyond this. Products may underflow; `|g|` is
 //! at least 2^-63 as computed, so this puts `r` off by less than 2^-85. Nothing overflows if no coordinate of `p` is greater than
-//! [`FARTHEST`].
+//! [`FARTHEST`], stretched.
+//!
+//! Where distances count more along some axes ([`Stretch`]), all of this holds for the stretched space, in which `e` and `|q - p|`
+//! are greater by the greatest factor at most.
 
+use super::stretch::Stretch;
 use crate::geometry::ULP;
 use crate::simd::Simd;
 use glam::Vec3;
@@ -29,7 +33,7 @@ use glam::Vec3;
 /// From points with a larger coordinate in tree space, there are no bounds: the margin would be larger than the scene.
 pub(super) const FARTHEST: f32 = 16777216.0;
 
-/// How much greater than 1 the factor of the distance is: 9u, and the rounding of the difference between `r` and the margin.
+/// How much greater than 1 the factor of the distance is: 10u, and the rounding of the difference between `r` and the margin.
 const RELATIVE: f64 = 12.0 * ULP as f64;
 
 /// What is added to the margin for underflow.
@@ -42,16 +46,17 @@ pub(super) struct TriangleBound {
     from: Vec3,
     /// By how much a bound is too large at most, but for its relative error.
     margin: f32,
+    stretch: Stretch,
 }
 
 impl TriangleBound {
     /// For the triangles of a block of these sizes ([`block_sizes`](crate::layout::block_sizes)), whose corners in f32 are off by
     /// at most `error`.
     #[inline(always)]
-    pub fn new(from: Vec3, (size, extent): (f32, f32), error: f32) -> TriangleBound {
+    pub fn new(from: Vec3, (size, extent): (f32, f32), error: f32, stretch: Stretch) -> TriangleBound {
         let extent = extent + 8.0 * ULP * size;
         let margin = ULP * (28.0 * extent + 3.0 * from.abs().max_element()) + UNDERFLOW + error;
-        TriangleBound { from, margin }
+        TriangleBound { from, margin: margin * stretch.most(), stretch }
     }
 
     /// The least number that proves, as a bound of [`TriangleBound::of`], that a distance is above `reach`.
@@ -66,7 +71,11 @@ impl TriangleBound {
     pub fn of<S: Simd>(&self, s: S, [a, b, c]: [[S::F; 3]; 3]) -> S::F {
         let (zero, one) = (s.splat(0.0), s.splat(1.0));
         let from = [s.splat(self.from.x), s.splat(self.from.y), s.splat(self.from.z)];
-        let [pa, ab, ac] = [minus::<S>(a, from), minus::<S>(b, a), minus::<S>(c, a)];
+        let [pa, ab, ac] = [
+            self.stretch.of(s, minus::<S>(a, from)),
+            self.stretch.of(s, minus::<S>(b, a)),
+            self.stretch.of(s, minus::<S>(c, a)),
+        ];
         // Squared distances, but for that of the first corner, are quadratic in the weights x and y of the other corners:
         // xx * x^2 + 2 xy * x y + yy * y^2 + 2 x1 * x + 2 y1 * y.
         let [xx, xy, yy, x1, y1] = [dot(s, ab, ab), dot(s, ab, ac), dot(s, ac, ac), dot(s, ab, pa), dot(s, ac, pa)];
@@ -181,15 +190,18 @@ mod tests {
                 _ => away * 10f64.powi(i / 5 % 8),
             };
             let from = q.as_vec3();
-            if from.abs().max_element() >= FARTHEST {
+            let least = [DVec3::ONE, DVec3::new(1.0, 3.0, 7.5), DVec3::new(900.0, 1.0, 1.0)][i as usize / 7 % 3];
+            let stretch = Stretch::new(least);
+            let factors = DVec3::from([0, 1, 2].map(|axis| f64::from(stretch.factors()[axis])));
+            if from.abs().max_element() * stretch.most() >= FARTHEST {
                 continue;
             }
-            let bound = TriangleBound::new(from, block.sizes, 0.0);
+            let bound = TriangleBound::new(from, block.sizes, 0.0, stretch);
             let (with, without) = (bound.of(Portable, block.lanes()), TriangleBound { margin: 0.0, ..bound });
             let without = without.of(Portable, block.lanes());
             for lane in 0..LANES {
                 let corners = block.corners[lane].map(Vec3::as_dvec3);
-                let distance = closest_on_triangle(q, corners).distance_squared.sqrt();
+                let distance = closest_on_triangle(q * factors, corners.map(|p| p * factors)).distance_squared.sqrt();
                 let bound = Portable.lane(with, lane);
                 assert!(bound <= TriangleBound::beyond(distance), "{q} {corners:?}: {bound} instead of {distance}");
                 tested += 1;
@@ -208,7 +220,7 @@ mod tests {
     fn an_error_of_the_corners_lowers_bounds() {
         let corners = [Vec3::new(0.0, 0.0, 1.0), Vec3::new(1.0, 0.0, 1.0), Vec3::new(0.0, 1.0, 1.0)];
         let block = Block { corners: [corners; LANES], sizes: (2.0, 2.0) };
-        let of = |error: f32| TriangleBound::new(Vec3::new(0.2, 0.2, 0.0), block.sizes, error);
+        let of = |error: f32| TriangleBound::new(Vec3::new(0.2, 0.2, 0.0), block.sizes, error, Stretch::NONE);
         let least = |error: f32| Portable.lane(of(error).of(Portable, block.lanes()), 0);
         assert!(least(0.0) > 1.0 - 1e-5 && least(0.0) < 1.0);
         assert!(least(0.25) > 0.75 - 1e-5 && least(0.25) < 0.75);
@@ -224,7 +236,7 @@ mod tests {
         corners[3] = [p, far, p];
         corners[4] = [far; 3];
         let block = Block { corners, sizes: (4.0, 4.0) };
-        let bounds = TriangleBound::new(Vec3::ZERO, block.sizes, 0.0).of(Portable, block.lanes());
+        let bounds = TriangleBound::new(Vec3::ZERO, block.sizes, 0.0, Stretch::NONE).of(Portable, block.lanes());
         for lane in [0, 1, 2] {
             let bound = Portable.lane(bounds, lane);
             assert!(bound > 1.0 - 1e-4 && bound < 1.0, "{lane}: {bound}");
