@@ -1,7 +1,7 @@
 //! The columns of neighbour lists: ids, distances and displacements.
 
-use super::by_id::RowMoves;
-use super::scheduling::ListData;
+use super::list_data::ListData;
+use super::row_moves::RowMoves;
 use crate::simd::{LANES, huge_vec};
 
 /// Ids, distances and displacements of neighbours, in columns. The content of columns that were not requested is

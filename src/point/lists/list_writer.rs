@@ -3,8 +3,8 @@
 use super::candidates::write;
 use super::columns::Columns;
 use super::coordinate::Seen;
+use super::list_data::ListData;
 use super::list_request::Listing;
-use super::scheduling::ListData;
 use crate::simd::{LANES, Lanes, Mask, Simd};
 
 /// Lists in the making, one behind the other.

@@ -2,8 +2,8 @@
 
 use super::by_id::Reordering;
 use super::columns::Columns;
+use super::list_data::ListData;
 use super::prepare::Prepared;
-use super::scheduling::ListData;
 use super::worker::Worker;
 use core::ops::Range;
 

@@ -8,7 +8,7 @@
 //! further groups meanwhile. A thread waits only if all slots are made and not copied. Ranges depend on nothing but the
 //! lists before.
 
-use super::by_id::RowMoves;
+use super::list_data::ListData;
 use crate::parallel::{self, lock};
 use core::ops::Range;
 use std::sync::{Mutex, PoisonError};
@@ -35,28 +35,6 @@ fn room_for(end: usize, done: usize, left: usize, made: impl ExactSizeIterator<I
     let (slots, most, sum) = (made.len().max(1), made.clone().max().unwrap_or(0), made.sum::<usize>());
     let usual = if done > 0 { end.div_ceil(done) } else { sum.div_ceil(slots) };
     end + most + usual.saturating_mul(left).min(end.max(sum).saturating_mul(GROWTH))
-}
-
-/// What lists hold, one list behind the other: columns, or encounters.
-pub(super) trait ListData: Sync {
-    /// Room for some of it.
-    type Room<'a>: Send
-    where
-        Self: 'a;
-    /// The room from an index on.
-    fn room(&mut self, begin: usize) -> Self::Room<'_>;
-    /// Takes the first `count` elements off some room, if there are so many.
-    fn take<'a>(room: &mut Self::Room<'a>, count: usize) -> Option<Self::Room<'a>>
-    where
-        Self: 'a;
-    /// Fills room with what this begins with.
-    fn fill(&self, room: Self::Room<'_>);
-    /// Makes it at least as long.
-    fn make_room(&mut self, length: usize);
-    /// Copies all lists, which end there, to other places, where they end as well.
-    fn copy_rows(&self, moves: &RowMoves<'_>, to: &mut Self, end: usize);
-    /// Bytes allocated.
-    fn bytes(&self) -> usize;
 }
 
 /// The lists of a group as a worker has made them: the ids of their points, where each ends, and what is in them.

@@ -3,9 +3,10 @@
 use super::candidate_points::WIDTH;
 use super::encounter::Encounter;
 use crate::parallel;
-use crate::point::lists::by_id::{Reordering, RowMoves};
+use crate::point::lists::by_id::Reordering;
 use crate::point::lists::error::ListError;
-use crate::point::lists::scheduling::ListData;
+use crate::point::lists::list_data::ListData;
+use crate::point::lists::row_moves::RowMoves;
 use crate::simd::huge_vec;
 
 /// Who comes within a radius of whom during an interval, and when: a list for each point.

@@ -7,7 +7,7 @@
 use super::encounter::Encounter;
 use super::encounter_lists::EncounterLists;
 use crate::parallel;
-use crate::point::lists::scheduling::ListData;
+use crate::point::lists::list_data::ListData;
 
 /// One of the lists of a point: its id, the share, and the number of the list in it.
 type Row = (u32, u32, u32);
