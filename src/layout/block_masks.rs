@@ -1,7 +1,7 @@
 //! The visibility masks of blocks, by which queries with a mask skip what is hidden from them as a whole.
 
+use super::leaf::source::WideSource;
 use super::wide_node::ChildRef;
-use super::wide_source::WideSource;
 use super::wide_tree::{BlockMasks, WideTree};
 use crate::simd::LANES;
 

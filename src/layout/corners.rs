@@ -2,7 +2,7 @@
 //!
 //! Queries read whole blocks instead; this is for normals and for drawing.
 
-use super::keyed_leaf::KeyedLeaf;
+use super::leaf::keyed::KeyedLeaf;
 use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
 use super::wide_tree::WideTree;
 use crate::geometry::KeyTime;

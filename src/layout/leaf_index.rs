@@ -1,9 +1,9 @@
 //! Indexing a finished tree in one pass: its depth and counts, and the leaf block that holds each triangle.
 
-use super::keyed_leaf::KeyedLeaf;
-use super::needed_segments::needed_segments;
+use super::leaf::keyed::KeyedLeaf;
+use super::leaf::needed_segments::needed_segments;
+use super::leaf::source::WideSource;
 use super::wide_node::{ChildRef, Kind, node_rows};
-use super::wide_source::WideSource;
 use super::wide_tree::{Counts, WideTree};
 use crate::parallel;
 use crate::primitive::{PrimitiveSet, Triangles};

@@ -1,6 +1,6 @@
 //! Sizes and counts of a finished tree.
 
-use super::wide_source::WideSource;
+use super::leaf::source::WideSource;
 use super::wide_tree::{Counts, WideTree};
 use crate::kd::{BuildTimes, KdReference, KdTree, KdView};
 use crate::primitive::PrimitiveSet;

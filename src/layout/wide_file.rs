@@ -1,10 +1,10 @@
 //! The wide layout in files: its blocks as they are in memory, and the fields that cannot be derived from them.
 
-use super::keyed_leaf::KeyedRows;
+use super::leaf::source::WideSource;
 use super::wide_node::ChildRef;
-use super::wide_source::WideSource;
 use super::wide_tree::WideTree;
 use crate::file::{Decoder, Encoder, FileError};
+use crate::layout::leaf::keyed::KeyedRows;
 use crate::simd::{Arena, LANES};
 
 /// Words of one cache line.

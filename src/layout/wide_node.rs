@@ -9,8 +9,8 @@
 //! | static leaf of n | rows of n: corners; sizes; n ids |
 //! | moving leaf of v shared vertices | rows of v: x y z at the beginning, the same at the end; rows of n: corners, ids |
 //! | static leaf of v shared vertices | rows of v: x y z; rows of n: corners, ids |
-//! | other leaf, of triangles | with more than two keys: see [`super::keyed_leaf`] |
-//! | other leaf of n, of other primitives | n ids; positions of spheres: see [`super::sphere_leaf`] |
+//! | other leaf, of triangles | with more than two keys: see [`crate::layout::leaf::keyed`] |
+//! | other leaf of n, of other primitives | n ids; positions of spheres: see [`crate::layout::leaf::spheres`] |
 //!
 //! In blocks with shared vertices, a word of the row of corners holds the numbers of the three vertices of a triangle
 //! in its lowest bits, four each; the next four bits of the first word are n - 1, and its upper half holds the sizes.

@@ -1,9 +1,9 @@
 //! A finished wide tree.
 
-use super::keyed_leaf::KeyedRows;
-use super::leaf_ids::ids_of_leaf;
 use super::wide_node::{ChildRef, Kind, node_rows};
 use crate::geometry::{KeyTime, TimeInterval};
+use crate::layout::leaf::ids::ids_of_leaf;
+use crate::layout::leaf::keyed::KeyedRows;
 use crate::simd::{Arena, LANES};
 
 /// A built tree: the arena and the root.

@@ -9,16 +9,16 @@
 //! |---|---|
 //! | 3 | number of segments between the mesh's keys; first key in the block; numbers of keys and of triangles, and the form |
 //! | n | with shared vertices: the three vertices of each triangle, as in other blocks |
-//! | 1 | without shared vertices: the sizes (see [`super::wide_node`]) |
+//! | 1 | without shared vertices: the sizes (see [`crate::layout::wide_node`]) |
 //! | n | ids |
 //! | | unused, up to word 35, or up to word 3 + 4 w if rows have w < 8 numbers and there are at most 2 w triangles |
 //! | rows | for each key: x y z of v vertices, or nine rows of n corners |
 
 use super::key_rows::KeyRows;
-use super::triangle_leaf::{set_sizes, write_corners};
-use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
-use super::wide_source::WideSource;
+use super::source::WideSource;
+use super::triangles::{set_sizes, write_corners};
 use crate::geometry::KeyTime;
+use crate::layout::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS};
 use crate::primitive::{Shared, Triangles};
 use crate::simd::{Arena, LANES, SimdLevel, dispatch};
 
@@ -162,7 +162,7 @@ impl KeyedRows {
 
 impl Triangles {
     /// The number of words of a block of so many triangles, as [`Triangles::write_keyed`] writes it.
-    pub(super) fn keyed_words(
+    pub(in crate::layout) fn keyed_words(
         &self,
         shared: Option<&Shared>,
         count: usize,
@@ -174,7 +174,7 @@ impl Triangles {
 
     /// Writes a block of triangles with `keys` keys each. The block holds the keys of the segments from `first` to `last`. Returns
     /// `None` if the arena is full.
-    pub(super) fn write_keyed(
+    pub(in crate::layout) fn write_keyed(
         &self,
         arena: &mut Arena,
         ids: &[u32],
@@ -202,7 +202,7 @@ impl Triangles {
     }
 
     /// Writes the coordinates of a block; returns whether any changed.
-    pub(super) fn fill_keyed(
+    pub(in crate::layout) fn fill_keyed(
         &self,
         words: &mut [u32],
         leaf: &KeyedLeaf,

@@ -4,11 +4,11 @@
 //! nodes above them follow.
 
 use super::assemble::{FIRST, Fragment, write_in_order};
-use super::node_boxes::BoxRows;
-use super::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS, children_mut};
 use crate::bvh::{BinaryNode, Collapse, WideChild, mean_half_area};
 use crate::error::BuildError;
 use crate::geometry::{LinearBox3, TimeInterval};
+use crate::layout::node_boxes::BoxRows;
+use crate::layout::wide_node::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS, children_mut};
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES, Mask, SimdLevel};
 use crate::tuning::wide::BYTES_PER_REFERENCE;

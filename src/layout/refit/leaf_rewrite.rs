@@ -1,16 +1,16 @@
 //! Rewriting the coordinates of leaf blocks, when a tree is refitted.
 
-use super::keyed_leaf::KeyedLeaf;
-use super::triangle_leaf::set_sizes;
-use super::wide_node::{ChildRef, Kind};
-use super::wide_source::MovedLeaf;
 use crate::geometry::LinearBox3;
+use crate::layout::leaf::keyed::KeyedLeaf;
+use crate::layout::leaf::source::MovedLeaf;
+use crate::layout::leaf::triangles::set_sizes;
+use crate::layout::wide_node::{ChildRef, Kind};
 use crate::primitive::{Shared, Triangles};
 use crate::simd::{LANES, prefetch};
 
 impl Triangles {
     /// Prefetches a block that will be rewritten, and its vertices.
-    pub(super) fn prefetch_leaf(&self, words: &[u32], leaf: ChildRef, ids: &[u32]) {
+    pub(in crate::layout) fn prefetch_leaf(&self, words: &[u32], leaf: ChildRef, ids: &[u32]) {
         if leaf.kind() != Kind::OtherLeaf {
             words[..leaf.kind().leaf_rows() * leaf.len()].chunks(LANES).for_each(|line| prefetch(&line[0]));
             return ids.iter().for_each(|&id| self.prefetch_positions(id));
@@ -30,7 +30,7 @@ impl Triangles {
     }
 
     /// Rewrites the coordinates and sizes of a block, and returns the bounds of its triangles; `None` if no coordinate changed.
-    pub(super) fn rewrite_leaf(&self, words: &mut [u32], of: MovedLeaf<'_>) -> Option<LinearBox3> {
+    pub(in crate::layout) fn rewrite_leaf(&self, words: &mut [u32], of: MovedLeaf<'_>) -> Option<LinearBox3> {
         let MovedLeaf { leaf, ids, level, .. } = of;
         let n = leaf.len();
         let again = |words: &[u32], numbers: usize| Shared::again(self, ids, &words[numbers..], n);

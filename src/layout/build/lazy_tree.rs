@@ -18,15 +18,15 @@
 
 use super::budget::most_in_subtree;
 use super::left_out::InSlices;
-use super::statistics::Statistics;
-use super::tree_box::TreeBox;
-use super::wide_node::{ChildRef, Kind};
-use super::wide_source::WideSource;
-use super::wide_tree::{BlockMasks, WideTree};
 use super::write::Nodes;
 use crate::bvh::{BinaryNode, Collapse, SurfaceDensity, coarse_tree, leaf_cost};
 use crate::error::BuildError;
 use crate::geometry::{Frame, LaneBounds, TimeInterval};
+use crate::layout::leaf::source::WideSource;
+use crate::layout::statistics::Statistics;
+use crate::layout::tree_box::TreeBox;
+use crate::layout::wide_node::{ChildRef, Kind};
+use crate::layout::wide_tree::{BlockMasks, WideTree};
 use crate::params::{LazyParams, WideParams};
 use crate::primitive::VertexTubes;
 use crate::progress::Progress;
@@ -88,7 +88,7 @@ impl LazyTree {
     }
 
     /// The number of subtrees.
-    pub(super) fn len(&self) -> usize {
+    pub(in crate::layout) fn len(&self) -> usize {
         self.subtrees.len()
     }
 
@@ -129,13 +129,13 @@ impl LazyTree {
     }
 
     /// The primitives of a subtree.
-    pub(super) fn primitives(&self, subtree: u32) -> &[u32] {
+    pub(in crate::layout) fn primitives(&self, subtree: u32) -> &[u32] {
         let first = |i: usize| self.subtrees.get(i).map_or(self.ids.len(), |subtree| subtree.first as usize);
         &self.ids[first(subtree as usize)..first(subtree as usize + 1)]
     }
 
     /// A subtree, if it has been built.
-    pub(super) fn built(&self, subtree: u32) -> Option<&WideTree> {
+    pub(in crate::layout) fn built(&self, subtree: u32) -> Option<&WideTree> {
         self.subtrees[subtree as usize].tree.get()
     }
 

@@ -13,11 +13,11 @@
 //! - the rounding of weights, first in f64 and then to f32, by less than 2^-23 in all: it moves the point by less than 2^-22 of the
 //!   extent of the triangle and of its corners' bounds.
 
-use super::node_boxes::read_box;
-use super::wide_node::ChildRef;
-use super::wide_source::WideSource;
-use super::wide_tree::WideTree;
 use crate::geometry::{Aabb, CornerBounds, LinearBox3, Polygon, TimeInterval, ULP};
+use crate::layout::leaf::source::WideSource;
+use crate::layout::node_boxes::read_box;
+use crate::layout::wide_node::ChildRef;
+use crate::layout::wide_tree::WideTree;
 use core::ops::Range;
 use glam::DVec3;
 use std::collections::HashMap;
@@ -30,7 +30,7 @@ const BESIDE_SLICE: f32 = 1e-6;
 
 /// The parts of split triangles in all leaf blocks of a tree.
 #[derive(Clone, Default)]
-pub(super) struct Parts {
+pub(in crate::layout) struct Parts {
     parts: Vec<Part>,
     /// Of each corner of a polygon, the weights of the triangle's second and third corner.
     weights: Vec<[f32; 2]>,

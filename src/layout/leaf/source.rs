@@ -1,8 +1,8 @@
 //! What the wide layout asks of a set of primitives, and its leaf blocks whatever they hold.
 
-use super::sphere_leaf::{rewrite_shapes, shapes_words, write_shapes};
-use super::wide_node::ChildRef;
 use crate::geometry::{LinearBox3, TimeInterval};
+use crate::layout::leaf::spheres::{rewrite_shapes, shapes_words, write_shapes};
+use crate::layout::wide_node::ChildRef;
 use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes, Triangles};
 use crate::simd::{Arena, SimdLevel};
 use crate::time::TimeSlice;
@@ -82,7 +82,7 @@ pub(crate) struct MovedLeaf<'a> {
 }
 
 /// The bounds of some primitives, one by one.
-pub(super) fn bounds_of<S: PrimitiveSet + ?Sized>(set: &S, ids: &[u32], over: TimeInterval) -> LinearBox3 {
+pub(in crate::layout) fn bounds_of<S: PrimitiveSet + ?Sized>(set: &S, ids: &[u32], over: TimeInterval) -> LinearBox3 {
     ids.iter().fold(LinearBox3::EMPTY, |all, &id| all.union(set.bounds(id, over)))
 }
 

@@ -7,14 +7,14 @@
 //! they are children like leaf blocks.
 
 use super::budget::{ATTEMPTS, allowed_bytes, further_key_bytes, with_less};
-use super::keyed_leaf::KeyedRows;
-use super::wide_node::ChildRef;
-use super::wide_source::WideSource;
-use super::wide_tree::WideTree;
 use super::write::{Nodes, set_children, words_of_nodes, write_blocks, write_node, write_time};
 use crate::bvh::{BinaryNode, Reference, ReplacedSubtree};
 use crate::error::BuildError;
 use crate::geometry::{LinearBox3, TimeInterval};
+use crate::layout::leaf::keyed::KeyedRows;
+use crate::layout::leaf::source::WideSource;
+use crate::layout::wide_node::ChildRef;
+use crate::layout::wide_tree::WideTree;
 use crate::parallel;
 use crate::params::{Division, WideParams};
 use crate::progress::Progress;
@@ -70,7 +70,11 @@ impl WideTree {
     ///
     /// The tree may be larger than the parameters allow. Fails only beyond the size that
     /// [`most_in_subtree`](super::budget::most_in_subtree) gives.
-    pub(super) fn subtree<S: WideSource>(set: &S, ids: &[u32], params: &DraftParams) -> Result<WideTree, BuildError> {
+    pub(in crate::layout) fn subtree<S: WideSource>(
+        set: &S,
+        ids: &[u32],
+        params: &DraftParams,
+    ) -> Result<WideTree, BuildError> {
         parallel::alone(|| {
             // Several ascending runs, of which a merge sort is made.
             let mut ids = ids.to_vec();
@@ -101,7 +105,7 @@ impl WideTree {
 
     /// Decides by a sample of a few neighbourhoods whether to pre-split, and on the temporal split: trying it with all primitives
     /// of a subtree would take several times as long as building it.
-    pub(super) fn decided<S: WideSource>(set: &S, sample: &[u32], params: &WideParams) -> DraftParams {
+    pub(in crate::layout) fn decided<S: WideSource>(set: &S, sample: &[u32], params: &WideParams) -> DraftParams {
         parallel::alone(|| {
             let (draft, presplit) = draft_sample(set, sample, params);
             let params = DraftParams { wide: *params, decided: Some(presplit) };

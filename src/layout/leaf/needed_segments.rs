@@ -6,7 +6,7 @@ use crate::time::TimeSlice;
 
 /// The segments whose keys a block of some primitives with `keys` keys needs for queries in a time slice, the first and the last:
 /// those in which one of the primitives exists.
-pub(super) fn needed_segments<S: PrimitiveSet + ?Sized>(
+pub(in crate::layout) fn needed_segments<S: PrimitiveSet + ?Sized>(
     set: &S,
     ids: &[u32],
     keys: usize,

@@ -11,15 +11,15 @@
 //!
 //! The boxes are padded like those of nodes.
 
-use super::node_boxes::BoxRows;
-use super::wide_node::{Kind, NODE_ROWS, STATIC_NODE_ROWS};
 use crate::geometry::{LinearBox3, TimeInterval};
+use crate::layout::node_boxes::BoxRows;
+use crate::layout::wide_node::{Kind, NODE_ROWS, STATIC_NODE_ROWS};
 use crate::primitive::PrimitiveSet;
 use crate::simd::{LANES, Mask, Rows, SimdLevel, first_lanes};
 
-/// The word behind the ids, where [`SphereLeaf`](super::SphereLeaf) has a number of keys.
-pub(super) const STILL: u32 = u32::MAX;
-pub(super) const MOVING: u32 = u32::MAX - 1;
+/// The word behind the ids, where [`SphereLeaf`](super::spheres::SphereLeaf) has a number of keys.
+pub(in crate::layout) const STILL: u32 = u32::MAX;
+pub(in crate::layout) const MOVING: u32 = u32::MAX - 1;
 
 /// Words between the ids and the end of the interval.
 const HEADER: usize = 3;
@@ -72,7 +72,7 @@ impl ListBoxes {
 }
 
 /// The boxes of some shapes over an interval.
-pub(super) struct Boxed {
+pub(in crate::layout) struct Boxed {
     rows: BoxRows,
     over: TimeInterval,
     pub of: ListBoxes,

@@ -20,8 +20,8 @@
 
 use super::list_boxes::{Boxed, ListBoxes, MOVING};
 use super::needed_segments::needed_segments;
-use super::wide_node::{ChildRef, Kind, Sizes};
 use crate::geometry::{Frame, KeyPhase, ULP};
+use crate::layout::wide_node::{ChildRef, Kind, Sizes};
 use crate::limits::MAX_MESH_KEYS;
 use crate::primitive::{MovingSphere, PrimitiveSet, SPHERE_ROUNDING};
 use crate::simd::Arena;
@@ -50,7 +50,7 @@ pub(crate) struct SphereLeaf {
     pub held: usize,
     /// Whether the caller's numbers are in f64.
     fine: bool,
-    /// The word of the sizes ([`super::block_sizes`]).
+    /// The word of the sizes ([`crate::layout::block_sizes`]).
     pub sizes: u32,
 }
 
@@ -286,7 +286,7 @@ impl MeasuredSphere {
 }
 
 /// The number of words of a block of shapes, at most.
-pub(super) fn shapes_words<S: PrimitiveSet + ?Sized>(set: &S, ids: &[u32], slice: TimeSlice) -> usize {
+pub(in crate::layout) fn shapes_words<S: PrimitiveSet + ?Sized>(set: &S, ids: &[u32], slice: TimeSlice) -> usize {
     let n = ids.len();
     match SphereLeaf::for_shapes(set, ids, slice) {
         Some(leaf) => leaf.words(n),
@@ -295,7 +295,7 @@ pub(super) fn shapes_words<S: PrimitiveSet + ?Sized>(set: &S, ids: &[u32], slice
 }
 
 /// Writes a block of shapes; `None` if the arena is full.
-pub(super) fn write_shapes<S: PrimitiveSet + ?Sized>(
+pub(in crate::layout) fn write_shapes<S: PrimitiveSet + ?Sized>(
     set: &S,
     arena: &mut Arena,
     ids: &[u32],
@@ -322,7 +322,7 @@ pub(super) fn write_shapes<S: PrimitiveSet + ?Sized>(
 
 /// Rewrites a block of shapes with these ids that begins at `words[0]`. If shapes are no longer spheres, have keys that the block
 /// does not, or no room for their bits, the block only lists them from then on.
-pub(super) fn rewrite_shapes<S: PrimitiveSet + ?Sized>(set: &S, words: &mut [u32], ids: &[u32]) {
+pub(in crate::layout) fn rewrite_shapes<S: PrimitiveSet + ?Sized>(set: &S, words: &mut [u32], ids: &[u32]) {
     let Some(leaf) = SphereLeaf::of(words, ids.len()) else { return Boxed::rewrite(set, words, ids) };
     let fits = leaf.with(set, ids).is_some_and(|now| leaf.fine || !now.fine);
     if !(fits && leaf.write(set, ids, words)) {

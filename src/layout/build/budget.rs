@@ -1,8 +1,8 @@
 //! How many bytes a wide tree may take, and what is tried if it takes more.
 
-use super::wide_node::MOST_ARENA_BYTES;
-use super::wide_source::WideSource;
 use crate::error::BuildError;
+use crate::layout::leaf::source::WideSource;
+use crate::layout::wide_node::MOST_ARENA_BYTES;
 use crate::limits::{MAX_TIME_SLICES, MOST_REFERENCES};
 use crate::params::{Division, WideParams};
 use crate::primitive::SPHERE_KEY_BYTES;
@@ -12,13 +12,13 @@ use glam::Vec3;
 const LEAST_BYTES: usize = 8192;
 
 /// The allowed size of a tree: the bytes per primitive, and the positions at further keys.
-pub(super) fn allowed_bytes(params: &WideParams, primitives: usize, further_key_bytes: usize) -> usize {
+pub(in crate::layout) fn allowed_bytes(params: &WideParams, primitives: usize, further_key_bytes: usize) -> usize {
     let bytes = f64::from(params.bytes_per_primitive) * primitives as f64;
     bytes as usize + further_key_bytes + LEAST_BYTES
 }
 
 /// The most bytes that a triangle takes in leaf blocks for keys beyond the second, and a sphere for all.
-pub(super) fn further_key_bytes<S: WideSource>(set: &S, id: u32) -> usize {
+pub(in crate::layout) fn further_key_bytes<S: WideSource>(set: &S, id: u32) -> usize {
     match set.sphere(id) {
         Some(sphere) => sphere.keys.len() * SPHERE_KEY_BYTES,
         None => (set.leaf_kind(id) as usize).saturating_sub(2) * size_of::<[Vec3; 3]>(),
@@ -30,7 +30,7 @@ pub(super) fn further_key_bytes<S: WideSource>(set: &S, id: u32) -> usize {
 ///
 /// # Errors
 /// If one may not, which takes some forty million keys of a sphere.
-pub(super) fn most_in_subtree<S: WideSource>(set: &S) -> Result<usize, BuildError> {
+pub(in crate::layout) fn most_in_subtree<S: WideSource>(set: &S) -> Result<usize, BuildError> {
     const REFERENCES: usize = MOST_REFERENCES * MAX_TIME_SLICES;
     let any = set.further_key_bytes() > 0;
     let most = if any { (0..set.len() as u32).map(|id| further_key_bytes(set, id)).max() } else { None };
@@ -39,11 +39,16 @@ pub(super) fn most_in_subtree<S: WideSource>(set: &S) -> Result<usize, BuildErro
 }
 
 /// Further builds that are tried if a tree is larger than allowed.
-pub(super) const ATTEMPTS: usize = 2;
+pub(in crate::layout) const ATTEMPTS: usize = 2;
 
 /// The parameters after an attempt that took too much memory: the estimates of the choices were too low. The last attempt is
 /// without pre-splitting and temporal splits. `share` is the share of the tree's bytes that is allowed, if these are known.
-pub(super) fn with_less(wide: WideParams, share: Option<f32>, primitives: usize, attempt: usize) -> WideParams {
+pub(in crate::layout) fn with_less(
+    wide: WideParams,
+    share: Option<f32>,
+    primitives: usize,
+    attempt: usize,
+) -> WideParams {
     if attempt + 1 == ATTEMPTS {
         return WideParams { max_references: 1.0, division: Division::Whole, ..wide };
     }

@@ -1,13 +1,13 @@
 //! The position of the ids in leaf blocks of all kinds.
 
-use super::keyed_leaf::KeyedLeaf;
-use super::wide_node::{ChildRef, Kind, shared_count};
+use super::keyed::KeyedLeaf;
+use crate::layout::wide_node::{ChildRef, Kind, shared_count};
 use core::ops::Range;
 
 /// The words of the ids of a leaf block that begins at `words[0]`; `list` tells whether a leaf of kind `OtherLeaf` is a list of
 /// ids. `None` if the block is incomplete.
 #[inline]
-pub(super) fn ids_of_leaf(leaf: ChildRef, words: &[u32], list: bool) -> Option<Range<usize>> {
+pub(in crate::layout) fn ids_of_leaf(leaf: ChildRef, words: &[u32], list: bool) -> Option<Range<usize>> {
     let len = leaf.len();
     let rows = leaf.kind().leaf_rows() * len;
     let (first, count) = match leaf.kind() {

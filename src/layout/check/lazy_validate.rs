@@ -1,10 +1,10 @@
 //! Checking a lazy tree: the coarse tree, and the subtrees built so far.
 
-use super::lazy_tree::LazyTree;
 use super::validation_error::ValidationError;
-use super::wide_source::WideSource;
 use super::wide_validate::TIMES;
 use crate::geometry::Frame;
+use crate::layout::build::lazy_tree::LazyTree;
+use crate::layout::leaf::source::WideSource;
 use crate::primitive::PrimitiveSet;
 use crate::simd::LANES;
 
@@ -50,9 +50,9 @@ impl LazyTree {
 
 #[cfg(test)]
 mod tests {
-    use super::super::wide_node::{ChildRef, children_mut};
     use super::*;
     use crate::geometry::TimeInterval;
+    use crate::layout::wide_node::{ChildRef, children_mut};
     use crate::params::LazyParams;
     use crate::primitive::{Scene, TriangleMesh};
     use crate::progress::Progress;

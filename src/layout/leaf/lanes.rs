@@ -1,9 +1,9 @@
 //! The triangles or spheres of a leaf block at a time, sixteen at once.
 
-use super::keyed_leaf::KeyedLeaf;
-use super::sphere_leaf::SPHERE_ROWS;
-use super::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS, shared_count};
+use super::keyed::KeyedLeaf;
+use super::spheres::SPHERE_ROWS;
 use crate::geometry::KeyTime;
+use crate::layout::wide_node::{CORNER_ROWS, ChildRef, Kind, VERTEX_ROWS, shared_count};
 use crate::simd::{Arena, Rows, Simd, lanes_at};
 
 /// The corners of up to sixteen triangles. Lanes beyond their number are unspecified.
@@ -13,7 +13,7 @@ pub(crate) struct CornerLanes<S: Simd> {
     pub count: usize,
     /// The first word of their ids.
     pub ids: usize,
-    /// The word of the sizes of the block ([`super::block_sizes`]).
+    /// The word of the sizes of the block ([`crate::layout::block_sizes`]).
     pub sizes: u32,
 }
 

@@ -6,7 +6,7 @@
 use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, lanes_at, lanes_at_mut, transpose};
 
 /// Writes the rows of up to sixteen vertices; returns whether any number changed.
-pub(super) struct KeyRows<'a> {
+pub(in crate::layout) struct KeyRows<'a> {
     /// The rows, of as many numbers as there are vertices.
     pub words: &'a mut [u32],
     pub coordinates: &'a [f32],

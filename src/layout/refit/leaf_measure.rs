@@ -6,24 +6,24 @@
 //!
 //! For more than two keys `primitive/tubes.rs` computes the bounds.
 
-use super::keyed_leaf::KeyedLeaf;
-use super::wide_node::{CORNER_ROWS, Kind, Sizes, VERTEX_ROWS};
-use super::wide_source::{MovedLeaf, bounds_of};
 use crate::geometry::{KeyTime, LinearBox3, TimeInterval};
+use crate::layout::leaf::keyed::KeyedLeaf;
+use crate::layout::leaf::source::{MovedLeaf, bounds_of};
+use crate::layout::wide_node::{CORNER_ROWS, Kind, Sizes, VERTEX_ROWS};
 use crate::primitive::{FaceLanes, RowsOfKeys, Shared, Triangles, Window, at_corners, bounds_of_faces};
 use crate::simd::{
     Kernel, LANES, Lanes, Rows, Simd, SimdLevel, as_floats, dispatch, first_lanes, greatest_of_each, lanes_of,
 };
 
 /// The bounds of the triangles in a block over an interval, and the sizes at all of its keys ([`Sizes::word`]).
-pub(super) struct Measured {
+pub(in crate::layout) struct Measured {
     pub bounds: LinearBox3,
     pub sizes: u32,
 }
 
 impl Triangles {
     /// Measures a block that begins at `words[0]` and has the coordinates of this set.
-    pub(super) fn measured(&self, words: &[u32], of: MovedLeaf<'_>) -> Measured {
+    pub(in crate::layout) fn measured(&self, words: &[u32], of: MovedLeaf<'_>) -> Measured {
         let in_rows = self.measured_rows::<true>(words, of);
         if of.ids.iter().any(|&id| self.is_precise(id)) {
             // Their bounds are larger by their rounding.
@@ -33,7 +33,7 @@ impl Triangles {
     }
 
     /// The bounds alone.
-    pub(super) fn row_bounds(&self, words: &[u32], of: MovedLeaf<'_>) -> LinearBox3 {
+    pub(in crate::layout) fn row_bounds(&self, words: &[u32], of: MovedLeaf<'_>) -> LinearBox3 {
         match of.ids.iter().any(|&id| self.is_precise(id)) {
             true => bounds_of(self, of.ids, of.over),
             false => self.measured_rows::<false>(words, of).bounds,
@@ -108,7 +108,7 @@ impl Triangles {
 
 impl KeyedLeaf {
     /// The sizes of the block at all of its keys ([`Sizes::word`]).
-    pub(super) fn sizes(&self, words: &[u32], level: SimdLevel) -> u32 {
+    pub(in crate::layout) fn sizes(&self, words: &[u32], level: SimdLevel) -> u32 {
         let numbers = self.numbers(words);
         let [size, extent] =
             dispatch(level, SizesOf { rows: self.rows_of_keys(words), corners: self.corners(&numbers) });

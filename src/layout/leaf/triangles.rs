@@ -1,8 +1,8 @@
 //! Leaf blocks of triangles: writing those of at most two keys, and what they have in common with those of more
-//! ([`super::keyed_leaf`]).
+//! ([`super::keyed`]).
 
 use super::needed_segments::needed_segments;
-use super::wide_node::{CORNER_ROWS, ChildRef, Kind, Sizes, VERTEX_ROWS};
+use crate::layout::wide_node::{CORNER_ROWS, ChildRef, Kind, Sizes, VERTEX_ROWS};
 use crate::primitive::{Shared, Triangles};
 use crate::simd::{Arena, LANES, Lanes};
 use crate::time::TimeSlice;
@@ -11,7 +11,7 @@ use glam::Vec3;
 
 impl Triangles {
     /// The number of words of a block of triangles.
-    pub(super) fn leaf_words(&self, ids: &[u32], slice: TimeSlice) -> usize {
+    pub(in crate::layout) fn leaf_words(&self, ids: &[u32], slice: TimeSlice) -> usize {
         let (n, most) = (ids.len(), ids.iter().map(|&id| self.keys(id)).max().unwrap_or(1));
         let shared = Shared::of(self, ids);
         if most > 2 {
@@ -21,7 +21,7 @@ impl Triangles {
     }
 
     /// Writes a block of triangles.
-    pub(super) fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef> {
+    pub(in crate::layout) fn write_leaf(&self, arena: &mut Arena, ids: &[u32], slice: TimeSlice) -> Option<ChildRef> {
         let most = ids.iter().map(|&id| self.keys(id)).max().unwrap_or(1);
         let n = ids.len();
         arena.align();
@@ -44,7 +44,7 @@ impl Triangles {
     }
 
     /// Writes the corners of a block without shared vertices; returns whether any changed.
-    pub(super) fn fill_own(&self, words: &mut [u32], ids: &[u32], keys: usize) -> bool {
+    pub(in crate::layout) fn fill_own(&self, words: &mut [u32], ids: &[u32], keys: usize) -> bool {
         let n = ids.len();
         let (first_key, others) = words.split_at_mut(CORNER_ROWS * n);
         let mut changed = 0;
@@ -59,7 +59,7 @@ impl Triangles {
     }
 
     /// The sizes of a block of some triangles at some keys (see [`Sizes`]).
-    pub(super) fn sizes(&self, ids: &[u32], keys: Range<usize>) -> u32 {
+    pub(in crate::layout) fn sizes(&self, ids: &[u32], keys: Range<usize>) -> u32 {
         let mut sizes = Sizes::default();
         for &id in ids {
             // Looked up once for all keys.
@@ -76,7 +76,7 @@ impl Triangles {
 impl Shared {
     /// Reconstructed from a block that was written for the same triangles; `numbers` begins with the row of vertex
     /// numbers, and there are `count` vertices.
-    pub(super) fn again(set: &Triangles, ids: &[u32], numbers: &[u32], count: usize) -> Shared {
+    pub(in crate::layout) fn again(set: &Triangles, ids: &[u32], numbers: &[u32], count: usize) -> Shared {
         let mut shared = Shared { vertices: [0; LANES], strides: [0; LANES], count, corners: [0; LANES] };
         for (&id, &corners) in ids.iter().zip(numbers) {
             let [a, b, c] = set.vertices(id);
@@ -112,20 +112,20 @@ impl Shared {
     }
 
     /// Writes the vertices of such a block; returns whether any changed.
-    pub(super) fn fill(&self, set: &Triangles, words: &mut [u32], keys: usize) -> bool {
+    pub(in crate::layout) fn fill(&self, set: &Triangles, words: &mut [u32], keys: usize) -> bool {
         let each = words.chunks_exact_mut(VERTEX_ROWS * self.count).take(keys).enumerate();
         each.fold(0, |changed, (key, words)| changed | self.write_key(set, words, key)) != 0
     }
 
     /// The coordinates of all vertices of a set, and the first of each of these at a key; the vertices have more than
     /// two keys, whose coordinates follow each other.
-    pub(super) fn runs<'a>(&self, set: &'a Triangles, key: usize) -> (&'a [f32], Lanes<usize>) {
+    pub(in crate::layout) fn runs<'a>(&self, set: &'a Triangles, key: usize) -> (&'a [f32], Lanes<usize>) {
         (set.coordinates(), self.vertices.map(|vertex| 3 * (vertex as usize + key)))
     }
 
     /// Writes the rows of one key; returns the bits that changed.
     #[inline(always)]
-    pub(super) fn write_key(&self, set: &Triangles, words: &mut [u32], key: usize) -> u32 {
+    pub(in crate::layout) fn write_key(&self, set: &Triangles, words: &mut [u32], key: usize) -> u32 {
         let mut changed = 0;
         let (x, others) = words.split_at_mut(self.count);
         let (y, z) = others.split_at_mut(self.count);
@@ -139,13 +139,13 @@ impl Shared {
 }
 
 /// Puts sizes into the upper half of the word that they share.
-pub(super) fn set_sizes(word: &mut u32, sizes: u32) {
+pub(in crate::layout) fn set_sizes(word: &mut u32, sizes: u32) {
     *word = *word & 0xffff | sizes;
 }
 
 /// Writes the corners of one triangle into lane `lane` of nine rows of `n`; returns the bits that changed.
 #[inline(always)]
-pub(super) fn write_corners(words: &mut [u32], n: usize, lane: usize, [a, b, c]: [Vec3; 3]) -> u32 {
+pub(in crate::layout) fn write_corners(words: &mut [u32], n: usize, lane: usize, [a, b, c]: [Vec3; 3]) -> u32 {
     let mut changed = 0;
     for (row, x) in words.chunks_exact_mut(n).zip([a.x, a.y, a.z, b.x, b.y, b.z, c.x, c.y, c.z]) {
         changed |= replace(&mut row[lane], x);

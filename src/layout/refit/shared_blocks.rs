@@ -3,8 +3,8 @@
 //! They are rewritten before the hierarchies are refitted. A block is in the cache then, so its bounds in all slices are computed
 //! at once, and the hierarchies do not read it.
 
-use super::wide_node::ChildRef;
 use crate::geometry::LinearBox3;
+use crate::layout::wide_node::ChildRef;
 use crate::simd::LANES;
 use core::ops::Range;
 
@@ -52,7 +52,7 @@ impl SharedBlocks {
 }
 
 /// The leaf blocks of some slices, in the order of the arena; `None` if no block is in several.
-pub(super) fn shared_leaves(slices: &[Vec<ChildRef>]) -> Option<Vec<SharedLeaf>> {
+pub(in crate::layout) fn shared_leaves(slices: &[Vec<ChildRef>]) -> Option<Vec<SharedLeaf>> {
     let all = slices.iter().enumerate().flat_map(|(i, leaves)| leaves.iter().map(move |&leaf| (leaf, 1 << i)));
     let mut all: Vec<SharedLeaf> = all.map(|(leaf, slices)| SharedLeaf { leaf, slices }).collect();
     let found = all.len();
@@ -76,7 +76,7 @@ struct Visited {
 
 /// The results for the leaf blocks that the slices of a time node share.
 #[derive(Default)]
-pub(super) struct SharedBounds {
+pub(in crate::layout) struct SharedBounds {
     /// In the order of the arena.
     visited: Vec<Visited>,
     bounds: Vec<LinearBox3>,
@@ -110,9 +110,9 @@ impl SharedBounds {
 
 #[cfg(test)]
 mod tests {
-    use super::super::wide_node::Kind;
     use super::*;
     use crate::geometry::Box3;
+    use crate::layout::wide_node::Kind;
     use glam::Vec3;
 
     fn leaf(line: usize) -> ChildRef {

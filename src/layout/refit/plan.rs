@@ -1,20 +1,20 @@
 //! The plan of a refit: a partition of the tree into subtrees that are contiguous in the arena, so that threads can
 //! write them concurrently, and the nodes above them.
 //!
-//! It also says which parts of split triangles leaf blocks hold ([`super::refit_parts`]).
+//! It also says which parts of split triangles leaf blocks hold ([`super::parts`]).
 //!
 //! Leaf blocks that hierarchies of time slices share are stored apart, and are rewritten first.
 
 use super::built_place::BuiltPlace;
-use super::keyed_leaf::KeyedLeaf;
-use super::leaf_ids::ids_of_leaf;
-use super::refit_parts::Parts;
+use super::parts::Parts;
 use super::shared_blocks::{SharedBlocks, shared_leaves};
-use super::sphere_leaf::SphereLeaf;
-use super::wide_node::{ChildRef, Kind, node_rows};
-use super::wide_source::WideSource;
-use super::wide_tree::WideTree;
 use crate::geometry::TimeInterval;
+use crate::layout::leaf::ids::ids_of_leaf;
+use crate::layout::leaf::keyed::KeyedLeaf;
+use crate::layout::leaf::source::WideSource;
+use crate::layout::leaf::spheres::SphereLeaf;
+use crate::layout::wide_node::{ChildRef, Kind, node_rows};
+use crate::layout::wide_tree::WideTree;
 use crate::simd::LANES;
 use crate::time::time_slice;
 use core::ops::Range;
@@ -79,7 +79,7 @@ impl Holders {
 }
 
 /// The parts of a plan in which something may have changed.
-pub(super) struct Touched {
+pub(in crate::layout) struct Touched {
     pub units: Vec<bool>,
     pub shared: Vec<bool>,
 }
@@ -98,7 +98,7 @@ pub(crate) struct RefitPlan {
     /// Where it was then; `None` if it is empty.
     pub place: Option<BuiltPlace>,
     /// What leaf blocks hold of triangles that were split.
-    pub(super) parts: Parts,
+    pub(in crate::layout) parts: Parts,
     /// The leaf blocks that hold primitives of several meshes.
     mixed: Vec<ChildRef>,
     units_of: Holders,
@@ -149,7 +149,7 @@ impl RefitPlan {
     }
 
     /// The parts that hold one of these meshes; all of them for `None`.
-    pub(super) fn touched(&self, meshes: Option<&[u32]>) -> Touched {
+    pub(in crate::layout) fn touched(&self, meshes: Option<&[u32]>) -> Touched {
         let (units, shared) = (self.units.len(), self.shared.len());
         match meshes {
             None => Touched { units: vec![true; units], shared: vec![true; shared] },
@@ -253,7 +253,7 @@ impl<S: WideSource> Exploration<'_, S> {
 }
 
 /// The numbers of the meshes that are marked.
-pub(super) fn moved_meshes(moved: &[bool]) -> Vec<u32> {
+pub(in crate::layout) fn moved_meshes(moved: &[bool]) -> Vec<u32> {
     (0..).zip(moved).filter(|&(_, &moved)| moved).map(|(mesh, _)| mesh).collect()
 }
 

@@ -1,17 +1,17 @@
 //! Checking a finished wide tree.
 
 use super::validation_error::ValidationError;
-use super::wide_node::{ChildRef, Kind, node_rows};
-use super::wide_source::WideSource;
-use super::wide_tree::WideTree;
 use crate::geometry::Box3;
+use crate::layout::leaf::source::WideSource;
+use crate::layout::wide_node::{ChildRef, Kind, node_rows};
+use crate::layout::wide_tree::WideTree;
 use crate::primitive::{PrimitiveSet, Triangles};
 use crate::simd::LANES;
 use crate::time::TimeSlice;
 use glam::Vec3;
 
 /// Times at which a tree is checked; the odd values fall into every time slice and on no boundary.
-pub(super) const TIMES: [f32; 9] = [0.0, 0.03, 0.17, 0.29, 0.43, 0.61, 0.79, 0.97, 1.0];
+pub(in crate::layout) const TIMES: [f32; 9] = [0.0, 0.03, 0.17, 0.29, 0.43, 0.61, 0.79, 0.97, 1.0];
 
 /// By how much queries enlarge boxes at least.
 const LEAST_PADDING: f64 = f32::MIN_POSITIVE as f64;
@@ -48,12 +48,12 @@ impl WideTree {
     }
 
     /// Checks everything except the recorded blocks, for a tree over these primitives, sorted.
-    pub(super) fn validate_ids<S: WideSource>(&self, set: &S, ids: &[u32]) -> Result<(), ValidationError> {
+    pub(in crate::layout) fn validate_ids<S: WideSource>(&self, set: &S, ids: &[u32]) -> Result<(), ValidationError> {
         self.validate_where(set, ids, |id, time| set.exists_at(id, time))
     }
 
     /// The same for ids of whatever exists at the times for which `exists` says so.
-    pub(super) fn validate_where<S: WideSource>(
+    pub(in crate::layout) fn validate_where<S: WideSource>(
         &self,
         set: &S,
         ids: &[u32],

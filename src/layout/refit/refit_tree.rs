@@ -2,24 +2,24 @@
 //!
 //! The coordinates of primitives that moved are rewritten in their leaf blocks, and boxes are recomputed from the leaves up, all in
 //! place. If nothing changed below a box, the box is kept. So the static parts of a scene do not become worse. Of triangles that
-//! were split before the build, a leaf block holds the same part as before ([`super::refit_parts`]). Subtrees that are contiguous
-//! in the arena are refitted by any thread ([`super::refit_plan`]), and the nodes above them last.
+//! were split before the build, a leaf block holds the same part as before ([`super::parts`]). Subtrees that are contiguous
+//! in the arena are refitted by any thread ([`super::plan`]), and the nodes above them last.
 //!
 //! The answers stay those of brute force, but the tree may become slower. Its cost is the sum over nodes and leaf blocks of the
 //! cost of a visit times area, per area of the root. This is nearly what the build minimizes (MacDonald and Booth, "Heuristics for
 //! ray tracing using space subdivision", 1990). Its growth tells when a new tree is better (Lauterbach et al., "RT-DEFORM", 2006,
 //! use ratios of areas).
 
-use super::leaf_ids::ids_of_leaf;
-use super::node_boxes::{BoxRows, MeasuredBoxes, read_box};
-use super::refit_parts::Parts;
-use super::refit_plan::{Above, RefitPlan, SharingSlice, Touched, moved_meshes};
+use super::parts::Parts;
+use super::plan::{Above, RefitPlan, SharingSlice, Touched, moved_meshes};
 use super::shared_blocks::{SharedBlocks, SharedBounds, SharedLeaf};
-use super::wide_node::{ChildRef, Kind, node_rows};
-use super::wide_source::{MovedLeaf, WideSource};
-use super::wide_tree::WideTree;
 use crate::bvh::{leaf_cost, mean_half_area, motion_factor};
 use crate::geometry::{Aabb, Box3, LinearBounds, LinearBox3, TimeInterval, ULP};
+use crate::layout::leaf::ids::ids_of_leaf;
+use crate::layout::leaf::source::{MovedLeaf, WideSource};
+use crate::layout::node_boxes::{BoxRows, MeasuredBoxes, read_box};
+use crate::layout::wide_node::{ChildRef, Kind, node_rows};
+use crate::layout::wide_tree::WideTree;
 use crate::parallel;
 use crate::simd::{LANES, Lanes, Mask, SimdLevel, lanes_at, lanes_of, prefetch};
 use crate::time::time_slice;

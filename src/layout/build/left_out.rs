@@ -1,12 +1,12 @@
 //! Counting what time slices leave out because it does not exist in them.
 
-use super::wide_node::{ChildRef, Kind};
-use super::wide_source::WideSource;
-use super::wide_tree::WideTree;
+use crate::layout::leaf::source::WideSource;
+use crate::layout::wide_node::{ChildRef, Kind};
+use crate::layout::wide_tree::WideTree;
 
 /// Primitives below temporal splits, each counted once for each time slice.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct InSlices {
+pub(in crate::layout) struct InSlices {
     pub all: usize,
     /// Those of which a slice has no reference.
     pub left_out: usize,
@@ -31,7 +31,7 @@ impl WideTree {
 
     /// Counts what time slices hold, without reading the tree if nothing comes or goes. `seen` has a zero for each primitive of the
     /// set, before and after.
-    pub(super) fn in_slices<S: WideSource>(&self, set: &S, seen: &mut Vec<u32>) -> InSlices {
+    pub(in crate::layout) fn in_slices<S: WideSource>(&self, set: &S, seen: &mut Vec<u32>) -> InSlices {
         let mut all = InSlices::default();
         if set.always_active() || self.counts.time_nodes == 0 {
             return all;

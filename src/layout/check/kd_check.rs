@@ -24,7 +24,7 @@ impl KdTree {
     }
 
     /// Checks all invariants that a traversal relies on.
-    pub(super) fn validate_links(&self, primitives: usize) -> Result<(), ValidationError> {
+    pub(in crate::layout) fn validate_links(&self, primitives: usize) -> Result<(), ValidationError> {
         let depth = check_links(&self.nodes, self.references.len()).map_err(|wrong| match wrong {
             BadLink::Node(node) => ValidationError::Links { node },
             BadLink::Leaf(node) => ValidationError::References { node },

@@ -5,8 +5,8 @@
 //! wrote them. A small arena whose blocks are in place is reused by the next task. A single thread writes most tasks
 //! straight into the final arena.
 
-use super::wide_node::{ChildRef, NODE_ROWS, children_mut};
 use crate::error::BuildError;
+use crate::layout::wide_node::{ChildRef, NODE_ROWS, children_mut};
 use crate::parallel::{self, lock};
 use crate::simd::{Arena, LANES};
 use core::sync::atomic::{AtomicUsize, Ordering};

@@ -5,15 +5,15 @@
 //! every block is visited once before the first query, and every invariant that queries rely on is checked. The *values* of boxes
 //! and corners are not checked: wrong ones cause wrong answers ([`WideTree::validate`] finds those), but no panics.
 
-use super::keyed_leaf::KeyedLeaf;
-use super::leaf_ids::ids_of_leaf;
-use super::leaf_index::Found;
-use super::node_boxes::NOWHERE;
-use super::sphere_leaf::SphereLeaf;
-use super::wide_node::{ChildRef, Kind, node_rows, shared_count};
-use super::wide_source::WideSource;
-use super::wide_tree::{Counts, WideTree};
 use crate::file::{FileError, broken, require};
+use crate::layout::leaf::ids::ids_of_leaf;
+use crate::layout::leaf::keyed::KeyedLeaf;
+use crate::layout::leaf::source::WideSource;
+use crate::layout::leaf::spheres::SphereLeaf;
+use crate::layout::leaf_index::Found;
+use crate::layout::node_boxes::NOWHERE;
+use crate::layout::wide_node::{ChildRef, Kind, node_rows, shared_count};
+use crate::layout::wide_tree::{Counts, WideTree};
 use crate::limits::{MAX_MESH_KEYS, MAX_TIME_SLICES};
 use crate::primitive::{PrimitiveSet, Triangles};
 use crate::simd::LANES;
@@ -23,7 +23,7 @@ const MOST_LEVELS: u32 = 256;
 
 impl WideTree {
     /// An error for the first violation that could break a query; otherwise the counts and the table of leaf blocks.
-    pub(super) fn check<S: WideSource>(&self, set: &S) -> Result<(Counts, Vec<u32>), FileError> {
+    pub(in crate::layout) fn check<S: WideSource>(&self, set: &S) -> Result<(Counts, Vec<u32>), FileError> {
         require((1..=MAX_TIME_SLICES).contains(&self.slices), "the header has no time slices or too many")?;
         require(S::TRIANGLES || self.lists == 0, "a tree of shapes has leaf blocks of triangles")?;
         let words = self.arena.ints();

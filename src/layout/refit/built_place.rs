@@ -1,15 +1,15 @@
 //! Where a tree was when it was built, and what rays that meet this place cost since then.
 //!
-//! The cost of a refitted tree is that of rays that meet its root's box ([`super::refit`]). If a part of the scene flies off, the
-//! box grows, and hardly any of those rays meets what is left, though it may be held by much larger boxes than before. So where the
-//! extent has grown, the cost is computed for the rays that meet the former box as well: with the parts of all boxes that lie in
-//! it.
+//! The cost of a refitted tree is that of rays that meet its root's box ([`super::refit_tree`]). If a part of the scene flies
+//! off, the box grows, and hardly any of those rays meets what is left, though it may be held by much larger boxes than before.
+//! So where the extent has grown, the cost is computed for the rays that meet the former box as well: with the parts of all boxes
+//! that lie in it.
 
-use super::node_boxes::read_box;
-use super::wide_node::{ChildRef, Kind};
-use super::wide_tree::WideTree;
 use crate::bvh::{leaf_cost, mean_half_area, motion_factor};
 use crate::geometry::{Aabb, Box3, LinearBounds, LinearBox3, TimeInterval};
+use crate::layout::node_boxes::read_box;
+use crate::layout::wide_node::{ChildRef, Kind};
+use crate::layout::wide_tree::WideTree;
 use crate::parallel;
 use crate::simd::LANES;
 use crate::time::time_slice;
