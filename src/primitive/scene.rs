@@ -3,11 +3,11 @@
 use super::custom::Primitive;
 use super::intersection::{Intersection, SurfacePoint};
 use super::key_window::Intervals;
-use super::mesh::TriangleMesh;
+use super::mesh::triangle_mesh::TriangleMesh;
 use super::primitive_set::{PrimitiveSet, include_each};
 use super::shapes::{Shapes, ShapesExtent, with_merged_keys};
 use super::sphere::MovingSphere;
-use super::triangles::Triangles;
+use super::triangles::triangle_set::Triangles;
 use super::vertex_tubes::VertexTubes;
 use crate::error::{BuildError, RefitError};
 use crate::geometry::{Box3, CornerBounds, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};

@@ -6,7 +6,7 @@ use super::primitive_set::PrimitiveSet;
 use super::scene::{Scene, Shape};
 use super::shapes::{Shapes, ShapesExtent};
 use super::sphere::MovingSphere;
-use super::triangles_file::TrianglesRecord;
+use super::triangles::triangles_file::TrianglesRecord;
 use crate::error::BuildError;
 use crate::file::{Decoder, Encoder, FileError, require};
 use crate::geometry::{Frame, TimeInterval};

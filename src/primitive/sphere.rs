@@ -1,7 +1,7 @@
 //! Moving spheres: their motion, their bounds and their intersection with rays.
 
 use super::intersection::Intersection;
-use super::merge_keys::widest_step;
+use super::mesh::merge_keys::widest_step;
 use crate::geometry::{Aabb, KeyPhase, LinearBounds, Ray, TimeInterval, lerp};
 use glam::{DVec3, Vec3};
 

@@ -4,7 +4,7 @@
 //! signs of zeros): the same operations on the same operands, and the greatest of some numbers is the same in any order.
 //! Lower bounds are negated throughout, so that all results are maxima.
 //!
-//! For more than two keys `primitive/tubes.rs` computes the bounds.
+//! For more than two keys `primitive/bounds/tubes.rs` computes the bounds.
 
 use crate::geometry::{KeyTime, LinearBox3, TimeInterval};
 use crate::layout::leaf::keyed::KeyedLeaf;

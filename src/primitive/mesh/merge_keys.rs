@@ -59,7 +59,7 @@ fn segments(keys: usize) -> usize {
 }
 
 /// The index of the given key that is key `key` of the `kept` ones.
-pub(super) fn given_key(given: usize, kept: usize, key: usize) -> usize {
+pub(in crate::primitive) fn given_key(given: usize, kept: usize, key: usize) -> usize {
     // If all keys are equal there may be fewer than are kept.
     (key * (segments(given) / segments(kept))).min(given - 1)
 }

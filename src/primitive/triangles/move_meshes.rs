@@ -4,12 +4,12 @@
 //! triangles beside them in a block. Only these are copied, so that what stays where it is costs nothing.
 
 use super::copy_meshes::{append, counts, digest, frame_of};
-use super::merge_keys::given_key;
-use super::mesh::{MeshExtent, TriangleMesh};
-use super::triangles::{Triangles, Vertices};
+use super::triangle_set::{Triangles, Vertices};
 use crate::error::{BuildError, RefitError};
 use crate::geometry::{Aabb, Frame, TimeInterval};
 use crate::parallel;
+use crate::primitive::mesh::merge_keys::given_key;
+use crate::primitive::mesh::triangle_mesh::{MeshExtent, TriangleMesh};
 use crate::simd::huge_vec;
 use glam::{DVec3, Vec3};
 
@@ -34,7 +34,7 @@ impl Triangles {
     /// coordinates change. Of the other meshes, only the triangles `beside` get vertices, until [`Triangles::drop_vertices`].
     ///
     /// After an error, or if it returns false, nothing has changed.
-    pub(super) fn move_meshes(
+    pub(in crate::primitive) fn move_meshes(
         &mut self,
         meshes: &[TriangleMesh],
         moved: &[bool],

@@ -4,34 +4,34 @@ use crate::geometry::{KeyTime, TimeInterval};
 
 /// What is known of a mesh beside its vertices.
 #[derive(Clone)]
-pub(super) struct MeshInfo {
+pub(in crate::primitive) struct MeshInfo {
     /// Id of the first triangle.
-    pub(super) first: u32,
+    pub(in crate::primitive) first: u32,
     /// Number of bent triangles before it, see `Triangles::entries_of`.
-    pub(super) bent_before: usize,
+    pub(in crate::primitive) bent_before: usize,
     /// Number of keys.
-    pub(super) keys: usize,
+    pub(in crate::primitive) keys: usize,
     /// The stride of successive keys of a vertex in the positions: 1, or 0 if there is one only.
-    pub(super) stride: usize,
-    pub(super) active: TimeInterval,
-    pub(super) mask: u32,
-    /// A hash of the vertex indices ([`super::copy_meshes`]).
-    pub(super) indices: u64,
+    pub(in crate::primitive) stride: usize,
+    pub(in crate::primitive) active: TimeInterval,
+    pub(in crate::primitive) mask: u32,
+    /// A hash of the vertex indices ([`crate::primitive::triangles::copy_meshes`]).
+    pub(in crate::primitive) indices: u64,
     /// The index of its first triangle among those whose vertices are kept in f64, if its own are.
-    pub(super) precise: Option<u32>,
+    pub(in crate::primitive) precise: Option<u32>,
 }
 
 impl MeshInfo {
     /// The motion segments in which the mesh exists, the first and the last.
     #[inline(always)]
-    pub(super) fn segments_of_life(&self) -> [usize; 2] {
+    pub(in crate::primitive) fn segments_of_life(&self) -> [usize; 2] {
         [self.active.begin(), self.active.last()].map(|t| KeyTime::new(t, self.keys).segment)
     }
 }
 
 /// The meshes of some triangles, from which that of any triangle is found.
 #[derive(Clone)]
-pub(super) struct MeshIndex {
+pub(in crate::primitive) struct MeshIndex {
     /// The mesh of each of these triangles is stored: those whose ids are multiples of this power of two, and the last one.
     shift: u32,
     at: Vec<u32>,

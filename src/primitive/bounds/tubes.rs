@@ -5,9 +5,9 @@
 //! The tube of a vertex that several triangles share is computed once.
 
 use super::bent_bounds::TUBE_ULPS;
-use super::key_window::Window;
-use super::vertex_tubes::SIZE;
 use crate::geometry::{Box3, KeyTime, LinearBox3, ULP};
+use crate::primitive::key_window::Window;
+use crate::primitive::vertex_tubes::SIZE;
 use crate::simd::{LANES, Lanes, Mask, Rows, Simd, transpose};
 use glam::Vec3;
 
@@ -175,7 +175,7 @@ impl<S: Simd> Tubes<S> {
 
 /// The same faces of each lane as `LaneBounds`, which have the negated size in the lane [`SIZE`].
 #[inline(always)]
-pub(super) fn lanes_of_faces<S: Simd>(s: S, faces: &[S::F; 12], size: S::F) -> [S::F; LANES] {
+pub(in crate::primitive) fn lanes_of_faces<S: Simd>(s: S, faces: &[S::F; 12], size: S::F) -> [S::F; LANES] {
     let zero = s.splat(0.0);
     let mut all = [zero; LANES];
     all[SIZE] = zero - size;

@@ -2,13 +2,13 @@
 //! order of memory.
 
 use super::bent_bounds::TUBE_ULPS;
-use super::key_window::Window;
 use super::keys_of_vertices::KeysOfVertices;
-use super::triangles::Triangles;
 use super::tubes::lanes_of_faces;
-use super::vertex_tubes::{MeshTubes, SIZE, VertexTubes};
 use crate::geometry::{LaneBounds, TimeInterval, ULP};
 use crate::parallel;
+use crate::primitive::key_window::Window;
+use crate::primitive::triangles::triangle_set::Triangles;
+use crate::primitive::vertex_tubes::{MeshTubes, SIZE, VertexTubes};
 use crate::simd::{Kernel, LANES, Mask, Simd, SimdLevel, dispatch, huge_vec_of};
 
 /// Vertices whose tubes are computed by one thread.
@@ -16,7 +16,7 @@ const TOGETHER: usize = 32 * LANES;
 
 impl Triangles {
     /// The tubes of meshes of which there are at least as many triangles among `ids`, in ascending order, as vertices.
-    pub(super) fn tubes_of_meshes(&self, mut ids: &[u32], over: TimeInterval) -> VertexTubes {
+    pub(in crate::primitive) fn tubes_of_meshes(&self, mut ids: &[u32], over: TimeInterval) -> VertexTubes {
         let mut all = VertexTubes::default();
         while let Some(&id) = ids.first() {
             let mesh = self.mesh_of(id);
@@ -63,7 +63,13 @@ impl Triangles {
     }
 
     /// The bounds of triangles of such a mesh, which has `keys` keys.
-    pub(super) fn bounds_of_tubes(&self, ids: &[u32], keys: usize, of: &MeshTubes, out: &mut [LaneBounds]) {
+    pub(in crate::primitive) fn bounds_of_tubes(
+        &self,
+        ids: &[u32],
+        keys: usize,
+        of: &MeshTubes,
+        out: &mut [LaneBounds],
+    ) {
         dispatch(SimdLevel::best(), WriteBounds { set: self, ids, of, slack: Triangles::slack(keys, 1.0), out });
     }
 }

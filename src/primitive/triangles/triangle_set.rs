@@ -3,16 +3,16 @@
 //! The data that a build needs (vertex positions) and the data that answers need (the mesh of a triangle, its active
 //! interval and mask) are separate: leaf blocks of the wide layout hold all corners, and then the vertices are released.
 
-use super::key_window::Intervals;
-use super::mesh::MeshExtent;
-use super::mesh_index::{MeshIndex, MeshInfo};
-use super::precise_vertices::PreciseVertices;
-use super::primitive_set::{PrimitiveSet, include_each};
-use super::vertex_tubes::VertexTubes;
 use crate::geometry::{
     Box3, CornerBounds, Frame, INSTANTS, Instant, KeyTime, LaneBounds, LinearBox3, TimeInterval, are_disjoint,
     clip_triangle,
 };
+use crate::primitive::key_window::Intervals;
+use crate::primitive::mesh::mesh_index::{MeshIndex, MeshInfo};
+use crate::primitive::mesh::precise_vertices::PreciseVertices;
+use crate::primitive::mesh::triangle_mesh::MeshExtent;
+use crate::primitive::primitive_set::{PrimitiveSet, include_each};
+use crate::primitive::vertex_tubes::VertexTubes;
 use crate::simd::{LANES, Lanes, as_coordinates, prefetch};
 use core::ops::Range;
 use glam::{DVec3, Vec3};
@@ -23,32 +23,32 @@ use glam::{DVec3, Vec3};
 /// (mesh, triangle).
 #[derive(Clone)]
 pub struct Triangles {
-    pub(super) frame: Frame,
-    pub(super) meshes: Vec<MeshInfo>,
+    pub(in crate::primitive) frame: Frame,
+    pub(in crate::primitive) meshes: Vec<MeshInfo>,
     /// Number of triangles.
-    pub(super) len: usize,
-    pub(super) index: MeshIndex,
-    pub(super) always_active: bool,
+    pub(in crate::primitive) len: usize,
+    pub(in crate::primitive) index: MeshIndex,
+    pub(in crate::primitive) always_active: bool,
     /// Number of triangles of meshes with more than two keys.
-    pub(super) bent: usize,
+    pub(in crate::primitive) bent: usize,
     /// Numbers of vertex positions over all keys: given, and kept.
-    pub(super) counts: [usize; 2],
+    pub(in crate::primitive) counts: [usize; 2],
     /// Empty once leaf blocks hold them.
-    pub(super) vertices: Vertices,
+    pub(in crate::primitive) vertices: Vertices,
     /// The vertices that are kept in f64.
-    pub(super) precise: PreciseVertices,
+    pub(in crate::primitive) precise: PreciseVertices,
     /// How far each mesh reaches, for refits in which only some of them move; empty before the first refit.
-    pub(super) extents: Vec<MeshExtent>,
+    pub(in crate::primitive) extents: Vec<MeshExtent>,
 }
 
 /// The vertices of all triangles.
 #[derive(Clone, Default)]
-pub(super) struct Vertices {
+pub(in crate::primitive) struct Vertices {
     /// The positions of all meshes: mesh by mesh, in each vertex by vertex, since one key of a vertex is usually read together with
     /// all others.
-    pub(super) positions: Vec<Vec3>,
+    pub(in crate::primitive) positions: Vec<Vec3>,
     /// The corners of each triangle, as indices of their first keys in `positions`.
-    pub(super) corners: Vec<[u32; 3]>,
+    pub(in crate::primitive) corners: Vec<[u32; 3]>,
 }
 
 impl Triangles {
@@ -59,12 +59,12 @@ impl Triangles {
 
     /// The index of a triangle's mesh.
     #[inline(always)]
-    pub(super) fn mesh_of(&self, id: u32) -> usize {
+    pub(in crate::primitive) fn mesh_of(&self, id: u32) -> usize {
         self.index.mesh(&self.meshes, id)
     }
 
     #[inline(always)]
-    pub(super) fn mesh(&self, id: u32) -> &MeshInfo {
+    pub(in crate::primitive) fn mesh(&self, id: u32) -> &MeshInfo {
         &self.meshes[self.mesh_of(id)]
     }
 
@@ -86,7 +86,7 @@ impl Triangles {
     }
 
     /// The ids of the triangles of a mesh.
-    pub(super) fn ids_of_mesh(&self, mesh: usize) -> Range<u32> {
+    pub(in crate::primitive) fn ids_of_mesh(&self, mesh: usize) -> Range<u32> {
         self.meshes[mesh].first..self.meshes.get(mesh + 1).map_or(self.len as u32, |next| next.first)
     }
 
@@ -291,7 +291,7 @@ impl Triangles {
 /// The number of positions in a cache line of 64 bytes.
 const KEYS_IN_LINE: usize = 5;
 
-pub(super) fn box_of(corners: [Vec3; 3]) -> Box3 {
+pub(in crate::primitive) fn box_of(corners: [Vec3; 3]) -> Box3 {
     corners.into_iter().fold(Box3::EMPTY, Box3::include)
 }
 

@@ -1,6 +1,6 @@
 //! The distinct vertices of a few triangles.
 
-use super::triangles::Triangles;
+use crate::primitive::triangles::triangle_set::Triangles;
 use crate::simd::{Kernel, LANES, Lanes, Simd, SimdLevel, dispatch, first_lanes};
 
 /// The distinct vertices of up to sixteen triangles, one per lane.

@@ -1,13 +1,13 @@
 //! Copying meshes into tree space: for a build, and for refitting a tree to the next frame.
 
-use super::merge_keys::given_key;
-use super::mesh::{Keys, MeshExtent, TriangleMesh};
-use super::mesh_index::{MeshIndex, MeshInfo};
-use super::precise_vertices::PreciseVertices;
-use super::triangles::{Triangles, Vertices};
+use super::triangle_set::{Triangles, Vertices};
 use crate::error::{BuildError, RefitError};
 use crate::geometry::{Aabb, Frame, TimeInterval};
 use crate::parallel;
+use crate::primitive::mesh::merge_keys::given_key;
+use crate::primitive::mesh::mesh_index::{MeshIndex, MeshInfo};
+use crate::primitive::mesh::precise_vertices::PreciseVertices;
+use crate::primitive::mesh::triangle_mesh::{Keys, MeshExtent, TriangleMesh};
 use crate::progress::Progress;
 use crate::simd::{fill, huge_vec, prefetch};
 use core::ops::Range;
@@ -49,7 +49,7 @@ impl Triangles {
     }
 
     /// An error unless there are as many meshes, of as many triangles.
-    pub(super) fn require_same_sizes(&self, meshes: &[TriangleMesh]) -> Result<(), RefitError> {
+    pub(in crate::primitive) fn require_same_sizes(&self, meshes: &[TriangleMesh]) -> Result<(), RefitError> {
         if meshes.len() != self.meshes.len() {
             return Err(RefitError::Count { expected: self.meshes.len(), found: meshes.len() });
         }
@@ -60,7 +60,12 @@ impl Triangles {
     }
 
     /// The number of keys that are kept of a mesh that was checked: as many as before, if no more are needed.
-    pub(super) fn keys_again(&self, i: usize, mesh: &TriangleMesh, frame: Frame) -> Result<usize, RefitError> {
+    pub(in crate::primitive) fn keys_again(
+        &self,
+        i: usize,
+        mesh: &TriangleMesh,
+        frame: Frame,
+    ) -> Result<usize, RefitError> {
         let before = &self.meshes[i];
         if mesh.is_precise() != before.precise.is_some() {
             return Err(RefitError::Precision { mesh: i });
@@ -125,14 +130,14 @@ impl Triangles {
 const TOGETHER: usize = 64;
 
 /// Numbers of vertex positions over all keys: given, and kept.
-pub(super) fn counts(meshes: &[TriangleMesh], kept: impl Iterator<Item = usize>) -> [usize; 2] {
+pub(in crate::primitive) fn counts(meshes: &[TriangleMesh], kept: impl Iterator<Item = usize>) -> [usize; 2] {
     let each = meshes.iter().zip(kept);
     let of = each.map(|(mesh, kept)| [mesh.keys.len(), kept].map(|keys| keys * mesh.keys.vertices(0)));
     of.fold([0; 2], |all, of| [all[0] + of[0], all[1] + of[1]])
 }
 
 /// Appends the positions of a mesh at the keys that are kept, vertex by vertex. Returns where the first key of a vertex is.
-pub(super) fn append(
+pub(in crate::primitive) fn append(
     positions: &mut Vec<Vec3>,
     mesh: &TriangleMesh,
     keys: usize,
@@ -228,7 +233,11 @@ fn extents(meshes: &[TriangleMesh], before: &[MeshExtent], progress: &Progress) 
 }
 
 /// The frame of meshes with these bounds, and of the other primitives.
-pub(super) fn frame_of(meshes: &[TriangleMesh], swept: impl Iterator<Item = Aabb>, others: Aabb) -> Frame {
+pub(in crate::primitive) fn frame_of(
+    meshes: &[TriangleMesh],
+    swept: impl Iterator<Item = Aabb>,
+    others: Aabb,
+) -> Frame {
     let swept = swept.fold(others, Aabb::union);
     let given = || meshes.iter().filter(|mesh| !mesh.is_empty());
     if given().any(|mesh| matches!(mesh.keys, Keys::F32(_))) {
@@ -239,7 +248,7 @@ pub(super) fn frame_of(meshes: &[TriangleMesh], swept: impl Iterator<Item = Aabb
 
 /// A hash of the vertex indices: the sum of the indices of all triangles, each mixed with its position
 /// (as in splitmix64), so that the order of additions does not matter.
-pub(super) fn digest(indices: &[[u32; 3]]) -> u64 {
+pub(in crate::primitive) fn digest(indices: &[[u32; 3]]) -> u64 {
     let mixed = |place: usize, [a, b, c]: [u32; 3]| {
         let place = (place as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         let pair = (u64::from(a) | u64::from(b) << 32).wrapping_mul(0xbf58_476d_1ce4_e5b9);

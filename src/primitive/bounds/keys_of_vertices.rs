@@ -6,7 +6,7 @@ use core::ops::{Range, RangeInclusive};
 
 /// Some keys of sixteen vertices, which are written as rows of sixteen numbers: the coordinates of a vertex at successive keys
 /// follow each other in memory, so the rows are a transpose.
-pub(super) struct KeysOfVertices<'a> {
+pub(in crate::primitive) struct KeysOfVertices<'a> {
     coordinates: &'a [f32],
     keys: Range<usize>,
     /// The first coordinate of each vertex.

@@ -1,10 +1,10 @@
-//! Triangles whose vertices are kept in f64, of meshes with [`Keys::Precise`](super::Keys::Precise).
+//! Triangles whose vertices are kept in f64, of meshes with [`Keys::Precise`](crate::primitive::Keys::Precise).
 //!
 //! Trees are built of the same vertices rounded to f32, as of any other mesh, with boxes larger by that rounding. So are the
 //! margins with which queries test leaf blocks (`ray/kernel/shear.rs`). Hits and nearest points are computed from the vertices in
 //! f64.
 
-use super::triangles::Triangles;
+use super::triangle_set::Triangles;
 use crate::geometry::{KeyTime, TimeInterval, ULP};
 use glam::DVec3;
 
@@ -43,7 +43,7 @@ impl Triangles {
     /// Rounding is up to 1 ULP of the coordinate at each key, and no more in between; the other ULP is for
     /// rounding the box that the padding is added to. The constant is for coordinates that are denormal in f32, or zero.
     #[inline(always)]
-    pub(super) fn rounding(&self, id: u32, over: TimeInterval) -> f32 {
+    pub(in crate::primitive) fn rounding(&self, id: u32, over: TimeInterval) -> f32 {
         if self.is_precise(id) { 2.0 * ULP * self.magnitude(id, over) + f32::MIN_POSITIVE } else { 0.0 }
     }
 }

@@ -13,15 +13,15 @@
 //! with a difference (2), its product with a fraction that is rounded itself (1 + 2), a sum (3: the line may leave M by that of
 //! others) and a difference (4): 12. The tube's end is a sum (3). So the padding is twice the slack and 16 ULP.
 
-use super::key_window::Window;
-use super::triangles::Triangles;
 use crate::geometry::{Box3, CornerBounds, LinearBox3, TimeInterval, ULP};
+use crate::primitive::key_window::Window;
+use crate::primitive::triangles::triangle_set::Triangles;
 use core::ops::Range;
 use glam::{Vec3, Vec3A};
 
 impl Triangles {
     /// Bounds over an interval; `keys` is the number of keys, more than two.
-    pub(super) fn bent_bounds(&self, id: u32, keys: usize, over: TimeInterval) -> LinearBox3 {
+    pub(in crate::primitive) fn bent_bounds(&self, id: u32, keys: usize, over: TimeInterval) -> LinearBox3 {
         let CornerBounds { corners: [a, b, c], slack } = self.tubes_of_corners(id, keys, over);
         let bounds = a.union(b).union(c);
         let mut bounds = LinearBox3 { begin: bounds.begin.pad(slack), end: bounds.end.pad(slack) };
@@ -34,7 +34,7 @@ impl Triangles {
 
     /// The tubes of the corners, and their padding; `keys` is the number of keys, more than two.
     #[inline(always)]
-    pub(super) fn tubes_of_corners(&self, id: u32, keys: usize, over: TimeInterval) -> CornerBounds {
+    pub(in crate::primitive) fn tubes_of_corners(&self, id: u32, keys: usize, over: TimeInterval) -> CornerBounds {
         let [a, b, c] = self.vertices(id);
         let window = Window::new(over, keys);
         let corners = [self.keys_of_vertex(a, keys), self.keys_of_vertex(b, keys), self.keys_of_vertex(c, keys)];
@@ -44,7 +44,7 @@ impl Triangles {
 }
 
 /// The padding beside twice the slack.
-pub(super) const TUBE_ULPS: f32 = 16.0;
+pub(in crate::primitive) const TUBE_ULPS: f32 = 16.0;
 
 /// The tubes of three vertices over the interval of a window, and the largest coordinate at the keys around it.
 #[inline(always)]

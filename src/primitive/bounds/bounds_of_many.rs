@@ -1,17 +1,17 @@
 //! Bounds of many triangles, fast: the coarse build of a lazy tree spends most of its time on them, and builds over many time
 //! slices a tenth.
 
-use super::key_window::Intervals;
-use super::mesh_index::MeshInfo;
-use super::primitive_set::PrimitiveSet;
-use super::triangles::Triangles;
-use super::vertex_tubes::VertexTubes;
 use crate::geometry::{KeyTime, LaneBounds, TimeInterval};
+use crate::primitive::key_window::Intervals;
+use crate::primitive::mesh::mesh_index::MeshInfo;
+use crate::primitive::primitive_set::PrimitiveSet;
+use crate::primitive::triangles::triangle_set::Triangles;
+use crate::primitive::vertex_tubes::VertexTubes;
 use glam::Vec4;
 
 impl Triangles {
     /// `PrimitiveSet::lane_bounds`: mesh by mesh.
-    pub(super) fn lane_bounds_of_meshes(
+    pub(in crate::primitive) fn lane_bounds_of_meshes(
         &self,
         mut ids: &[u32],
         over: TimeInterval,

@@ -3,23 +3,35 @@
 //! The keys of up to sixteen vertices are transposed into rows, of which [`super::tubes`] makes the bounds of the triangles
 //! between these vertices, over any number of intervals.
 
-use super::key_window::{Intervals, Window};
 use super::keys_of_vertices::KeysOfVertices;
 use super::shared_vertices::Shared;
-use super::triangles::Triangles;
 use super::tubes::{RowsOfKeys, bounds_of_faces, lanes_of_faces};
 use crate::geometry::{LaneBounds, LinearBox3};
+use crate::primitive::key_window::{Intervals, Window};
+use crate::primitive::triangles::triangle_set::Triangles;
 use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch, greatest_of_each};
 use core::ops::Range;
 
 impl Triangles {
     /// The bounds of triangles of one mesh with `keys` keys, more than two, over a single interval.
-    pub(super) fn bent_lane_bounds(&self, ids: &[u32], keys: usize, over: &mut Intervals<'_>, out: &mut [LaneBounds]) {
+    pub(in crate::primitive) fn bent_lane_bounds(
+        &self,
+        ids: &[u32],
+        keys: usize,
+        over: &mut Intervals<'_>,
+        out: &mut [LaneBounds],
+    ) {
         self.in_groups(ids, keys, over, |level, group, of| dispatch(level, Each { group, out: &mut out[of] }));
     }
 
     /// Extends `out` by the bounds of triangles with `keys` keys, more than two: one element for each interval.
-    pub(super) fn include_bent(&self, ids: &[u32], keys: usize, over: &mut Intervals<'_>, out: &mut [LinearBox3]) {
+    pub(in crate::primitive) fn include_bent(
+        &self,
+        ids: &[u32],
+        keys: usize,
+        over: &mut Intervals<'_>,
+        out: &mut [LinearBox3],
+    ) {
         self.in_groups(ids, keys, over, |level, group, _| dispatch(level, Together { group, out }));
     }
 

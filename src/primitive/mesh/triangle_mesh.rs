@@ -198,7 +198,7 @@ impl TriangleMesh {
     }
 
     /// Whether its positions are kept in f64.
-    pub(super) fn is_precise(&self) -> bool {
+    pub(in crate::primitive) fn is_precise(&self) -> bool {
         matches!(self.keys, Keys::Precise(_))
     }
 
@@ -213,7 +213,11 @@ impl TriangleMesh {
     }
 
     /// Checks the mesh; `mesh` is its index in errors. `before` is its extent when it had the same triangles, if that is known.
-    pub(super) fn extent(&self, mesh: usize, before: Option<&MeshExtent>) -> Result<MeshExtent, BuildError> {
+    pub(in crate::primitive) fn extent(
+        &self,
+        mesh: usize,
+        before: Option<&MeshExtent>,
+    ) -> Result<MeshExtent, BuildError> {
         let (swept, vertices) = (self.validate(mesh)?, self.keys.vertices(0));
         if before.is_some_and(|before| before.all_used && before.vertices == vertices) {
             return Ok(MeshExtent { swept, vertices, all_used: true });
@@ -275,12 +279,12 @@ impl TriangleMesh {
     }
 
     /// The number of keys that a tree keeps: all, or those that are needed.
-    pub(super) fn kept_keys(&self, frame: Frame) -> usize {
+    pub(in crate::primitive) fn kept_keys(&self, frame: Frame) -> usize {
         if self.keep_keys { self.keys.len() } else { self.needed_keys(frame) }
     }
 
     /// The number of keys after merging ([`super::merge_keys`]): of coordinates as given, or as stored if f64 is not kept.
-    pub(super) fn needed_keys(&self, frame: Frame) -> usize {
+    pub(in crate::primitive) fn needed_keys(&self, frame: Frame) -> usize {
         let (keys, vertices) = (self.keys.len(), self.keys.vertices(0));
         match &self.keys {
             Keys::F32(at) => kept_keys(keys, vertices, SINGLE, |key, of, out| {
@@ -314,7 +318,12 @@ impl TriangleMesh {
     }
 
     /// The position of a vertex at one key, if it is valid.
-    pub(super) fn valid_position(&self, mesh: usize, key: usize, vertex: usize) -> Result<DVec3, BuildError> {
+    pub(in crate::primitive) fn valid_position(
+        &self,
+        mesh: usize,
+        key: usize,
+        vertex: usize,
+    ) -> Result<DVec3, BuildError> {
         let p = self.keys.position(key, vertex);
         if !p.is_finite() {
             return Err(BuildError::NonFinite { mesh, key, vertex });
@@ -328,7 +337,7 @@ impl TriangleMesh {
 
 /// How far a mesh reaches.
 #[derive(Clone, Copy)]
-pub(super) struct MeshExtent {
+pub(in crate::primitive) struct MeshExtent {
     /// The box of its triangles at all keys.
     pub swept: Aabb,
     /// Number of vertices.

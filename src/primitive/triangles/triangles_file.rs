@@ -1,11 +1,11 @@
 //! Triangles in files: the meshes, and the vertices unless leaf blocks hold them.
 
-use super::mesh_index::{MeshIndex, MeshInfo};
-use super::precise_vertices::PreciseVertices;
-use super::triangles::{Triangles, Vertices};
+use super::triangle_set::{Triangles, Vertices};
 use crate::file::{Decoder, Encoder, FileError, Record, require};
 use crate::geometry::{Frame, TimeInterval};
 use crate::limits::MAX_MESH_KEYS;
+use crate::primitive::mesh::mesh_index::{MeshIndex, MeshInfo};
+use crate::primitive::mesh::precise_vertices::PreciseVertices;
 
 /// Added to the number of keys of a mesh whose vertices are kept in f64.
 const PRECISE: u32 = 1 << 31;
@@ -37,7 +37,7 @@ impl Record for MeshRecord {
 
 /// The contents of a file for triangles, not validated yet.
 pub(crate) struct TrianglesRecord {
-    pub(super) frame: Frame,
+    pub(in crate::primitive) frame: Frame,
     counts: [u64; 2],
     meshes: Vec<MeshRecord>,
     vertices: Vertices,

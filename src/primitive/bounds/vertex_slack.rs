@@ -1,7 +1,7 @@
 //! Bounds of the rounding of a triangle's vertices, interpolated between keys.
 
-use super::triangles::Triangles;
 use crate::geometry::{TimeInterval, ULP};
+use crate::primitive::triangles::triangle_set::Triangles;
 use glam::Vec3;
 
 impl Triangles {
@@ -25,7 +25,7 @@ impl Triangles {
 
     /// The largest magnitude of a coordinate of a triangle's corners at the keys around all times of an interval, and
     /// around the times that these may be rounded to.
-    pub(super) fn magnitude(&self, id: u32, over: TimeInterval) -> f32 {
+    pub(in crate::primitive) fn magnitude(&self, id: u32, over: TimeInterval) -> f32 {
         let keys = self.keys(id);
         let segments = (keys - 1) as f32;
         let first = ((over.begin() - ROUNDED_TIME).max(0.0) * segments) as usize;
