@@ -21,9 +21,16 @@
 //! - The gap along one axis is wrong by less, 24uM and that fraction of itself. So it is within what is left of the distance at the
 //!   time at which a point of the box comes as near as that, and what [`meet`] computes from both ends of the interval is within it
 //!   then, but for the rounding of two quotients in [0, 1], 3u each.
+//!
+//! **Ties.** Points in a row beside the query's path are all as near. Once an exact distance is known, boxes that hold nothing
+//! nearer are visited in the order of the time from which on a point may be as near ([`QueryPath::earliest`]), and not at all if
+//! that is later than the best time. A box holds nothing nearer if its distance, lowered by what it may be wrong by, is above the
+//! middle between the best distance and the float before it, since distances are rounded to f32 once. Its points then come as
+//! near at a time at which all gaps together are within the distance that excludes points, as above; what remains of a square
+//! after those of two other axes is lowered by 2^-49 of itself for rounding.
 
 use super::pair_approach::{Overlap, QueryPath};
-use crate::geometry::{Plane, TimeInterval};
+use crate::geometry::{Box3, Plane, TimeInterval};
 use crate::kd::KdView;
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::point::layout::kd_points::{KdPoints, plane_error};
@@ -69,6 +76,8 @@ struct Pending {
 struct Search {
     /// Points that come no nearer than this are no answers.
     most: f64,
+    /// The squared distance from which on nothing is nearer than the best answer, but perhaps as near and earlier.
+    tied: f64,
     /// Exact distances are expensive, and few of these points need one in the end.
     pending: Vec<Pending>,
     best: Option<Nearest>,
@@ -85,6 +94,11 @@ struct Nearest {
 const MAX_PENDING: usize = 64;
 
 impl Search {
+    /// For points that come nearer than a distance.
+    fn new(most: f64) -> Search {
+        Search { most, tied: f64::INFINITY, pending: Vec::new(), best: None }
+    }
+
     /// Adds a point whose distance is known up to the slack.
     fn add(&mut self, path: &QueryPath, (about, slack): (f64, f64), point: PointPath, overlap: Overlap) {
         self.most = self.most.min(equally_near(about + slack));
@@ -112,11 +126,17 @@ impl Search {
                 let (time, distance) = overlap.closest(path, &point);
                 let answer = Approach { id: point.id, time, distance };
                 if self.best.as_ref().is_none_or(|best| answer.key() < best.answer.key()) {
+                    self.tied = path.tied(distance);
                     self.best = Some(Nearest { answer, point, segment });
                 }
             }
         }
         self.pending = pending;
+    }
+
+    /// Whether what is nearest at a time or after it is nearest later than the best answer.
+    fn is_later(&self, time: f64) -> bool {
+        self.best.as_ref().is_some_and(|best| time as f32 > best.answer.time)
     }
 }
 
@@ -178,6 +198,16 @@ fn meet(first: [&[Lanes<f64>; 3]; 2], last: [&[Lanes<f64>; 3]; 2], most: f64) ->
 const STEPS: usize = 4;
 
 impl QueryPath {
+    /// See [`Search::tied`].
+    fn tied(&self, best: f32) -> f64 {
+        if best == 0.0 {
+            return 0.0;
+        }
+        let middle = 0.5 * (f64::from(best) + f64::from(best.next_down()));
+        let size = self.from.abs().max(self.to.abs()).max_element();
+        (middle * (1.0 + 2f64.powi(-48)) + 1.5e-14 * size).powi(2)
+    }
+
     /// The begin and the end of the interval as phases in the segment of a time slice; exact.
     #[inline(always)]
     fn phases(&self, slice: &SegmentSlice) -> [f64; 2] {
@@ -239,15 +269,51 @@ impl QueryPath {
         core::array::from_fn(|lane| if begin[lane] <= end[lane] && meets[lane] { least[lane] } else { f64::NAN })
     }
 
+    /// A lower bound of the time from which on a point in the box of a lane may be as near as `most`; infinite if none ever is. For
+    /// boxes that [`QueryPath::bounds`] does not exclude.
+    #[cold]
+    fn earliest<T: BoxTree>(&self, tree: &T, node: usize, lane: usize, most: f64) -> f64 {
+        let slice = tree.slice();
+        let [first, last] = self.phases(&slice);
+        let [begins, ends] = tree.times(node);
+        let range = [greater(slice.exact_phase(begins[lane]), first), lesser(slice.exact_phase(ends[lane]), last)];
+        let rate = if last > first { 1.0 / (last - first) } else { 0.0 };
+        // Below and above the box, at the first and the last time.
+        let gaps = range.map(|phase| {
+            let [lo, hi] = tree.faces(node, &[phase; LANES]);
+            let at = (self.from + (self.to - self.from) * ((phase - first) * rate)).to_array();
+            [0, 1, 2].map(|axis| [lo[axis][lane] - at[axis], at[axis] - hi[axis][lane]])
+        });
+        let side = |axis: usize, side: usize| [gaps[0][axis][side], gaps[1][axis][side]];
+        let least =
+            |axis| [0, 1].iter().fold(0.0, |gap, &of| greater(gap, lesser(side(axis, of)[0], side(axis, of)[1])));
+        let squares: [f64; 3] = [0, 1, 2].map(|axis| f64::powi(least(axis), 2));
+        let mut enter = 0.0;
+        for axis in 0..3 {
+            let within = remainder(most, squares[(axis + 1) % 3] + squares[(axis + 2) % 3]);
+            for [from, to] in [side(axis, 0), side(axis, 1)] {
+                if from > within {
+                    enter = greater(enter, if to > within { f64::INFINITY } else { (within - from) / (to - from) });
+                }
+            }
+        }
+        let phase = range[0] + (range[1] - range[0]) * (enter - FRACTION_ROUNDING);
+        (phase + slice.segment as f64) / segments(slice.keys) as f64 - FRACTION_ROUNDING
+    }
+
     /// Searches a tree of boxes.
     fn search_boxes<T: BoxTree>(&self, simd: SimdLevel, tree: &T, keep: &impl Fn(u32) -> bool, search: &mut Search) {
         let SegmentSlice { keys, segment, .. } = tree.slice();
         let segments = if keys < 2 { self.segments() } else { segment..segment + 1 };
         let (top, root) = tree.root_node();
-        let mut open = BinaryHeap::from([Reverse((0, top, root))]);
-        while let Some(Reverse((bits, level, node))) = open.pop() {
+        // By squared distance, and the time from which on there may be points of it, where these may tie with the best answer.
+        let mut open = BinaryHeap::from([Reverse((0, 0, top, root))]);
+        while let Some(Reverse((bits, time, level, node))) = open.pop() {
             if is_beyond(f64::from_bits(bits), search) {
                 return;
+            }
+            if time > 0 && search.is_later(f64::from_bits(time)) {
+                continue;
             }
             let (first, stride) = tree.children(level, node);
             let bounds = dispatch(simd, Bounds { path: self, tree, node, most: search.most });
@@ -257,13 +323,19 @@ impl QueryPath {
                 lanes.sort_unstable_by_key(|&lane| bounds[lane].to_bits());
             }
             for lane in lanes {
-                let bound = bounds[lane];
+                let (mut bound, mut time) = (bounds[lane], 0.0);
                 if bound.is_nan() || is_beyond(bound, search) {
                     continue;
                 }
+                if bound >= search.tied {
+                    (bound, time) = (search.tied, greater(self.earliest(tree, node, lane, search.most), 0.0));
+                    if search.is_later(time) {
+                        continue;
+                    }
+                }
                 let child = first + lane * stride;
                 if level > 0 {
-                    open.push(Reverse((bound.to_bits(), level - 1, child)));
+                    open.push(Reverse((bound.to_bits(), time.to_bits(), level - 1, child)));
                     continue;
                 }
                 for (block, lane) in all_lanes(child..child + stride) {
@@ -300,9 +372,12 @@ impl QueryPath {
         let times = phases.map(|phase| (phase + slice.segment as f64) / segments);
         let rate = if stop > start { 1.0 / (stop - start) } else { 0.0 };
         let query = phases.map(|phase| (self.from + (self.to - self.from) * ((phase - start) * rate)).to_array());
-        let mut open = vec![Entry { node: 0, distance: 0.0, gaps: [[0.0; STEPS]; 3] }];
-        while let Some(Entry { node, distance, gaps }) = open.pop() {
-            if is_beyond(distance, search) {
+        let gaps = outside(&tree.root, &query, tree.slack(0));
+        let mut open = vec![Entry { node: 0, distance: least_square(&gaps), gaps, within: [0.0, 1.0] }];
+        while let Some(Entry { node, distance, gaps, within }) = open.pop() {
+            let nearest_at = first + (last - first) * (within[0] - FRACTION_ROUNDING);
+            let time = (nearest_at + slice.segment as f64) / segments - FRACTION_ROUNDING;
+            if is_beyond(distance, search) || distance >= search.tied && search.is_later(time) {
                 continue;
             }
             match tree.node(node) {
@@ -315,6 +390,9 @@ impl QueryPath {
                 KdView::Inner { plane, right } => {
                     let axis = plane.axis;
                     let at = times.map(|t| f64::from(plane.position) + f64::from(plane.velocity) * t);
+                    let least = |axis: usize| gaps[axis].iter().fold(f64::INFINITY, |least, &gap| lesser(gap, least));
+                    let others = [1, 2].map(|next| least((axis + next) % 3));
+                    let most = remainder(search.most, others[0] * others[0] + others[1] * others[1]);
                     let child = |node: u32, sign: f64| {
                         let mut gaps = gaps;
                         let slack = slack(tree, node, &plane);
@@ -323,12 +401,14 @@ impl QueryPath {
                             // Linear over the step, so it is least at an end.
                             *least = greater(*least, lesser(gap(step), gap(step + 1)));
                         }
-                        let square = |step: usize| gaps.iter().map(|g| g[step] * g[step]).sum::<f64>();
-                        let least = (0..STEPS).map(square).fold(f64::INFINITY, f64::min);
-                        Entry { node, distance: least, gaps }
+                        let within = while_within(within, [gap(0), gap(STEPS)], most);
+                        // The path may cross many cells along each axis, at different times.
+                        let meets = within[0] <= within[1] + FRACTION_ROUNDING;
+                        let distance = if meets { least_square(&gaps) } else { f64::INFINITY };
+                        Entry { node, distance, gaps, within }
                     };
                     let (below, above) = (child(node + 1, -1.0), child(right, 1.0));
-                    let above_first = above.distance < below.distance;
+                    let above_first = (above.distance, above.within[0]) < (below.distance, below.within[0]);
                     open.extend(if above_first { [below, above] } else { [above, below] });
                 }
             }
@@ -366,6 +446,43 @@ struct Entry {
     distance: f64,
     /// Lower bounds of the distances of the query from the subtree over each step, per axis.
     gaps: [[f64; STEPS]; 3],
+    /// The part of the way on which the subtree is near enough along each axis.
+    within: [f64; 2],
+}
+
+/// Lower bounds of the distances of a box at rest from a query along each axis, over each step, given where the query is at the
+/// ends of steps.
+fn outside(cell: &Box3, query: &[[f64; 3]; STEPS + 1], slack: f64) -> [[f64; STEPS]; 3] {
+    let [min, max] = [cell.min, cell.max].map(|corner| corner.as_dvec3().to_array());
+    core::array::from_fn(|axis| {
+        core::array::from_fn(|step| {
+            let [from, to] = [query[step][axis], query[step + 1][axis]];
+            let (below, above) = (min[axis] - greater(from, to), lesser(from, to) - max[axis]);
+            greater(greater(below, above) - slack, 0.0)
+        })
+    })
+}
+
+/// The least of the squared distances over the steps.
+fn least_square(gaps: &[[f64; STEPS]; 3]) -> f64 {
+    let square = |step: usize| gaps.iter().map(|gap| gap[step] * gap[step]).sum::<f64>();
+    (0..STEPS).map(square).fold(f64::INFINITY, f64::min)
+}
+
+/// How far along an axis something within a distance may be if the squares along the others are at least this much.
+fn remainder(most: f64, others: f64) -> f64 {
+    (most * most * (1.0 + 2f64.powi(-49)) - others).max(0.0).sqrt()
+}
+
+/// The part of `[begin, end]` in which a gap that is linear over `[0, 1]` is no greater than a distance; inverted if it never is.
+fn while_within([begin, end]: [f64; 2], [from, to]: [f64; 2], most: f64) -> [f64; 2] {
+    let crossing = (most - from) / (to - from);
+    match (from > most, to > most) {
+        (false, false) => [begin, end],
+        (true, false) => [greater(begin, crossing), end],
+        (false, true) => [begin, lesser(end, crossing)],
+        (true, true) => [f64::INFINITY, end],
+    }
 }
 
 impl PointTree {
@@ -379,8 +496,8 @@ impl PointTree {
     /// coordinate. The time is rounded to f32 from one in f64. Finds nothing for positions that are not finite or farther from the
     /// origin than [`MAX_POINT_COORDINATE`]. In periodic boxes:
     /// [`PeriodicPoints::closest_approach`](crate::PeriodicPoints::closest_approach). Cost: 3 to 16 microseconds among points that
-    /// move little, some dozens if they move far across each other. All points that come equally near are compared, as those of a
-    /// straight row beside the query's path do.
+    /// move little, some dozens if they move far across each other. Of points that come equally near, as those of a row beside the
+    /// query's path do, only the first are compared if the row goes along an axis, and all if it goes askew.
     ///
     /// ```
     /// use mbkd::{MovingPoint, PointParams, PointTree, TimeInterval, glam::Vec3};
@@ -434,7 +551,7 @@ impl PointTree {
         let keys = self.keys();
         let [from, to] = if self.is_double() { [from.wide(), to.wide()] } else { relative };
         let path = QueryPath { from, to, times, keys };
-        let mut search = Search { most, pending: Vec::new(), best: None };
+        let mut search = Search::new(most);
         let around = [interval.begin() - BESIDE_KEY, interval.end() + BESIDE_KEY];
         for layer in &self.layers {
             match layer {
