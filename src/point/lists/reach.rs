@@ -34,20 +34,39 @@ impl Reach {
 
     /// That of the points of a tree, of those that exist at a time if one is given.
     pub(super) fn measure<T: BoxTree>(&mut self, tree: &T, time: Option<f32>, radii: &[f32]) {
+        let mut missing: Option<u32> = None;
+        self.measure_blocks(tree, |block| {
+            let mut largest = 0.0f32;
+            for (lane, &id) in tree.block_ids(block).iter().enumerate() {
+                // Which points the tree holds that do not exist at the time depends on its time slices.
+                if id == u32::MAX || !time.is_none_or(|time| tree.is_active(block, lane, time)) {
+                    continue;
+                }
+                largest = largest.max(radius_of(radii, id));
+                if id as usize >= radii.len() {
+                    missing = Some(missing.map_or(id, |other| other.min(id)));
+                }
+            }
+            largest
+        });
+        self.missing = missing;
+    }
+
+    /// The largest of what each block of a tree has.
+    pub(super) fn measure_blocks<T: BoxTree>(&mut self, tree: &T, mut of_block: impl FnMut(usize) -> f32) {
         let (level, node) = tree.root_node();
         self.missing = None;
         self.nodes.clear();
         self.nodes.resize(node + 1, [0.0; LANES]);
-        self.most = self.largest_below(tree, (level, node), time, radii);
+        self.most = self.largest_below(tree, (level, node), &mut of_block);
     }
 
-    /// The largest radius below a node, of which that of each lane is written. As deep as the tree, at most nine levels.
+    /// The largest below a node, of which that of each lane is written. As deep as the tree, at most nine levels.
     fn largest_below<T: BoxTree>(
         &mut self,
         tree: &T,
         (level, node): (usize, usize),
-        time: Option<f32>,
-        radii: &[f32],
+        of_block: &mut impl FnMut(usize) -> f32,
     ) -> f32 {
         let (first, stride) = tree.children(level, node);
         let begins = tree.times(node)[0];
@@ -55,19 +74,10 @@ impl Reach {
         for lane in (0..LANES).filter(|&lane| begins[lane] < f32::INFINITY) {
             let mut below = 0.0f32;
             if level > 0 {
-                below = self.largest_below(tree, (level - 1, first + lane), time, radii);
+                below = self.largest_below(tree, (level - 1, first + lane), of_block);
             } else {
                 for block in first + lane * stride..first + (lane + 1) * stride {
-                    for (lane, &id) in tree.block_ids(block).iter().enumerate() {
-                        // Which points the tree holds that do not exist at the time depends on its time slices.
-                        if id == u32::MAX || !time.is_none_or(|time| tree.is_active(block, lane, time)) {
-                            continue;
-                        }
-                        below = below.max(radius_of(radii, id));
-                        if id as usize >= radii.len() {
-                            self.missing = Some(self.missing.map_or(id, |other| other.min(id)));
-                        }
-                    }
+                    below = below.max(of_block(block));
                 }
             }
             self.nodes[node][lane] = below;

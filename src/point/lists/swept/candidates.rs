@@ -41,6 +41,24 @@ impl CandidateBlock {
     }
 }
 
+/// What the points have behind each lane of each node of a tree; nothing without nodes.
+#[derive(Clone, Copy)]
+pub(super) struct Behind<'a> {
+    /// No radius is greater, where the radii of others count.
+    pub(super) reach: &'a [Lanes<f32>],
+    /// No [`SweptCoordinate::excess`] is greater.
+    pub(super) excess: &'a [Lanes<f32>],
+}
+
+impl Behind<'_> {
+    /// Behind one node.
+    #[inline(always)]
+    fn node(&self, node: usize) -> (&Lanes<f32>, &Lanes<f32>) {
+        const NOTHING: &Lanes<f32> = &[0.0; LANES];
+        (self.reach.get(node).unwrap_or(NOTHING), self.excess.get(node).unwrap_or(NOTHING))
+    }
+}
+
 /// All blocks whose points may come near those of a group.
 #[derive(Default)]
 pub(super) struct SweptCandidates<C> {
@@ -68,12 +86,12 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
         s: S,
         tree: &T,
         group: &SweptGroup<C>,
-        (window, reach): (Window, &[Lanes<f32>]),
+        (window, behind): (Window, Behind<'_>),
         criteria: &Criteria<'_>,
         most: usize,
     ) -> bool {
-        let (lo, hi) = group.swept_root(s, tree);
-        let root = reach.get(tree.root_node().1).unwrap_or(&[0.0; LANES]);
+        let (root, excess) = behind.node(tree.root_node().1);
+        let (lo, hi) = group.swept_root(s, tree, excess);
         let within = criteria.longest(criteria.own, root.iter().fold(0.0, |most, &radius| f32::max(most, radius)));
         let along =
             |axis: usize| criteria.images.reached(axis, [group.lo[axis], group.hi[axis]], [lo[axis], hi[axis]], within);
@@ -82,7 +100,7 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
             for y in ys.clone() {
                 for z in zs.clone() {
                     let window = window.at_image(criteria.images.shift([x, y, z]));
-                    if !self.add::<S, T, true>(s, tree, group, (window, reach), criteria, most) {
+                    if !self.add::<S, T, true>(s, tree, group, (window, behind), criteria, most) {
                         return false;
                     }
                 }
@@ -92,15 +110,14 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
     }
 
     /// Adds the blocks of a tree that the group can come within a radius of during `window`; if `IMAGES`, at the window's image.
-    /// Behind lane l of node i, no radius is greater than `reach[i][l]`, where the radii of others count. Stops with `false` once
-    /// there are more blocks than `most`.
+    /// Stops with `false` once there are more blocks than `most`.
     #[inline(always)]
     pub(super) fn add<S: Simd, T: BlockTree<Coordinate = C>, const IMAGES: bool>(
         &mut self,
         s: S,
         tree: &T,
         group: &SweptGroup<C>,
-        (window, reach): (Window, &[Lanes<f32>]),
+        (window, behind): (Window, Behind<'_>),
         criteria: &Criteria<'_>,
         most: usize,
     ) -> bool {
@@ -111,8 +128,8 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
         self.open.clear();
         self.open.push(tree.root_node());
         while let Some((level, node)) = self.open.pop() {
-            let (mut boxes, magnitude) = group.swept::<S, T, IMAGES>(s, tree, &frame, phases, node);
-            let reach = reach.get(node).unwrap_or(&[0.0; LANES]);
+            let (reach, excess) = behind.node(node);
+            let (mut boxes, magnitude) = group.swept::<S, T, IMAGES>(s, tree, &frame, phases, (node, excess));
             boxes.reach = s.load(reach);
             let mut near = boxes.near(s, group.lo, group.hi, within) & active_lanes(tree, node, group.times);
             let (first, stride) = tree.children(level, node);
@@ -134,7 +151,7 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
                     if slack > criteria.longest(criteria.own, reach[lane]) {
                         slack = slack.min(SLACK * paths.magnitude() + OF_KEYS * points.magnitude());
                     }
-                    let slack = slack + group.slack;
+                    let slack = slack + group.slack + f64::from(excess[lane]);
                     let bound = squared_up(criteria.longest(0.0, 0.0) + slack + UNDERFLOW);
                     // The radius has been lowered by more than f32 adds here, rounding of its square included:
                     // see `Sweep::for_certificate`.

@@ -44,6 +44,9 @@ pub(super) trait SweptCoordinate: Copy + Default + Into<f64> + Send + Sync {
     /// Four of them side by side.
     fn load_four<S: Simd>(s: S, four: &[Self; 4]) -> S::D;
 
+    /// What [`SweptCoordinate::excess`] has of the magnitude of coordinates, for each segment and one more. Zero where the slack
+    /// covers it.
+    const OF_MAGNITUDE: f64;
     /// How far beyond the radius, apart from what f32 rounds, two points may be whose encounter is reported: see [`super`].
     /// `motion` is the most by which displacements between two keys differ along an axis.
     fn excess(segments: usize, magnitude: impl FnOnce() -> f64, motion: f64) -> f64;
@@ -95,6 +98,7 @@ impl SweptCoordinate for f32 {
     fn load_four<S: Simd>(s: S, four: &[f32; 4]) -> S::D {
         s.widen_four(four)
     }
+    const OF_MAGNITUDE: f64 = 0.0;
     /// The slack covers it.
     fn excess(_segments: usize, _magnitude: impl FnOnce() -> f64, _motion: f64) -> f64 {
         0.0
@@ -155,8 +159,9 @@ impl SweptCoordinate for f64 {
     fn load_four<S: Simd>(s: S, four: &[f64; 4]) -> S::D {
         s.load_d(four)
     }
+    const OF_MAGNITUDE: f64 = 1.0 / (1u64 << 47) as f64;
     fn excess(segments: usize, magnitude: impl FnOnce() -> f64, motion: f64) -> f64 {
-        (segments + 1) as f64 * magnitude() * 2f64.powi(-47) + motion * 2f64.powi(-22)
+        (segments + 1) as f64 * magnitude() * Self::OF_MAGNITUDE + motion * 2f64.powi(-22)
     }
     fn rounding(segments: usize, magnitude: f64, motion: f64) -> Allowance {
         Allowance { factor: RADIUS_ROUNDING, sum: f64::excess(segments, || magnitude, motion) + 1e-18 }

@@ -52,4 +52,5 @@ fn points_far_from_the_others_cost_little() {
     check(1e6, &single);
     check(1e6, &double);
     check(1e12, &double);
+    check(1e16, &double);
 }

@@ -238,8 +238,14 @@ impl<C: SweptCoordinate> SweptGroup<C> {
     }
 
     /// Becomes a group of one point, of a block of another group; `false` where that has none in the lane. Everything is measured
-    /// from the point and relative to its motion. The slack is wider by [`SweptCoordinate::excess`].
-    pub(super) fn take_one(&mut self, of: &SweptGroup<C>, block: usize, lane: usize, excess: f64) -> bool {
+    /// from the point and relative to its motion. The slack is wider by [`SweptCoordinate::excess`]: one for all, and what it has
+    /// of the magnitude of a point's coordinates.
+    pub(super) fn take_one(
+        &mut self,
+        of: &SweptGroup<C>,
+        (block, lane): (usize, usize),
+        (excess, of_magnitude): (f64, f64),
+    ) -> bool {
         let mut points = of.blocks[block].points;
         if points.id[lane] == u32::MAX {
             return false;
@@ -256,14 +262,14 @@ impl<C: SweptCoordinate> SweptGroup<C> {
         (self.times, self.phases, self.early) = (of.times, of.phases, of.early);
         let alone = Block::new(points, of.phases, &self.frame);
         (self.lo, self.hi, self.magnitude) = (alone.lo, alone.hi, alone.magnitude);
-        self.slack = self.magnitude * SLACK + excess;
+        self.slack = self.magnitude * SLACK + excess + of_magnitude * alone.points.magnitude();
         self.blocks.clear();
         self.blocks.push(alone);
         true
     }
 
     /// The boxes of a node, swept between two phases, in the group's frame or an image of it, and the magnitudes of what is in
-    /// them.
+    /// them. Each is wider by the excess of what is in it.
     #[inline(always)]
     pub(super) fn swept<S: Simd, T: BoxTree, const IMAGES: bool>(
         &self,
@@ -271,7 +277,7 @@ impl<C: SweptCoordinate> SweptGroup<C> {
         tree: &T,
         frame: &Frame,
         phases: [f64; 2],
-        node: usize,
+        (node, excess): (usize, &Lanes<f32>),
     ) -> (BoxVector<S>, Lanes<f64>) {
         let [begin, end] = [tree.faces(node, &[phases[0]; LANES]), tree.faces(node, &[phases[1]; LANES])];
         let (mut lo, mut hi, mut magnitude) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3], [0.0; LANES]);
@@ -284,7 +290,10 @@ impl<C: SweptCoordinate> SweptGroup<C> {
                 let last = [C::relative::<IMAGES>(end[0], center), C::relative::<IMAGES>(end[1], center)];
                 let most = greater(greater(first[0].abs(), first[1].abs()), greater(last[0].abs(), last[1].abs()));
                 // Faces and positions may be much smaller than at a key; see `super` for why that needs nothing more.
-                let slack = most * SLACK + self.slack;
+                let mut slack = most * SLACK + self.slack;
+                if C::OF_MAGNITUDE > 0.0 {
+                    slack += f64::from(excess[lane]);
+                }
                 magnitude[lane] = greater(magnitude[lane], most);
                 lo[axis][lane] = (lesser(first[0], last[0] - drift) - slack) as f32;
                 hi[axis][lane] = (greater(first[1], last[1] - drift) + slack) as f32;
@@ -296,9 +305,9 @@ impl<C: SweptCoordinate> SweptGroup<C> {
 
     /// The box around all of a tree, swept, in the group's frame; infinite and reversed if nothing exists then.
     #[inline(always)]
-    pub(super) fn swept_root<S: Simd, T: BoxTree>(&self, s: S, tree: &T) -> ([f32; 3], [f32; 3]) {
+    pub(super) fn swept_root<S: Simd, T: BoxTree>(&self, s: S, tree: &T, excess: &Lanes<f32>) -> ([f32; 3], [f32; 3]) {
         let root = tree.root_node().1;
-        let (boxes, _) = self.swept::<S, T, true>(s, tree, &self.frame, phases(tree, self.times), root);
+        let (boxes, _) = self.swept::<S, T, true>(s, tree, &self.frame, phases(tree, self.times), (root, excess));
         let active = active_lanes(tree, root, self.times);
         let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
         let (mut lower, mut upper) = ([0.0; LANES], [0.0; LANES]);

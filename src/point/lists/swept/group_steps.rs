@@ -1,6 +1,6 @@
 //! The steps of a search for a group, each of which is compiled once: what does not depend on the visitor for all of them.
 
-use super::candidates::SweptCandidates;
+use super::candidates::{Behind, SweptCandidates};
 use super::coordinate::SweptCoordinate;
 use super::criteria::Criteria;
 use super::encounter::EncounterVisitor;
@@ -8,7 +8,7 @@ use super::group::{Block, SweptGroup};
 use super::pair_filter::PairFilter;
 use super::window::Window;
 use crate::point::layout::over_interval::BlockTree;
-use crate::simd::{Kernel, Lanes, Simd};
+use crate::simd::{Kernel, Simd};
 
 /// See [`SweptGroup::take`].
 pub(super) struct TakeGroup<'a, T: BlockTree> {
@@ -32,7 +32,7 @@ pub(super) struct AddCandidates<'a, T: BlockTree, const IMAGES: bool> {
     pub(super) candidates: &'a mut SweptCandidates<T::Coordinate>,
     pub(super) tree: &'a T,
     pub(super) group: &'a SweptGroup<T::Coordinate>,
-    pub(super) window: (Window, &'a [Lanes<f32>]),
+    pub(super) window: (Window, Behind<'a>),
     pub(super) criteria: &'a Criteria<'a>,
     pub(super) most: usize,
 }

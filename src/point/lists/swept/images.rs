@@ -20,9 +20,10 @@
 //! be less: it counts only slices that are searched.) The tests compare with `b − (c − s)`, c being the centre or zero: the
 //! difference in parentheses is wrong by ε(A + S), the other by εS more than without s. `(b − a) + s` is wrong by ε(2A + S) more.
 //! Together that is 3ε(A + S) along an axis, below 6ε(A + S) ≤ ε(6A + 102L) altogether. In place of A,
-//! [`SweptCoordinate::excess`] gets A + L: it is at least 64(n + 1)ε(A + L), of which (56 + 28n)εA are used without images. With n
-//! at least 1, this leaves 44εA and 128εL. In f32, M counts at the image, so it may be much less than A: the same excess is added
-//! there. What else depends on M holds as without images, as it is about differences of positions.
+//! [`SweptCoordinate::excess`] gets A + L, of which A is a sum for the points of a pair: it is at least 64(n + 1)ε(A + L), of which
+//! (56 + 28n)εA are used without images. With n at least 1, this leaves 44εA and 128εL. In f32, M counts at the image, so it may be
+//! much less than A: the same excess is added there. What else depends on M holds as without images, as it is about differences of
+//! positions.
 
 use super::coordinate::SweptCoordinate;
 use crate::geometry::Aabb;

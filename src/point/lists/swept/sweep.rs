@@ -1,6 +1,6 @@
 //! The search for all encounters of a set with itself or another one during an interval.
 
-use super::candidates::SweptCandidates;
+use super::candidates::{Behind, SweptCandidates};
 use super::coordinate::{SweptCoordinate, SweptLayer};
 use super::criteria::Criteria;
 use super::encounter::EncounterVisitor;
@@ -45,8 +45,10 @@ pub(super) struct Sweep<'a, C: SweptCoordinate> {
     /// is of no account for f32.
     segments: usize,
     motion: f64,
-    /// See [`SweptCoordinate::excess`].
+    /// See [`SweptCoordinate::excess`]: for all points, and for each slice, where that depends on the points, what those of a node
+    /// have on top.
     excess: f64,
+    excesses: Vec<Reach>,
     /// Pairs that are nearer than this at the first time are excluded.
     excluded_within: Option<f64>,
     /// Whether each point is in one slice, once unless ids repeat.
@@ -103,6 +105,12 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         let motion = relative_motion(&slices);
         let reach = |radii: &[f32]| parallel::map(slices.len(), |i| slices[i].reach(radii));
         let reaches = radii.others().map_or_else(Vec::new, reach);
+        let of_magnitude = (segments + 1) as f64 * C::OF_MAGNITUDE;
+        let excesses = if of_magnitude > 0.0 {
+            parallel::map(slices.len(), |i| slices[i].magnitudes(of_magnitude))
+        } else {
+            Vec::new()
+        };
         let most_reach = reaches.iter().fold(0.0, |most: f32, reach| most.max(reach.most));
         Sweep {
             tree,
@@ -110,7 +118,8 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
             own,
             segments,
             motion,
-            excess: C::excess(segments, || magnitude(&slices), motion),
+            excess: C::excess(segments, || 0.0, motion),
+            excesses,
             slices,
             pairings,
             groups,
@@ -131,7 +140,9 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
     pub(super) fn in_box(mut self, images: Images) -> Sweep<'a, C> {
         self.images = images;
         if images.any() {
-            let magnitude = || magnitude(&self.slices) + images.longest();
+            // Where each point has an excess of its own, the length of the box comes on top.
+            let of_points = if self.excesses.is_empty() { magnitude(&self.slices) } else { 0.0 };
+            let magnitude = || of_points + images.longest();
             self.excess = f64::excess(self.segments, magnitude, self.motion);
         }
         self
@@ -336,8 +347,10 @@ impl<C: SweptCoordinate, const IMAGES: bool> Kernel for AddAll<'_, C, IMAGES> {
         candidates.clear();
         for &other in &pairing.others {
             let reach = sweep.reaches.get(other).map_or(&[][..], |reach| &reach.nodes);
+            let excess = sweep.excesses.get(other).map_or(&[][..], |excess| &excess.nodes);
+            let behind = Behind { reach, excess };
             let other = &sweep.slices[other];
-            let (candidates, window) = (&mut *candidates, (sweep.window(slice, other), reach));
+            let (candidates, window) = (&mut *candidates, (sweep.window(slice, other), behind));
             let all = match other.tree {
                 SweptTree::Static(tree) => {
                     s.call(AddCandidates::<_, IMAGES> { candidates, tree, group, window, criteria, most })
@@ -359,9 +372,12 @@ impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for Sha
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let Share { sweep, groups, worker: Worker { visitor, group, alone, candidates, filter } } = self;
-        let excess = sweep.excess;
         for &(number, node) in groups {
             let pairing = &sweep.pairings[number];
+            let mut excess = sweep.excess;
+            if let Some(excesses) = sweep.excesses.get(pairing.own) {
+                excess += f64::from(excesses.nodes[node].into_iter().fold(0.0, f32::max));
+            }
             let slice = &sweep.slices[pairing.own];
             match slice.tree {
                 SweptTree::Static(tree) => s.call(TakeGroup { group, tree, node, times: pairing.times, excess }),
@@ -407,7 +423,8 @@ impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for Sha
                 continue;
             }
             for lane in 0..lanes {
-                if !alone.take_one(group, lane / LANES, lane % LANES, excess) {
+                let of_magnitude = (sweep.segments + 1) as f64 * C::OF_MAGNITUDE;
+                if !alone.take_one(group, (lane / LANES, lane % LANES), (sweep.excess, of_magnitude)) {
                     continue;
                 }
                 let block = &alone.blocks[0];

@@ -89,6 +89,17 @@ impl<C: SweptCoordinate> SweptSlice<'_, C> {
         reach
     }
 
+    /// The greatest magnitude of a coordinate at either key below each lane of each node, times a factor, rounded up.
+    pub(super) fn magnitudes(&self, factor: f64) -> Reach {
+        let rounded = |magnitude: f64| ((magnitude * factor) as f32).next_up();
+        let mut reach = Reach::default();
+        match self.tree {
+            SweptTree::Static(tree) => reach.measure_blocks(tree, |block| rounded(tree.rows(block).magnitude())),
+            SweptTree::Moving(tree) => reach.measure_blocks(tree, |block| rounded(tree.rows(block).magnitude())),
+        }
+        reach
+    }
+
     /// Whether some points do not count throughout.
     pub(super) fn timed(&self) -> bool {
         matches!(self.tree, SweptTree::Moving(tree) if tree.timed())
