@@ -2,7 +2,7 @@
 
 use crate::support::Rng;
 use mbkd::glam::Vec3;
-use mbkd::{MovingPoint, NeighborWork, PointParams, PointStructure, PointTree};
+use mbkd::{MovingPoint, NeighborWork, PointParams, PointStructure, PointTree, Precision};
 
 /// Work of searches among the points of the unit cube, for few and for many neighbours.
 fn work(tree: &PointTree) -> [NeighborWork; 2] {
@@ -19,8 +19,8 @@ fn work(tree: &PointTree) -> [NeighborWork; 2] {
 
 /// The work with outliers may be that without them, half as much again, and a descent to each of their references: one,
 /// or up to nine if fast points are split.
-fn compare(points: &[MovingPoint], structure: PointStructure) {
-    let params = PointParams { structure, ..PointParams::default() };
+fn compare(points: &[MovingPoint], structure: PointStructure, precision: Precision) {
+    let params = PointParams { structure, precision, ..PointParams::default() };
     let alone = work(&PointTree::build(points, &params).unwrap());
     let one = MovingPoint::fixed;
     let outliers = [
@@ -37,7 +37,11 @@ fn compare(points: &[MovingPoint], structure: PointStructure) {
             let [with, without] = [with, without].map(|w| w.nodes + w.blocks);
             let sides = if structure == PointStructure::Kd { 9 } else { 1 };
             let most = without * 3 / 2 + 300 * (4 + 4 * sides) * outliers.len() as u64;
-            assert!(with <= most, "{structure:?}, {} points, {outliers:?}: {with} for {without}", points.len());
+            assert!(
+                with <= most,
+                "{structure:?}, {precision:?}, {} points, {outliers:?}: {with} for {without}",
+                points.len()
+            );
         }
     }
 }
@@ -52,7 +56,10 @@ fn moving_points() {
     let points: Vec<MovingPoint> = (0..200_000).map(&mut point).collect();
     use PointStructure::*;
     for structure in [Linear, TimeSlices(2), Kd, Automatic] {
-        compare(&points, structure);
+        compare(&points, structure, Precision::Single);
+    }
+    for structure in [Linear, TimeSlices(2), Automatic] {
+        compare(&points[..50_000], structure, Precision::Double);
     }
 }
 
@@ -61,6 +68,7 @@ fn moving_points() {
 fn still_points() {
     let mut rng = Rng(2);
     let points: Vec<MovingPoint> = (0..700_000).map(|_| MovingPoint::fixed((rng.vec() + 1.0) * 0.5)).collect();
-    compare(&points[..100_000], PointStructure::Automatic);
-    compare(&points, PointStructure::Automatic);
+    compare(&points[..100_000], PointStructure::Automatic, Precision::Single);
+    compare(&points, PointStructure::Automatic, Precision::Single);
+    compare(&points[..100_000], PointStructure::Automatic, Precision::Double);
 }

@@ -78,6 +78,16 @@ impl DoubleBox {
     }
 }
 
+/// The centre of a node at the begin or the end of the slice: along each axis the middle one of three children. Not the middle of
+/// all: faces are as coarse as they are far from the centre, and one child may be much farther away than the others are apart. In
+/// the order of the tree it is the first or the last along some axis.
+fn place_among(children: &[DoubleBox], end: usize) -> DVec3 {
+    let middle = |child: &DoubleBox| child.lo[end] * 0.5 + child.hi[end] * 0.5;
+    let (first, last) = (middle(&children[0]), middle(&children[children.len() - 1]));
+    let between = middle(&children[children.len() / 2]);
+    first.min(last).max(first.max(last).min(between))
+}
+
 impl DoubleNode {
     /// A node without children.
     pub(in crate::point) const NONE: DoubleNode =
@@ -94,9 +104,9 @@ impl DoubleNode {
             return hull;
         }
         let moves = slopes.is_some();
-        let middle = |i: usize| hull.lo[i] * 0.5 + hull.hi[i] * 0.5;
-        let displacement = if moves { middle(1) - middle(0) } else { DVec3::ZERO };
-        let (begin, end) = (middle(0), middle(0) + displacement);
+        let begin = place_among(children, 0);
+        let displacement = if moves { place_among(children, 1) - begin } else { DVec3::ZERO };
+        let end = begin + displacement;
         let largest = begin.abs().max(end.abs()).max_element();
         let slack = padding * if moves { TINY + largest * 2f64.powi(-49) } else { TINY };
         (node.middle, node.displacement) = (begin.to_array(), displacement.to_array());
