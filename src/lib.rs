@@ -99,9 +99,9 @@ pub use params::{BuildParams, Division, KdParams, LazyParams, Policy, WideParams
 pub use point::{
     Approach, BulkQuery, Encounter, EncounterLists, GatherError, GatherParams, GatherQuery, Gathered, Keep, KeepAll,
     KeepIf, ListError, ListQuery, Neighbor, NeighborBatch, NeighborBuffer, NeighborLists, NeighborQuery, NeighborWork,
-    PeriodError, PeriodicPoints, PeriodicQuery, Photon, PhotonMap, PhotonTime, PointError, PointLayerKind,
-    PointLayerStatistics, PointParams, PointStatistics, PointStructure, PointTree, Precision, Radii, RadiusOf,
-    SweptQuery, TreePoint, VisiblePoint, VisiblePoints, WithinIter, certified_duration,
+    PeriodError, PeriodicPhotons, PeriodicPoints, PeriodicQuery, Photon, PhotonMap, PhotonTime, PointError,
+    PointLayerKind, PointLayerStatistics, PointParams, PointStatistics, PointStructure, PointTree, Precision, Radii,
+    RadiusOf, SweptQuery, TreePoint, VisiblePoint, VisiblePoints, WithinIter, certified_duration,
 };
 pub use primitive::{
     Intersection, Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive,

@@ -42,8 +42,8 @@ pub use crate::file::FileError;
 pub use crate::primitive::{MovingPoint, PointArrays, PointColumns, PointSet, Position};
 pub use error::PointError;
 pub use gather::{
-    Flux, GatherError, GatherParams, GatherQuery, Gathered, Kernel, Photon, PhotonMap, PhotonTime, VisiblePoint,
-    VisiblePoints,
+    Flux, GatherError, GatherParams, GatherQuery, Gathered, Kernel, PeriodicPhotons, Photon, PhotonMap, PhotonTime,
+    VisiblePoint, VisiblePoints,
 };
 pub use lists::{
     BulkQuery, Encounter, EncounterLists, ListError, ListQuery, NeighborLists, Radii, RadiusOf, SweptQuery,

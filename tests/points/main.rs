@@ -18,6 +18,7 @@ mod fickle;
 mod gather;
 #[path = "../support/gather_case.rs"]
 mod gather_case;
+mod gather_periodic;
 mod gather_theory;
 #[cfg(feature = "rayon")]
 mod lists;

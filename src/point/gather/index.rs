@@ -11,7 +11,7 @@ use super::photon::{Photon, PhotonTime};
 use super::query::check_position;
 use super::span_order::{Item, Queries};
 use super::stamped::{StampedBlock, StampedTree};
-use crate::geometry::{KeyTime, TimeInterval};
+use crate::geometry::{Aabb, KeyTime, TimeInterval};
 use crate::point::error::PointError;
 use crate::point::params::PointParams;
 use crate::point::tree::PointTree;
@@ -190,6 +190,14 @@ impl Index {
     #[inline(always)]
     pub(super) fn normal(&self, slot: u32) -> Vec3 {
         self.normals[slot as usize]
+    }
+
+    /// A box around all photons where queries see them; `None` if there are none.
+    pub(super) fn bounds(&self) -> Option<Aabb> {
+        let [min, max] = self.stamped.span().map(|[x, y, z, _]| DVec3::new(x.into(), y.into(), z.into()));
+        let of_stamped = (self.stamped.count > 0).then_some(Aabb { min, max });
+        let of_others = self.others.as_ref().and_then(PointTree::bounds);
+        of_stamped.into_iter().chain(of_others).reduce(Aabb::union)
     }
 
     /// Bytes allocated.

@@ -7,11 +7,12 @@ use super::photon::{Flux, Photon};
 use super::query::{GatherQuery, check_position};
 use super::search::{PhotonSearch, nearest_in_metric};
 use crate::geometry::KeyTime;
-use crate::limits::MAX_POINT_COORDINATE;
+use crate::limits::{MAX_POINT_COORDINATE, is_in_range};
 use crate::parallel;
 use crate::point::neighbor::Neighbor;
 use crate::point::queries::batch::{answered_in_order, morton_order};
 use crate::point::queries::buffer::NeighborBuffer;
+use crate::point::queries::images::Images;
 use crate::point::search::{Keep, KeepAll};
 use crate::progress::{Callback, Progress};
 use glam::Vec3;
@@ -104,6 +105,34 @@ struct Disc {
     reached: bool,
 }
 
+impl GatherQuery<'_> {
+    /// The squared distance up to which photons count.
+    fn bound(&self) -> f32 {
+        (self.radius * self.radius).min(f32::MAX)
+    }
+
+    /// How many photons are looked for: one more than wanted, whose distance is the radius of the disc.
+    fn most(&self) -> Option<usize> {
+        self.neighbors.map(|k| k.saturating_add(1))
+    }
+
+    /// The disc, given what was found, in order.
+    fn disc(&self, found: &[Neighbor]) -> Disc {
+        let (radius, bound) = (self.radius, self.bound());
+        let Some(k) = self.neighbors else {
+            return Disc { radius, squared: bound, count: found.len(), reached: false };
+        };
+        let outermost = if found.len() > k || radius == f32::INFINITY { found.last() } else { None };
+        match outermost {
+            Some(outermost) => {
+                let (squared, count) = (outermost.distance_squared, found.len() - 1);
+                Disc { radius: squared.sqrt(), squared, count, reached: count >= k }
+            }
+            None => Disc { radius, squared: bound, count: found.len(), reached: found.len() >= k },
+        }
+    }
+}
+
 impl<F: Flux> PhotonMap<F> {
     /// Builds the map of photons: O(n log n) time; about 50 bytes per photon with a time stamp and a flux of 12 bytes.
     ///
@@ -173,11 +202,7 @@ impl<F: Flux> PhotonMap<F> {
     /// A number of the query that is out of range, a window wider than the map was built for, a disc without area or ball without
     /// volume: see [`GatherError`]. It is no error if a query finds no photons.
     pub fn gather(&self, query: &GatherQuery, buffer: &mut NeighborBuffer) -> Result<Gathered<F>, GatherError> {
-        let mut density = F::default();
-        let gathered = self.weigh(query, buffer, |slot, weight| {
-            density = density + self.flux[slot as usize] * weight;
-        })?;
-        Ok(Gathered { density, ..gathered })
+        self.density((query, None), buffer)
     }
 
     /// Visits the photons of a gather, nearest first, ties by index: `visit(index, weight)`, where the density is
@@ -209,7 +234,7 @@ impl<F: Flux> PhotonMap<F> {
         buffer: &mut NeighborBuffer,
         mut visit: impl FnMut(u32, f32),
     ) -> Result<Gathered<F>, GatherError> {
-        self.weigh(query, buffer, |slot, weight| visit(self.index.ids[slot as usize], weight))
+        self.weigh((query, None), buffer, |slot, weight| visit(self.index.ids[slot as usize], weight))
     }
 
     /// A batch of gathers, on several threads: the answers of [`PhotonMap::gather`], in the order of the queries.
@@ -233,15 +258,7 @@ impl<F: Flux> PhotonMap<F> {
     /// [`GatherError::At`] with the index of a query and its error in [`PhotonMap::gather`]. Queries with invalid numbers are
     /// found before any is answered: the error is that of the first of these, and otherwise of the first that fails.
     pub fn gather_batch(&self, queries: &[GatherQuery]) -> Result<Vec<Gathered<F>>, GatherError> {
-        let mut numbered = queries.iter().enumerate();
-        numbered.try_for_each(|(number, query)| query.check().map_err(|error| error.at(number)))?;
-        let positions: Vec<Vec3> = queries.iter().map(|query| query.position).collect();
-        let answers = answered_in_order(&morton_order(&positions), |indices| {
-            let mut buffer = NeighborBuffer::new();
-            indices.iter().map(|&index| Some(self.gather(&queries[index], &mut buffer))).collect()
-        });
-        let answers = answers.into_iter().flatten().enumerate();
-        answers.map(|(number, answer)| answer.map_err(|error| error.at(number))).collect()
+        batch(queries, |query, buffer| self.gather(query, buffer))
     }
 
     /// The `k` photons nearest in a metric of space and time, `|p − position|² + (speed · (s − time))²`, in order of
@@ -287,10 +304,23 @@ impl<F: Flux> PhotonMap<F> {
         Ok(&buffer.found)
     }
 
-    /// Finds the photons of a query and visits their slots and weights.
-    fn weigh(
+    /// The answer of a query, in space that repeats if there are images of it.
+    pub(super) fn density(
         &self,
-        query: &GatherQuery,
+        query: (&GatherQuery, Option<&Images>),
+        buffer: &mut NeighborBuffer,
+    ) -> Result<Gathered<F>, GatherError> {
+        let mut density = F::default();
+        let gathered = self.weigh(query, buffer, |slot, weight| {
+            density = density + self.flux[slot as usize] * weight;
+        })?;
+        Ok(Gathered { density, ..gathered })
+    }
+
+    /// Finds the photons of a query and visits their slots and weights.
+    pub(super) fn weigh(
+        &self,
+        (query, images): (&GatherQuery, Option<&Images>),
         buffer: &mut NeighborBuffer,
         mut visit: impl FnMut(u32, f32),
     ) -> Result<Gathered<F>, GatherError> {
@@ -300,7 +330,11 @@ impl<F: Flux> PhotonMap<F> {
         if window > index.most_window {
             return Err(GatherError::WindowTooWide { most: index.most_window });
         }
-        let disc = find(index, query, window, buffer);
+        match images {
+            Some(images) => find_in_images(index, images, query, window, buffer),
+            None => find(index, query, (window, query.bound()), buffer),
+        }
+        let disc = query.disc(&buffer.found);
         let duration = query.time_kernel.over_time(query.time.into(), window.into(), 0.0, 1.0) as f32;
         let per_duration = 1.0 / duration;
         let gathered = |count| Gathered {
@@ -342,33 +376,68 @@ impl<F> core::fmt::Debug for PhotonMap<F> {
     }
 }
 
-/// Finds the photons of a query in a window, in order, into the buffer; returns the disc of the estimate.
-fn find(index: &Index, query: &GatherQuery, window: f32, buffer: &mut NeighborBuffer) -> Disc {
+/// The answers of a batch, in the order of its queries.
+pub(super) fn batch<F: Flux>(
+    queries: &[GatherQuery],
+    gather: impl Fn(&GatherQuery, &mut NeighborBuffer) -> Result<Gathered<F>, GatherError> + Sync,
+) -> Result<Vec<Gathered<F>>, GatherError> {
+    let mut numbered = queries.iter().enumerate();
+    numbered.try_for_each(|(number, query)| query.check().map_err(|error| error.at(number)))?;
+    let positions: Vec<Vec3> = queries.iter().map(|query| query.position).collect();
+    let answers = answered_in_order(&morton_order(&positions), |indices| {
+        let mut buffer = NeighborBuffer::new();
+        indices.iter().map(|&index| Some(gather(&queries[index], &mut buffer))).collect()
+    });
+    let answers = answers.into_iter().flatten().enumerate();
+    answers.map(|(number, answer)| answer.map_err(|error| error.at(number))).collect()
+}
+
+/// Finds the photons of a query in a window and within a squared distance, in order, into the buffer.
+fn find(index: &Index, query: &GatherQuery, (window, bound): (f32, f32), buffer: &mut NeighborBuffer) {
     // The window of photons that move with their surface is tested by the filter only.
     if query.has_filter() || index.carried {
         let accept = Accept { index, query, window, at: KeyTime::new(query.time, 2) };
-        find_kept(index, query, window, &accept, buffer)
+        find_kept(index, query, (window, bound), &accept, buffer);
     } else {
-        find_kept(index, query, window, &KeepAll, buffer)
+        find_kept(index, query, (window, bound), &KeepAll, buffer);
     }
 }
 
-fn find_kept(index: &Index, query: &GatherQuery, window: f32, keep: &impl Keep, buffer: &mut NeighborBuffer) -> Disc {
-    let GatherQuery { position, time, radius, .. } = *query;
+fn find_kept(
+    index: &Index,
+    query: &GatherQuery,
+    (window, bound): (f32, f32),
+    keep: &impl Keep,
+    buffer: &mut NeighborBuffer,
+) {
+    let GatherQuery { position, time, .. } = *query;
     let search = PhotonSearch::<_, false> { index, point: position, time, scale: window, keep };
-    let bound = (radius * radius).min(f32::MAX);
-    let Some(k) = query.neighbors else {
-        search.within(bound, buffer);
-        return Disc { radius, squared: bound, count: buffer.found.len(), reached: false };
-    };
-    search.nearest(k.saturating_add(1), bound, buffer);
-    let found = &buffer.found;
-    let outermost = if found.len() > k || radius == f32::INFINITY { found.last() } else { None };
-    match outermost {
-        Some(outermost) => {
-            let (squared, count) = (outermost.distance_squared, found.len() - 1);
-            Disc { radius: squared.sqrt(), squared, count, reached: count >= k }
-        }
-        None => Disc { radius, squared: bound, count: found.len(), reached: found.len() >= k },
+    match query.most() {
+        Some(most) => search.nearest(most, bound, buffer),
+        None => search.within(bound, buffer),
     }
+}
+
+/// Finds the photons of a query where space repeats: each one once, where it is nearest.
+fn find_in_images(index: &Index, images: &Images, query: &GatherQuery, window: f32, buffer: &mut NeighborBuffer) {
+    let most = query.most().unwrap_or(usize::MAX);
+    let (mut all, mut places) = (core::mem::take(&mut buffer.of_image), core::mem::take(&mut buffer.images));
+    all.clear();
+    images.in_order(query.position.as_dvec3(), query.bound(), &mut places, |place, bound| {
+        let position = place.as_vec3();
+        if is_in_range(position) {
+            find(index, &GatherQuery { position, ..*query }, (window, bound), buffer);
+            if all.is_empty() {
+                core::mem::swap(&mut all, &mut buffer.found);
+            } else {
+                all.append(&mut buffer.found);
+                all.sort_unstable_by_key(|near| (near.id, near.distance_squared.to_bits()));
+                all.dedup_by_key(|near| near.id);
+                all.sort_unstable_by_key(|near| (near.distance_squared.to_bits(), index.ids[near.id as usize]));
+                all.truncate(most);
+            }
+        }
+        all.get(most - 1).map(|last| last.distance_squared)
+    });
+    (buffer.of_image, buffer.images) = (core::mem::replace(&mut buffer.found, all), places);
 }

@@ -6,7 +6,7 @@
 //!
 //! Data flows `photon` (input) → `span_order` (ordering in space and time) → `span_tree` (boxes) →
 //! `span_view`, `stamped` (the views that the searches of this crate use) → `index` and `search` (finding) → `map`
-//! (summing). docs/gather.md tells when to use which form.
+//! (summing), in periodic boxes by way of `periodic`. docs/gather.md tells when to use which form.
 //!
 //! Sources: M. Cammarano and H. W. Jensen, "Time Dependent Photon Mapping" (2002); T. Hachisuka, S. Ogaki and H. W.
 //! Jensen, "Progressive Photon Mapping" (2008); T. Hachisuka and H. W. Jensen, "Stochastic Progressive Photon Mapping"
@@ -17,6 +17,7 @@ mod index;
 mod kernel;
 mod map;
 mod params;
+mod periodic;
 mod photon;
 mod query;
 mod search;
@@ -30,6 +31,7 @@ pub use error::GatherError;
 pub use kernel::Kernel;
 pub use map::{Gathered, PhotonMap};
 pub use params::GatherParams;
+pub use periodic::PeriodicPhotons;
 pub use photon::{Flux, Photon, PhotonTime};
 pub use query::GatherQuery;
 pub use visible::{VisiblePoint, VisiblePoints};

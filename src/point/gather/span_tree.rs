@@ -157,6 +157,11 @@ impl<B: SpanBlock> SpanTree<B> {
         }
     }
 
+    /// The box around all items; reversed if there are none.
+    pub(super) fn span(&self) -> Span {
+        self.nodes.last().map_or(NOTHING, SpanNode::span)
+    }
+
     /// Bytes allocated.
     pub(super) fn bytes(&self) -> usize {
         self.nodes.capacity() * size_of::<SpanNode>() + self.blocks.capacity() * size_of::<B>()

@@ -32,8 +32,8 @@ pub struct NeighborBuffer {
     pub(in crate::point) candidates: Candidates,
     pub(in crate::point) found: Vec<Neighbor>,
     /// Of a query in periodic space: images of its place, and what is found from one of them.
-    pub(super) images: Vec<Image>,
-    pub(super) of_image: Vec<Neighbor>,
+    pub(in crate::point) images: Vec<Image>,
+    pub(in crate::point) of_image: Vec<Neighbor>,
 }
 
 impl NeighborBuffer {

@@ -20,7 +20,7 @@ pub(super) const FARTHEST: f64 = (1u64 << 40) as f64;
 
 /// Space that repeats along some axes, and the box around all points in it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Images {
+pub(in crate::point) struct Images {
     /// The period along each axis; 0 if the axis is not periodic.
     lengths: [f64; 3],
     /// The box around all points over the whole shutter.
@@ -34,7 +34,7 @@ pub(super) struct Images {
 
 /// An image of a place.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Image {
+pub(in crate::point) struct Image {
     pub place: DVec3,
     /// A lower bound of the squared distance from all points.
     pub distance: f64,
@@ -135,6 +135,35 @@ impl Images {
                     }
                 }
             }
+        }
+    }
+
+    /// Shows the images of a place from which a point may be within a squared distance to `search`, nearest first, each with the
+    /// distance up to which points count. `search` returns what that is from then on, if it is known.
+    #[inline(always)]
+    pub fn in_order(
+        &self,
+        place: DVec3,
+        mut bound: f32,
+        images: &mut Vec<Image>,
+        mut search: impl FnMut(DVec3, f32) -> Option<f32>,
+    ) {
+        let home = self.home(place);
+        let first = self.nearest(home);
+        if is_beyond(first.distance, bound.into()) {
+            return;
+        }
+        bound = search(first.place, bound).unwrap_or(bound);
+        if first.place == home && self.has_only(home, bound.into()) {
+            return;
+        }
+        self.within(home, bound.into(), images);
+        images.sort_unstable_by(|a, b| a.distance.total_cmp(&b.distance));
+        for image in images.iter().filter(|image| image.place != first.place) {
+            if is_beyond(image.distance, bound.into()) {
+                break;
+            }
+            bound = search(image.place, bound).unwrap_or(bound);
         }
     }
 

@@ -5,7 +5,7 @@
 
 use super::buffer::NeighborBuffer;
 use super::compiled;
-use super::images::{FARTHEST, Image, Images, MOST_EXTENT, is_beyond};
+use super::images::{FARTHEST, Image, Images, MOST_EXTENT};
 use super::query::NeighborQuery;
 use crate::geometry::Aabb;
 use crate::point::neighbor::Neighbor;
@@ -79,24 +79,32 @@ impl PointTree {
     /// # Errors
     /// A length that is not above zero or not finite; points that are more than sixteen periods apart, or 2^40 from zero.
     pub fn periodic<L: Into<f64>>(&self, lengths: [Option<L>; 3]) -> Result<PeriodicPoints<'_>, PeriodError> {
-        let lengths = lengths.map(|length| length.map(Into::into));
-        let bounds = self.bounds().unwrap_or(Aabb { min: DVec3::ZERO, max: DVec3::ZERO });
-        for (axis, length) in lengths.iter().enumerate() {
-            let Some(length) = *length else { continue };
-            // Also false for NaN.
-            if !(length > 0.0 && length.is_finite()) {
-                return Err(PeriodError::Length { axis });
-            }
-            let (low, high) = (bounds.min[axis], bounds.max[axis]);
-            if high - low > MOST_EXTENT * length {
-                return Err(PeriodError::Extent { axis });
-            }
-            if low.abs().max(high.abs()) > FARTHEST * length {
-                return Err(PeriodError::FarFromPeriod { axis });
-            }
-        }
-        Ok(PeriodicPoints { tree: self, images: Images::new(lengths.map(|length| length.unwrap_or(0.0)), bounds) })
+        let images = images_in_box(lengths.map(|length| length.map(Into::into)), self.bounds())?;
+        Ok(PeriodicPoints { tree: self, images })
     }
+}
+
+/// The images of places in space that repeats with some lengths, among points within a box around them.
+///
+/// # Errors
+/// As [`PointTree::periodic`].
+pub(in crate::point) fn images_in_box(lengths: [Option<f64>; 3], bounds: Option<Aabb>) -> Result<Images, PeriodError> {
+    let bounds = bounds.unwrap_or(Aabb { min: DVec3::ZERO, max: DVec3::ZERO });
+    for (axis, length) in lengths.iter().enumerate() {
+        let Some(length) = *length else { continue };
+        // Also false for NaN.
+        if !(length > 0.0 && length.is_finite()) {
+            return Err(PeriodError::Length { axis });
+        }
+        let (low, high) = (bounds.min[axis], bounds.max[axis]);
+        if high - low > MOST_EXTENT * length {
+            return Err(PeriodError::Extent { axis });
+        }
+        if low.abs().max(high.abs()) > FARTHEST * length {
+            return Err(PeriodError::FarFromPeriod { axis });
+        }
+    }
+    Ok(Images::new(lengths.map(|length| length.unwrap_or(0.0)), bounds))
 }
 
 impl<'a> PeriodicPoints<'a> {
@@ -308,7 +316,8 @@ impl<K: Keep> PeriodicQuery<'_, K> {
     fn all(&self, images: &mut Vec<Image>) {
         images.clear();
         if self.query.finds_something() {
-            self.images.within(self.home(), self.query.query.bound.into(), images);
+            let home = self.images.home(self.query.query.given);
+            self.images.within(home, self.query.query.bound.into(), images);
         }
     }
 
@@ -316,29 +325,10 @@ impl<K: Keep> PeriodicQuery<'_, K> {
     /// which points still count, if that is known.
     #[inline(always)]
     fn in_order(&self, images: &mut Vec<Image>, mut search: impl FnMut(NeighborQuery<'_, &K>) -> Option<f32>) {
-        let mut bound = self.query.query.bound;
-        let home = self.home();
-        let first = self.images.nearest(home);
-        if !self.query.finds_something() || is_beyond(first.distance, bound.into()) {
-            return;
+        if self.query.finds_something() {
+            let (place, bound) = (self.query.query.given, self.query.query.bound);
+            self.images.in_order(place, bound, images, |place, bound| search(self.query.moved(place, bound)));
         }
-        bound = search(self.query.moved(first.place, bound)).unwrap_or(bound);
-        if first.place == home && self.images.has_only(home, bound.into()) {
-            return;
-        }
-        self.images.within(home, bound.into(), images);
-        images.sort_unstable_by(|a, b| a.distance.total_cmp(&b.distance));
-        for image in images.iter().filter(|image| image.place != first.place) {
-            if is_beyond(image.distance, bound.into()) {
-                break;
-            }
-            bound = search(self.query.moved(image.place, bound)).unwrap_or(bound);
-        }
-    }
-
-    #[inline(always)]
-    fn home(&self) -> DVec3 {
-        self.images.home(self.query.query.given)
     }
 }
 
