@@ -13,7 +13,8 @@ def numbers(values: ArrayLike, name: str) -> np.ndarray:
     """An array of numbers of any type, without masked elements."""
     array = _unmasked(values, name)
     if array.dtype.kind not in "fiub":
-        raise TypeError(f"{name} must be numbers, not {array.dtype}")
+        cure = f"; convert them by np.asarray({name}, dtype=float)" if array.dtype.kind == "O" else ""
+        raise TypeError(f"{name} must be numbers, not {array.dtype}{cure}")
     return array
 
 
@@ -28,7 +29,10 @@ def whole_numbers(values: ArrayLike, name: str) -> np.ndarray:
 def _unmasked(values: ArrayLike, name: str) -> np.ndarray:
     if np.ma.is_masked(values):
         raise ValueError(f"{name} has masked elements; fill them or leave them out")
-    return np.asarray(values)
+    try:
+        return np.asarray(values)
+    except ValueError as error:
+        raise ValueError(f"{name} must be an array, with rows of one length: {error}") from None
 
 
 def floats(values: ArrayLike, name: str) -> np.ndarray:
@@ -55,7 +59,8 @@ def places(values: ArrayLike, name: str) -> tuple[np.ndarray, tuple[int, ...]]:
     """Finite positions as rows (m, 3), and their original shape without the last axis."""
     array = floats(values, name)
     if array.ndim == 0 or array.shape[-1] != 3:
-        raise ValueError(f"{name} must have the shape (..., 3), not {array.shape}")
+        flat = "; give flat ones a third coordinate that is zero" if array.shape[-1:] == (2,) else ""
+        raise ValueError(f"{name} must have the shape (..., 3), not {array.shape}{flat}")
     # If the sum is finite, so is every element. Otherwise each element is tested.
     with np.errstate(all="ignore"):
         suspicious = not np.isfinite(array.sum(dtype=np.float64))

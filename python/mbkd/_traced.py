@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Callable, Generic, Tuple, TypeVar
 
 import numpy as np
@@ -13,6 +13,9 @@ from ._arrays import contiguous, corners_of, floats, per_query, places, whole, w
 
 Progress = Callable[[float], object]
 EVERYTHING = 0xFFFF_FFFF
+
+# Of the rays that tell inside from outside: along no edge of what people model.
+ASIDE = np.float32([0.3171, 0.5923, 0.7407])
 
 # Origins, directions, times, t_min and t_max; one of the last three may be for all rays.
 Rays = Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -35,6 +38,8 @@ class Hits:
     u, v : float32
         Barycentric coordinates: the weights of the triangle's second and third corner. The first corner has 1 - u - v. On a
         sphere, x and y of the unit normal. NaN if nothing is hit.
+    time : float32 (n,), or (1,) for all
+        The times of the rays. (0 of hits that were not made by a query.)
     """
 
     t: np.ndarray
@@ -42,6 +47,7 @@ class Hits:
     triangle: np.ndarray
     u: np.ndarray
     v: np.ndarray
+    time: np.ndarray = field(default_factory=lambda: np.zeros(1, np.float32), init=False, repr=False)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -49,7 +55,13 @@ class Hits:
     def __getitem__(self: H, rows: ArrayLike | slice) -> H:
         """Some of the hits: a mask, indices, or a slice."""
         at = rows if isinstance(rows, slice) or np.ndim(rows) else [rows]
-        return type(self)(*(getattr(self, field.name)[at] for field in fields(self)))
+        some = type(self)(*(getattr(self, column.name)[at] for column in fields(self) if column.init))
+        return some._at(self.time if len(self.time) == 1 else self.time[at])
+
+    def _at(self: H, time: np.ndarray) -> H:
+        """These hits, as those of rays with these times."""
+        object.__setattr__(self, "time", time)
+        return self
 
     def _arrays(self) -> tuple:
         """What the compiled part takes."""
@@ -113,7 +125,7 @@ class Traced(Generic[H]):
             Called with the finished fraction from time to time.
         """
         rays = rays_of(origins, directions, time, t_min, t_max)
-        return self._hits(*self._tree.closest_hits(rays, mask_of(mask), workers, progress))
+        return self._hits(*self._tree.closest_hits(rays, mask_of(mask), workers, progress))._at(rays[2])
 
     def all_hits(
         self,
@@ -130,7 +142,7 @@ class Traced(Generic[H]):
         """Find all hits of all rays: the ray index of each hit (int64), and the hits, sorted by ray and along each ray."""
         rays = rays_of(origins, directions, time, t_min, t_max)
         index, hits = self._tree.all_hits(rays, mask_of(mask), workers, progress)
-        return index, self._hits(*hits)
+        return index, self._hits(*hits)._at(rays[2] if len(rays[2]) == 1 else rays[2][index])
 
     def intersects_any(
         self,
@@ -149,16 +161,18 @@ class Traced(Generic[H]):
         return self._tree.any_hits(rays, mask_of(mask), workers, progress)
 
     def surface(
-        self, origins: ArrayLike, directions: ArrayLike, hits: H, *, time: ArrayLike = 0.0, workers: int = 1
+        self, origins: ArrayLike, directions: ArrayLike, hits: H, *, time: ArrayLike | None = None, workers: int = 1
     ) -> tuple[np.ndarray, np.ndarray]:
         """The points of the surface that rays hit, and the normals there.
 
         Parameters
         ----------
-        origins, directions, time
+        origins, directions
             The rays, as for `closest_hits`.
         hits : Hits, or InstanceHits of a tree of instances
             What each of the rays hit. (Those of `all_hits` belong to the rays ``origins[index]``.)
+        time : float or (n,), optional
+            The times of the rays. Default: ``hits.time``, those at which they were traced.
         workers : int
             Threads; -1 for all processors.
 
@@ -180,7 +194,7 @@ class Traced(Generic[H]):
         hits: H,
         at: ArrayLike,
         *,
-        time: ArrayLike = 0.0,
+        time: ArrayLike | None = None,
         workers: int = 1,
     ) -> np.ndarray:
         """Where the points that rays hit are at another time, for motion vectors: float64 (n, 3).
@@ -202,7 +216,7 @@ class Traced(Generic[H]):
         >>> tree = RayTree(np.stack([open, open + np.float32([3, 0, 0])]), [[0, 1, 2]])
         >>> ray = [[1.5, 0, 9]], [0, 0, -1]
         >>> hits = tree.closest_hits(*ray, time=0.5)
-        >>> tree.points_at(*ray, hits, 1.0, time=0.5) - tree.points_at(*ray, hits, 0.0, time=0.5)
+        >>> tree.points_at(*ray, hits, 1.0) - tree.points_at(*ray, hits, 0.0)
         array([[3., 0., 0.]])
         """
         times = per_query(at, (len(hits),), "at")
@@ -215,7 +229,7 @@ class Traced(Generic[H]):
         hits: H,
         outgoing: ArrayLike,
         *,
-        time: ArrayLike = 0.0,
+        time: ArrayLike | None = None,
         workers: int = 1,
     ) -> np.ndarray:
         """Origins of rays that leave from the points that rays hit, float64 (n, 3): of shadow rays, reflections and the like.
@@ -250,10 +264,46 @@ class Traced(Generic[H]):
             raise ValueError(f"outgoing has the shape {to.shape}, but there are {len(hits)} hits") from None
         return self._of_hits(self._tree.secondary_origins, origins, directions, hits, time, to, workers)
 
-    def _of_hits(self, query: Callable, origins: ArrayLike, directions: ArrayLike, hits: H, time: ArrayLike, *arguments):
+    def _of_hits(
+        self,
+        query: Callable,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        hits: H,
+        time: ArrayLike | None,
+        *arguments,
+    ) -> np.ndarray | tuple[np.ndarray, np.ndarray]:
         if not isinstance(hits, self._hits):
             raise TypeError(f"hits must be {self._hits.__name__}, not {type(hits).__name__}")
+        time = hits.time if time is None else time
         return query(rays_of(origins, directions, time, 0.0, np.inf), hits._arrays(), *arguments)
+
+    def contains_points(
+        self,
+        points: ArrayLike,
+        *,
+        time: ArrayLike = 0.0,
+        mask: int = EVERYTHING,
+        workers: int = 1,
+        progress: Progress | None = None,
+    ) -> np.ndarray:
+        """Whether points are inside of closed meshes or spheres, bool (n,), as ``trimesh.ray.contains_points``.
+
+        That is where a ray from the point meets a surface from behind first. So meshes must be closed, with corners in
+        counter-clockwise order as seen from outside, and must not overlap: tell those that do apart by `mask`. A point on the
+        surface is on either side, by rounding. Options are as for `closest_points`.
+
+        Examples
+        --------
+        >>> from mbkd import RayTree
+        >>> ball = RayTree.from_meshes([], spheres=([[[0, 0, 0]], [[0, 0, 4]]], 1.0))       # moves along z
+        >>> ball.contains_points([[0, 0, 0.5], [0, 0, 2.5]], time=0.5)
+        array([False,  True])
+        """
+        where, _ = places(points, "points")
+        hits = self.closest_hits(where, ASIDE, time=time, mask=mask, workers=workers, progress=progress)
+        _, normals = self.surface(where, ASIDE, hits, workers=workers)
+        return normals @ ASIDE > 0
 
     def closest_points(
         self,
@@ -265,7 +315,7 @@ class Traced(Generic[H]):
         workers: int = 1,
         progress: Progress | None = None,
     ) -> tuple[np.ndarray, H]:
-        """Find the nearest point of the surface to each point.
+        """Find the nearest point of the surface to each point, from outside or inside (`contains_points`).
 
         Distances are measured in the coordinates of this tree, also to what instances place under any matrix.
 
@@ -303,7 +353,7 @@ class Traced(Generic[H]):
             raise ValueError("max_distance must not be negative or NaN")
         wide = contiguous(queries, np.float64)
         closest, near = self._tree.closest_points((wide, times, most), mask_of(mask), workers, progress)
-        return closest, self._hits(*near)
+        return closest, self._hits(*near)._at(times)
 
 
 def mask_of(mask: int) -> int:
@@ -326,7 +376,8 @@ def ends(origins: ArrayLike, directions: ArrayLike) -> tuple[np.ndarray, np.ndar
     begin, to = floats(origins, "origins"), floats(directions, "directions")
     for array, name in ((begin, "origins"), (to, "directions")):
         if array.ndim not in (1, 2) or array.shape[-1] != 3:
-            raise ValueError(f"{name} must have the shape (n, 3), not {array.shape}")
+            cure = f": pass {name}.reshape(-1, 3)" if array.ndim > 2 and array.shape[-1] == 3 else ""
+            raise ValueError(f"{name} must have the shape (n, 3), not {array.shape}{cure}")
     begin, to = np.atleast_2d(begin, to)
     try:
         begin, to = np.broadcast_arrays(begin, to)

@@ -201,7 +201,7 @@ def _matrices(n: int, matrices: ArrayLike) -> np.ndarray:
     if array.ndim != 4 or array.shape[1] != n or array.shape[2:] not in ((3, 4), (4, 4)):
         raise ValueError(f"matrices must have the shape ({n}, 4, 4), ({n}, 3, 4) or (K, ...), not {array.shape}")
     if array.shape[2] == 4 and not (array[:, :, 3] == (0, 0, 0, 1)).all():
-        raise ValueError("matrices must be affine: with a last row 0, 0, 0, 1")
+        raise ValueError("matrices must be affine, with a last row 0, 0, 0, 1: translations are in the last column")
     return contiguous(array[:, :, :3]).reshape(len(array), n, 12)
 
 

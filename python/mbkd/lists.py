@@ -49,11 +49,7 @@ class NeighborLists:
 
     def pairs(self) -> np.ndarray:
         """Rows (point, neighbour) of all lists, intp (total, 2)."""
-        points = np.arange(len(self), dtype=np.intp) if self.points is None else self.points
-        pairs = np.empty((len(self.ids), 2), dtype=np.intp)
-        pairs[:, 0] = np.repeat(points, self.counts)
-        pairs[:, 1] = self.ids
-        return pairs
+        return _pairs(self, np.arange(len(self), dtype=np.intp) if self.points is None else self.points)
 
     def to_objects(self) -> np.ndarray:
         """An array of Python lists (m,), as in scipy: convenient for few lists, slow and large for many."""
@@ -97,8 +93,25 @@ class Encounters:
         """The ids of one list (a view)."""
         return _row(self, row)
 
+    @property
+    def counts(self) -> np.ndarray:
+        """The number of encounters in each list, int64 (n,)."""
+        return np.diff(self.offsets)
+
+    def pairs(self) -> np.ndarray:
+        """Rows (point, neighbour) of all encounters, intp (total, 2), in the order of `enter` and the other columns."""
+        return _pairs(self, np.arange(len(self), dtype=np.intp))
+
     def __repr__(self) -> str:
         return f"<Encounters: {len(self.ids)} in {len(self)} lists>"
+
+
+def _pairs(lists: NeighborLists | Encounters, points: np.ndarray) -> np.ndarray:
+    """Rows (point, neighbour), given the point of each list."""
+    pairs = np.empty((len(lists.ids), 2), dtype=np.intp)
+    pairs[:, 0] = np.repeat(points, lists.counts)
+    pairs[:, 1] = lists.ids
+    return pairs
 
 
 def _row(lists: NeighborLists | Encounters, row: int) -> np.ndarray:

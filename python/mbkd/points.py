@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mbkd
-from ._arrays import contiguous, corners_of, floats, interval, keys_of, number, only_euclidean, per_query, places
+from ._arrays import contiguous, corners_of, floats, interval, keys_of, number, numbers, only_euclidean, per_query, places
 from ._listed import Listed, most_of, same_kind
 from .lists import NeighborLists
 
@@ -28,6 +28,7 @@ class PointTree(Listed):
     ----------
     points : (n, 3) or (K, n, 3)
         Positions, or positions at K keys spaced evenly over the shutter [0, 1]. Points move linearly between keys.
+        Trajectories that are stored point by point, (n, K, 3), have their axes swapped: ``paths.swapaxes(0, 1)``.
         float32 positions are kept bit for bit. So are float64 positions, unless `precision` says otherwise; they take about
         twice the memory and up to twice the time. Integers become float64. C-contiguous arrays are read in place.
     keys : (n, 3) or (K - 1, n, 3), optional
@@ -444,9 +445,18 @@ class PointTree(Listed):
         counts = self._tree.count_pairs(other._tree, radii.reshape(-1).tolist(), time, workers, progress)
         return np.asarray(counts, dtype=np.int64).reshape(radii.shape) if radii.ndim else counts[0]
 
-    def positions(self, time: float = 0.0) -> np.ndarray:
-        """The positions of all points at a time, float64 (n, 3), as queries use them; NaN for points that do not exist then."""
-        return self._tree.positions(time)
+    def positions(self, time: ArrayLike = 0.0) -> np.ndarray:
+        """The positions of all points at a time, float64 (n, 3), as queries use them; NaN for points that do not exist then.
+
+        At several times (...) they have the shape (..., n, 3).
+        """
+        times = np.asarray(numbers(time, "time"), dtype=np.float64)
+        if not times.ndim:
+            return self._tree.positions(float(times))
+        # One tree for all times, though another thread may rebuild this one.
+        tree = self._tree.copy()
+        at = [tree.positions(one) for one in times.reshape(-1).tolist()]
+        return np.array(at, dtype=np.float64).reshape(*times.shape, tree.n, 3)
 
     def closest_approach(
         self,

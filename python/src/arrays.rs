@@ -99,7 +99,9 @@ impl<'a> PerQuery<'a> {
 
     /// Takes an array of times, which must be in the shutter.
     pub fn times(values: &'a [f32], count: usize) -> PyResult<PerQuery<'a>> {
-        all_valid(values, "time", "of query", "is not in [0, 1]", |time| (0.0..=1.0).contains(&time))?;
+        all_valid(values, "time", "of query", "is not in [0, 1]: the first key is at 0, the last at 1", |time| {
+            (0.0..=1.0).contains(&time)
+        })?;
         PerQuery::new(values, count, "time")
     }
 

@@ -124,8 +124,10 @@ def test_swept_lists_are_all_that_meet(keys):
     np.fill_diagonal(least, 9)
     assert [row.tolist() for row in met] == [np.flatnonzero(row <= 0.1).tolist() for row in least]
     assert len(met.ids) > len(tree.neighbor_lists(0.1).ids)
-    points = np.repeat(np.arange(400), np.diff(met.offsets))
-    np.testing.assert_allclose(met.distances, least[points, met.ids], atol=1e-6)
+    np.testing.assert_array_equal(met.counts, np.diff(met.offsets))
+    np.testing.assert_array_equal(met.pairs(), np.argwhere(least <= 0.1))
+    points, others = met.pairs().T
+    np.testing.assert_allclose(met.distances, least[points, others], atol=1e-6)
     assert (met.enter <= met.closest).all() and (met.closest <= met.leave).all()
     most = int(np.diff(met.offsets).max())
     assert len(tree.neighbor_lists_swept(0.1, max_neighbors=most)) == len(met)

@@ -80,6 +80,9 @@ def test_many_keys_and_active_intervals():
         assert len(tree.query_ball_point(QUERIES, 9, time=time).ids) == exist.sum() * len(QUERIES)
     same = PointTree(keys[0], keys=keys[1:], active=active)
     np.testing.assert_array_equal(same.positions(0.3), tree.positions(0.3))
+    several = tree.positions([[0.3, 0.7], [1, 0]])
+    assert several.shape == (2, 2, 500, 3) and tree.positions([]).shape == (0, 500, 3)
+    np.testing.assert_array_equal(several[0, 1], tree.positions(0.7))
 
 
 def test_bounds_and_eps():
@@ -309,7 +312,11 @@ WRONG = [
     (lambda: PointTree(SINGLE, boxsize=[1, 1, -np.inf]), ValueError, "boxsize"),
     (lambda: PointTree(SINGLE, boxsize=[1, 1, np.nan]), ValueError, "boxsize"),
     (lambda: PointTree(SINGLE, boxsize=[np.inf, 1, 0.5]), ValueError, "periodic"),
-    (lambda: PointTree(SINGLE).query([0, 0]), ValueError, "shape"),
+    (lambda: PointTree(SINGLE).query([0, 0]), ValueError, "shape.*third coordinate"),
+    (lambda: PointTree(SINGLE.astype(object)), TypeError, r"np.asarray\(points, dtype=float\)"),
+    (lambda: PointTree([[1, 2, 3], [4, 5]]), ValueError, "points must be an array"),
+    (lambda: PointTree(SINGLE).positions([0, 2]), ValueError, "the time 2 is not in"),
+    (lambda: PointTree(SINGLE).positions("0"), TypeError, "time must be numbers"),
     (lambda: PointTree(SINGLE).query([0, 0, np.inf]), ValueError, "finite"),
     (lambda: PointTree(SINGLE).query([0, 0, 0], 0), ValueError, "k must"),
     (lambda: PointTree(SINGLE).query([0, 0, 0], -1), ValueError, "k must"),

@@ -295,6 +295,7 @@ WRONG = [
     (lambda: RayTree(OPEN, FACES).intersects_any([[0, 0, 0]], [0, 0, 1], far=1), TypeError, "far"),
     (lambda: RayTree(OPEN, FACES).closest_point([[0, 0, np.nan]]), ValueError, "finite"),
     (lambda: RayTree(OPEN, FACES).intersects_any([[0, 0]], [0, 0, 1]), ValueError, "shape"),
+    (lambda: RayTree(OPEN, FACES).intersects_any(np.zeros((2, 2, 3)), [0, 0, 1]), ValueError, r"origins.reshape\(-1, 3\)"),
     (lambda: RayTree(OPEN, FACES).intersects_any([[0, 0, 0]] * 2, [[0, 0, 1]] * 3), ValueError, "directions"),
     (lambda: RayTree(OPEN, FACES).intersects_any([[0, 0, 0]], [0, 0, 1], time=-1), ValueError, r"\[0, 1\]"),
     (lambda: RayTree(OPEN, FACES).closest_hits([[0, 0, 0]] * 2, [0, 0, 1], time=[0, 2]), ValueError, "time 2 of query 1"),

@@ -126,6 +126,47 @@ def test_rows_of_hits(tree):
     assert len(hits[[False] * RAYS]) == len(hits[np.empty(0, int)]) == 0
 
 
+@pytest.mark.parametrize("placed", [False, True])
+def test_hits_know_the_times_of_their_rays(tree, placed):
+    moving = [[[0, 0, 0], [0.5, 0, 0]], [[0, 1, 0], [0.5, 0, 1]]]
+    of = InstanceTree([tree, tree], [0, 1], translations=moving) if placed else tree
+    index, every = of.all_hits(ORIGINS, DIRECTIONS, time=TIMES)
+    closest = of.closest_hits(ORIGINS, DIRECTIONS, time=TIMES)
+    some = np.flatnonzero(closest.mesh == 0)[::-1]
+    one_time = of.closest_hits(ORIGINS, DIRECTIONS, time=0.75)
+    at_one = (slice(None), one_time, 0.75), (some, one_time[some], 0.75)
+    for rays, hits, times in (
+        (slice(None), closest, TIMES),
+        (index, every, TIMES[index]),
+        (some, closest[some], TIMES[some]),
+        *at_one,
+    ):
+        rays = ORIGINS[rays], DIRECTIONS[rays], hits
+        for query, more in ((of.surface, ()), (of.points_at, (1.0,)), (of.secondary_origins, ([0, 0, 1],))):
+            np.testing.assert_array_equal(query(*rays, *more), query(*rays, *more, time=times))
+        assert not np.array_equal(of.surface(*rays)[0], of.surface(*rays, time=0)[0], equal_nan=True)
+
+
+def test_points_inside():
+    # A cube that grows, and a ball beside it.
+    corner = np.float32([[i & 1, i >> 1 & 1, i >> 2] for i in range(8)]) * 2 - 1
+    sides = [0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]
+    faces = [corners for a, b, c, d in sides for corners in ([a, b, c], [a, c, d])]
+    growing = np.stack([corner, 2 * corner]), faces
+    tree = RayTree.from_meshes([growing], masks=[1], spheres=([[3.2, 0, 0]], 1.0), spheres_masks=[2])
+    points, times = RNG.uniform(-3, 3, (9000, 3)), RNG.random(9000).astype(np.float32)
+    cube = (np.abs(points) < 1 + times[:, None]).all(1)
+    ball = np.linalg.norm(points - [3.2, 0, 0], axis=1) < 1
+    assert cube.sum() > 500 and ball.sum() > 50
+    for mask, expected in ((1, cube), (2, ball), (3, cube | ball)):
+        np.testing.assert_array_equal(tree.contains_points(points, time=times, mask=mask), expected)
+    placed = InstanceTree([tree], [0], translations=[[5, 0, 0]])
+    np.testing.assert_array_equal(placed.contains_points(points + [5, 0, 0], time=times, workers=2), cube | ball)
+    assert tree.contains_points(np.empty((0, 3))).shape == (0,)
+    with pytest.raises(ValueError, match="points must have the shape"):
+        tree.contains_points([1, 2])
+
+
 DOWN = np.tile(np.float32([0, 0, -1]), (4, 1))
 FEW = np.float64([[0.5, 0.5, 3]] * 4)
 NONE = Hits(np.full(4, np.inf), np.full(4, -1), np.full(4, -1), np.full(4, np.nan), np.full(4, np.nan))
