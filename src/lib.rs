@@ -11,6 +11,15 @@
 //! # Ok::<(), mbkd::BuildError>(())
 //! ```
 //!
+//! ```
+//! use mbkd::{MovingPoint, PointParams, PointTree, glam::Vec3};
+//! let points = [MovingPoint::fixed(Vec3::ZERO), MovingPoint::new(Vec3::X * 9.0, Vec3::X)];
+//! let tree = PointTree::build(&points, &PointParams::default())?;
+//! assert_eq!(tree.nearest(Vec3::X * 2.0, 0.0).unwrap().id, 0);
+//! assert_eq!(tree.nearest(Vec3::X * 2.0, 1.0).unwrap().id, 1);
+//! # Ok::<(), mbkd::PointError>(())
+//! ```
+//!
 //! | for | begin with |
 //! |---|---|
 //! | rays against moving triangles, spheres and custom primitives | [`RayTree::build`], [`RayTree::of_scene`] |
@@ -23,12 +32,20 @@
 //! | brute force, the reference of every answer | [`baseline`] |
 //!
 //! [`motion`] describes moving geometry, [`ray`], [`point`] and [`instance`] have the trees and their answers; the main names are
-//! also in the root. docs/choosing.md says which tree and which call suit which task.
+//! also in the root. Vectors are those of [`glam`], in the version that is exported here; points may be arrays too. The folder
+//! docs/ of the package has guides: choosing.md says which tree and which call suit which task.
+//!
+//! Without optimization the library is too slow for use. So a debug build needs, in its Cargo.toml:
+//!
+//! ```toml
+//! [profile.dev.package.mbkd]
+//! opt-level = 3
+//! ```
 //!
 //! # Time
 //!
-//! The shutter is the normalized time range `[0, 1]`. Positions are given at any number of keys spaced evenly over it and are
-//! linear in between.
+//! The shutter is the normalized time range `[0, 1]`, whatever time the program counts in. Positions are given at any number of
+//! keys spaced evenly over it and are linear in between.
 //!
 //! # Answers
 //!
@@ -56,9 +73,8 @@
 //! `rayon` (default): builds and batches on its thread pool. Without it everything runs on the calling thread, with the same
 //! answers.
 //!
-//! The default ray tree is a sixteen-way bounding volume hierarchy (BVH) whose boxes move with their contents ([`Policy::Wide`]).
-//! The library began as an implementation of "k-d Tree Construction Designed for Motion Blur" (Yang, Liu, Yin, Zhang, Zhou, Wei),
-//! whose tree is [`KdParams::paper`].
+//! The default ray tree is a sixteen-way bounding volume hierarchy ([`Policy::Wide`]); [`KdParams::paper`] is that of "k-d Tree
+//! Construction Designed for Motion Blur" (Yang, Liu, Yin, Zhang, Zhou, Wei), with which the library began.
 
 #![warn(missing_debug_implementations)]
 #![warn(clippy::missing_errors_doc, clippy::missing_panics_doc)]

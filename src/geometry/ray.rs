@@ -33,7 +33,7 @@ pub struct Ray {
 }
 
 impl Ray {
-    /// The ray from `origin` (`Vec3` or `DVec3`) along `dir`, at shutter open, without end.
+    /// The ray from `origin` (`Vec3`, `DVec3` or `[f64; 3]`) along `dir`, at shutter open, without end.
     pub fn new(origin: impl Into<DVec3>, dir: Vec3) -> Ray {
         Ray { origin: origin.into(), dir, t_min: 0.0, t_max: f32::INFINITY, time: 0.0 }
     }

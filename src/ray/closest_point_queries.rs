@@ -14,7 +14,8 @@ impl<G: Geometry> RayTree<G> {
     ///
     /// Triangles are surfaces; degenerate ones are points and segments. [`MovingSphere`](crate::MovingSphere)s are
     /// surfaces too: from inside, the closest point is on the sphere's surface. Custom primitives are searched if they
-    /// implement [`Primitive::closest_point`](crate::Primitive::closest_point).
+    /// implement [`Primitive::closest_point`](crate::Primitive::closest_point). So distances have no sign; docs/rays.md tells
+    /// inside from outside.
     ///
     /// Answers are exact in the sense of [`BruteForce::closest_point`](crate::baseline::BruteForce::closest_point): the
     /// same bits as from testing every primitive. The distance from a triangle is computed in f64, where it is

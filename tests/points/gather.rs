@@ -388,13 +388,13 @@ fn bad_input_is_a_typed_error_or_a_documented_answer() {
     let mut points = VisiblePoints::build(&[point], &GatherParams::default()).unwrap();
     assert_eq!(points.set_radii(&[]).unwrap_err(), GatherError::Length { expected: 1, found: 0 });
     assert_eq!(points.set_radii(&[-1.0]).unwrap_err(), of(0, GatherError::Radius));
-    assert_eq!(of(3, GatherError::Time).to_string(), "element 3: a time must be in [0, 1]");
+    assert_eq!(of(3, GatherError::Time).to_string(), "element 3: a time must be in [0, 1], the shutter");
     let photons = [(Vec3::X, 0.5), (Vec3::NAN, 0.5)];
     let scattered = points.scatter(&photons, |p| *p, 0.1, &mut [0], |_, _, _| panic!("a deposit before an error"));
     assert_eq!(scattered, Err(of(1, GatherError::Position)));
     assert_eq!(
         points.scatter(&[(Vec3::X, 0.5)], |p| *p, 0.1, &mut [0; 2], |_, _, _| ()).unwrap_err().to_string(),
-        "2 elements where 1 are needed"
+        "2 elements where 1 are needed, one for each visible point"
     );
 }
 

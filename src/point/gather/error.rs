@@ -99,7 +99,7 @@ impl fmt::Display for GatherError {
                 write!(f, "a position must be finite and at most {MAX_POINT_COORDINATE:e}")
             }
             GatherError::Normal => f.write_str("a query with a cutoff on normals or a thickness needs a unit normal"),
-            GatherError::Time => f.write_str("a time must be in [0, 1]"),
+            GatherError::Time => f.write_str("a time must be in [0, 1], the shutter"),
             GatherError::Window => {
                 f.write_str("the window of a query must be greater than 0, and not below some 1e-38")
             }
@@ -125,7 +125,9 @@ impl fmt::Display for GatherError {
             GatherError::Speed => write!(f, "a speed must be from 0 to {MAX_POINT_COORDINATE:e}"),
             GatherError::NotStamped => f.write_str("space-time neighbours need photons with a time stamp only"),
             GatherError::Cancelled => f.write_str("the build was cancelled by its progress callback"),
-            GatherError::Length { expected, found } => write!(f, "{found} elements where {expected} are needed"),
+            GatherError::Length { expected, found } => {
+                write!(f, "{found} elements where {expected} are needed, one for each visible point")
+            }
             GatherError::At { index, error } => write!(f, "element {index}: {error}"),
         }
     }

@@ -111,7 +111,7 @@ impl fmt::Display for ListError {
                 write!(f, "there is no radius for {of}; give one for each query")
             }
             ListError::MissingRadius { of } => write!(f, "there is no radius for {of}; give one for each id"),
-            ListError::Time => f.write_str("the time is not in [0, 1]"),
+            ListError::Time => f.write_str("the time is not in [0, 1]: the first key is at 0, the last at 1"),
             ListError::Until => {
                 f.write_str("the time until which lists shall hold must be at most 1, and not before the time that they are made for")
             }
@@ -120,13 +120,17 @@ impl fmt::Display for ListError {
                 write!(f, "points are more than a million periods from zero along axis {axis}; move them into the box")
             }
             ListError::Extent { axis } => {
-                write!(f, "points are more than {MOST_EXTENT} periods apart along axis {axis}; move them into one box")
+                write!(
+                    f,
+                    "points, at all keys, are more than {MOST_EXTENT} periods apart along axis {axis}: move them into one box, or \
+                     divide a step in which some go farther"
+                )
             }
             ListError::Query { query } => write!(f, "query {query} is not finite or its coordinates are too large"),
             ListError::TooManyQueries => {
                 f.write_str("there are more queries than ids; divide them into several requests")
             }
-            ListError::TooManyNeighbors { id } => write!(f, "point {id} has more neighbours than `max_neighbors` allows"),
+            ListError::TooManyNeighbors { id } => write!(f, "point {id} has more neighbours than `max_neighbors` allows: raise it, or take a smaller radius"),
             ListError::Origins => f.write_str(
                 "the two trees have positions in f32 relative to different origins; build both with `Precision::Double`, or from f32 positions",
             ),

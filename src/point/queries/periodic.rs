@@ -42,7 +42,11 @@ impl fmt::Display for PeriodError {
         match self {
             PeriodError::Length { axis } => write!(f, "the period of axis {axis} must be above zero and finite"),
             PeriodError::Extent { axis } => {
-                write!(f, "points are more than {MOST_EXTENT} periods apart along axis {axis}; move them into one box")
+                write!(
+                    f,
+                    "points, at all keys, are more than {MOST_EXTENT} periods apart along axis {axis}: move them into one box, or \
+                     divide a step in which some go farther"
+                )
             }
             PeriodError::FarFromPeriod { axis } => {
                 write!(f, "points are more than 2^40 periods from zero along axis {axis}; move them into the box")
