@@ -58,7 +58,10 @@ fn enlarged(picture: &Picture, (x, y): (usize, usize), (width, height): (usize, 
 /// The sheet: each picture with an enlarged detail below, and lines of text under that.
 pub fn draw(panels: &[(&Film, Vec<String>)]) -> Picture {
     let (width, height) = (panels[0].0.width, panels[0].0.height);
-    let (gap, scale) = (8, 2);
+    let gap = 8;
+    // Small letters below narrow pictures.
+    let letters = panels.iter().flat_map(|panel| &panel.1).map(String::len).max().unwrap_or(0);
+    let scale = if letters * font::ADVANCE * 2 <= width { 2 } else { 1 };
     // The floor under the glass sphere.
     let (part_width, part_height) = (width / 2, height / 4);
     let corner = (width / 4, height * 3 / 4);
