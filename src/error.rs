@@ -119,7 +119,10 @@ impl fmt::Display for BuildError {
                 write!(f, "mesh {mesh}: key {key} has {found} vertices, but key 0 has {expected}; keys must agree")
             }
             BuildError::IndexOutOfRange { mesh, triangle, index, vertices } => {
-                write!(f, "mesh {mesh}: triangle {triangle} names vertex {index}, but there are only {vertices}")
+                write!(
+                    f,
+                    "mesh {mesh}: triangle {triangle} names vertex {index}, but there are only {vertices}, counted from 0"
+                )
             }
             BuildError::NonFinite { mesh, key, vertex } => {
                 write!(f, "mesh {mesh}: vertex {vertex} of key {key} is NaN or infinite")

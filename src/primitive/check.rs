@@ -80,15 +80,24 @@ impl fmt::Display for PrimitiveError {
         let between = |over: &TimeInterval| format!("[{}, {}]", over.begin(), over.end());
         match self {
             PrimitiveError::BadBounds { over } => {
-                write!(f, "the bounds over {} are NaN, infinite, inverted or too large", between(over))
+                write!(
+                    f,
+                    "the bounds over {} are NaN, infinite, inverted or beyond {:e}",
+                    between(over),
+                    MAX_COORDINATE as f32
+                )
             }
             PrimitiveError::OutsideBounds { over, ray, t, by } => write!(
                 f,
                 "the hit at t = {t} of {ray:?} lies {by:e} outside the bounds over {}: pad them if that is rounding, else the bounds or t are wrong (t counts lengths of the direction)",
                 between(over)
             ),
-            PrimitiveError::OutsideRange { ray, t } => write!(f, "the hit at t = {t} is outside the range of {ray:?}"),
-            PrimitiveError::Impure { ray } => write!(f, "{ray:?} got two different answers"),
+            PrimitiveError::OutsideRange { ray, t } => {
+                write!(f, "the hit at t = {t} is outside the range of {ray:?}: report the next one, or none")
+            }
+            PrimitiveError::Impure { ray } => {
+                write!(f, "{ray:?} got two different answers: they may depend on the ray alone")
+            }
             PrimitiveError::ImpurePoint { point, time } => {
                 write!(f, "the nearest point to {point} at time {time} got two different answers")
             }
