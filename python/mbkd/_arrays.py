@@ -143,3 +143,12 @@ def whole(value: int, name: str, least: int, most: int) -> int:
     if not least <= found <= most:
         raise ValueError(f"{name} must be from {least} to {most}, not {found}")
     return found
+
+
+def box_lengths(boxsize: ArrayLike | None) -> np.ndarray:
+    """The lengths of a periodic box along each axis; 0 where it is not periodic."""
+    box = np.zeros(3) if boxsize is None else np.asarray(boxsize, dtype=np.float64)
+    if box.shape not in ((), (1,), (3,)):
+        raise ValueError(f"boxsize must be one number or have the shape (3,), not {box.shape}")
+    # An infinite box repeats nothing, as one of length 0.
+    return np.broadcast_to(np.where(np.isposinf(box), 0.0, box), 3)

@@ -157,6 +157,7 @@ class Photons:
         times: _F32,
         window: float,
         neighbors: int,
+        boxsize: Sequence[float],
         workers: int,
         progress: _Progress,
     ) -> Photons: ...

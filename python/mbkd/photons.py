@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mbkd
-from ._arrays import contiguous, floats, per_query, places, whole
+from ._arrays import box_lengths, contiguous, floats, per_query, places, whole
 
 Progress = Callable[[float], object]
 
@@ -49,6 +49,9 @@ class PhotonMap:
     window, neighbors
         The expected half width of the time window and the expected number of photons of queries. The tree is optimized for
         these; answers do not depend on them.
+    boxsize : float or (3,), optional
+        Periodic box [0, L), as that of `PointTree`. Distances are to the nearest image; photons and queries may lie in any
+        period, photons within sixteen of each other.
     workers : int
         Threads for the build; -1 for all processors.
     progress : callable, optional
@@ -64,6 +67,7 @@ class PhotonMap:
         *,
         window: float = 0.05,
         neighbors: int = 50,
+        boxsize: ArrayLike | None = None,
         workers: int = 1,
         progress: Progress | None = None,
     ) -> None:
@@ -78,7 +82,8 @@ class PhotonMap:
         if when.ndim != 1:
             raise ValueError(f"times must have the shape (n,), not {when.shape}")
         typical = whole(neighbors, "neighbors", 1, 2**32 - 1)
-        self._map = _mbkd.Photons(where, facing, contiguous(light), when, window, typical, workers, progress)
+        box = box_lengths(boxsize).tolist()
+        self._map = _mbkd.Photons(where, facing, contiguous(light), when, window, typical, box, workers, progress)
 
     def __len__(self) -> int:
         return self._map.n

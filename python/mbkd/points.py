@@ -9,7 +9,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mbkd
-from ._arrays import contiguous, corners_of, floats, interval, keys_of, number, numbers, only_euclidean, per_query, places
+from ._arrays import (
+    box_lengths,
+    contiguous,
+    corners_of,
+    floats,
+    interval,
+    keys_of,
+    number,
+    numbers,
+    only_euclidean,
+    per_query,
+    places,
+)
 from ._listed import Listed, most_of, same_kind
 from .lists import NeighborLists
 
@@ -102,11 +114,7 @@ class PointTree(Listed):
     ) -> None:
         arrays = keys_of(points, keys, "points")
         active = _active(active, len(arrays[0]))
-        box = np.zeros(3) if boxsize is None else np.asarray(boxsize, dtype=np.float64)
-        if box.shape not in ((), (1,), (3,)):
-            raise ValueError(f"boxsize must be one number or have the shape (3,), not {box.shape}")
-        # An infinite box repeats nothing, as one of length 0.
-        box = np.broadcast_to(np.where(np.isposinf(box), 0.0, box), 3)
+        box = box_lengths(boxsize)
         if boxsize is not None:
             _inside(arrays, box)
         self._how = (structure, max_references, precision)

@@ -12,6 +12,7 @@ mod instances;
 mod lists;
 mod meshes;
 mod parts;
+mod periods;
 mod photons;
 mod point_builds;
 mod points;

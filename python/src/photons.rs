@@ -2,6 +2,7 @@
 
 use crate::arrays::{PerQuery, rows, slice, table, value_error};
 use crate::parts::{Sizes, in_parts};
+use crate::periods::{Periods, period_error, periods_of};
 use crate::threads::{long, pool};
 use mbkd::glam::Vec3;
 use mbkd::point::{GatherError, GatherParams, GatherQuery, Gathered, Kernel, Photon, PhotonMap};
@@ -16,6 +17,7 @@ const BLOCKS: Sizes = Sizes { first: 1 << 8, most: 1 << 15 };
 #[pyclass(frozen)]
 pub struct Photons {
     map: PhotonMap<Vec3>,
+    periods: Option<Periods>,
 }
 
 /// Density (m, 3), radius, and number of photons.
@@ -32,11 +34,12 @@ impl Photons {
         times: PyReadonlyArray1<'_, f32>,
         window: f32,
         neighbors: u32,
+        boxsize: [f64; 3],
         workers: isize,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Photons> {
         let (positions, normals, flux) = (rows(&positions)?, rows(&normals)?, rows(&flux)?);
-        let times = slice(&times)?;
+        let (times, periods) = (slice(&times)?, periods_of(boxsize)?);
         if [normals.len(), flux.len(), times.len()] != [positions.len(); 3] {
             return Err(PyValueError::new_err("positions, normals, fluxes and times must be equally many"));
         }
@@ -49,7 +52,11 @@ impl Photons {
             let params = GatherParams { window, neighbors, ..GatherParams::default() };
             PhotonMap::build_with_progress(&photons, &params, &|done| control.report(done))
         })?;
-        Ok(Photons { map: map.map_err(value_error)? })
+        let map = map.map_err(value_error)?;
+        if let Some(lengths) = periods {
+            map.periodic(lengths).map_err(period_error)?;
+        }
+        Ok(Photons { map, periods })
     }
 
     /// The number of photons.
@@ -96,6 +103,11 @@ impl Photons {
             thickness.map_or(query, |thickness| query.thickness(thickness))
         };
         let pool = pool(workers)?;
+        let periodic = self.periods.map(|lengths| self.map.periodic(lengths)).transpose().map_err(period_error)?;
+        let answers_to = |queries: &[GatherQuery<'_>]| match &periodic {
+            Some(photons) => photons.gather_batch(queries),
+            None => self.map.gather_batch(queries),
+        };
         // All of them before any is answered, so that the error does not depend on the division into parts.
         let at = |index: usize| move |error: GatherError| GatherError::At { index, error: Box::new(error) };
         py.detach(|| (0..positions.len()).try_for_each(|i| query(i).check().map_err(at(i)))).map_err(value_error)?;
@@ -103,7 +115,7 @@ impl Photons {
         in_parts(py, positions.len(), BLOCKS, progress.as_ref(), |part| {
             let queries: Vec<GatherQuery<'_>> = part.clone().map(query).collect();
             // Indices in errors are those of all queries.
-            let block = pool.install(|| self.map.gather_batch(&queries)).map_err(|error| match error {
+            let block = pool.install(|| answers_to(&queries)).map_err(|error| match error {
                 GatherError::At { index, error } => GatherError::At { index: part.start + index, error },
                 other => other,
             });

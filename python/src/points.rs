@@ -2,11 +2,12 @@
 
 use crate::arrays::{Corners, PerQuery, Places, Positions, all_valid, corners, rows, slice, table, value_error, zeros};
 use crate::files::{file_error, from_bytes, read, to_bytes};
+use crate::periods::{Periods, period_error, periods_of};
 use crate::point_builds::{build, exist, params, places_at, rebuild};
 use crate::queries::{as_given, in_waves, order};
 use crate::shared::Shared;
 use crate::threads::long;
-use mbkd::{Neighbor, NeighborBuffer, NeighborQuery, PeriodError, PeriodicPoints, PointTree, TimeInterval};
+use mbkd::{Neighbor, NeighborBuffer, NeighborQuery, PeriodicPoints, PointTree, TimeInterval};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -30,9 +31,6 @@ type Lists<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i32>>);
 
 /// Distances, ids and times.
 type Approaches<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>);
-
-/// The lengths of the periodic axes.
-type Periods = [Option<f64>; 3];
 
 /// An array of one number for each query, or of one number for all queries.
 type Numbers<'py> = PyReadonlyArray1<'py, f32>;
@@ -421,13 +419,7 @@ fn query_at<'a>(tree: &'a PointTree, places: Places<'_>, query: usize, time: f32
 
 /// The space that repeats, if it does.
 fn periodic(tree: &PointTree, periods: Option<Periods>) -> PyResult<Option<PeriodicPoints<'_>>> {
-    let periodic = periods.map(|lengths| tree.periodic(lengths)).transpose();
-    periodic.map_err(|error| match error {
-        PeriodError::Extent { axis } => PyValueError::new_err(format!(
-            "points are more than sixteen periods of the periodic box apart along axis {axis}"
-        )),
-        error => value_error(error),
-    })
+    periods.map(|lengths| tree.periodic(lengths)).transpose().map_err(period_error)
 }
 
 /// The number of points within the radius of a query.
@@ -470,17 +462,6 @@ fn indexed(py: Python<'_>, tree: PointTree, periods: Option<Periods>) -> PyResul
         return Err(PyValueError::new_err("the ids of its points are not 0, 1, 2, ..."));
     }
     Ok(Points { tree: Shared::new(tree), periods })
-}
-
-/// The lengths of the periodic axes; `None` if there are none.
-fn periods_of(boxsize: [f64; 3]) -> PyResult<Option<Periods>> {
-    if let Some(length) = boxsize.iter().find(|length| !(**length >= 0.0 && length.is_finite())) {
-        return Err(PyValueError::new_err(format!(
-            "boxsize must be positive, or 0 or infinite for axes that are not periodic, not {length}"
-        )));
-    }
-    let periods = boxsize.map(|length| (length > 0.0).then_some(length));
-    Ok(periods.iter().any(Option::is_some).then_some(periods))
 }
 
 /// Lists that were computed in another order than that of the queries.

@@ -29,6 +29,21 @@ def test_a_gather_is_the_sum_of_photons():
     assert photons.nbytes >= POSITIONS.nbytes + FLUX.nbytes
 
 
+def test_a_periodic_box_is_what_images_of_all_photons_are():
+    shifts = np.float32([[x, y, 0] for x in (-1, 0, 1) for y in (-1, 0, 1)])
+    images = (POSITIONS + shifts[:, None]).reshape(-1, 3)
+    count = len(shifts)
+    around = PhotonMap(images, np.tile(UP, (count, 1)), np.tile(FLUX, (count, 1)), np.tile(TIMES, count))
+    places = np.float32([[0.02, 0.5, 0], [0.98, 0.01, 0], [0.5, 0.5, 0]])
+    how = {"time": 0.5, "radius": 0.1, "window": 0.2}
+    expected = around.gather(places, [0, 0, 1], **how)
+    found = PhotonMap(POSITIONS, UP, FLUX, TIMES, boxsize=[1, 1, 0]).gather(places + [3, -2, 0], [0, 0, 1], **how)
+    np.testing.assert_allclose(found.count, expected.count, atol=1, err_msg="but for rounding at the edges")
+    np.testing.assert_allclose(found.density, expected.density, rtol=0.05)
+    outside = PhotonMap(POSITIONS, UP, FLUX, TIMES).gather(places, [0, 0, 1], **how)
+    assert (outside.count[:2] < 0.8 * expected.count[:2]).all() and outside.count[2] == expected.count[2]
+
+
 # So many places that they are gathered in several parts. One in the last has a normal that is no unit vector.
 MANY = np.tile(PLACES, (1000, 1))
 NORMALS = np.where(np.arange(len(MANY))[:, None] == 39_007, [0, 0, 2], [0, 0, 1])
@@ -39,6 +54,8 @@ WRONG = [
     (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES, window=0), "window"),
     (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES, neighbors=-1), "neighbors"),
     (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES, neighbors=2**40), "neighbors"),
+    (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES, boxsize=-1), "boxsize"),
+    (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES, boxsize=0.01), "sixteen periods"),
     (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES).gather(PLACES, [0, 0, 1]), "radius"),
     (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES).gather(PLACES, [0, 0, 1], k=-1), "k must be"),
     (lambda: PhotonMap(POSITIONS, UP, FLUX, TIMES).gather(MANY, NORMALS, k=1, cosine=0), "element 39007: .*normal"),
