@@ -6,9 +6,9 @@
 use clap::Parser;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{BuildParams, MovingPoint, PointArrays, PointParams, PointStructure, PointTree, RayTree};
-use mbkd_evidence::lcg::Lcg;
 use mbkd_evidence::timing::{median, timed};
 use mbkd_scenes as scene;
+use mbkd_scenes::Random;
 use std::error::Error;
 use std::path::Path;
 
@@ -59,9 +59,9 @@ fn main() -> Tried<()> {
             }
         }
     }
-    let mut random = Lcg(1);
-    let still: Vec<Vec3> = (0..args.size).map(|_| random.signed()).collect();
-    let moving: Vec<MovingPoint> = still.iter().map(|&at| MovingPoint::new(at, at + random.signed() * 0.01)).collect();
+    let mut random = Random(1);
+    let still: Vec<Vec3> = (0..args.size).map(|_| random.vec()).collect();
+    let moving: Vec<MovingPoint> = still.iter().map(|&at| MovingPoint::new(at, at + random.vec() * 0.01)).collect();
     let wide: Vec<DVec3> = still.iter().map(|at| at.as_dvec3() + 0.1).collect();
     let points = |name: &str, build: &dyn Fn() -> Tried<PointTree>| {
         let title = format!("{name}, {} points", args.size);

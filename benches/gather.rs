@@ -18,12 +18,12 @@ use mbkd::glam::{IVec3, Vec3};
 use mbkd::point::{
     GatherParams, GatherQuery, NeighborBuffer, Photon, PhotonMap, PhotonTime, VisiblePoint, VisiblePoints,
 };
-use mbkd_evidence::lcg::Lcg;
+use mbkd_scenes::Random;
 use std::hint::black_box;
 use std::time::Instant;
 
 /// A point on the walls of the unit cube, and the normal there.
-fn wall(random: &mut Lcg) -> (Vec3, Vec3) {
+fn wall(random: &mut Random) -> (Vec3, Vec3) {
     let (axis, far) = ((6.0 * random.unit()) as usize / 2, random.unit() < 0.5);
     let mut at = Vec3::new(random.unit(), random.unit(), random.unit());
     let mut normal = Vec3::ZERO;
@@ -94,7 +94,7 @@ fn stamp(photon: &Photon<Vec3>) -> f32 {
 }
 
 fn gathers(count: usize, queries: usize, rounds: usize) {
-    let mut rng = Lcg(1);
+    let mut rng = Random(1);
     let mut photons: Vec<Photon<Vec3>> = (0..count)
         .map(|_| {
             let (at, normal) = wall(&mut rng);
@@ -339,7 +339,7 @@ impl PointGrid {
 }
 
 fn inverse(count: usize, rounds: usize) {
-    let mut rng = Lcg(2);
+    let mut rng = Random(2);
     let base = 1.5 / (count as f32 / 6.0).sqrt();
     let points: Vec<VisiblePoint> = (0..count)
         .map(|_| VisiblePoint { position: wall(&mut rng).0, time: rng.unit(), radius: base * 10f32.powf(rng.unit()) })

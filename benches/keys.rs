@@ -11,9 +11,9 @@ use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
     BuildError, BuildParams, Counters, Division, Keys, MovingSphere, Ray, RayTree, Shape, TriangleMesh, WideParams,
 };
-use mbkd_evidence::lcg::Lcg;
 use mbkd_evidence::timing::{median, timed};
 use mbkd_scenes as scene;
+use mbkd_scenes::Random;
 use std::hint::black_box;
 
 #[derive(Parser)]
@@ -110,7 +110,7 @@ fn with_each(mut of: scene::Scene, change: impl Fn(&TriangleMesh) -> TriangleMes
 
 /// Spheres in a cube, each of which goes its own way as a function of time says.
 fn spheres(count: usize, keys: usize, way: fn(f64) -> f64) -> Content {
-    let mut random = Lcg(5);
+    let mut random = Random(5);
     let mut number = || f64::from(2.0 * random.unit() - 1.0);
     let mut sphere = |_| {
         let [at, along] = [1.0, 0.1].map(|size| size * DVec3::new(number(), number(), number()));
@@ -194,7 +194,7 @@ fn measure(args: &Args, row: &Row) -> Result<(), BuildError> {
             trees.push(Tree { keys, whole, content, tree, build: vec![], rays: vec![] });
         }
     }
-    let mut random = Lcg(1);
+    let mut random = Random(1);
     let rays: Vec<Ray> = (0..args.rays).map(|_| camera.ray(random.unit(), random.unit(), 1.0, random.unit())).collect();
     for _ in 0..args.runs {
         for of in &mut trees {

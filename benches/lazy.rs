@@ -10,9 +10,9 @@
 use clap::Parser;
 use core::ops::ControlFlow;
 use mbkd::{Aabb, BuildParams, Division, LazyParams, Ray, RayTree, TreePrimitive, Visitor};
-use mbkd_evidence::lcg::Lcg;
 use mbkd_evidence::timing::{median, timed};
 use mbkd_scenes as scene;
+use mbkd_scenes::Random;
 use std::collections::HashSet;
 use std::error::Error;
 use std::hint::black_box;
@@ -133,7 +133,7 @@ fn picture(tree: &RayTree, camera: &scene::Camera, args: &Args) -> (Vec<Ray>, f6
 /// Rays through a window of this width in the middle of a picture, each at its own time, row by row.
 fn rays(camera: &scene::Camera, window: f32, count: usize) -> Vec<Ray> {
     let side = (count as f32).sqrt() as usize;
-    let mut random = Lcg(1);
+    let mut random = Random(1);
     let place = |i: usize, by: f32| 0.5 + ((i as f32 + by) / side as f32 - 0.5) * window;
     let pixels = (0..side).flat_map(|y| (0..side).map(move |x| (x, y)));
     pixels.map(|(x, y)| camera.ray(place(x, random.unit()), place(y, random.unit()), 1.0, random.unit())).collect()

@@ -3,7 +3,7 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use mbkd::glam::Vec3;
 use mbkd::{MovingPoint, NeighborBuffer, PointParams, PointStructure, PointTree};
-use mbkd_evidence::lcg::Lcg;
+use mbkd_scenes::Random;
 use std::hint::black_box;
 use std::ops::ControlFlow;
 
@@ -11,12 +11,12 @@ const POINTS: usize = 100_000;
 const QUERIES: usize = 1000;
 
 fn neighbors(criterion: &mut Criterion) {
-    let mut rng = Lcg(1);
-    let still: Vec<Vec3> = (0..POINTS).map(|_| rng.vec()).collect();
+    let mut rng = Random(1);
+    let still: Vec<Vec3> = (0..POINTS).map(|_| rng.in_cube()).collect();
     let spacing = 1.0 / (POINTS as f32).cbrt();
     let moving: Vec<MovingPoint> =
-        still.iter().map(|p| MovingPoint::new(*p, *p + (rng.vec() - 0.5) * spacing)).collect();
-    let queries: Vec<(Vec3, f32)> = (0..QUERIES).map(|_| (rng.vec(), rng.unit())).collect();
+        still.iter().map(|p| MovingPoint::new(*p, *p + (rng.in_cube() - 0.5) * spacing)).collect();
+    let queries: Vec<(Vec3, f32)> = (0..QUERIES).map(|_| (rng.in_cube(), rng.unit())).collect();
     let params = PointParams::default();
     let linear = PointParams { structure: PointStructure::Linear, ..PointParams::default() };
 

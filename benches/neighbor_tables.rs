@@ -14,7 +14,8 @@ use kiddo::stem_strategy::Eytzinger;
 use mbkd::glam::{DMat3, DVec3, Vec3};
 use mbkd::{MovingPoint, NeighborBuffer, PointLayerKind, PointLayerStatistics, PointParams};
 use mbkd::{PointStructure, PointTree, SimdLevel, TimeInterval};
-use mbkd_evidence::lcg::Lcg;
+use mbkd_evidence::point_sets::on_surfaces;
+use mbkd_scenes::Random;
 use std::hint::black_box;
 use std::num::NonZero;
 use std::time::Instant;
@@ -149,8 +150,8 @@ fn static_tables(args: &Args) {
     println!("\nStatic points: ns per query, ours / kiddo's best = ratio (target)");
     for &n in &args.points {
         for set in ["uniform", "surface"] {
-            let mut rng = Lcg(1);
-            let mut point = || if set == "uniform" { rng.vec() } else { rng.surface() };
+            let mut rng = Random(1);
+            let mut point = || if set == "uniform" { rng.in_cube() } else { on_surfaces(&mut rng) };
             let points: Vec<Vec3> = (0..n).map(|_| point()).collect();
             let arrays: Vec<[f32; 3]> = points.iter().map(|p| p.to_array()).collect();
             // On and near the points, as in a gather.
@@ -245,12 +246,12 @@ const BUILD_ROWS: [&str; 3] = ["explosion", "wave", "1% fast"];
 
 /// The points of a row of the tables of moving points and of builds, by the row's name.
 fn moving_set(row: &str, n: usize) -> Vec<MovingPoint> {
-    let mut rng = Lcg(7);
+    let mut rng = Random(7);
     let spacing = 1.0 / (n as f32).cbrt();
     (0..n)
         .map(|_| {
-            let p = if row == "clustered" { rng.surface() } else { rng.vec() };
-            let random = rng.signed() * spacing;
+            let p = if row == "clustered" { on_surfaces(&mut rng) } else { rng.in_cube() };
+            let random = rng.vec() * spacing;
             let displacement = match row {
                 "coherent 10%" => Vec3::new(p.y - 0.5, 0.5 - p.x, 0.3 * p.z) * 0.14,
                 "random 0.5x" => random * 0.5,
@@ -289,11 +290,11 @@ fn moving_tables(args: &Args) {
     println!("\nMoving points, {n} of them, every query its own time: ns per query");
     for row in MOVING_ROWS.into_iter().filter(|row| row.contains(&args.rows)) {
         let points = moving_set(row, n);
-        let mut rng = Lcg(99);
+        let mut rng = Random(99);
         let mut at: Vec<(Vec3, f32)> = (0..args.queries)
             .map(|i| {
                 let (p, t) = (&points[i * 7919 % n], rng.unit());
-                (p.open.lerp(p.close, t) + rng.signed() * 0.3 / (n as f32).cbrt(), t)
+                (p.open.lerp(p.close, t) + rng.vec() * 0.3 / (n as f32).cbrt(), t)
             })
             .collect();
         at.sort_by_key(|(q, _)| morton(*q));
@@ -434,17 +435,17 @@ fn race_trees<'a>(
 fn active_tables(args: &Args) {
     let n = *args.points.last().unwrap();
     println!("\nPoints that exist for 2-10 % of the shutter, {n} of them: ns per query");
-    let mut rng = Lcg(5);
+    let mut rng = Random(5);
     let points: Vec<MovingPoint> = (0..n)
         .map(|_| {
             let (begin, length) = (rng.unit() * 0.98, 0.02 + 0.08 * rng.unit());
             let active = TimeInterval::new(begin, (begin + length).min(1.0)).unwrap();
-            MovingPoint::fixed(rng.vec()).with_active(active)
+            MovingPoint::fixed(rng.in_cube()).with_active(active)
         })
         .collect();
     let all: Vec<Vec3> = points.iter().map(|p| p.open).collect();
     let all = PointTree::build(&all, &PointParams::default()).unwrap();
-    let mut at: Vec<(Vec3, f32)> = (0..args.queries).map(|_| (rng.vec(), rng.unit())).collect();
+    let mut at: Vec<(Vec3, f32)> = (0..args.queries).map(|_| (rng.in_cube(), rng.unit())).collect();
     at.sort_by_key(|(q, _)| morton(*q));
     use PointStructure::{Automatic, Linear, TimeSlices};
     let forced = [Linear, TimeSlices(4), TimeSlices(8), TimeSlices(16), TimeSlices(32)];
@@ -487,7 +488,7 @@ fn fit_costs(args: &Args) {
     for &n in &args.points {
         for row in ["coherent 10%", "random 0.5x", "random 1x", "random 5x", "random 20x", "clustered"] {
             let points = moving_set(row, n);
-            let mut rng = Lcg(99);
+            let mut rng = Random(99);
             let place = |(p, t): (&MovingPoint, f32)| (p.open.lerp(p.close, t), t);
             let at: Vec<_> = (0..args.queries).map(|i| place((&points[i * 7919 % n], rng.unit()))).collect();
             let mut ordered = at.clone();

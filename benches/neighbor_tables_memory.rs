@@ -9,7 +9,7 @@ use clap::Parser;
 use kiddo::leaf_strategy::FlatVec;
 use kiddo::stem_strategy::Eytzinger;
 use mbkd::{PointParams, PointTree};
-use mbkd_evidence::lcg::Lcg;
+use mbkd_scenes::Random;
 use peak_alloc::PeakAlloc;
 
 #[global_allocator]
@@ -41,7 +41,7 @@ fn weigh<T>(name: &str, points: usize, build: impl FnOnce() -> T) {
 
 fn main() {
     let args = Args::parse();
-    let mut random = Lcg(1);
+    let mut random = Random(1);
     for n in args.points.into_iter().map(|n| n as usize) {
         let points: Vec<[f32; 3]> = (0..n).map(|_| [random.unit(), random.unit(), random.unit()]).collect();
         println!("{n} points");

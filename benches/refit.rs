@@ -8,9 +8,9 @@
 use clap::Parser;
 use mbkd::glam::Vec3;
 use mbkd::{BuildParams, Counters, Keys, Ray, RayTree, TriangleMesh};
-use mbkd_evidence::lcg::Lcg;
 use mbkd_evidence::timing::{median, timed};
 use mbkd_scenes as scene;
+use mbkd_scenes::Random;
 use std::error::Error;
 use std::hint::black_box;
 
@@ -110,7 +110,7 @@ fn beside_cube(triangles: usize, frame: usize) -> scene::Scene {
 /// Cubes of twelve triangles, each a mesh, of which the last one moves from frame to frame.
 fn cubes(triangles: usize, frame: usize) -> scene::Scene {
     let mut scene = scene::camera(100);
-    let (mut random, count) = (Lcg(3), triangles / 12);
+    let (mut random, count) = (Random(3), triangles / 12);
     let mut place = || Vec3::new(random.unit(), random.unit(), random.unit()) * 10.0;
     scene.meshes = (0..count).map(|_| cube(place(), 0.05)).collect();
     scene.meshes[count - 1] = cube(Vec3::splat(5.0) + Vec3::X * 0.01 * frame as f32, 0.05);
@@ -190,7 +190,7 @@ fn measure(args: &Args, row: &Row) -> Result<(), Box<dyn Error + Send + Sync>> {
 }
 
 fn rays(camera: &scene::Camera, count: usize) -> Vec<Ray> {
-    let mut random = Lcg(1);
+    let mut random = Random(1);
     (0..count).map(|_| camera.ray(random.unit(), random.unit(), 1.0, random.unit())).collect()
 }
 

@@ -15,8 +15,9 @@ use mbkd::{
     Encounter, EncounterLists, MovingPoint, NeighborBuffer, NeighborLists, PointParams, PointStructure, PointTree,
     Radii, TimeInterval,
 };
-use mbkd_evidence::lcg::Lcg;
+use mbkd_evidence::point_sets::on_surfaces;
 use mbkd_evidence::timing::median;
+use mbkd_scenes::Random;
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -44,10 +45,9 @@ struct Args {
 }
 
 /// Around sixty centres, with density falling off as the inverse square of the distance, as in galaxies.
-fn galaxy(random: &mut Lcg) -> Vec3 {
-    let mut of = Lcg(((random.unit() * 60.0) as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0x1234);
-    of.unit();
-    of.vec() + random.direction() * (0.05 * random.unit() + 1e-4)
+fn galaxy(random: &mut Random) -> Vec3 {
+    let mut of = Random(random.below(60) as u64);
+    of.in_cube() + random.direction() * (0.05 * random.unit() + 1e-4)
 }
 
 /// A timed closure and its name.
@@ -98,9 +98,9 @@ fn main() {
     let wanted = |name: &str| name.contains(&args.only);
     one.install(|| {
         for (name, point) in [
-            ("uniform", Lcg::vec as fn(&mut Lcg) -> Vec3),
-            ("surfaces", Lcg::surface as fn(&mut Lcg) -> Vec3),
-            ("galaxies", galaxy as fn(&mut Lcg) -> Vec3),
+            ("uniform", Random::in_cube as fn(&mut Random) -> Vec3),
+            ("surfaces", on_surfaces as fn(&mut Random) -> Vec3),
+            ("galaxies", galaxy as fn(&mut Random) -> Vec3),
         ] {
             if wanted(name) {
                 all(&args, name, point);
@@ -152,8 +152,8 @@ fn swept_threads(args: &Args, pools: [&rayon::ThreadPool; 2]) {
 
 /// Uniform particles.
 fn uniform(count: usize) -> Vec<Vec3> {
-    let mut rng = Lcg(1);
-    (0..count).map(|_| rng.vec()).collect()
+    let mut rng = Random(1);
+    (0..count).map(|_| rng.in_cube()).collect()
 }
 
 /// The same work, with memory of its own, in the first pool and in the second, which has one thread.
@@ -187,14 +187,14 @@ fn ours_swept(points: &[MovingPoint], radius: f32, lists: &mut EncounterLists) {
 
 /// Particles that move by one mean spacing, each in its own direction.
 fn moving(starts: &[Vec3]) -> Vec<MovingPoint> {
-    let mut rng = Lcg(9);
+    let mut rng = Random(9);
     let spacing = (1.0 / starts.len() as f32).cbrt();
     starts.iter().map(|p| MovingPoint::new(*p, *p + rng.direction() * spacing)).collect()
 }
 
 /// All methods for the lists of a set.
-fn all(args: &Args, name: &str, point: fn(&mut Lcg) -> Vec3) {
-    let mut rng = Lcg(1);
+fn all(args: &Args, name: &str, point: fn(&mut Random) -> Vec3) {
+    let mut rng = Random(1);
     let points: Vec<Vec3> = (0..args.points).map(|_| point(&mut rng)).collect();
     let count = points.len();
     let radius = radius(&points, args.neighbors);
@@ -210,7 +210,7 @@ fn all(args: &Args, name: &str, point: fn(&mut Lcg) -> Vec3) {
     let steps = |sorted: bool| {
         let mut moving = points.clone();
         let mut tree = PointTree::build(&moving, &PointParams::default()).unwrap();
-        let (mut lists, mut rng, mut kept) = (NeighborLists::new(), Lcg(5), 0);
+        let (mut lists, mut rng, mut kept) = (NeighborLists::new(), Random(5), 0);
         tree.neighbor_lists(0.0, radius).run(&mut lists).unwrap();
         if sorted {
             moving = tree.take_order().iter().map(|&id| moving[id as usize]).collect();
@@ -304,8 +304,8 @@ fn all(args: &Args, name: &str, point: fn(&mut Lcg) -> Vec3) {
 
 /// Radii that vary tenfold within one set: each particle lists its neighbours within its own radius.
 fn radii(args: &Args) {
-    let mut rng = Lcg(3);
-    let points: Vec<Vec3> = (0..args.points).map(|_| rng.vec()).collect();
+    let mut rng = Random(3);
+    let points: Vec<Vec3> = (0..args.points).map(|_| rng.in_cube()).collect();
     let mean = radius(&points, args.neighbors);
     let own: Vec<f32> = points.iter().map(|_| mean * 10f32.powf(rng.unit() - 0.75)).collect();
     let arrays: Vec<[f32; 3]> = points.iter().map(|p| p.to_array()).collect();
@@ -337,8 +337,8 @@ fn radii(args: &Args) {
 
 /// All encounters while each particle moves by one spacing.
 fn swept(args: &Args) {
-    let mut rng = Lcg(4);
-    let starts: Vec<Vec3> = (0..args.points).map(|_| rng.vec()).collect();
+    let mut rng = Random(4);
+    let starts: Vec<Vec3> = (0..args.points).map(|_| rng.in_cube()).collect();
     let radius = radius(&starts, args.neighbors);
     let spacing = (1.0 / args.points as f32).cbrt();
     let points = moving(&starts);
@@ -366,8 +366,8 @@ fn swept(args: &Args) {
 /// Lists with a skin of a fifth of the radius, with and without the time until which they are valid, over a motion of a
 /// tenth of the spacing.
 fn skin(args: &Args) {
-    let mut rng = Lcg(8);
-    let starts: Vec<Vec3> = (0..args.points).map(|_| rng.vec()).collect();
+    let mut rng = Random(8);
+    let starts: Vec<Vec3> = (0..args.points).map(|_| rng.in_cube()).collect();
     let radius = radius(&starts, args.neighbors) / 1.2;
     let params = PointParams { structure: PointStructure::Linear, ..PointParams::default() };
     let tree = PointTree::build(&moving(&starts), &params).unwrap();
@@ -404,8 +404,8 @@ fn pass(a: &MovingPoint, b: &MovingPoint, id: u32, radius: f32) -> Option<Encoun
 /// The cost of keeping the order of the first step, compared with reordering the particles: a random walk by a tenth of
 /// the spacing.
 fn growth(args: &Args) {
-    let mut rng = Lcg(7);
-    let mut points: Vec<Vec3> = (0..args.points).map(|_| rng.vec()).collect();
+    let mut rng = Random(7);
+    let mut points: Vec<Vec3> = (0..args.points).map(|_| rng.in_cube()).collect();
     let radius = radius(&points, args.neighbors);
     let spacing = (1.0 / args.points as f32).cbrt();
     let mut kept = PointTree::build(&points, &PointParams::default()).unwrap();
@@ -442,8 +442,8 @@ fn growth(args: &Args) {
 
 /// Radius queries in bulk against a loop of single ones.
 fn bulk(args: &Args) {
-    let mut rng = Lcg(6);
-    let points: Vec<Vec3> = (0..args.points).map(|_| rng.vec()).collect();
+    let mut rng = Random(6);
+    let points: Vec<Vec3> = (0..args.points).map(|_| rng.in_cube()).collect();
     let radius = radius(&points, args.neighbors);
     let tree = PointTree::build(&points, &PointParams::default()).unwrap();
     let mut lists = NeighborLists::new();

@@ -1,9 +1,9 @@
 //! Kinds of sets whose points exist for a part of the shutter.
 
-use crate::kind::{Kind, group, life};
+use crate::kind::{Kind, life};
 use mbkd::MovingPoint;
 use mbkd::glam::Vec3;
-use mbkd_evidence::lcg::Lcg;
+use mbkd_scenes::Random;
 
 pub const KINDS: [Kind; 26] = [
     Kind { name: "births", point: |r, _| at_rest(r).with_active(life(r.unit(), 1.0)) },
@@ -40,23 +40,23 @@ pub const KINDS: [Kind; 26] = [
     Kind { name: "a wave of lives", point: |r, _| wave(r) },
 ];
 
-fn at_rest(random: &mut Lcg) -> MovingPoint {
-    let place = random.vec();
+fn at_rest(random: &mut Random) -> MovingPoint {
+    let place = random.in_cube();
     MovingPoint::new(place, place)
 }
 
-fn random(random: &mut Lcg, far: f32) -> MovingPoint {
-    let place = random.vec();
-    MovingPoint::new(place, place + random.signed() * far)
+fn random(random: &mut Random, far: f32) -> MovingPoint {
+    let place = random.in_cube();
+    MovingPoint::new(place, place + random.vec() * far)
 }
 
 /// A share of the points moves by 20 spacings, the others by a tenth of one.
-fn some_fast(random: &mut Lcg, spacing: f32, share: f32) -> MovingPoint {
+fn some_fast(random: &mut Random, spacing: f32, share: f32) -> MovingPoint {
     let spacings = if random.unit() < share { 20.0 } else { 0.1 };
     self::random(random, spacings * spacing)
 }
 
-fn static_and_fast(random: &mut Lcg, spacing: f32) -> MovingPoint {
+fn static_and_fast(random: &mut Random, spacing: f32) -> MovingPoint {
     if random.unit() < 0.5 {
         return at_rest(random).with_active(life(random.unit(), 1.0));
     }
@@ -64,44 +64,45 @@ fn static_and_fast(random: &mut Lcg, spacing: f32) -> MovingPoint {
 }
 
 /// From a place at the beginning of a life, in any direction about a given one.
-fn from_place(random: &mut Lcg, duration: f32, way: Vec3) -> MovingPoint {
+fn from_place(random: &mut Random, duration: f32, way: Vec3) -> MovingPoint {
     let (birth, velocity) = (random.unit() * 0.99, way + random.direction() * random.unit());
     let begin = Vec3::splat(0.5) - velocity * birth;
     MovingPoint::new(begin, begin + velocity).with_active(life(birth, duration))
 }
 
 /// All points fly apart from a place, soon one after the other.
-fn burst(random: &mut Lcg) -> MovingPoint {
+fn burst(random: &mut Random) -> MovingPoint {
     let (birth, velocity) = (0.3 + 0.05 * random.unit(), random.direction() * random.unit());
-    let begin = random.vec() * 0.01 - velocity * birth;
+    let begin = random.in_cube() * 0.01 - velocity * birth;
     MovingPoint::new(begin, begin + velocity).with_active(life(birth, 1.0))
 }
 
-fn clusters_in_turn(random: &mut Lcg) -> MovingPoint {
-    let (number, mut own) = group(random, 20);
-    let (place, way) = (own.vec() + random.signed() * 0.05, own.signed() * 0.1);
+fn clusters_in_turn(random: &mut Random) -> MovingPoint {
+    let number = random.below(20);
+    let mut own = Random(number as u64);
+    let (place, way) = (own.in_cube() + random.vec() * 0.05, own.vec() * 0.1);
     MovingPoint::new(place, place + way).with_active(life(number as f32 / 20.0, 0.05))
 }
 
-fn streams(random: &mut Lcg) -> MovingPoint {
-    let (place, way) = (random.vec(), if random.unit() < 0.5 { 0.2 } else { -0.2 });
+fn streams(random: &mut Random) -> MovingPoint {
+    let (place, way) = (random.in_cube(), if random.unit() < 0.5 { 0.2 } else { -0.2 });
     MovingPoint::new(place, place + Vec3::X * way)
 }
 
-fn rain(random: &mut Lcg) -> MovingPoint {
+fn rain(random: &mut Random) -> MovingPoint {
     let (birth, speed) = (random.unit() * 1.2 - 0.2, 4.0 + random.unit());
     let top = Vec3::new(random.unit(), random.unit(), 1.0);
     let begin = top + Vec3::Z * speed * birth;
     MovingPoint::new(begin, begin - Vec3::Z * speed).with_active(life(birth, (birth + 0.2).min(0.2)))
 }
 
-fn coherent(random: &mut Lcg) -> MovingPoint {
-    let place = random.vec();
+fn coherent(random: &mut Random) -> MovingPoint {
+    let place = random.in_cube();
     MovingPoint::new(place, place + Vec3::new(place.y - 0.5, 0.5 - place.x, 0.3 * place.z))
 }
 
 /// Lives that begin at each place when a front passes it.
-fn wave(random: &mut Lcg) -> MovingPoint {
-    let place = random.vec();
+fn wave(random: &mut Random) -> MovingPoint {
+    let place = random.in_cube();
     MovingPoint::new(place, place).with_active(life(0.9 * place.x, 0.1))
 }

@@ -7,6 +7,7 @@ use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use mbkd::RayTree;
 use mbkd_evidence::accuracy::*;
+use mbkd_scenes::Random;
 use rayon::prelude::*;
 use std::error::Error;
 use std::fmt::Write;

@@ -7,8 +7,8 @@
 use clap::Parser;
 use mbkd::glam::DVec3;
 use mbkd::{NeighborBuffer, NeighborLists, PointArrays, PointParams, PointTree, Precision};
-use mbkd_evidence::accuracy::Random;
 use mbkd_evidence::timing::median;
+use mbkd_scenes::Random;
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -54,11 +54,11 @@ const SCENES: [&str; 3] = ["uniform", "surfaces", "clusters 1e7 apart"];
 
 fn place(scene: &str, random: &mut Random) -> DVec3 {
     match scene {
-        "uniform" => random.vec(),
+        "uniform" => random.dvec(),
         // Three spheres.
         "surfaces" => {
             let way = loop {
-                let way = random.vec();
+                let way = random.dvec();
                 if way.length_squared() <= 1.0 {
                     break way.normalize();
                 }
@@ -67,7 +67,7 @@ fn place(scene: &str, random: &mut Random) -> DVec3 {
             DVec3::new(0.4, -0.2, 0.3) * number + way * (1.0 - 0.3 * number)
         }
         // Of a size whose spacing f32 can still tell apart.
-        _ => random.vec() * 1e5 + DVec3::new(0.7, 1.0, -0.3) * (1e7 * random.below(2) as f64),
+        _ => random.dvec() * 1e5 + DVec3::new(0.7, 1.0, -0.3) * (1e7 * random.below(2) as f64),
     }
 }
 
@@ -90,7 +90,7 @@ fn compare(scene: &str, count: usize, moving: bool) -> Result<(), Box<dyn std::e
     let radius = radii[radii.len() / 2];
     let spacing = f64::from(radius) / 2.1;
     drop(sample);
-    let close: Vec<DVec3> = open.iter().map(|p| *p + random.vec() * (0.5 * spacing)).collect();
+    let close: Vec<DVec3> = open.iter().map(|p| *p + random.dvec() * (0.5 * spacing)).collect();
     let keys: Vec<&[DVec3]> = if moving { vec![&open, &close] } else { vec![&open] };
     let set = PointArrays { keys: &keys, active: &[], ids: &[] };
     let build = |precision| PointTree::build(&set, &PointParams { precision, ..Default::default() });
@@ -107,7 +107,7 @@ fn compare(scene: &str, count: usize, moving: bool) -> Result<(), Box<dyn std::e
     let name = format!("{scene}, {count}, {}", if moving { "moving by half the spacing" } else { "static" });
     println!("{name}: {less:.0} and {more:.0} bytes per point, build {:.2} times", double / single);
     let mut queries: Vec<(DVec3, f32)> = (0..QUERIES)
-        .map(|_| (open[random.below(count)] + random.vec() * (0.5 * spacing), random.unit() as f32))
+        .map(|_| (open[random.below(count)] + random.dvec() * (0.5 * spacing), random.unit_f64() as f32))
         .collect();
     let (mut buffer, mut lists, mut ratios) = (NeighborBuffer::new(), NeighborLists::new(), Vec::new());
     for _ in 0..ROUNDS {

@@ -8,9 +8,9 @@
 
 use mbkd::glam::{DAffine3, DVec3, Vec3};
 use mbkd::{BuildParams, Counters, Instance, InstanceTree, Keys, Ray, RayTree, TriangleMesh, WideParams};
-use mbkd_evidence::accuracy::Random;
 use mbkd_evidence::timing::median;
 use mbkd_scenes as scene;
+use mbkd_scenes::Random;
 use std::hint::black_box;
 use std::sync::Arc;
 
@@ -63,7 +63,7 @@ fn speed(name: &str, triangles: usize) -> Result<(), Failed> {
     let params = BuildParams::default();
     let trees = [RayTree::build(&meshes, &params)?, RayTree::build(&kept, &params)?];
     let mut random = Random(3);
-    let mut unit = || random.unit() as f32;
+    let mut unit = || random.unit_f64() as f32;
     let camera = |ray: Ray| Ray { origin: CITY + ray.origin * scale, ..ray };
     let rays: Vec<Ray> = (0..RAYS).map(|_| camera(scene.camera.ray(unit(), unit(), 1.0, unit()))).collect();
     let mut times = [Vec::new(), Vec::new()];
@@ -91,8 +91,8 @@ fn machine(place: DVec3) -> TriangleMesh {
     let mut random = Random(4);
     let mut positions = Vec::new();
     for _ in 0..10_000 {
-        let at = place + random.vec() * 0.1;
-        positions.extend([random.vec(), random.vec(), random.vec()].map(|corner| at + corner * 1e-3));
+        let at = place + random.dvec() * 0.1;
+        positions.extend([random.dvec(), random.dvec(), random.dvec()].map(|corner| at + corner * 1e-3));
     }
     TriangleMesh::new((0..10_000).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(), vec![positions]).precise()
 }
@@ -112,7 +112,7 @@ fn apart(distance: f64) -> Result<(), Failed> {
         let (mut in_one, mut in_each) = (Counters::default(), Counters::default());
         let rays = 1000;
         for _ in 0..rays {
-            let (origin, target) = (place + random.vec(), place + random.vec() * 0.1);
+            let (origin, target) = (place + random.dvec(), place + random.dvec() * 0.1);
             let ray = Ray::new(origin, (target - origin).as_vec3().normalize_or(Vec3::X));
             one.closest_hit_observed(&ray, &mut in_one);
             apart.closest_hit_observed(&ray, &mut in_each);

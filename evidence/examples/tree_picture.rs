@@ -6,10 +6,10 @@
 use clap::Parser;
 use mbkd::glam::{DVec3, IVec2, Vec2, Vec3};
 use mbkd::{BuildParams, Division, Hit, Keys, RayTree, TriangleMesh, WideParams};
-use mbkd_evidence::lcg::Lcg;
 use mbkd_renderer::film::Picture;
 use mbkd_renderer::font;
 use mbkd_scenes as scene;
+use mbkd_scenes::Random;
 use std::path::PathBuf;
 
 #[derive(Parser)]
@@ -152,7 +152,7 @@ fn flying() -> TriangleMesh {
 /// The rock as it bursts: each triangle flies its own way, on the whole outward.
 fn bursting() -> TriangleMesh {
     let (indices, rock) = rock();
-    let mut random = Lcg(7);
+    let mut random = Random(7);
     let mut keys = vec![Vec::new(), Vec::new()];
     for triangle in &indices {
         let corners = triangle.map(|i| rock[i as usize]);

@@ -2,7 +2,6 @@
 
 pub mod ablations;
 pub mod accuracy;
-pub mod lcg;
 pub mod oracle;
 pub mod pareto;
 pub mod peers;

@@ -4,9 +4,9 @@
 //! All numbers come from random integers and arithmetic that IEEE 754 specifies exactly, so sets have the same bits on
 //! every machine.
 
-use crate::accuracy::Random;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{MovingPoint, TimeInterval};
+use mbkd_scenes::Random;
 
 /// The motion of the points of a set. The mean spacing is the side of a cube that holds one point.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,13 +40,10 @@ pub fn spacing(n: usize) -> f32 {
     1.0 / (n.max(1) as f32).cbrt()
 }
 
-fn unit(random: &mut Random) -> f32 {
-    // 24 bits, so that no number is rounded up to 1.
-    (random.bits() >> 40) as f32 / (1u32 << 24) as f32
-}
-
-fn in_cube(random: &mut Random) -> Vec3 {
-    Vec3::new(unit(random), unit(random), unit(random))
+/// A place on the surfaces of forty spheres of very different size.
+pub fn on_surfaces(random: &mut Random) -> Vec3 {
+    let mut of = Random(random.below(40) as u64);
+    of.in_cube() + random.direction() * (0.01 + 0.2 * of.unit().powi(3))
 }
 
 /// `n` points that are in the unit cube when the shutter opens.
@@ -54,9 +51,9 @@ pub fn moving_points(motion: Motion, n: usize, seed: u64) -> Vec<MovingPoint> {
     let mut random = Random(seed);
     let spacing = spacing(n);
     let point = |_| {
-        let at = in_cube(&mut random);
-        let aside = (in_cube(&mut random) * 2.0 - 1.0) * spacing;
-        let chance = unit(&mut random);
+        let at = random.in_cube();
+        let aside = (random.in_cube() * 2.0 - 1.0) * spacing;
+        let chance = random.unit();
         let displacement = match motion {
             Motion::Still | Motion::ShortLived => Vec3::ZERO,
             Motion::Coherent => Vec3::new(at.y - 0.5, 0.5 - at.x, 0.3 * at.z) * 0.14,
@@ -69,7 +66,7 @@ pub fn moving_points(motion: Motion, n: usize, seed: u64) -> Vec<MovingPoint> {
             return point;
         }
         let begin = chance * 0.98;
-        let end = (begin + 0.02 + 0.08 * unit(&mut random)).min(1.0);
+        let end = (begin + 0.02 + 0.08 * random.unit()).min(1.0);
         point.with_active(TimeInterval::new(begin, end).unwrap_or(TimeInterval::FULL))
     };
     (0..n).map(point).collect()
@@ -94,9 +91,9 @@ pub fn queries(points: &[MovingPoint], count: usize, seed: u64) -> Vec<Query> {
     let spacing = spacing(points.len());
     let mut queries: Vec<Query> = (0..count)
         .map(|_| {
-            let time = unit(&mut random);
+            let time = random.unit();
             let near = place(&points[random.below(points.len())], time);
-            (near + (in_cube(&mut random) * 2.0 - 1.0) * (0.3 * spacing), time)
+            (near + (random.in_cube() * 2.0 - 1.0) * (0.3 * spacing), time)
         })
         .collect();
     queries.sort_by_cached_key(|(at, _)| morton(*at));

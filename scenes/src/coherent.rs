@@ -74,7 +74,7 @@ fn displaced(p: Vec3) -> Vec3 {
         scale *= 2.1;
         share *= 0.48;
     }
-    let mut random = Random::new(0xc4a7);
+    let mut random = Random(0xc4a7);
     for _ in 0..24 {
         let (centre, radius) = (random.direction(), random.between(0.08, 0.35));
         let d2 = (p - centre).length_squared() / (radius * radius);
@@ -103,5 +103,5 @@ fn noise(p: Vec3) -> f32 {
 
 fn lattice(cell: IVec3) -> f32 {
     let place = |x: i32, shift: u32| (i64::from(x) as u64 & 0xfffff) << shift;
-    Random::new(place(cell.x, 0) | place(cell.y, 20) | place(cell.z, 40)).between(-1.0, 1.0)
+    Random(place(cell.x, 0) | place(cell.y, 20) | place(cell.z, 40)).between(-1.0, 1.0)
 }

@@ -26,7 +26,7 @@ pub fn debris(triangles: usize) -> Scene {
     // In f64, since f32 roots of the platform differ from machine to machine.
     let size = (2.4 / (stones as f64).cbrt() as f32).min(0.6);
     let mesh = animate(KEYS, |time| {
-        let mut random = Random::new(0xdeb1);
+        let mut random = Random(0xdeb1);
         let mut shape = Shape::default();
         for _ in 0..stones {
             stone(&mut shape, &mut random, size, time);

@@ -24,7 +24,7 @@ pub fn hairball(triangles: usize) -> Scene {
     // Thinner hair where there is more of it, so that every size looks about equally full.
     let radius = (0.35 / (strands as f32).sqrt()).min(0.012);
     let mesh = animate(2, |time| {
-        let mut random = Random::new(0x4a17);
+        let mut random = Random(0x4a17);
         let mut shape = Shape::default();
         for _ in 0..strands {
             strand(&mut shape, &mut random, radius, time);

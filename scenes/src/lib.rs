@@ -21,7 +21,6 @@ mod needles;
 mod random;
 mod runner;
 mod shape;
-mod split_mix;
 #[cfg(test)]
 mod tests;
 mod tornado;
@@ -38,8 +37,8 @@ pub use hand::hand;
 pub use heat::heat;
 pub use mixed::mixed;
 pub use needles::needles;
+pub use random::Random;
 pub use shape::Shape;
-pub use split_mix::split_mix;
 pub use tornado::tornado;
 pub use turn::frame;
 

@@ -22,7 +22,7 @@ pub fn needles(triangles: usize, motion: f32) -> Scene {
     let width = (0.35 / (triangles as f32).sqrt()).min(0.02);
     let half = |seed: u64, count: usize, keys: usize| {
         animate(keys, |time| {
-            let mut random = Random::new(seed);
+            let mut random = Random(seed);
             let mut shape = Shape::default();
             for _ in 0..count {
                 needle(&mut shape, &mut random, width, 2.0 * motion * time);

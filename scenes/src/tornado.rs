@@ -21,7 +21,7 @@ pub fn tornado(triangles: usize) -> Scene {
     let triangles = triangles.max(1);
     let size = (4.0 / (triangles as f32).sqrt()).min(0.2);
     let mesh = animate(2, |time| {
-        let mut random = Random::new(0x70b0);
+        let mut random = Random(0x70b0);
         let mut shape = Shape::default();
         for _ in 0..triangles {
             let centre = in_funnel(&mut random) + random.direction() * (0.1 * HEIGHT * time);

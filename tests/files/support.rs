@@ -1,9 +1,6 @@
 //! An independent implementation of the checksum of files, mutations of files, and random numbers.
 
-#[path = "../support/random.rs"]
-mod random;
-
-pub use random::Random;
+pub use crate::scene::Random;
 
 /// Bytes of the header, and the offsets of the length and the checksum in it.
 pub const HEADER: usize = 32;

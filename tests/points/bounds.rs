@@ -1,6 +1,6 @@
 //! `PointTree::bounds` holds all points at all times, and little more.
 
-use super::support::{Rng, cloud};
+use super::support::{Random, cloud};
 use core::ops::ControlFlow;
 use mbkd::glam::DVec3;
 use mbkd::{
@@ -37,7 +37,7 @@ fn check(tree: &PointTree, most: f64, what: &str) {
 
 #[test]
 fn bounds_hold_all_points_at_all_times_and_little_more() {
-    let mut rng = Rng(7);
+    let mut rng = Random(7);
     for kind in ["uniform", "random", "fast few", "flows", "converging", "coherent", "short intervals"] {
         let cloud = cloud(kind, 500, &mut rng);
         let points: Vec<MovingPoint> = (0..500)
@@ -56,7 +56,7 @@ fn bounds_hold_all_points_at_all_times_and_little_more() {
 
 #[test]
 fn bounds_are_in_the_callers_coordinates_for_all_precisions_and_keys() {
-    let mut rng = Rng(8);
+    let mut rng = Random(8);
     let far = DVec3::new(1e9, -3e9, 7.0);
     let keys: Vec<Vec<DVec3>> = (0..4).map(|_| (0..300).map(|_| far + rng.vec().as_dvec3()).collect()).collect();
     for precision in [Precision::Automatic, Precision::Single, Precision::Double] {

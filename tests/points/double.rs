@@ -1,6 +1,6 @@
 //! Points given in f64: every answer equals brute force over all points in f64, rounding the squared distance once.
 
-use crate::support::Rng;
+use crate::support::Random;
 use core::ops::ControlFlow;
 use mbkd::glam::DVec3;
 use mbkd::{
@@ -13,7 +13,7 @@ pub struct Cloud {
     pub active: Vec<TimeInterval>,
 }
 
-pub fn vec(rng: &mut Rng) -> DVec3 {
+pub fn vec(rng: &mut Random) -> DVec3 {
     // More bits than f32 has.
     rng.vec().as_dvec3() + rng.vec().as_dvec3() * 1e-9
 }
@@ -25,7 +25,7 @@ impl Cloud {
         keys: usize,
         (size, apart, speed): (f64, f64, f64),
         partly_active: bool,
-        rng: &mut Rng,
+        rng: &mut Random,
     ) -> Cloud {
         let mut cloud = Cloud { keys: vec![Vec::new(); keys], active: Vec::new() };
         for i in 0..count {
@@ -115,7 +115,7 @@ pub const STRUCTURES: [PointStructure; 3] =
 
 #[test]
 fn every_query_equals_brute_force() {
-    let mut rng = Rng(17);
+    let mut rng = Random(17);
     for (size, apart, speed) in
         [(1.0, 1e7, 0.0), (1e-3, 1e7, 1e-4), (1.0, 0.0, 2.0), (1e-3, 1e7, 1e3), (1e-20, 1e-3, 0.0)]
     {
@@ -142,7 +142,7 @@ fn every_query_equals_brute_force() {
 /// Sets whose points move on straight lines equal those of two keys, up to the rounding of f64.
 #[test]
 fn keys_of_linear_motion_cost_nothing() {
-    let mut rng = Rng(31);
+    let mut rng = Random(31);
     let cloud = Cloud::new(900, 2, (1.0, 1e5, 0.2), false, &mut rng);
     let sampled = |keys: usize, by: f64| -> Cloud {
         let at = |key: usize, i: usize| {
@@ -160,7 +160,7 @@ fn keys_of_linear_motion_cost_nothing() {
             let tree = of(&sampled(keys, 0.0));
             assert_eq!(tree.statistics().layers, two.statistics().layers, "{keys} keys, {structure:?}");
             for _ in 0..100 {
-                let (q, time) = (cloud.keys[0][rng.bits() as usize % 900], rng.unit());
+                let (q, time) = (cloud.keys[0][rng.below(900)], rng.unit());
                 let [a, b] = [&two, &tree].map(|tree| tree.nearest_n(q, time, 5));
                 assert_eq!(a, b, "{keys} keys, {structure:?}");
             }
@@ -171,7 +171,7 @@ fn keys_of_linear_motion_cost_nothing() {
 
 #[test]
 fn times_a_rounding_beside_keys_are_exact() {
-    let mut rng = Rng(29);
+    let mut rng = Random(29);
     for keys in [4, 200] {
         let cloud = Cloud::new(40, keys, (1.0, 0.0, 2.0), false, &mut rng);
         let tree = cloud.tree(PointStructure::Automatic, SimdLevel::best()).unwrap();
@@ -206,7 +206,7 @@ fn clusters_far_apart_keep_their_spacing() {
 
 #[test]
 fn queries_that_f64_points_do_not_support_are_rejected() {
-    let cloud = Cloud::new(100, 2, (1.0, 1e7, 1.0), false, &mut Rng(1));
+    let cloud = Cloud::new(100, 2, (1.0, 1e7, 1.0), false, &mut Random(1));
     let error = cloud.tree(PointStructure::Kd, SimdLevel::best()).unwrap_err();
     assert!(matches!(error, PointError::Parameter { name: "structure", .. }), "{error}");
     let tree = cloud.tree(PointStructure::Automatic, SimdLevel::best()).unwrap();
@@ -235,7 +235,7 @@ fn queries_that_f64_points_do_not_support_are_rejected() {
 
 #[test]
 fn f32_numbers_given_in_f64_are_f32_points() {
-    let mut rng = Rng(9);
+    let mut rng = Random(9);
     let points: Vec<[f32; 3]> = (0..5000).map(|_| rng.vec().to_array()).collect();
     let wide: Vec<[f64; 3]> = points.iter().map(|p| p.map(f64::from)).collect();
     let [a, b] = [
@@ -277,12 +277,12 @@ impl Visitor<TreePoint> for Everything {
 
 #[test]
 fn visitors_see_positions_in_f64() {
-    visitors_see(&Cloud::new(700, 2, (1e-3, 1e7, 1.0), true, &mut Rng(4)), &[0.0, 0.4, 1.0]);
+    visitors_see(&Cloud::new(700, 2, (1e-3, 1e7, 1.0), true, &mut Random(4)), &[0.0, 0.4, 1.0]);
     // Eleven segments, at the floats next to their keys.
     let beside = |key: i16| f32::from(key) / 11.0;
     let times: Vec<f32> =
         (1..11).flat_map(|key| [beside(key).next_down(), beside(key), beside(key).next_up()]).collect();
-    visitors_see(&Cloud::new(700, 12, (1e-3, 1e7, 1.0), true, &mut Rng(4)), &times);
+    visitors_see(&Cloud::new(700, 12, (1e-3, 1e7, 1.0), true, &mut Random(4)), &times);
 }
 
 fn visitors_see(cloud: &Cloud, times: &[f32]) {

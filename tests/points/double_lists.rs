@@ -1,7 +1,7 @@
 //! Neighbour lists of points in f64, with all options: every list equals comparing all pairs in f64.
 
 use crate::double::{Cloud, STRUCTURES};
-use crate::support::Rng;
+use crate::support::Random;
 use mbkd::glam::DVec3;
 use mbkd::{ListError, ListQuery, NeighborLists, PointParams, PointStructure, PointTree, Precision, Radii, SimdLevel};
 
@@ -75,7 +75,7 @@ const SETS: [(f64, f64, f64); 5] =
 
 #[test]
 fn lists_equal_comparing_all_pairs() {
-    let mut rng = Rng(23);
+    let mut rng = Random(23);
     let mut lists = NeighborLists::new();
     for (number, set) in SETS.into_iter().enumerate() {
         let size = set.0;
@@ -136,7 +136,7 @@ pub fn differing(found: &[Vec<Entry>], expected: &[Vec<Entry>]) -> Option<(usize
 /// Pairs at the radius up to roundings of f64 and of f32, where a box that is rounded inward would lose some.
 #[test]
 fn neighbours_at_the_radius_are_not_lost() {
-    let mut rng = Rng(5);
+    let mut rng = Random(5);
     let mut lists = NeighborLists::new();
     for (radius, far) in [(0.25f32, 0.0), (1e-3, 1e6), (3e-7, 1.0), (1e-21, 1e-20), (7.0, 1e9)] {
         let r = f64::from(radius);
@@ -164,7 +164,7 @@ fn neighbours_at_the_radius_are_not_lost() {
 /// Lists around positions equal single queries, also where all positions are f32 numbers.
 #[test]
 fn lists_of_positions_equal_single_queries() {
-    let mut rng = Rng(41);
+    let mut rng = Random(41);
     for (set, active) in [(SETS[0], false), (SETS[2], true)] {
         let cloud = Cloud::new(1500, 3, set, active, &mut rng);
         let mut queries: Vec<DVec3> = (0..600).map(|i| cloud.at(i, 0.4) + rng.vec().as_dvec3() * 0.1).collect();
@@ -206,7 +206,7 @@ fn lists_of_positions_equal_single_queries() {
 /// One memory for lists of sets in f32, f64 and f32.
 #[test]
 fn memory_serves_both_kinds_of_sets() {
-    let cloud = Cloud::new(3000, 2, (1.0, 0.0, 0.1), false, &mut Rng(3));
+    let cloud = Cloud::new(3000, 2, (1.0, 0.0, 0.1), false, &mut Random(3));
     let single: Vec<[f32; 3]> = cloud.keys[0].iter().map(|p| p.as_vec3().to_array()).collect();
     let trees = [
         PointTree::build(&single, &Default::default()).unwrap(),
@@ -238,7 +238,7 @@ fn periods_are_not_rounded() {
 
 #[test]
 fn lists_do_not_depend_on_the_number_of_threads() {
-    let cloud = Cloud::new(5000, 2, (1.0, 1e7, 0.1), true, &mut Rng(31));
+    let cloud = Cloud::new(5000, 2, (1.0, 1e7, 0.1), true, &mut Random(31));
     let tree = cloud.tree(PointStructure::Automatic, SimdLevel::best()).unwrap();
     let lists = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -257,7 +257,7 @@ fn lists_do_not_depend_on_the_number_of_threads() {
 /// Differences whose squares are denormal in f32, or zero.
 #[test]
 fn pairs_whose_squared_distances_underflow_are_listed() {
-    let (mut rng, mut lists, mut pairs) = (Rng(85), NeighborLists::new(), 0);
+    let (mut rng, mut lists, mut pairs) = (Random(85), NeighborLists::new(), 0);
     for round in 0..2000 {
         let points: Vec<DVec3> = (0..20).map(|_| rng.vec().as_dvec3() * 1e-22).collect();
         let params = PointParams { precision: Precision::Double, ..PointParams::default() };

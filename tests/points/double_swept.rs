@@ -3,7 +3,7 @@
 use crate::double::{Cloud, STRUCTURES, vec};
 use crate::encounter::Pair;
 use crate::lists_swept::check;
-use crate::support::Rng;
+use crate::support::Random;
 use mbkd::glam::DVec3;
 use mbkd::{Encounter, EncounterLists, NeighborLists, PointStructure, PointTree, SimdLevel, TimeInterval};
 
@@ -56,7 +56,7 @@ const SETS: [(f64, f64, f64, f64); 8] = [
 
 #[test]
 fn swept_lists_equal_comparing_all_pairs() {
-    let mut rng = Rng(41);
+    let mut rng = Random(41);
     let mut met = 0;
     for (size, apart, speed, far) in SETS {
         for (keys, partly_active) in [(1, true), (2, false), (2, true), (4, true)] {
@@ -88,7 +88,7 @@ fn swept_lists_equal_comparing_all_pairs() {
 
 #[test]
 fn larger_sets_swept_on_all_numbers_of_threads() {
-    let mut rng = Rng(43);
+    let mut rng = Random(43);
     let interval = TimeInterval::new(0.2, 0.7).unwrap();
     for (far, radius, partly_active) in [(0.0, 0.2f32, false), (1e9, 0.2, false), (1e9, 0.2, true), (0.0, 9.0, false)] {
         let cloud = far_away(Cloud::new(1100, 2, (1.0, 0.0, 0.4), partly_active, &mut rng), far);
@@ -108,7 +108,7 @@ fn larger_sets_swept_on_all_numbers_of_threads() {
 /// Of three, six and ten segments some keys are no f32 numbers: intervals that begin or end beside them.
 #[test]
 fn intervals_that_end_next_to_keys_that_are_no_floats() {
-    let mut rng = Rng(78);
+    let mut rng = Random(78);
     for keys in [4, 7, 11] {
         let cloud = Cloud::new(60, keys, (1.0, 0.0, 1e3), false, &mut rng);
         for structure in STRUCTURES {
@@ -134,7 +134,7 @@ fn intervals_that_end_next_to_keys_that_are_no_floats() {
 /// Active intervals that touch at splits of the shutter and at keys.
 #[test]
 fn intervals_that_touch_at_splits_of_the_shutter() {
-    let mut rng = Rng(77);
+    let mut rng = Random(77);
     let mut touching = 0;
     for keys in [2, 3, 5] {
         let mut cloud = far_away(Cloud::new(160, keys, (1.0, 0.0, 0.5), false, &mut rng), 1e6);
@@ -169,7 +169,7 @@ fn intervals_that_touch_at_splits_of_the_shutter() {
 #[test]
 fn crowds_that_just_touch_the_radius_are_met() {
     const CROWD: usize = 256;
-    let mut rng = Rng(61);
+    let mut rng = Random(61);
     for round in 0..60 {
         let (far, size, speed) = [
             (0.0, 1.0, 1.0),
@@ -211,7 +211,7 @@ fn crowds_that_just_touch_the_radius_are_met() {
 /// Until the time that is certified no pair is missing; and not much later one is.
 #[test]
 fn lists_with_a_skin_hold_until_the_time_that_is_certified() {
-    let mut rng = Rng(47);
+    let mut rng = Random(47);
     let (mut cut_short, mut complete, mut lists) = (0, 0, NeighborLists::new());
     for (size, apart, speed, far) in SETS.into_iter().filter(|set| set.0 > 1e-10) {
         for (keys, partly_active) in [(1, true), (2, false), (2, true), (4, false), (12, false)] {
@@ -282,7 +282,7 @@ fn lists_with_a_skin_hold_until_the_time_that_is_certified() {
 /// may seem to be in.
 #[test]
 fn a_pair_just_beyond_the_skin_is_not_taken_for_a_listed_one() {
-    let mut rng = Rng(62);
+    let mut rng = Random(62);
     let (mut meetings, mut lists) = (0, NeighborLists::new());
     for round in 0..600 {
         let (far, speed) = [(1e9, 0.1), (0.0, 0.1), (1e3, 10.0), (1e6, 1e-3)][round % 4];
@@ -314,7 +314,7 @@ fn a_pair_just_beyond_the_skin_is_not_taken_for_a_listed_one() {
 /// A point that begins to exist at the first float that is not before a key, or at the one before that.
 #[test]
 fn certificates_end_before_points_that_begin_to_exist_beside_a_key() {
-    let mut rng = Rng(63);
+    let mut rng = Random(63);
     let mut lists = NeighborLists::new();
     for keys in 4..60usize {
         for key in 1..keys - 1 {
@@ -342,7 +342,7 @@ fn certificates_end_before_points_that_begin_to_exist_beside_a_key() {
 /// Points at rest in f64 have lists that hold for ever, and meet those that they are near of throughout.
 #[test]
 fn points_at_rest() {
-    let mut rng = Rng(3);
+    let mut rng = Random(3);
     let points: Vec<DVec3> = (0..300).map(|_| vec(&mut rng) + DVec3::X * 1e9).collect();
     let tree = PointTree::build(&points, &mbkd::PointParams::default()).unwrap();
     let mut lists = NeighborLists::new();

@@ -1,6 +1,6 @@
 //! Every query in every structure on every instruction set against comparing all points.
 
-use crate::support::{Cloud, KINDS, Rng, cloud};
+use crate::support::{Cloud, KINDS, Random, cloud};
 use core::ops::ControlFlow;
 use mbkd::{
     MovingPoint, Neighbor, NeighborBuffer, PointArrays, PointLayerKind, PointLayerStatistics, PointParams,
@@ -65,9 +65,9 @@ fn check(tree: &PointTree, cloud: &Cloud, q: Vec3, time: f32, buffer: &mut Neigh
     }
 }
 
-fn times(cloud: &Cloud, rng: &mut Rng) -> Vec<f32> {
+fn times(cloud: &Cloud, rng: &mut Random) -> Vec<f32> {
     let mut times = vec![0.0, 1.0, 0.5, 0.5f32.next_down(), 1.0 / 3.0, rng.unit()];
-    let active = cloud.active[rng.bits() as usize % cloud.len()];
+    let active = cloud.active[rng.below(cloud.len())];
     times.extend([active.begin(), active.end(), active.end().next_down()]);
     times
 }
@@ -76,7 +76,7 @@ fn times(cloud: &Cloud, rng: &mut Rng) -> Vec<f32> {
 fn every_query_equals_comparing_all_points() {
     let seed = 0x5eed;
     for kind in KINDS {
-        let mut rng = Rng(seed);
+        let mut rng = Random(seed);
         let cloud = cloud(kind, 700, &mut rng);
         for structure in STRUCTURES {
             for simd in SimdLevel::available() {
@@ -84,7 +84,7 @@ fn every_query_equals_comparing_all_points() {
                 let mut buffer = NeighborBuffer::new();
                 for time in times(&cloud, &mut rng) {
                     let scale = cloud.at(0, time).abs().max_element();
-                    let member = cloud.at(rng.bits() as usize % cloud.len(), time);
+                    let member = cloud.at(rng.below(cloud.len()), time);
                     for q in [member, rng.vec() * scale, Vec3::splat(2.5 * scale.max(1e-38))] {
                         let what = format!("seed {seed:#x}, {kind}, {structure:?}, {simd}, time {time}, q {q}");
                         if q.abs().max_element() <= 1e18 {
@@ -111,13 +111,13 @@ fn larger_sets_reach_every_level_of_the_tree() {
         "short intervals",
         "wild speeds",
     ] {
-        let mut rng = Rng(seed);
+        let mut rng = Random(seed);
         let cloud = cloud(kind, 30_000, &mut rng);
         for structure in STRUCTURES {
             let tree = build(&cloud, structure, SimdLevel::best());
             for _ in 0..12 {
                 let time = rng.unit();
-                let q = cloud.at(rng.bits() as usize % cloud.len(), time) + rng.vec() * 0.05;
+                let q = cloud.at(rng.below(cloud.len()), time) + rng.vec() * 0.05;
                 let all = cloud.sorted(q, time);
                 let what = format!("seed {seed}, {kind}, {structure:?}, time {time}, q {q}");
                 assert_eq!(tree.nearest(q, time), all.first().copied(), "{what}");
@@ -137,7 +137,7 @@ fn larger_sets_reach_every_level_of_the_tree() {
 #[test]
 fn automatic_layers_of_sets_with_fast_points() {
     for (kind, layers) in [("fast few", 2), ("fast cluster", 1)] {
-        let tree = build(&cloud(kind, 30_000, &mut Rng(77)), PointStructure::Automatic, SimdLevel::best());
+        let tree = build(&cloud(kind, 30_000, &mut Random(77)), PointStructure::Automatic, SimdLevel::best());
         let statistics = tree.statistics();
         let moving = |kind: PointLayerKind| matches!(kind, PointLayerKind::Linear { .. });
         let found = statistics.layers.iter().filter(|layer| moving(layer.kind)).count();
@@ -148,7 +148,7 @@ fn automatic_layers_of_sets_with_fast_points() {
 /// Slices of fast points only take little memory, so a budget that is too small for slices of all points may suffice.
 #[test]
 fn fast_points_are_divided_in_time_within_a_small_budget() {
-    let cloud = cloud("fast few", 30_000, &mut Rng(77));
+    let cloud = cloud("fast few", 30_000, &mut Random(77));
     for (max_references, layers) in [(1.0, 1), (1.5, 2)] {
         let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();
         let points = PointArrays { keys: &keys, active: &cloud.active, ids: &[] };
@@ -167,7 +167,7 @@ fn fast_points_are_divided_in_time_within_a_small_budget() {
 #[test]
 fn searches_in_flows_through_each_other_visit_less_than_three_times_the_blocks_of_static_points() {
     for way in [2, 3] {
-        let mut rng = Rng(8);
+        let mut rng = Random(8);
         let spacing = 2.0 / 60_000f32.cbrt();
         let points: Vec<MovingPoint> = (0..60_000)
             .map(|i| {
@@ -192,7 +192,7 @@ fn searches_in_flows_through_each_other_visit_less_than_three_times_the_blocks_o
 
 #[test]
 fn small_sets_of_every_size() {
-    let mut rng = Rng(3);
+    let mut rng = Random(3);
     for count in (0..70).chain([255, 256, 257, 511, 513, 4096, 4097]) {
         let points: Vec<Vec3> = (0..count).map(|_| rng.vec()).collect();
         let still = Cloud::still(points.clone());
@@ -215,11 +215,11 @@ fn small_sets_of_every_size() {
 
 #[test]
 fn many_keys_are_interpolated_exactly() {
-    let mut rng = Rng(11);
+    let mut rng = Random(11);
     for keys in [1, 2, 3, 4, 7, 25] {
         let count = 400;
         let start: Vec<Vec3> = (0..count).map(|_| rng.vec()).collect();
-        let step = |p: &Vec3, rng: &mut Rng| *p + rng.vec() * 0.2;
+        let step = |p: &Vec3, rng: &mut Random| *p + rng.vec() * 0.2;
         let mut all = vec![start];
         while all.len() < keys {
             let next = all.last().unwrap().iter().map(|p| step(p, &mut rng)).collect();
@@ -258,7 +258,7 @@ fn many_keys_are_interpolated_exactly() {
 /// given in f64, keeps all keys.
 #[test]
 fn keys_of_linear_motion_cost_nothing() {
-    let mut rng = Rng(23);
+    let mut rng = Random(23);
     let open: Vec<Vec3> = (0..3000).map(|_| rng.vec()).collect();
     let close: Vec<Vec3> = open.iter().map(|p| *p + rng.vec() * 0.2).collect();
     let sampled = |keys: usize, off: f32| -> Vec<Vec<Vec3>> {
@@ -302,7 +302,7 @@ fn keys_of_linear_motion_cost_nothing() {
 
 #[test]
 fn every_point_is_in_exactly_one_place_at_every_crossing() {
-    let mut rng = Rng(21);
+    let mut rng = Random(21);
     let count = 3000;
     let points: Vec<_> = (0..count).map(|_| MovingPoint::new(rng.vec(), rng.vec())).collect();
     for structure in [PointStructure::Kd] {
@@ -321,9 +321,9 @@ fn every_point_is_in_exactly_one_place_at_every_crossing() {
 /// leaves: the lowest ids may come last.
 #[test]
 fn of_crowds_in_few_places_the_lowest_ids_are_nearest() {
-    let mut rng = Rng(77);
+    let mut rng = Random(77);
     for places in [1, 4] {
-        let crowd = |rng: &mut Rng| Vec3::splat((rng.bits() % places) as f32) * 0.25;
+        let crowd = |rng: &mut Random| Vec3::splat((rng.bits() % places) as f32) * 0.25;
         let points: Vec<Vec3> =
             (0..3000).map(|_| if rng.bits().is_multiple_of(4) { rng.vec() } else { crowd(&mut rng) }).collect();
         let cloud = Cloud::still(points);
@@ -353,7 +353,7 @@ fn a_million_points_in_one_place() {
 #[test]
 fn a_search_without_a_bound_finds_every_point_of_a_large_set() {
     let count = 1_100_000;
-    let mut rng = Rng(5);
+    let mut rng = Random(5);
     let points: Vec<Vec3> = (0..count).map(|_| Vec3::new(rng.unit(), rng.unit(), rng.unit())).collect();
     let tree = PointTree::build(&points, &PointParams::default()).unwrap();
     for q in [Vec3::splat(0.5), Vec3::splat(-3.0), Vec3::new(0.9, 0.9, 7.0)] {
@@ -372,7 +372,7 @@ fn a_search_without_a_bound_finds_every_point_of_a_large_set() {
 
 #[test]
 fn static_sets_have_the_static_structure() {
-    let mut rng = Rng(5);
+    let mut rng = Random(5);
     let cloud = cloud("uniform", 1000, &mut rng);
     for structure in STRUCTURES {
         let statistics = build(&cloud, structure, SimdLevel::best()).statistics().clone();
@@ -396,7 +396,7 @@ fn static_points_take_the_bytes_and_nodes_that_they_take_without_points_that_mov
         (2000, 3.0, true),
         (2000, 0.12, false),
     ] {
-        let mut rng = Rng(43);
+        let mut rng = Random(43);
         let mut point = |i: usize| {
             let p = rng.vec();
             if i < moving { MovingPoint::new(p, p + rng.vec() * far) } else { MovingPoint::fixed(p) }
@@ -414,7 +414,7 @@ fn static_points_take_the_bytes_and_nodes_that_they_take_without_points_that_mov
 /// where it estimates a threshold.
 #[test]
 fn an_estimate_does_not_count_points_of_another_layer() {
-    let mut rng = Rng(31);
+    let mut rng = Random(31);
     let mut point = |i: u32| {
         let p = rng.vec();
         if i < 6000 { MovingPoint::fixed(p) } else { MovingPoint::new(p, p + rng.vec()) }

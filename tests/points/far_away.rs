@@ -1,7 +1,7 @@
 //! Far away: searches from far outside of a set visit little more than the points that are near enough (counted work), and how far
 //! from zero a set may lie.
 
-use crate::support::Rng;
+use crate::support::Random;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
     MAX_COORDINATE, MovingPoint, NeighborLists, PointArrays, PointError, PointParams, PointStructure, PointTree,
@@ -9,7 +9,7 @@ use mbkd::{
 
 /// Blocks that searches for `k` visit, and blocks of searches that know the distance of the k-th neighbour.
 fn blocks(tree: &PointTree, k: usize) -> [u64; 2] {
-    let mut rng = Rng(5);
+    let mut rng = Random(5);
     let mut sum = [0; 2];
     for _ in 0..300 {
         // Beyond a corner of the unit cube.
@@ -23,7 +23,7 @@ fn blocks(tree: &PointTree, k: usize) -> [u64; 2] {
 
 #[test]
 fn the_nearest_leaves_give_a_threshold_for_the_others() {
-    let mut rng = Rng(3);
+    let mut rng = Random(3);
     let mut point = |motion: f32| {
         let p = (rng.vec() + 1.0) * 0.5;
         MovingPoint::new(p, p + rng.vec() * motion)

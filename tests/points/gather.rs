@@ -1,7 +1,7 @@
 //! Gathers against comparing all photons, bit for bit; space-time neighbours and visible points likewise; bad input.
 
 use crate::gather_case::GatherCase;
-use crate::support::{KINDS, Rng, cloud};
+use crate::support::{KINDS, Random, cloud};
 use mbkd::glam::Vec3;
 use mbkd::point::{
     GatherError, GatherParams, GatherQuery, Gathered, Kernel, NeighborBuffer, Photon, PhotonMap, PhotonTime,
@@ -11,12 +11,12 @@ use mbkd::{PointStructure, SimdLevel, TimeInterval};
 use proptest::prelude::*;
 
 /// Photons at the places of a cloud. `clock`: 0 stamps, 1 intervals, 2 moving with a surface, 3 all of them.
-fn photons(kind: &str, count: usize, clock: u32, rng: &mut Rng) -> Vec<Photon<f32>> {
+fn photons(kind: &str, count: usize, clock: u32, rng: &mut Random) -> Vec<Photon<f32>> {
     let cloud = cloud(kind, count, rng);
     let one = |i: usize| {
         let time = if rng.bits().is_multiple_of(8) { (rng.bits() % 5) as f32 / 4.0 } else { rng.unit() };
         let velocity = cloud.keys[cloud.keys.len() - 1][i] - cloud.keys[0][i];
-        let time = match if clock < 3 { clock } else { rng.bits() % 3 } {
+        let time = match if clock < 3 { clock } else { rng.below(3) as u32 } {
             0 => PhotonTime::At(time),
             1 => {
                 let begin = 0.9 * time;
@@ -29,21 +29,21 @@ fn photons(kind: &str, count: usize, clock: u32, rng: &mut Rng) -> Vec<Photon<f3
     (0..cloud.len()).map(one).collect()
 }
 
-fn random_case(photons: &[Photon<f32>], window: f32, rng: &mut Rng) -> GatherCase {
-    let some = |rng: &mut Rng| rng.bits() as usize % photons.len().max(1);
+fn random_case(photons: &[Photon<f32>], window: f32, rng: &mut Random) -> GatherCase {
+    let some = |rng: &mut Random| rng.below(photons.len().max(1));
     let at = |i: usize| photons.get(i).map_or(Vec3::ZERO, |p| p.position);
     let (here, there) = (at(some(rng)), at(some(rng)));
     let (scale, most) = (here.distance(there), Vec3::splat(1e18));
-    let radius = [f32::INFINITY, scale * 0.2, scale, scale * 3.0][rng.bits() as usize % 4].min(1e18);
+    let radius = [f32::INFINITY, scale * 0.2, scale, scale * 3.0][rng.below(4)].min(1e18);
     let radius = if radius.is_finite() && radius > 1e-15 { radius } else { f32::INFINITY };
-    let k = [None, Some(1), Some(5), Some(17), Some(60), Some(1000)][rng.bits() as usize % 6];
+    let k = [None, Some(1), Some(5), Some(17), Some(60), Some(1000)][rng.below(6)];
     GatherCase {
         at: if rng.bits().is_multiple_of(4) { here } else { (here + (there - here) * rng.signed()).clamp(-most, most) },
         normal: rng.vec().normalize_or(Vec3::Z),
         time: if rng.bits().is_multiple_of(4) { (rng.bits() % 5) as f32 / 4.0 } else { rng.unit() },
         k: k.or((radius == f32::INFINITY).then_some(8)),
         radius,
-        window: [window, 0.1 * window, 0.5 * window][rng.bits() as usize % 3],
+        window: [window, 0.1 * window, 0.5 * window][rng.below(3)],
         cosine: rng.bits().is_multiple_of(3).then(|| rng.signed()),
         thickness: rng.bits().is_multiple_of(3).then(|| scale * rng.unit()),
         kernels: [0, 2].map(|shift| Kernel::ALL[rng.bits() as usize >> shift & 3]),
@@ -65,7 +65,7 @@ fn bits(g: &Gathered<f32>) -> (u32, u32, u32, usize, bool) {
 fn compare(photons: &[Photon<f32>], params: &GatherParams, seed: u64, queries: usize, what: &str) -> usize {
     let map = PhotonMap::build(photons, params).unwrap();
     assert_eq!(map.len(), photons.len());
-    let (mut rng, mut scratch, mut found) = (Rng(seed), NeighborBuffer::new(), 0);
+    let (mut rng, mut scratch, mut found) = (Random(seed), NeighborBuffer::new(), 0);
     for _ in 0..queries {
         let case = random_case(photons, params.window, &mut rng);
         let (expected, weights) = case.brute(photons);
@@ -88,7 +88,7 @@ fn gathers_are_those_of_brute_force_for_every_kind_of_photons() {
     let mut found = 0;
     for (seed, kind) in (0..).zip(KINDS) {
         for clock in 0..4 {
-            let mut rng = Rng(1000 * seed + u64::from(clock));
+            let mut rng = Random(1000 * seed + u64::from(clock));
             let photons = photons(kind, [700, 40, 1500, 300][clock as usize], clock, &mut rng);
             // Photons that move with a surface must stay within the limit of coordinates.
             if kind == "huge" && clock >= 2 {
@@ -106,7 +106,7 @@ fn gathers_are_those_of_brute_force_for_every_kind_of_photons() {
 fn crowds_of_photons_in_few_places_are_gathered_as_by_brute_force() {
     for places in [1, 3] {
         for clock in 0..4 {
-            let mut rng = Rng(places + u64::from(clock));
+            let mut rng = Random(places + u64::from(clock));
             let mut photons = photons("random", 2000, clock, &mut rng);
             let at: Vec<Vec3> = (0..places).map(|_| rng.vec()).collect();
             for (i, photon) in photons.iter_mut().enumerate().filter(|(i, _)| i % 4 != 0) {
@@ -126,7 +126,7 @@ fn structures_and_instruction_sets_give_the_same_bits() {
     for kind in ["surface", "random", "lattice"] {
         for structure in [Automatic, Linear, TimeSlices(3), Kd] {
             for simd in SimdLevel::available() {
-                let mut rng = Rng(5);
+                let mut rng = Random(5);
                 let photons = photons(kind, 600, 3, &mut rng);
                 let params = GatherParams { window: 0.2, structure, simd, ..GatherParams::default() };
                 compare(&photons, &params, 9, 40, &format!("{kind}, {structure:?}, {simd}"));
@@ -137,7 +137,7 @@ fn structures_and_instruction_sets_give_the_same_bits() {
 
 #[test]
 fn the_typical_window_and_number_change_no_answer() {
-    let mut rng = Rng(8);
+    let mut rng = Random(8);
     // With stamps, and of all kinds: a map for any window must test moving photons by the window of the query.
     let of_kinds = [photons("surface", 3000, 0, &mut rng), photons("random", 1000, 3, &mut rng)];
     for (window, neighbors, photons) in [
@@ -150,7 +150,7 @@ fn the_typical_window_and_number_change_no_answer() {
         (f32::INFINITY, 50, &of_kinds[1]),
     ] {
         let map = PhotonMap::build(photons, &GatherParams { window, neighbors, ..GatherParams::default() }).unwrap();
-        let (mut rng, mut scratch) = (Rng(9), NeighborBuffer::new());
+        let (mut rng, mut scratch) = (Random(9), NeighborBuffer::new());
         for _ in 0..60 {
             let case = random_case(photons, 0.3, &mut rng);
             let answer = map.gather(&case.query(), &mut scratch).unwrap();
@@ -161,7 +161,7 @@ fn the_typical_window_and_number_change_no_answer() {
 
 #[test]
 fn batches_are_single_gathers_for_any_number_of_threads() {
-    let mut rng = Rng(21);
+    let mut rng = Random(21);
     let photons = photons("surface", 4000, 3, &mut rng);
     let map = PhotonMap::build(&photons, &GatherParams { window: 0.2, ..GatherParams::default() }).unwrap();
     let queries: Vec<_> = (0..1500).map(|_| random_case(&photons, 0.2, &mut rng).query()).collect();
@@ -191,7 +191,7 @@ proptest! {
 
     #[test]
     fn any_gather_is_that_of_brute_force(seed: u64, kind in 0usize..KINDS.len(), count in 0usize..400, window in 0.001f32..1.5) {
-        let mut rng = Rng(seed);
+        let mut rng = Random(seed);
         let photons = photons(KINDS[kind], count, 0, &mut rng);
         compare(&photons, &GatherParams { window, ..GatherParams::default() }, seed, 5, KINDS[kind]);
     }
@@ -200,7 +200,7 @@ proptest! {
     fn space_time_neighbours_are_those_of_brute_force(
         seed: u64, kind in 0usize..KINDS.len(), count in 0usize..600, k in 0usize..80, speed in 0usize..5,
     ) {
-        let mut rng = Rng(seed);
+        let mut rng = Random(seed);
         let photons = photons(KINDS[kind], count, 0, &mut rng);
         let map = PhotonMap::build(&photons, &GatherParams::default()).unwrap();
         let speed = [0.0, 0.1, 1.0, 30.0, 1e18][speed];
@@ -221,14 +221,14 @@ proptest! {
 
     #[test]
     fn photons_find_the_visible_points_of_brute_force(seed: u64, kind in 0usize..KINDS.len(), count in 0usize..500) {
-        let mut rng = Rng(seed);
+        let mut rng = Random(seed);
         let places = photons(KINDS[kind], count.max(1), 0, &mut rng);
         let scale = places[0].position.distance(places[places.len() - 1].position).clamp(1e-30, 1e18);
         let mut seen: Vec<VisiblePoint> = places[..count]
             .iter()
             .map(|p| {
                 let PhotonTime::At(time) = p.time else { unreachable!() };
-                let radius = scale * 0.4 * [0.0, 0.03, 1.0][rng.bits() as usize % 3] * rng.unit();
+                let radius = scale * 0.4 * [0.0, 0.03, 1.0][rng.below(3)] * rng.unit();
                 VisiblePoint { position: p.position, time, radius }
             })
             .collect();
@@ -239,7 +239,7 @@ proptest! {
             for pass in 0..3 {
                 for photon in places.iter().step_by(7) {
                     let at = photon.position + rng.vec() * scale * 0.1 * (pass as f32);
-                    let (time, window) = (rng.unit(), [0.05, 0.5, f32::INFINITY][rng.bits() as usize % 3]);
+                    let (time, window) = (rng.unit(), [0.05, 0.5, f32::INFINITY][rng.below(3)]);
                     let mut expected: Vec<(u32, u32)> = (0..).zip(&seen).filter_map(|(id, p)| {
                         let d = p.position - at;
                         let squared = (d.x * d.x + d.y * d.y) + d.z * d.z;
@@ -265,7 +265,7 @@ proptest! {
 /// very end of the window.
 #[test]
 fn photons_that_are_within_the_radius_by_rounding_alone_are_found() {
-    let (mut rng, mut beyond) = (Rng(63), 0);
+    let (mut rng, mut beyond) = (Random(63), 0);
     let mut scratch = NeighborBuffer::new();
     for round in 0..4000 {
         let (x, radius) = match round % 4 {
@@ -293,7 +293,7 @@ fn photons_that_are_within_the_radius_by_rounding_alone_are_found() {
 
 #[test]
 fn scattering_sums_in_one_order_for_any_number_of_threads() {
-    let mut rng = Rng(77);
+    let mut rng = Random(77);
     let seen: Vec<VisiblePoint> =
         (0..5000).map(|_| VisiblePoint { position: rng.vec(), time: rng.unit(), radius: 0.3 * rng.unit() }).collect();
     let photons: Vec<(Vec3, f32, f32)> = (0..20_000).map(|_| (rng.vec(), rng.unit(), rng.unit())).collect();

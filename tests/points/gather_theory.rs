@@ -5,7 +5,7 @@
 //! where φ is the flux of a photon. For a box at mid-shutter the mean is f + b (r² / 4 + v² w² / 3): the bias grows with
 //! the squares of radius and window, the variance falls with r² w.
 
-use crate::support::Rng;
+use crate::support::Random;
 use mbkd::glam::Vec3;
 use mbkd::point::{GatherParams, GatherQuery, Kernel, NeighborBuffer, Photon, PhotonMap};
 
@@ -21,7 +21,7 @@ fn density(x: f64, t: f64) -> f64 {
 }
 
 /// The sheet for x from -0.5 to 1, by rejection.
-fn sheet(rng: &mut Rng) -> Vec<Photon<f32>> {
+fn sheet(rng: &mut Random) -> Vec<Photon<f32>> {
     let (most, volume) = (density(-0.5, 1.0), 1.5 * f64::from(LENGTH));
     let tries = (most * volume * PER_UNIT) as usize;
     let mut photons = Vec::new();
@@ -64,7 +64,7 @@ fn theory(x: f64, t: f64, r: f64, w: f64, [space, clock]: [Kernel; 2]) -> (f64, 
 
 #[test]
 fn bias_and_variance_are_those_of_theory() {
-    let map = PhotonMap::build(&sheet(&mut Rng(3)), &GatherParams::default()).unwrap();
+    let map = PhotonMap::build(&sheet(&mut Random(3)), &GatherParams::default()).unwrap();
     let mut scratch = NeighborBuffer::new();
     let cases = [(0.2, 0.5, 0.3, 0.1), (0.2, 0.5, 0.15, 0.3), (0.4, 0.0, 0.3, 0.2), (0.1, 0.95, 0.2, 0.1)];
     for (case, (x, t, r, w)) in cases.into_iter().enumerate() {
@@ -99,7 +99,7 @@ fn bias_and_variance_are_those_of_theory() {
 /// Photons all over a box: of a radius and of the k nearest.
 #[test]
 fn densities_in_a_volume_are_unbiased_where_they_are_constant() {
-    let mut rng = Rng(12);
+    let mut rng = Random(12);
     let photons: Vec<_> = (0..100_000)
         .map(|_| {
             let at = Vec3::new(2.0 * rng.unit(), 2.0 * rng.unit(), 25.0 * rng.unit());
@@ -129,7 +129,7 @@ fn densities_in_a_volume_are_unbiased_where_they_are_constant() {
 
 #[test]
 fn k_nearest_are_unbiased_where_the_density_is_constant() {
-    let mut rng = Rng(11);
+    let mut rng = Random(11);
     let photons: Vec<_> = (0..200_000)
         .map(|_| {
             let at = Vec3::new(4.0 * rng.unit(), 0.0, 50.0 * rng.unit());

@@ -1,6 +1,6 @@
 //! Neighbour lists against comparing all pairs of points.
 
-use crate::support::{Cloud, KINDS, Rng, STRUCTURES, build, cloud};
+use crate::support::{Cloud, KINDS, Random, STRUCTURES, build, cloud};
 use mbkd::{
     EncounterLists, ListError, ListQuery, MAX_POINT_COORDINATE, MovingPoint, NeighborLists, PointArrays, PointParams,
     PointStructure, PointTree, Precision, Radii, RadiusOf, SimdLevel, TimeInterval, glam::Vec3,
@@ -110,14 +110,14 @@ pub fn check_against(
     }
 }
 
-fn radii(cloud: &Cloud, spacing: f32, rng: &mut Rng) -> Vec<f32> {
+fn radii(cloud: &Cloud, spacing: f32, rng: &mut Random) -> Vec<f32> {
     (0..cloud.len()).map(|_| spacing * 10f32.powf(rng.unit() - 0.5)).collect()
 }
 
 #[test]
 fn lists_equal_comparing_all_pairs() {
     for (number, kind) in KINDS.into_iter().enumerate() {
-        let mut rng = Rng(100 + number as u64);
+        let mut rng = Random(100 + number as u64);
         let clouds = [&cloud(kind, 200, &mut rng), &cloud(kind, 60, &mut rng)];
         let all = STRUCTURES.into_iter().flat_map(|s| SimdLevel::available().into_iter().map(move |simd| (s, simd)));
         let trees: Vec<_> =
@@ -144,7 +144,7 @@ fn lists_equal_comparing_all_pairs() {
             if size > 1e-30 {
                 // From a period beyond the set to one that is many times smaller than the set.
                 let lengths = [2.5 * size, 1.7 * size, 0.9 * size, 0.2 * size];
-                let [a, b, c] = [0, 1, 2].map(|_| lengths[rng.bits() as usize % 4]);
+                let [a, b, c] = [0, 1, 2].map(|_| lengths[rng.below(4)]);
                 let all = [Some(a), Some(b), Some(c)];
                 cases.push(ListCase { periods: [Some(a), None, None], ..plain.clone() });
                 cases.push(ListCase { periods: all, radii: larger, once: true, ..plain.clone() });
@@ -165,7 +165,7 @@ fn lists_equal_comparing_all_pairs() {
 #[test]
 fn larger_sets_and_all_numbers_of_threads() {
     for kind in ["uniform", "random", "short intervals"] {
-        let mut rng = Rng(7);
+        let mut rng = Random(7);
         let cloud = cloud(kind, 3_000, &mut rng);
         let time = rng.unit();
         let own = radii(&cloud, 0.1, &mut rng);
@@ -200,7 +200,7 @@ fn larger_sets_and_all_numbers_of_threads() {
 /// Every instruction set gives the lists in the same order, not only the same sets.
 #[test]
 fn order_within_lists_is_the_same_on_every_instruction_set() {
-    let cloud = cloud("random", 3_000, &mut Rng(3));
+    let cloud = cloud("random", 3_000, &mut Random(3));
     let mut expected: Option<NeighborLists> = None;
     for simd in SimdLevel::available() {
         let tree = build(&cloud, PointStructure::TimeSlices(2), simd);
@@ -250,7 +250,7 @@ fn a_point_that_leaves_the_box_stays_the_neighbor_of_its_images() {
 
 #[test]
 fn a_radius_beyond_the_box_lists_everything_once() {
-    let cloud = cloud("uniform", 500, &mut Rng(9));
+    let cloud = cloud("uniform", 500, &mut Random(9));
     let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
     let mut lists = NeighborLists::new();
     for radius in [0.6, 3.0, 1e30, f32::INFINITY] {
@@ -325,7 +325,7 @@ fn bad_queries_get_errors() {
 
 #[test]
 fn buffers_are_reused() {
-    let cloud = cloud("uniform", 5_000, &mut Rng(1));
+    let cloud = cloud("uniform", 5_000, &mut Random(1));
     let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
     let mut lists = NeighborLists::new();
     tree.neighbor_lists(0.0, 0.2).with_distances().in_order().run(&mut lists).unwrap();
@@ -343,7 +343,7 @@ fn buffers_are_reused() {
 /// A large set whose bottom nodes hold tight clusters far apart.
 #[test]
 fn lists_of_tight_clusters_in_a_large_set() {
-    let mut rng = Rng(11);
+    let mut rng = Random(11);
     let place = |i: usize| Vec3::new((i % 11) as f32, (i / 11 % 11) as f32, (i / 121) as f32);
     let points: Vec<Vec3> = (0..300_000).map(|i| place(i / 200) + rng.vec() * 1e-3).collect();
     let tree = PointTree::build(&points, &PointParams::default()).unwrap();
@@ -381,7 +381,7 @@ fn lists_longer_than_allowed_are_an_error_on_any_number_of_threads() {
 /// Where the first lists of a tree are a thousand times as long as the others, room is not made for as many everywhere.
 #[test]
 fn memory_of_lists_is_in_proportion_to_what_they_hold() {
-    let mut rng = Rng(8);
+    let mut rng = Random(8);
     // A clump in the corner where trees begin, or end.
     let mut place = |i: usize| if i < 700 { Vec3::splat(-0.999) } else { rng.vec() };
     let points: Vec<Vec3> = (0..30_000).map(&mut place).collect();
@@ -402,7 +402,7 @@ fn memory_of_lists_is_in_proportion_to_what_they_hold() {
 #[test]
 fn bulk_queries_equal_single_ones() {
     for kind in ["uniform", "surface", "lattice", "random", "short intervals", "huge"] {
-        let mut rng = Rng(77);
+        let mut rng = Random(77);
         let cloud = cloud(kind, 2_000, &mut rng);
         let size = cloud.keys.iter().flatten().fold(0.0f32, |most, p| most.max(p.abs().max_element()));
         let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
@@ -459,7 +459,7 @@ fn bulk_queries_equal_single_ones() {
 
 #[test]
 fn queries_in_bulk_take_all_refinements_of_lists() {
-    let mut rng = Rng(78);
+    let mut rng = Random(78);
     let [points, queries] = [900, 300].map(|count| (0..count).map(|_| rng.vec()).collect::<Vec<Vec3>>());
     let [tree, of_queries] = [&points, &queries].map(|at| PointTree::build(at, &PointParams::default()).unwrap());
     let (mut found, mut expected, periods) =

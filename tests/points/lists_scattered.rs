@@ -1,14 +1,14 @@
 //! Lists of few points that are scattered among many others: the answers of single queries and of comparing all pairs, without a
 //! look at most of the others.
 
-use crate::support::Rng;
+use crate::support::Random;
 use mbkd::{
     EncounterLists, MovingPoint, Neighbor, NeighborLists, PointParams, PointStructure, PointTree, Precision, Radii,
     TimeInterval,
     glam::{DVec3, Vec3},
 };
 
-fn points(count: usize, rng: &mut Rng) -> Vec<MovingPoint> {
+fn points(count: usize, rng: &mut Random) -> Vec<MovingPoint> {
     let mut at = |by: f32| Vec3::from_array(core::array::from_fn(|_| (2.0 * rng.unit() - 1.0) * by));
     let moving = |_| {
         let begin = at(1.0);
@@ -32,7 +32,7 @@ const KINDS: [(PointStructure, Precision); 5] = [
 
 #[test]
 fn they_equal_single_queries() {
-    let mut rng = Rng(71);
+    let mut rng = Random(71);
     let (others, mut lists, mut found) = (points(12_000, &mut rng), NeighborLists::new(), 0);
     for (structure, precision) in KINDS {
         let tree = tree(&others, structure, precision);
@@ -73,7 +73,7 @@ fn they_equal_single_queries() {
 
 #[test]
 fn their_encounters_equal_comparing_all_pairs() {
-    let mut rng = Rng(72);
+    let mut rng = Random(72);
     let (others, mut lists, mut found) = (points(6000, &mut rng), EncounterLists::new(), 0);
     let of_others: Vec<f32> = others.iter().map(|_| 0.03 * rng.unit()).collect();
     for (structure, precision) in KINDS {
@@ -120,7 +120,7 @@ fn least_distance(a: &MovingPoint, b: &MovingPoint, period: Option<f64>) -> f64 
 /// In a tree of their own, ten points are one leaf, whose box holds nearly all of the others.
 #[test]
 fn they_gather_little() {
-    let mut rng = Rng(73);
+    let mut rng = Random(73);
     let others = points(20_000, &mut rng);
     let of_others: Vec<f32> = others.iter().map(|_| 0.05 * rng.unit()).collect();
     let all: usize = 20_000 / 16 * 256;

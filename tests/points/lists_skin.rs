@@ -1,7 +1,7 @@
 //! Lists with a skin against comparing all pairs, at all times at which they change: they hold as long as they say.
 
 use crate::lists_swept::{clouds, meet, size};
-use crate::support::{Cloud, Rng, STRUCTURES, build};
+use crate::support::{Cloud, Random, STRUCTURES, build};
 use mbkd::{
     MovingPoint, NeighborLists, PointArrays, PointParams, PointStructure, PointTree, Precision, SimdLevel,
     TimeInterval, certified_duration, glam::Vec3,
@@ -84,7 +84,7 @@ fn lists_with_a_skin_hold_until_the_time_that_is_certified() {
 
 #[test]
 fn a_bound_on_speeds_certifies_no_longer_than_it_takes() {
-    let mut rng = Rng(1);
+    let mut rng = Random(1);
     for _ in 0..1000 {
         let [radius, skin, speed] = [0, 1, 2].map(|_| 10f32.powf(rng.signed() * 3.0));
         let time = f64::from(certified_duration(radius, skin, speed));
@@ -114,7 +114,7 @@ fn a_bound_on_speeds_certifies_no_longer_than_it_takes() {
 /// be in.
 #[test]
 fn a_pair_just_beyond_the_skin_is_not_taken_for_a_listed_one() {
-    let mut rng = Rng(62);
+    let mut rng = Random(62);
     for round in 0..400 {
         let at = rng.vec() * [1e3, 10.0, 1e4, 0.0][round % 4];
         let direction = rng.vec().normalize_or(Vec3::X);
@@ -139,7 +139,7 @@ fn a_pair_just_beyond_the_skin_is_not_taken_for_a_listed_one() {
 /// the segment before, and a pair with it is missing from then on.
 #[test]
 fn certificates_end_before_points_that_begin_to_exist_beside_a_key() {
-    let (mut rng, mut beside) = (Rng(63), 0);
+    let (mut rng, mut beside) = (Random(63), 0);
     for keys in 4..80usize {
         for key in 1..keys - 1 {
             let nearest = (key as f64 / (keys - 1) as f64) as f32;

@@ -1,7 +1,7 @@
 //! Lists with a skin in periodic boxes against comparing all pairs in all images: they hold as long as they say.
 
 use crate::lists_swept_periodic::{KINDS, Set, periods_along};
-use crate::support::Rng;
+use crate::support::Random;
 use mbkd::{
     ListError, MovingPoint, PointParams, PointTree, Radii, SimdLevel,
     glam::{DVec3, Vec3},
@@ -63,7 +63,7 @@ fn lists_with_a_skin_hold_until_the_time_that_is_certified() {
     for (number, kind) in KINDS.into_iter().enumerate() {
         for (turn, (count, keys)) in [(24, 2), (40, 3)].into_iter().enumerate() {
             for single in [true, false] {
-                let mut rng = Rng(700 + 10 * number as u64 + turn as u64);
+                let mut rng = Random(700 + 10 * number as u64 + turn as u64);
                 let set = Set::of_kind(kind, count, keys, single, &mut rng);
                 let periods = periods_along([[true; 3], [true, false, true]][(turn + number) % 2]);
                 let images = set.images(periods);
@@ -120,7 +120,7 @@ fn lists_with_a_skin_hold_until_the_time_that_is_certified() {
 /// Points half a period apart along an axis, as near to either image as f32 tells, with lists that just hold them or just do not.
 #[test]
 fn pairs_at_half_a_period_are_listed_or_not_as_lists_have_it() {
-    let (mut rng, mut listed, mut not) = (Rng(9), 0, 0);
+    let (mut rng, mut listed, mut not) = (Random(9), 0, 0);
     for round in 0..4000 {
         let length = 0.5 + rng.unit();
         let away = (rng.bits() % [1, 9, 900_000][round % 3]) as f32 * length;

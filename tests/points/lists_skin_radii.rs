@@ -2,7 +2,7 @@
 
 use crate::lists_skin_periodic::is_cut_short;
 use crate::lists_swept_periodic::{KINDS, Set, periods_along};
-use crate::support::Rng;
+use crate::support::Random;
 use mbkd::{
     ListError, MovingPoint, NeighborLists, PointParams, PointStructure, PointTree, Radii, RadiusOf, SimdLevel,
     glam::Vec3,
@@ -41,7 +41,7 @@ struct Skins {
 }
 
 impl Skins {
-    fn of(count: usize, radius: f32, skin: f32, rng: &mut Rng) -> Skins {
+    fn of(count: usize, radius: f32, skin: f32, rng: &mut Random) -> Skins {
         let mut number = |from: f32| from + (1.0 - from) * rng.unit();
         let needed: Vec<f32> = (0..count).map(|i| if i % 7 == 0 { 0.0 } else { radius * number(0.3) }).collect();
         let listed = needed.iter().map(|needed| needed + skin * number(0.5)).collect();
@@ -77,7 +77,7 @@ impl Case<'_> {
     }
 
     /// Until when lists of this structure hold, and whether that is before the end.
-    fn check(&self, structure: PointStructure, [time, until]: [f32; 2], rng: &mut Rng, what: &str) -> bool {
+    fn check(&self, structure: PointStructure, [time, until]: [f32; 2], rng: &mut Random, what: &str) -> bool {
         let what = format!("{what}, {structure:?}, {time}..{until}");
         let trees = self.sets.map(|set| set.tree(structure, SimdLevel::best()));
         let [needed, listed]: [fn(&Skins) -> &[f32]; 2] = [|skins| &skins.needed, |skins| &skins.listed];
@@ -133,10 +133,10 @@ fn lists_of_points_with_radii_of_their_own_hold_until_the_time_that_is_certified
     for (number, name) in KINDS.into_iter().enumerate() {
         for (turn, among) in [false, true, false, true].into_iter().enumerate() {
             for single in [true, false] {
-                let mut rng = Rng(300 + 10 * number as u64 + turn as u64);
+                let mut rng = Random(300 + 10 * number as u64 + turn as u64);
                 let counts = [[24, 24], [30, 20]][usize::from(among)];
                 let keys = [[2, 2], [2, 3], [3, 3], [3, 2]][turn];
-                let of = |i: usize, rng: &mut Rng| Set::of_kind(name, counts[i], keys[i], single, rng);
+                let of = |i: usize, rng: &mut Random| Set::of_kind(name, counts[i], keys[i], single, rng);
                 let own = of(0, &mut rng);
                 let other = among.then(|| of(1, &mut rng));
                 let (radius, skin) = ([0.06, 0.2, 0.4][(turn + number) % 3], [0.03, 0.2, 1e-3][number % 3]);
@@ -169,7 +169,7 @@ fn lists_of_points_with_radii_of_their_own_hold_until_the_time_that_is_certified
 /// With equal radii in each of the forms, the time is the same but for the rounding of radii.
 #[test]
 fn radii_that_are_all_equal_certify_what_one_radius_does() {
-    let mut rng = Rng(77);
+    let mut rng = Random(77);
     let points: Vec<MovingPoint> = (0..200).map(|_| MovingPoint::new(rng.vec(), rng.vec())).collect();
     let tree = PointTree::build(&points, &PointParams::default()).unwrap();
     let [needed, listed, half_needed, half_listed] = [0.2, 0.3, 0.1, 0.15].map(|radius: f32| [radius; 200]);

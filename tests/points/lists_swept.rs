@@ -1,7 +1,7 @@
 //! Lists over an interval against comparing all pairs.
 
 use crate::encounter::Pair;
-use crate::support::{Cloud, KINDS, Rng, STRUCTURES, build, cloud};
+use crate::support::{Cloud, KINDS, Random, STRUCTURES, build, cloud};
 use mbkd::{
     Encounter, EncounterLists, ListError, MovingPoint, NeighborLists, PointArrays, PointParams, PointStructure,
     PointTree, Precision, Radii, RadiusOf, SimdLevel, TimeInterval,
@@ -41,9 +41,9 @@ pub fn check(found: &EncounterLists, expected: &[Vec<Encounter>], what: &str) {
 }
 
 /// Sets of every kind, some with more than two keys.
-pub fn clouds(count: usize) -> impl Iterator<Item = (String, Cloud, Rng)> {
+pub fn clouds(count: usize) -> impl Iterator<Item = (String, Cloud, Random)> {
     KINDS.into_iter().enumerate().map(move |(number, kind)| {
-        let mut rng = Rng(500 + number as u64);
+        let mut rng = Random(500 + number as u64);
         let mut cloud = cloud(kind, count, &mut rng);
         if number % 3 != 0 {
             for _ in 0..number % 3 {
@@ -203,7 +203,7 @@ fn points_that_do_not_exist_in_the_interval_need_no_radius() {
 fn lists_longer_than_one_gather() {
     let mut lists = EncounterLists::new();
     for (kind, radius) in [("random", 9.0), ("fast few", 0.6), ("short intervals", 0.9)] {
-        let cloud = cloud(kind, 2500, &mut Rng(11));
+        let cloud = cloud(kind, 2500, &mut Random(11));
         let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
         let interval = TimeInterval::new(0.1, 0.8).unwrap();
         tree.neighbor_lists_swept(interval, radius).run(&mut lists).unwrap();
@@ -228,7 +228,7 @@ fn lists_longer_than_one_gather() {
 #[test]
 fn larger_sets_swept_on_all_numbers_of_threads() {
     for kind in ["random", "coherent", "fast few", "wild speeds", "short intervals"] {
-        let cloud = cloud(kind, 1100, &mut Rng(5));
+        let cloud = cloud(kind, 1100, &mut Random(5));
         let interval = TimeInterval::new(0.2, 0.7).unwrap();
         let expected = meet_all(&cloud, interval, 0.2);
         for structure in STRUCTURES {
@@ -251,7 +251,7 @@ fn lists_of_many_points_are_the_same_on_two_threads_as_on_one() {
     let (mut swept, mut lists) =
         ([EncounterLists::new(), EncounterLists::new()], [NeighborLists::new(), NeighborLists::new()]);
     for count in [30_000, 12_345, 20_000] {
-        let tree = build(&cloud("random", count, &mut Rng(count as u64)), PointStructure::Linear, SimdLevel::best());
+        let tree = build(&cloud("random", count, &mut Random(count as u64)), PointStructure::Linear, SimdLevel::best());
         for ((pool, swept), lists) in [&one, &two].into_iter().zip(&mut swept).zip(&mut lists) {
             pool.install(|| tree.neighbor_lists_swept(interval, 0.06).run(swept)).unwrap();
             pool.install(|| tree.neighbor_lists(0.2, 0.06).run(lists)).unwrap();
@@ -274,7 +274,7 @@ fn lists_of_many_points_are_the_same_on_two_threads_as_on_one() {
 /// Limits, the order of ids, and sorted lists, of one tree, of time slices, and of ids that repeat, on any number of threads.
 #[test]
 fn refined_lists_hold_the_same_encounters() {
-    let mut rng = Rng(54);
+    let mut rng = Random(54);
     let count = 4000;
     // A clump of fifty, all others have few neighbours.
     let first: Vec<Vec3> =
@@ -320,7 +320,7 @@ fn refined_lists_hold_the_same_encounters() {
 /// end of the query.
 #[test]
 fn intervals_that_touch_at_splits_of_the_shutter() {
-    let mut rng = Rng(77);
+    let mut rng = Random(77);
     let mut cloud = cloud("random", 160, &mut rng);
     for (i, active) in cloud.active.iter_mut().enumerate() {
         let (begin, end) = [(0.0, 0.5), (0.5, 1.0), (0.25, 0.5), (0.5, 0.625), (0.0, 1.0), (0.375, 0.875)][i % 6];
@@ -368,7 +368,7 @@ fn intervals_that_touch_at_splits_of_the_shutter() {
 /// extends into the next segment, or begins in the previous one, by less than one f32 step of time.
 #[test]
 fn intervals_that_end_next_to_keys_that_are_no_floats() {
-    let mut rng = Rng(78);
+    let mut rng = Random(78);
     for keys in [4, 7, 11] {
         let mut cloud = Cloud::still((0..60).map(|_| rng.vec()).collect());
         for key in 1..keys {
@@ -515,7 +515,7 @@ fn bad_queries_get_errors_and_empty_sets_empty_lists() {
 #[test]
 fn crowds_that_just_touch_the_radius_are_met() {
     const CROWD: usize = 256;
-    let mut rng = Rng(61);
+    let mut rng = Random(61);
     for round in 0..48 {
         let (far, speed) = [(1e3, 1.0), (0.0, 1.0), (1e3, 1e3), (1.0, 1e4)][round % 4];
         let offset = rng.vec() * far;

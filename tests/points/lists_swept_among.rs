@@ -3,7 +3,7 @@
 use crate::lists_skin_periodic::is_cut_short;
 use crate::lists_swept::check;
 use crate::lists_swept_periodic::{Set, periods_along};
-use crate::support::Rng;
+use crate::support::Random;
 use mbkd::{
     Encounter, EncounterLists, ListError, MovingPoint, PointParams, PointStructure, PointTree, Precision, Radii,
     RadiusOf, SimdLevel, TimeInterval,
@@ -17,7 +17,7 @@ const KEYS: [[usize; 2]; 7] = [[2, 2], [2, 1], [1, 3], [3, 2], [2, 5], [4, 3], [
 
 /// Both sets of a case. Some points begin to exist at keys, which may be keys of one of the sets only.
 fn sets(number: usize, kind: &str, keys: [usize; 2], single: bool) -> [Set; 2] {
-    let mut rng = Rng(900 + number as u64);
+    let mut rng = Random(900 + number as u64);
     [(40, keys[0]), (30, keys[1])].map(|(count, keys)| {
         let mut set = Set::of_kind(kind, count, keys, single, &mut rng);
         if kind == "periods away" {
@@ -51,7 +51,7 @@ fn swept_lists_among_another_set_equal_comparing_all_pairs() {
                 let interval = TimeInterval::new(begin, end).unwrap();
                 let times = [begin, end].map(f64::from);
                 let radius = [0.1, 0.25, 0.7][number % 3];
-                let mut rng = Rng(number as u64);
+                let mut rng = Random(number as u64);
                 let mut some = |count: usize| -> Vec<f32> { (0..count).map(|_| radius * rng.unit()).collect() };
                 let (of_own, of_others) = (some(own.len()), some(others.len()));
                 let sum = Radii::Sum { own: &of_own, others: &of_others };
@@ -148,7 +148,7 @@ fn lists_with_a_skin_among_another_set_hold_until_the_time_that_is_certified() {
 /// A set among itself: each point meets itself as well, which is no other one then.
 #[test]
 fn a_set_among_itself_meets_itself() {
-    let set = Set::of_kind("some at rest", 80, 2, true, &mut Rng(3));
+    let set = Set::of_kind("some at rest", 80, 2, true, &mut Random(3));
     let tree = set.tree(PointStructure::Automatic, SimdLevel::best());
     let query = tree.neighbor_lists_swept(TimeInterval::FULL, 0.2);
     let alone = query.in_order().sorted().collect().unwrap();
@@ -166,11 +166,11 @@ fn a_set_among_itself_meets_itself() {
 /// Points in contact throughout, through keys of one set that are just before or behind slices of the other by rounding.
 #[test]
 fn contacts_last_through_keys_of_either_set() {
-    let mut rng = Rng(12);
+    let mut rng = Random(12);
     for keys in [[4, 2], [2, 4], [7, 4], [4, 11], [11, 7], [12, 8]] {
         for slices in [1, 2, 3, 7, 16] {
-            let set = |keys: usize, rng: &mut Rng| {
-                let row = |rng: &mut Rng| (0..40).map(|_| rng.vec().as_dvec3()).collect();
+            let set = |keys: usize, rng: &mut Random| {
+                let row = |rng: &mut Random| (0..40).map(|_| rng.vec().as_dvec3()).collect();
                 let keys = (0..keys).map(|_| row(rng)).collect();
                 Set { keys, active: vec![TimeInterval::FULL; 40], single: true }
             };

@@ -3,7 +3,7 @@
 use crate::double::vec;
 use crate::encounter::{Pair, images};
 use crate::lists_swept::check;
-use crate::support::Rng;
+use crate::support::Random;
 use mbkd::{
     Encounter, EncounterLists, ListError, MovingPoint, PointArrays, PointParams, PointStructure, PointTree, Precision,
     Radii, RadiusOf, SimdLevel, TimeInterval,
@@ -25,12 +25,12 @@ pub const KINDS: [&str; 7] =
 
 impl Set {
     /// Points of a kind around a box with these lengths.
-    pub fn of_kind(kind: &str, count: usize, keys: usize, single: bool, rng: &mut Rng) -> Set {
+    pub fn of_kind(kind: &str, count: usize, keys: usize, single: bool, rng: &mut Random) -> Set {
         let lengths = DVec3::from_array(LENGTHS);
         let mut set = Set { keys: vec![Vec::new(); keys], active: Vec::new(), single };
         for i in 0..count {
             let unit = (vec(rng) + 1.0) * 0.5;
-            let mut whole = |most: u32| DVec3::from_array([0; 3].map(|_| f64::from(rng.bits() % most)));
+            let mut whole = |most: usize| DVec3::from_array([0; 3].map(|_| rng.below(most) as f64));
             let off = [0.0, 1e-16, -1e-16, 6e-8, -6e-8, 1e-3];
             let at = lengths
                 * match kind {
@@ -161,7 +161,7 @@ fn swept_lists_equal_comparing_all_pairs_in_all_images() {
     for (number, kind) in KINDS.into_iter().enumerate() {
         for (turn, (count, keys)) in [(3, 2), (40, 2), (40, 3), (110, 2)].into_iter().enumerate() {
             for single in [true, false] {
-                let mut rng = Rng(100 * number as u64 + turn as u64);
+                let mut rng = Random(100 * number as u64 + turn as u64);
                 let set = Set::of_kind(kind, count, keys, single, &mut rng);
                 let periods = periods_along(AXES[(turn + number) % AXES.len()]);
                 // The larger the radius, the more images.
@@ -200,7 +200,7 @@ fn larger_sets_on_all_numbers_of_threads() {
     for (kind, keys, single) in
         [("in the box", 2, true), ("some at rest", 3, true), ("drifting", 2, false), ("periods away", 2, true)]
     {
-        let set = Set::of_kind(kind, 3000, keys, single, &mut Rng(8));
+        let set = Set::of_kind(kind, 3000, keys, single, &mut Random(8));
         let (all, radius) = (set.images(periods), 0.12);
         let times = [interval.begin(), interval.end()].map(f64::from);
         let expected = |i: usize| -> Vec<Encounter> {
@@ -231,7 +231,7 @@ fn larger_sets_on_all_numbers_of_threads() {
 /// Lists do not change if points are moved by whole periods, with all their keys; and each pair is seen alike from both sides.
 #[test]
 fn moving_points_by_whole_periods_changes_nothing() {
-    let mut rng = Rng(31);
+    let mut rng = Random(31);
     for single in [true, false] {
         let mut set = Set::of_kind("some at rest", 300, 3, single, &mut rng);
         // So that moving them rounds nothing.
@@ -240,7 +240,7 @@ fn moving_points_by_whole_periods_changes_nothing() {
         let mut moved = Set { keys: set.keys.clone(), active: set.active.clone(), single };
         let periods = [1.0, 0.75, 1.5];
         for i in 0..set.len() {
-            let by = DVec3::from_array(periods.map(|length| f64::from(rng.bits() % 5) * length));
+            let by = DVec3::from_array(periods.map(|length| rng.below(5) as f64 * length));
             moved.keys.iter_mut().for_each(|key| key[i] += by);
         }
         for radius in [0.1, 0.3, 0.8] {
@@ -286,7 +286,7 @@ fn encounters_in_several_images_are_one() {
 /// Where the radius is longer than all distances, nearest images are within it throughout; nearest when any is.
 #[test]
 fn radii_longer_than_all_distances() {
-    let mut rng = Rng(14);
+    let mut rng = Random(14);
     for (single, axes) in [(true, [true; 3]), (false, [true; 3]), (true, [true, false, true])] {
         let mut set = Set::of_kind("half a period apart", 5, 2, single, &mut rng);
         // As far apart as may be.
@@ -340,7 +340,7 @@ fn nothing_meets_where_nothing_exists() {
 fn lists_at_a_time_are_among_those_over_the_interval() {
     for (number, kind) in KINDS.into_iter().enumerate() {
         for single in [true, false] {
-            let set = Set::of_kind(kind, 200, 2, single, &mut Rng(number as u64));
+            let set = Set::of_kind(kind, 200, 2, single, &mut Random(number as u64));
             let tree = set.tree(PointStructure::Automatic, SimdLevel::best());
             let periods = periods_along(AXES[number % AXES.len()]);
             for radius in RADII {
@@ -365,7 +365,7 @@ fn lists_at_a_time_are_among_those_over_the_interval() {
 /// Points with the same id are no neighbours of each other, in no image.
 #[test]
 fn equal_ids_do_not_meet() {
-    let set = Set::of_kind("in the box", 150, 2, false, &mut Rng(5));
+    let set = Set::of_kind("in the box", 150, 2, false, &mut Random(5));
     let twice: Vec<Vec<DVec3>> = set.keys.iter().map(|key| key.repeat(2)).collect();
     let ids: Vec<u32> = (0..150).chain(0..150).collect();
     let keys: Vec<&[DVec3]> = twice.iter().map(Vec::as_slice).collect();

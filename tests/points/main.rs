@@ -45,6 +45,10 @@ mod periodic_queries;
 #[cfg(feature = "rayon")]
 mod progress;
 mod property;
+/// Included as source: see `scene` in the tests of rays.
+#[allow(dead_code)]
+#[path = "../../scenes/src/random.rs"]
+mod random;
 mod rebuilds;
 mod support;
 mod visitors;

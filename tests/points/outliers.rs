@@ -1,13 +1,13 @@
 //! A distant point must not make searches among the others slower: counted work with and without it.
 
-use crate::support::Rng;
+use crate::support::Random;
 use mbkd::glam::Vec3;
 use mbkd::{MovingPoint, NeighborWork, PointParams, PointStructure, PointTree, Precision};
 
 /// Work of searches among the points of the unit cube, for few and for many neighbours.
 fn work(tree: &PointTree) -> [NeighborWork; 2] {
     [1, 20].map(|k| {
-        let mut rng = Rng(77);
+        let mut rng = Random(77);
         let mut sum = NeighborWork::default();
         for _ in 0..300 {
             let work = tree.query((rng.vec() + 1.0) * 0.5, rng.unit()).work(k);
@@ -48,7 +48,7 @@ fn compare(points: &[MovingPoint], structure: PointStructure, precision: Precisi
 
 #[test]
 fn moving_points() {
-    let mut rng = Rng(1);
+    let mut rng = Random(1);
     let mut point = |_| {
         let p = (rng.vec() + 1.0) * 0.5;
         MovingPoint::new(p, p + rng.vec() * 0.01)
@@ -66,7 +66,7 @@ fn moving_points() {
 /// A set with leaves of two blocks, and a larger one with leaves of one.
 #[test]
 fn still_points() {
-    let mut rng = Rng(2);
+    let mut rng = Random(2);
     let points: Vec<MovingPoint> = (0..700_000).map(|_| MovingPoint::fixed((rng.vec() + 1.0) * 0.5)).collect();
     compare(&points[..100_000], PointStructure::Automatic, Precision::Single);
     compare(&points, PointStructure::Automatic, Precision::Single);

@@ -1,7 +1,7 @@
 //! Inputs at which the rounding decides that a padding covers. Each test fails if its padding is left out.
 
 use crate::lists_swept::{check, meet, meet_all};
-use crate::support::{Cloud, Rng, STRUCTURES, build};
+use crate::support::{Cloud, Random, STRUCTURES, build};
 use mbkd::{NeighborLists, PointStructure, PointTree, Radii, SimdLevel, TimeInterval, glam::Vec3};
 
 /// The least radius at which two points meet.
@@ -21,7 +21,7 @@ fn least_radius(cloud: &Cloud, (i, j): (usize, usize), interval: TimeInterval) -
 #[test]
 fn a_crowd_far_from_zero_meets_one_that_stands_still_there() {
     const CROWD: usize = 16;
-    let mut rng = Rng(64);
+    let mut rng = Random(64);
     for round in 0..1500 {
         let (at, by) = (rng.vec() * 1e4, rng.vec() * [1.0, 30.0, 1e-3][round % 3]);
         let trajectories = [[rng.vec() * 0.1; 2], [at - by * 0.5, at + by * 0.5]];
@@ -41,7 +41,7 @@ fn a_crowd_far_from_zero_meets_one_that_stands_still_there() {
 #[test]
 fn encounters_at_keys_that_are_no_floats_are_met() {
     const KEYS: usize = 600;
-    let mut rng = Rng(65);
+    let mut rng = Random(65);
     let mut cloud = Cloud { keys: Vec::new(), active: vec![TimeInterval::FULL; 2] };
     for key in 0..KEYS {
         let (at, aside) = (rng.vec(), rng.vec());
@@ -92,7 +92,7 @@ fn tiny_points_are_met_where_squares_underflow() {
 #[test]
 fn the_factor_of_approximate_answers_is_rounded_up() {
     const CROWD: usize = 16;
-    let mut rng = Rng(70);
+    let mut rng = Random(70);
     for round in 0..2000 {
         let (epsilon, far) = (0.05 + rng.unit(), 1.0 + rng.unit());
         let allowed = |near: f32| {
@@ -132,7 +132,7 @@ fn certified(tree: &PointTree, time: f32, radius: f32, skin: f32, lists: &mut Ne
 /// A slow pair far from zero, which queries at some times find within the radius before it is there in truth.
 #[test]
 fn a_certificate_ends_before_rounding_takes_a_pair_for_near() {
-    let (mut rng, mut lists, mut early) = (Rng(66), NeighborLists::new(), 0);
+    let (mut rng, mut lists, mut early) = (Random(66), NeighborLists::new(), 0);
     for round in 0..90 {
         let keys = [2, 3, 9][round % 3];
         let offset = rng.vec() * [1e3, 30.0, 1e5][round % 3];
@@ -165,7 +165,7 @@ fn a_certificate_ends_before_rounding_takes_a_pair_for_near() {
 /// rounded once: as those have it, the pair may seem to be listed.
 #[test]
 fn a_pair_just_outside_the_lists_by_their_rounding_is_not_taken_for_a_listed_one() {
-    let (mut rng, mut lists) = (Rng(69), NeighborLists::new());
+    let (mut rng, mut lists) = (Random(69), NeighborLists::new());
     for round in 0..600 {
         let (at, by, direction) = (rng.vec() * 1e3, rng.vec() * 3e3, rng.vec().normalize_or(Vec3::X));
         let keys = vec![vec![at - by, at - by + direction], vec![at + by, at + by + direction * 0.1]];
@@ -210,10 +210,10 @@ fn passing_zero(segment: usize, phase: f32, w: f32, key: usize) -> f32 {
 /// one; the box has to hold the point then.
 #[test]
 fn a_fast_point_is_found_where_its_life_begins() {
-    let mut rng = Rng(67);
+    let mut rng = Random(67);
     for round in 0..900 {
         let segments = [21, 33, 41][round % 3];
-        let segment = segments - 1 - rng.bits() as usize % 4;
+        let segment = segments - 1 - rng.below(4);
         let begin = (segment as f32 + 0.1 + 0.8 * rng.unit()) / segments as f32;
         let (phase, w) = (begin * segments as f32 - segment as f32, 1.0 + rng.unit());
         let active = vec![TimeInterval::new(begin, 1.0).unwrap(), TimeInterval::FULL];
@@ -230,7 +230,7 @@ fn a_fast_point_is_found_where_its_life_begins() {
 #[test]
 fn a_fast_crowd_is_met_where_its_life_begins() {
     const SEGMENTS: usize = 700;
-    let mut rng = Rng(68);
+    let mut rng = Random(68);
     for round in 0..16 {
         let later = |t: f32| f64::from(t * SEGMENTS as f32) - f64::from(t) * SEGMENTS as f64;
         let begin = (0..).map(|_| 1.0 - 0.3 * rng.unit()).find(|t| later(*t) > 2.5e-5).unwrap();
@@ -322,7 +322,7 @@ fn fast_queries_beside_keys_that_are_no_floats_find_what_they_pass() {
 #[test]
 fn a_runner_that_crosses_a_plane_when_it_ends_is_approached() {
     const CROWD: usize = 40;
-    let mut rng = Rng(71);
+    let mut rng = Random(71);
     for round in 0..100 {
         let speed = 1e3 * (1.0 + rng.unit());
         let plane = -speed * 2f32.powi(-27);

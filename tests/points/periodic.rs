@@ -4,7 +4,7 @@
 use crate::double;
 use crate::double_lists::{self, differing};
 use crate::lists::{ListCase, check_against, compare_all};
-use crate::support::{Cloud, Rng, build};
+use crate::support::{Cloud, Random, build};
 use mbkd::{
     ListError, NeighborLists, PointArrays, PointParams, PointStructure, PointTree, Precision, Radii, SimdLevel,
     TimeInterval,
@@ -14,19 +14,19 @@ use mbkd::{
 const LENGTHS: [f64; 3] = [1.0, 0.7, 1.9];
 
 /// Points of a kind around a box with these lengths.
-fn places(kind: &str, count: usize, rng: &mut Rng) -> Vec<DVec3> {
+fn places(kind: &str, count: usize, rng: &mut Random) -> Vec<DVec3> {
     let mut along = |length: f64| {
         let unit = f64::from(rng.unit()) + f64::from(rng.unit()) * 1e-9;
-        let whole = |most: u32, rng: &mut Rng| f64::from(rng.bits() % most);
+        let whole = |most: usize, rng: &mut Random| rng.below(most) as f64;
         match kind {
             "in the box" => unit * length,
             // Up to roundings of f32 and of f64.
             "at the faces" => {
-                let off = [0.0, 1e-16, -1e-16, 6e-8, -6e-8, 1e-3][rng.bits() as usize % 6];
+                let off = [0.0, 1e-16, -1e-16, 6e-8, -6e-8, 1e-3][rng.below(6)];
                 length * (whole(2, rng) + off)
             }
             "half a period apart" => {
-                let off = [0.0, 1e-16, -1e-16, 6e-8, -6e-8, 1e-2 * unit][rng.bits() as usize % 6];
+                let off = [0.0, 1e-16, -1e-16, 6e-8, -6e-8, 1e-2 * unit][rng.below(6)];
                 length * (0.5 * whole(4, rng) + off)
             }
             "periods away" => length * (unit + whole(7, rng) - 3.0),
@@ -49,7 +49,7 @@ fn lists_equal_comparing_all_pairs() {
     let mut lists = NeighborLists::new();
     for (number, kind) in KINDS.into_iter().enumerate() {
         for count in [3, 40, 260, 700] {
-            let mut rng = Rng(10 * count as u64 + number as u64);
+            let mut rng = Random(10 * count as u64 + number as u64);
             let places = [count, 50].map(|count| places(kind, count, &mut rng));
             let single = places.each_ref().map(|p| Cloud::still(p.iter().map(|p| p.as_vec3()).collect()));
             let exact = places.map(|p| double::Cloud { active: vec![TimeInterval::FULL; p.len()], keys: vec![p] });
@@ -101,7 +101,7 @@ fn lists_equal_comparing_all_pairs() {
 fn points_with_equal_ids_do_not_list_each_other() {
     let mut lists = NeighborLists::new();
     for kind in KINDS {
-        let places = places(kind, 500, &mut Rng(77));
+        let places = places(kind, 500, &mut Random(77));
         let (twice, ids) = (places.repeat(2), (0..500).chain(0..500).collect::<Vec<u32>>());
         for precision in [Precision::Single, Precision::Double] {
             let params = PointParams { precision, ..PointParams::default() };
@@ -131,7 +131,7 @@ fn points_with_equal_ids_do_not_list_each_other() {
 /// The error names the lowest id whose list is too long, in whatever order the lists are made.
 #[test]
 fn the_lowest_id_with_too_many_neighbours_is_named_in_any_order() {
-    let mut rng = Rng(4);
+    let mut rng = Random(4);
     let count = 3000;
     for (periods, precision) in
         [(None, Precision::Single), (Some(3.0), Precision::Single), (Some(3.0), Precision::Double)]
@@ -145,7 +145,7 @@ fn the_lowest_id_with_too_many_neighbours_is_named_in_any_order() {
             match round {
                 0 => {}
                 1 => points.reverse(),
-                _ => (1..count as usize).rev().for_each(|i| points.swap(i, rng.bits() as usize % (i + 1))),
+                _ => (1..count as usize).rev().for_each(|i| points.swap(i, rng.below(i + 1))),
             }
             let params = PointParams { precision, ..PointParams::default() };
             let tree = PointTree::build(&points, &params).unwrap();

@@ -1,7 +1,7 @@
 //! Closest approaches in periodic boxes: those of the nearest image of the query's path.
 
 use crate::periodic_queries::{Lengths, images, lengths, place};
-use crate::support::{Cloud, Rng};
+use crate::support::{Cloud, Random};
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{Approach, MovingPoint, PointArrays, PointParams, PointStructure, PointTree, Precision, TimeInterval};
 
@@ -22,7 +22,7 @@ fn approaches_are_those_of_the_nearest_image_of_the_path() {
     // How many were of other images than the path as it is.
     let mut others = 0;
     for seed in 0..72u64 {
-        let mut rng = Rng(seed);
+        let mut rng = Random(seed);
         let (size, away) = ([1.0f32, 1e-3, 1e6][seed as usize % 3], [0.0, 0.3, 1e3][seed as usize / 3 % 3]);
         let keys = 1 + seed as usize % 4;
         let mut at: Vec<Vec3> =
@@ -80,7 +80,7 @@ fn approaches_are_those_of_the_nearest_image_of_the_path() {
 /// Copies of the points in the boxes around theirs, found in open space.
 #[test]
 fn approaches_are_as_near_as_those_of_copies_of_the_points() {
-    let mut rng = Rng(8);
+    let mut rng = Random(8);
     for _ in 0..20 {
         let points: Vec<MovingPoint> = (0..30)
             .map(|_| {

@@ -1,7 +1,7 @@
 //! Queries in periodic boxes: every answer equals brute force over all images of the query's place.
 
 use crate::double;
-use crate::support::{Cloud, Rng};
+use crate::support::{Cloud, Random};
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
     MovingPoint, Neighbor, PeriodError, PeriodicPoints, PointArrays, PointParams, PointStructure, PointTree, SimdLevel,
@@ -40,7 +40,7 @@ fn nearest_of(from_images: impl Iterator<Item = Vec<Neighbor>>) -> Vec<Neighbor>
     all
 }
 
-fn check(periodic: &PeriodicPoints<'_>, (place, time): (DVec3, f32), all: &[Neighbor], rng: &mut Rng) {
+fn check(periodic: &PeriodicPoints<'_>, (place, time): (DVec3, f32), all: &[Neighbor], rng: &mut Random) {
     let query = || periodic.query(place, time);
     assert_eq!(query().nearest(), all.first().copied());
     for k in [0, 1, 2, 8, 40] {
@@ -49,7 +49,7 @@ fn check(periodic: &PeriodicPoints<'_>, (place, time): (DVec3, f32), all: &[Neig
     let odd: Vec<Neighbor> = all.iter().copied().filter(|near| near.id % 2 == 1).collect();
     assert_eq!(query().filter(|id| id % 2 == 1).nearest(), odd.first().copied());
     assert_eq!(query().filter(|id| id % 2 == 1).nearest_n(5), odd[..5.min(odd.len())]);
-    let some = all.get(rng.bits() as usize % all.len().max(1)).map_or(1.0, |near| near.distance_squared.sqrt());
+    let some = all.get(rng.below(all.len().max(1))).map_or(1.0, |near| near.distance_squared.sqrt());
     for radius in [0.0, some, 2.0 * some, f32::INFINITY, -1.0, f32::NAN] {
         let within = |near: &&Neighbor| radius >= 0.0 && near.distance_squared <= radius * radius;
         let within: Vec<Neighbor> = all.iter().take_while(within).copied().collect();
@@ -73,12 +73,12 @@ fn check(periodic: &PeriodicPoints<'_>, (place, time): (DVec3, f32), all: &[Neig
 }
 
 /// The lengths of a box of about a size, and of open axes.
-pub fn lengths(rng: &mut Rng, size: f32) -> Lengths {
+pub fn lengths(rng: &mut Random, size: f32) -> Lengths {
     [0, 1, 2].map(|_| (rng.unit() < 0.7).then(|| f64::from(size) * f64::from(0.7 + rng.unit())))
 }
 
 /// Places near the points, far from them, and on the faces of boxes.
-pub fn place(rng: &mut Rng, size: f32, away: f32) -> Vec3 {
+pub fn place(rng: &mut Random, size: f32, away: f32) -> Vec3 {
     let far = if rng.unit() < 0.3 { 50.0 } else { 1.5 };
     let place = (rng.vec() * far + Vec3::splat(away)) * size;
     if rng.unit() < 0.2 { Vec3::new(0.0, place.y, 0.5 * size) } else { place }
@@ -87,7 +87,7 @@ pub fn place(rng: &mut Rng, size: f32, away: f32) -> Vec3 {
 #[test]
 fn answers_are_those_of_the_nearest_image() {
     for seed in 0..48u64 {
-        let mut rng = Rng(seed);
+        let mut rng = Random(seed);
         let (size, away) = ([1.0f32, 1e-3, 1e6][seed as usize % 3], [0.0, 0.3, 1e3][seed as usize / 3 % 3]);
         let points: Vec<MovingPoint> = (0..[1, 0, 7, 100][seed as usize % 4])
             .map(|i| {
@@ -118,7 +118,7 @@ fn answers_are_those_of_the_nearest_image() {
 #[test]
 fn points_in_f64_are_found_at_their_nearest_image() {
     for seed in 0..24u64 {
-        let mut rng = Rng(seed);
+        let mut rng = Random(seed);
         let size = [1.0f32, 1e7][seed as usize % 2];
         let cloud = double::Cloud::new(150, 2, (f64::from(size), 0.5 * f64::from(size), 1e-2), seed % 3 == 0, &mut rng);
         let tree = cloud.tree(PointStructure::Automatic, SimdLevel::best()).unwrap();
@@ -136,7 +136,7 @@ fn points_in_f64_are_found_at_their_nearest_image() {
 
 #[test]
 fn batches_are_single_queries() {
-    let mut rng = Rng(31);
+    let mut rng = Random(31);
     // More than fit the cache up to which queries keep their order.
     let points: Vec<[f32; 3]> = (0..150_000).map(|_| rng.vec().to_array()).collect();
     let tree = PointTree::build(&points, &PointParams::default()).unwrap();
@@ -200,11 +200,11 @@ fn points_with_one_id_take_no_place_of_others() {
     };
     assert_eq!(nearest(&[0.1, 0.62, 0.7, 0.55], &[0, 0, 0, 1], 2), 2);
     assert_eq!(nearest(&[0.1, 0.15, 0.7, 0.72, 0.4], &[0, 0, 2, 2, 1], 3), 3);
-    let mut rng = Rng(3);
+    let mut rng = Random(3);
     for _ in 0..2000 {
-        let count = 2 + rng.bits() as usize % 9;
+        let count = 2 + rng.below(9);
         let x: Vec<f32> = (0..count).map(|_| rng.unit()).collect();
-        let ids: Vec<u32> = (0..count).map(|_| rng.bits() % 4).collect();
+        let ids: Vec<u32> = (0..count).map(|_| rng.below(4) as u32).collect();
         let different = (0..4).filter(|id| ids.contains(id)).count();
         // All of them, from both sides, reach farther than half a period.
         assert_eq!(nearest(&x, &ids, different), different, "{x:?} {ids:?}");
@@ -225,7 +225,7 @@ fn what_a_filter_hides_does_not_tell_whether_ids_repeat() {
 
 #[test]
 fn an_open_box_is_no_box() {
-    let mut rng = Rng(4);
+    let mut rng = Random(4);
     let points: Vec<Vec3> = (0..500).map(|_| rng.vec()).collect();
     let tree = PointTree::build(&points, &PointParams::default()).unwrap();
     let open = tree.periodic([None::<f32>; 3]).unwrap();

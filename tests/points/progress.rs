@@ -1,6 +1,6 @@
 //! Reports of progress of builds of points, and cancellation at any of them.
 
-use crate::support::{Rng, cloud};
+use crate::support::{Random, cloud};
 use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::point::{GatherError, GatherParams, Photon, PhotonMap, PhotonTime, VisiblePoint, VisiblePoints};
@@ -16,7 +16,7 @@ fn params(structure: PointStructure) -> PointParams {
 
 #[test]
 fn builds_report_progress_and_can_be_cancelled() {
-    let mut rng = Rng(21);
+    let mut rng = Random(21);
     let cloud = cloud("random", 100_000, &mut rng);
     let wide: Vec<Vec<DVec3>> =
         cloud.keys.iter().map(|key| key.iter().map(|p| p.as_dvec3() * 1.000_000_001).collect()).collect();
@@ -66,7 +66,7 @@ fn builds_report_progress_and_can_be_cancelled() {
 /// On one thread, where each report comes.
 #[test]
 fn builds_report_evenly() {
-    let mut rng = Rng(22);
+    let mut rng = Random(22);
     let still: Vec<Vec3> = (0..200_000).map(|_| rng.vec()).collect();
     let mut moved = |by: f32| still.iter().map(|&p| p + rng.vec() * by).collect::<Vec<Vec3>>();
     let (hardly, far) = (moved(1e-4), moved(0.2));
@@ -108,7 +108,7 @@ fn builds_report_evenly() {
 #[test]
 fn builds_of_photons_report_evenly_and_can_be_cancelled() {
     const COUNT: usize = 100_000;
-    let mut rng = Rng(23);
+    let mut rng = Random(23);
     let mut photons = |stamped: fn(usize) -> bool| -> Vec<Photon<f32>> {
         let mut photon = |i: usize| {
             let (position, time) = (rng.vec(), rng.unit());

@@ -1,13 +1,13 @@
 //! Trees from step to step of a simulation: built again from the order of the last step, and that order handed out.
 
-use crate::support::{Rng, STRUCTURES, build, cloud};
+use crate::support::{Random, STRUCTURES, build, cloud};
 use mbkd::{NeighborLists, PointArrays, PointParams, PointTree, SimdLevel, glam::Vec3};
 
 /// A tree that is rebuilt from the order of the last step gives the same answers, and is built from scratch if necessary.
 #[test]
 fn rebuilt_trees_answer_like_new_ones() {
     for count in [0, 1, 16, 17, 300, 5_000] {
-        let mut rng = Rng(count as u64);
+        let mut rng = Random(count as u64);
         let mut points: Vec<Vec3> = (0..count).map(|_| rng.vec()).collect();
         let params = PointParams::default();
         let mut tree = PointTree::build(&points, &params).unwrap();
@@ -60,11 +60,12 @@ fn rebuilt_trees_answer_like_new_ones() {
 fn orders_are_not_kept_of_points_that_mix_while_they_are_drawn_together() {
     let params = PointParams::default();
     for core in [1.0, 0.1, 0.01, 1e-4] {
-        let mut rng = Rng(5);
+        let mut rng = Random(5);
         // A tenth stays, the others mix within the core; or all of them do, and shrink to it.
         for (all, within) in [(true, 1.0), (false, core)] {
-            let place =
-                |rng: &mut Rng, i: usize, size: f32| rng.vec() * if all || !i.is_multiple_of(10) { size } else { 1.0 };
+            let place = |rng: &mut Random, i: usize, size: f32| {
+                rng.vec() * if all || !i.is_multiple_of(10) { size } else { 1.0 }
+            };
             let first: Vec<Vec3> = (0..20_000).map(|i| place(&mut rng, i, within)).collect();
             let last: Vec<Vec3> = (0..20_000).map(|i| place(&mut rng, i, core)).collect();
             let mut tree = PointTree::build(&first, &params).unwrap();
@@ -82,7 +83,7 @@ fn orders_are_not_kept_of_points_that_mix_while_they_are_drawn_together() {
         }
     }
     // As a whole, a set may shrink, grow and move: its order stays as good.
-    let mut rng = Rng(6);
+    let mut rng = Random(6);
     let points: Vec<Vec3> = (0..20_000).map(|_| rng.vec()).collect();
     let mut tree = PointTree::build(&points, &params).unwrap();
     for size in [2.0, 50.0, 1.0, 0.1, 1e-5, 1.0] {
@@ -94,7 +95,7 @@ fn orders_are_not_kept_of_points_that_mix_while_they_are_drawn_together() {
 #[test]
 fn orders_of_moving_trees_name_each_point_once() {
     for kind in ["random", "fast few", "short intervals"] {
-        let cloud = cloud(kind, 500, &mut Rng(2));
+        let cloud = cloud(kind, 500, &mut Random(2));
         for structure in STRUCTURES {
             let mut tree = build(&cloud, structure, SimdLevel::best());
             let before: Vec<_> = (0..20).map(|i| tree.nearest(cloud.keys[0][i], 0.5).unwrap()).collect();

@@ -1,6 +1,7 @@
 //! Brute force over all points, in plain code: the reference for every query.
 #![allow(dead_code)] // each test file uses its part
 
+pub use crate::random::Random;
 use mbkd::{
     MovingPoint, Neighbor, PointArrays, PointParams, PointStructure, PointTree, SimdLevel, TimeInterval, glam::Vec3,
 };
@@ -57,30 +58,6 @@ impl Cloud {
     }
 }
 
-/// A small generator of numbers; seeds are printed by the tests that fail.
-pub struct Rng(pub u64);
-
-impl Rng {
-    pub fn bits(&mut self) -> u32 {
-        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (self.0 >> 32) as u32 ^ (self.0 >> 51) as u32
-    }
-
-    /// In [0, 1).
-    pub fn unit(&mut self) -> f32 {
-        (self.bits() >> 8) as f32 / (1 << 24) as f32
-    }
-
-    /// In [-1, 1).
-    pub fn signed(&mut self) -> f32 {
-        2.0 * self.unit() - 1.0
-    }
-
-    pub fn vec(&mut self) -> Vec3 {
-        Vec3::new(self.signed(), self.signed(), self.signed())
-    }
-}
-
 /// The kinds of sets that searches are tested on.
 pub const KINDS: [&str; 18] = [
     "uniform",
@@ -104,7 +81,7 @@ pub const KINDS: [&str; 18] = [
 ];
 
 /// `count` points of a kind.
-pub fn cloud(kind: &str, count: usize, rng: &mut Rng) -> Cloud {
+pub fn cloud(kind: &str, count: usize, rng: &mut Random) -> Cloud {
     let mut points = Vec::new();
     for i in 0..count {
         let p = rng.vec();

@@ -1,5 +1,6 @@
 //! Custom traversals of point trees: every point is visited once, at its position, inside the boxes above it.
 
+use crate::support::Random;
 use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{Aabb, MovingPoint, PointParams, PointStructure, PointTree, TimeInterval, TreePoint, Visitor};
@@ -36,21 +37,16 @@ impl Region {
 
 #[test]
 fn every_point_is_visited_once_at_its_position() {
-    let mut state = 5u64;
-    let mut next = || {
-        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (state >> 40) as f32 / (1 << 23) as f32 - 1.0
-    };
-    let mut vec = || Vec3::new(next(), next(), next());
+    let mut rng = Random(5);
     let some_time = TimeInterval::new(0.25, 0.75).unwrap();
     let moving: Vec<MovingPoint> = (0..3000)
         .map(|i| {
-            let from = vec();
-            let point = MovingPoint::new(from, from + vec() * if i % 20 == 0 { 1.5 } else { 0.1 });
+            let from = rng.vec();
+            let point = MovingPoint::new(from, from + rng.vec() * if i % 20 == 0 { 1.5 } else { 0.1 });
             if i % 3 == 0 { point.with_active(some_time) } else { point }
         })
         .collect();
-    let still: Vec<MovingPoint> = (0..3000).map(|_| MovingPoint::fixed(vec())).collect();
+    let still: Vec<MovingPoint> = (0..3000).map(|_| MovingPoint::fixed(rng.vec())).collect();
     use PointStructure::{Automatic, Kd, Linear, TimeSlices};
     let everywhere = Aabb { min: DVec3::splat(-9.0), max: DVec3::splat(9.0) };
     for points in [&moving, &still] {

@@ -4,15 +4,13 @@
 
 #[path = "../support/blob.rs"]
 mod blob;
-#[path = "../support/random.rs"]
-mod random;
 
+pub use crate::scene::Random;
 pub use blob::Blob;
 use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::Vec3;
 use mbkd::{BuildParams, Division, Geometry, Hit, KdParams, LazyParams, Ray, RayTree, TriangleMesh, WideParams};
-pub use random::Random;
 
 /// Every policy under test, and the paper's policy in all its variants.
 pub fn variants() -> Vec<BuildParams> {

@@ -2,37 +2,36 @@
 
 use mbkd::TimeInterval;
 use mbkd::glam::{DVec3, Vec3};
-use mbkd_evidence::accuracy;
 
-/// The generator of the accuracy tables, with other numbers made of it.
-pub struct Random(accuracy::Random);
+/// The generator of all tests, with other numbers made of it.
+pub struct Random(mbkd_scenes::Random);
 
 impl Random {
     pub fn new(seed: u64) -> Random {
         // Neighbouring seeds are neighbours in the sequence otherwise.
-        Random(accuracy::Random(accuracy::Random(seed ^ 0x6a09_e667_f3bc_c908).bits()))
+        Random(mbkd_scenes::Random(mbkd_scenes::Random(seed ^ 0x6a09_e667_f3bc_c908).bits()))
     }
 
     pub fn bits(&mut self) -> u64 {
         self.0.bits()
     }
 
-    /// In [0, 1), of 24 bits.
+    /// In [0, 1).
     pub fn unit(&mut self) -> f32 {
-        (self.bits() >> 40) as f32 / (1 << 24) as f32
+        self.0.unit()
     }
 
     /// In [-1, 1), of more bits than f32 has.
     pub fn signed(&mut self) -> f64 {
-        (self.bits() >> 12) as f64 / (1u64 << 51) as f64 - 1.0
+        self.0.signed_f64()
     }
 
     pub fn vec(&mut self) -> DVec3 {
-        DVec3::new(self.signed(), self.signed(), self.signed())
+        self.0.dvec()
     }
 
     pub fn below(&mut self, n: usize) -> usize {
-        (self.bits() % n.max(1) as u64) as usize
+        self.0.below(n.max(1))
     }
 
     pub fn one_in(&mut self, n: usize) -> bool {

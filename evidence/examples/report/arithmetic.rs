@@ -6,9 +6,9 @@ use crate::page::{Axis, Item, Plot, Section, Series, Style};
 use crate::run::Run;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{BuildParams, PointArrays, PointParams, PointTree, Precision, Ray, RayTree, TriangleMesh};
-use mbkd_evidence::accuracy::Random;
 use mbkd_evidence::oracle::{ExactDistance, ExactRay, Given, Moving, meet_triangle, ulp32};
 use mbkd_evidence::simple_kernels::{Met, moller_trumbore, moller_trumbore_f64, watertight};
+use mbkd_scenes::Random;
 use std::error::Error;
 use std::ops::ControlFlow;
 
@@ -119,9 +119,9 @@ fn quantile(errors: &[f64]) -> f64 {
 fn triangles(center: DVec3, aspect: f64, random: &mut Random) -> [Vec<Vec3>; 2] {
     let mut keys = [Vec::new(), Vec::new()];
     for _ in 0..TRIANGLES {
-        let at = random.vec();
-        let (long, wide) = (random.vec() * 0.4, random.vec() * (0.4 / aspect));
-        let way = random.vec() * 0.3;
+        let at = random.dvec();
+        let (long, wide) = (random.dvec() * 0.4, random.dvec() * (0.4 / aspect));
+        let way = random.dvec() * 0.3;
         for (key, passed) in keys.iter_mut().zip([0.0, 1.0]) {
             let corner = |corner: DVec3| (center + at + corner + way * passed).as_vec3();
             key.extend([DVec3::ZERO, long, wide].map(corner));
@@ -141,7 +141,7 @@ fn compare(offset: f64, aspect: f64, rays: usize, seed: u64) -> Result<[Errors; 
     let tree = RayTree::build(&[mesh], &BuildParams::default())?;
     let mut errors: [Errors; 4] = Default::default();
     for _ in 0..rays {
-        let (triangle, time) = (random.below(TRIANGLES), random.unit() as f32);
+        let (triangle, time) = (random.below(TRIANGLES), random.unit_f64() as f32);
         let ends = [0, 1, 2].map(|corner| [0, 1].map(|key: usize| keys[key][3 * triangle + corner]));
         let exact = ends.map(|[a, b]| Moving::new(time, 2, Given::F32, |key| [a, b][key].as_dvec3()));
         let ray = aimed(&exact, time, &mut random);
@@ -175,13 +175,13 @@ fn compare(offset: f64, aspect: f64, rays: usize, seed: u64) -> Result<[Errors; 
 /// A ray at the inside of a triangle, or at its edge.
 fn aimed(corners: &[Moving; 3], time: f32, random: &mut Random) -> Ray {
     let [a, b, c] = [&corners[0], &corners[1], &corners[2]].map(|corner| corner.near);
-    let (u, v) = (random.unit(), random.unit());
+    let (u, v) = (random.unit_f64(), random.unit_f64());
     let target = match random.below(2) {
         0 => a + (b - a) * u,
         _ if u + v < 1.0 => a + (b - a) * u + (c - a) * v,
         _ => a + (b - a) * (1.0 - u) + (c - a) * (1.0 - v),
     };
-    let origin = (target + random.vec() * 3.0).as_vec3().as_dvec3();
+    let origin = (target + random.dvec() * 3.0).as_vec3().as_dvec3();
     Ray::new(origin, (target - origin).as_vec3()).at_time(time)
 }
 
@@ -231,8 +231,8 @@ fn neighbors(count: usize, seed: u64) -> Result<Item, Box<dyn Error>> {
 fn nearest_errors(offset: f64, count: usize, seed: u64) -> Result<[Vec<f64>; 4], Box<dyn Error>> {
     let mut random = Random(seed);
     let center = DVec3::new(1.0, -0.7, 0.4) * offset;
-    let open: Vec<DVec3> = (0..POINTS).map(|_| center + random.vec()).collect();
-    let close: Vec<DVec3> = open.iter().map(|p| *p + random.vec() * 0.1).collect();
+    let open: Vec<DVec3> = (0..POINTS).map(|_| center + random.dvec()).collect();
+    let close: Vec<DVec3> = open.iter().map(|p| *p + random.dvec() * 0.1).collect();
     let single = |key: &[DVec3]| key.iter().map(|p| p.as_vec3()).collect::<Vec<Vec3>>();
     let (open32, close32) = (single(&open), single(&close));
     let given32 = [&open32, &close32].map(|key| key.iter().map(|p| p.as_dvec3()).collect::<Vec<DVec3>>());
@@ -245,9 +245,9 @@ fn nearest_errors(offset: f64, count: usize, seed: u64) -> Result<[Vec<f64>; 4],
     let in_f32 = PointTree::build(&PointArrays { keys: &keys, active: &[], ids: &[] }, &params)?;
     let mut errors: [Vec<f64>; 4] = Default::default();
     for _ in 0..count {
-        let time = random.unit() as f32;
+        let time = random.unit_f64() as f32;
         let i = random.below(POINTS);
-        let query = open[i].lerp(close[i], f64::from(time)) + random.vec() * 0.05;
+        let query = open[i].lerp(close[i], f64::from(time)) + random.dvec() * 0.05;
         let query32 = query.as_vec3();
         let meant = least([&open, &close], query, Given::F64, time);
         let given = least([&given32[0], &given32[1]], query32.as_dvec3(), Given::F32, time);

@@ -2,8 +2,8 @@
 
 use mbkd::glam::Vec3;
 use mbkd::{BuildError, BuildParams, KdParams, Ray, RayTree, SimdLevel, TriangleMesh};
-use mbkd_evidence::accuracy::Random;
 use mbkd_evidence::peers::{BvhParams, Collapsed, FourDParams, Peer, Structure};
+use mbkd_scenes::Random;
 use mbkd_scenes::Scene;
 
 /// A structure under its name.
@@ -93,7 +93,7 @@ pub fn flake(triangles: usize) -> Vec<TriangleMesh> {
 
 /// Camera rays, `side` times `side` pixels row by row, each at a random place of its pixel and a random time.
 pub fn camera_rays(scene: &Scene, side: usize, random: &mut Random) -> Vec<Ray> {
-    let mut unit = || random.unit() as f32;
+    let mut unit = || random.unit_f64() as f32;
     (0..side * side)
         .map(|i| {
             let (x, y) = ((i % side) as f32 + unit(), (i / side) as f32 + unit());
@@ -110,7 +110,7 @@ pub fn bounce_rays(meshes: &[TriangleMesh], rays: &[Ray], random: &mut Random) -
         let normal = tree.triangle_normal(&hit, ray.time).normalize_or_zero();
         let normal = if normal.dot(ray.dir) > 0.0 { -normal } else { normal };
         let on_sphere = loop {
-            let p = random.vec().as_vec3();
+            let p = random.dvec().as_vec3();
             if (0.01..1.0).contains(&p.length_squared()) {
                 break p.normalize();
             }

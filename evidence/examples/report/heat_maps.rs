@@ -4,8 +4,8 @@ use crate::cast::{exact, scene};
 use crate::page::{Item, Picture, Section, Table};
 use crate::run::Run;
 use mbkd::Counters;
-use mbkd_evidence::accuracy::Random;
 use mbkd_evidence::peers::Peer;
+use mbkd_scenes::Random;
 use rayon::prelude::*;
 use std::error::Error;
 
@@ -72,7 +72,7 @@ fn count(peer: &Peer, camera: &mbkd_scenes::Camera, side: usize, samples: usize,
         let mut random = Random(seed ^ (at as u64) << 20);
         let mut counters = Counters::default();
         for _ in 0..samples {
-            let mut unit = || random.unit() as f32;
+            let mut unit = || random.unit_f64() as f32;
             let (x, y) = ((at % side) as f32 + unit(), (at / side) as f32 + unit());
             peer.closest_hit_observed(&camera.ray(x / side as f32, y / side as f32, 1.0, unit()), &mut counters);
         }

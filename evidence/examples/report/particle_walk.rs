@@ -2,8 +2,8 @@
 
 use mbkd::glam::Vec3;
 use mbkd::{MovingPoint, NeighborLists, PointParams, PointStructure, PointTree};
-use mbkd_evidence::accuracy::Random;
 use mbkd_evidence::point_sets::spacing;
+use mbkd_scenes::Random;
 use std::error::Error;
 use std::time::Instant;
 
@@ -24,7 +24,7 @@ pub struct Walk {
 /// A random vector of at most unit length.
 fn in_ball(random: &mut Random) -> Vec3 {
     loop {
-        let p = random.vec();
+        let p = random.dvec();
         if p.length_squared() <= 1.0 {
             return p.as_vec3();
         }
@@ -36,12 +36,13 @@ impl Walk {
     pub fn new(n: usize, steps: usize, seed: u64) -> Result<Walk, Box<dyn Error>> {
         let mut random = Random(seed);
         let spacing = spacing(n);
-        let start: Vec<Vec3> = (0..n).map(|_| (random.vec() * 0.5).as_vec3() + 0.5).collect();
+        let start: Vec<Vec3> = (0..n).map(|_| (random.dvec() * 0.5).as_vec3() + 0.5).collect();
         // In an order in which near particles are near in memory, as particle codes keep them.
         let mut tree = PointTree::build(&start, &PointParams::default())?;
         let mut at: Vec<Vec3> = tree.take_order().iter().map(|&i| start[i as usize]).collect();
-        let mut velocity: Vec<Vec3> =
-            (0..n).map(|_| in_ball(&mut random) * (0.03 * spacing / (random.unit() as f32).max(0.01).sqrt())).collect();
+        let mut velocity: Vec<Vec3> = (0..n)
+            .map(|_| in_ball(&mut random) * (0.03 * spacing / (random.unit_f64() as f32).max(0.01).sqrt()))
+            .collect();
         let most = 0.005 * spacing;
         let radius = 2.1 * spacing;
         let mut walk = Walk { positions: Vec::new(), velocities: Vec::new(), most, radius, pairs: Vec::new() };

@@ -3,7 +3,7 @@
 use kiddo::SquaredEuclidean;
 use mbkd::glam::{DVec2, Vec2, Vec3};
 use mbkd::point::{GatherParams, GatherQuery, NeighborBuffer, Photon, PhotonMap};
-use mbkd_evidence::accuracy::Random;
+use mbkd_scenes::Random;
 use std::error::Error;
 use std::f64::consts::PI;
 use std::num::NonZero;
@@ -33,8 +33,8 @@ pub fn density((at, time): Place) -> f64 {
 pub fn places(count: usize, seed: u64) -> Vec<Place> {
     let mut random = Random(seed);
     let mut place = || {
-        let time = random.unit() as f32;
-        let aside = DVec2::new(random.signed(), random.signed()) * (2.0 * SPOT);
+        let time = random.unit_f64() as f32;
+        let aside = DVec2::new(random.signed_f64(), random.signed_f64()) * (2.0 * SPOT);
         ((middle(time.into()) + aside).as_vec2(), time)
     };
     (0..count).map(|_| place()).collect()
@@ -42,11 +42,11 @@ pub fn places(count: usize, seed: u64) -> Vec<Place> {
 
 /// A photon's place at a time.
 fn photon(time: f64, random: &mut Random) -> Vec2 {
-    if random.unit() < 0.5 {
-        return DVec2::new(random.unit(), random.unit()).as_vec2();
+    if random.unit_f64() < 0.5 {
+        return DVec2::new(random.unit_f64(), random.unit_f64()).as_vec2();
     }
     loop {
-        let aside = DVec2::new(random.signed(), random.signed());
+        let aside = DVec2::new(random.signed_f64(), random.signed_f64());
         if aside.length_squared() < 1.0 {
             return (middle(time) + aside * SPOT).as_vec2();
         }
@@ -116,7 +116,7 @@ impl Photons {
         let mut random = Random(seed);
         let mut photons: Vec<(Vec2, f32)> = (0..count)
             .map(|_| {
-                let time = random.unit() as f32;
+                let time = random.unit_f64() as f32;
                 (photon(time.into(), &mut random), time)
             })
             .collect();

@@ -5,8 +5,8 @@ use crate::page::{Axis, Item, Plot, Section, Series, Style, Table};
 use crate::run::{Run, Times, seconds};
 use crate::shading::Shading;
 use mbkd::{BuildParams, Hit, Ray};
-use mbkd_evidence::accuracy::Random;
 use mbkd_evidence::peers::{Peer, PeerError, Structure};
+use mbkd_scenes::Random;
 use mbkd_scenes::Scene;
 use rayon::prelude::*;
 use std::error::Error;
@@ -202,7 +202,7 @@ impl Job<'_> {
     #[inline]
     fn value(&self, peer: &Peer, at: usize, sample: usize, seed: u64, slices: Option<usize>) -> f64 {
         let mut random = Random(seed.wrapping_mul(0x9e37_79b9).wrapping_add(((at as u64) << 24) ^ sample as u64));
-        let mut unit = || random.unit() as f32;
+        let mut unit = || random.unit_f64() as f32;
         let side = self.side;
         let (x, y) = ((at % side) as f32 + unit(), (at / side) as f32 + unit());
         let ray = self.scene.camera.ray(x / side as f32, y / side as f32, 1.0, unit());

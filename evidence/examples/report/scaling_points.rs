@@ -8,8 +8,8 @@ use crate::race::{on_one_thread, timed};
 use crate::run::Run;
 use mbkd::glam::Vec3;
 use mbkd::{MovingPoint, NeighborBuffer, PointArrays, PointParams, PointSet, PointStructure, PointTree};
-use mbkd_evidence::accuracy::Random;
 use mbkd_evidence::point_sets::{Motion, Query, moving_points, place, queries, spacing};
+use mbkd_scenes::Random;
 use std::error::Error;
 use std::hint::black_box;
 
@@ -239,10 +239,10 @@ fn over_keys(run: &Run, size: &Size, numbers: &[usize]) -> Result<Vec<Curve>, Bo
 fn wandering(n: usize, keys: usize, seed: u64) -> Vec<Vec<Vec3>> {
     let mut random = Random(seed);
     let step = f64::from(spacing(n)) / ((keys - 1) as f64).sqrt();
-    let mut at: Vec<Vec3> = (0..n).map(|_| (random.vec() * 0.5).as_vec3() + 0.5).collect();
+    let mut at: Vec<Vec3> = (0..n).map(|_| (random.dvec() * 0.5).as_vec3() + 0.5).collect();
     let mut all = vec![at.clone()];
     for _ in 1..keys {
-        at.iter_mut().for_each(|p| *p += (random.vec() * step).as_vec3());
+        at.iter_mut().for_each(|p| *p += (random.dvec() * step).as_vec3());
         all.push(at.clone());
     }
     all

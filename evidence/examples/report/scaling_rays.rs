@@ -6,8 +6,8 @@ use crate::page::{Axis, Item, Plot, Section, Series, Style, Table};
 use crate::run::{Run, Times, interleaved, interleaved_wall, seconds};
 use mbkd::glam::Vec3;
 use mbkd::{BuildParams, KdParams, Ray, TriangleMesh};
-use mbkd_evidence::accuracy::Random;
 use mbkd_evidence::peers::{Peer, PeerError, Structure};
+use mbkd_scenes::Random;
 use rayon::prelude::*;
 use std::error::Error;
 
@@ -98,7 +98,7 @@ fn cloud(n: usize, way: f32, keys: usize, random: &mut Random) -> Vec<TriangleMe
     let spacing = (n.max(1) as f32).powf(-1.0 / 3.0);
     let mut positions = vec![Vec::with_capacity(3 * n); keys];
     for _ in 0..n {
-        let mut vec = || random.vec().as_vec3();
+        let mut vec = || random.dvec().as_vec3();
         let (at, aim, bend) = (vec() * 0.5, vec().normalize_or(Vec3::X), vec().normalize_or(Vec3::Y));
         let corners = [vec(), vec(), vec()].map(|c| at + c * 0.5 * spacing);
         for (key, positions) in positions.iter_mut().enumerate() {
@@ -113,9 +113,9 @@ fn cloud(n: usize, way: f32, keys: usize, random: &mut Random) -> Vec<TriangleMe
 /// Rays from around the cube to somewhere in it.
 fn crossing(n: usize, random: &mut Random) -> Vec<Ray> {
     let ray = |_| {
-        let from = random.vec().as_vec3().normalize_or(Vec3::X) * 1.5;
-        let to = random.vec().as_vec3() * 0.5;
-        Ray::new(from, to - from).at_time(random.unit() as f32)
+        let from = random.dvec().as_vec3().normalize_or(Vec3::X) * 1.5;
+        let to = random.dvec().as_vec3() * 0.5;
+        Ray::new(from, to - from).at_time(random.unit_f64() as f32)
     };
     (0..n).map(ray).collect()
 }

@@ -6,7 +6,7 @@ use crate::page::{Item, Section, Table};
 use crate::run::{Run, Times};
 use crate::time_weights;
 use crate::wide_table::{self, WideScene};
-use mbkd_evidence::accuracy::Random;
+use mbkd_scenes::Random;
 use std::error::Error;
 
 /// A scene of the paper and ours in its place, with what the paper reports of it.

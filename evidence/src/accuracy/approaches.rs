@@ -3,10 +3,10 @@
 use super::DOUBT;
 use super::cases::PointCase;
 use super::neighbors::Points;
-use super::random::Random;
 use super::tally::OrderTally;
 use crate::oracle::{ExactApproach, Given, approach, ulp32};
 use mbkd::{PointError, PointStructure, TimeInterval};
+use mbkd_scenes::Random;
 
 /// Compares trees, one per structure, with the exact closest approaches of `count` moving queries.
 ///
@@ -26,9 +26,10 @@ pub fn compare_approaches(
     for _ in 0..count {
         let begin = match &crossings {
             Some(crossings) => crossings.beside(random).0.min(0.8),
-            None => random.unit() as f32 * 0.8,
+            None => random.unit_f64() as f32 * 0.8,
         };
-        let part = TimeInterval::new(begin, begin + 0.2 * random.unit() as f32 + 1e-3).unwrap_or(TimeInterval::FULL);
+        let part =
+            TimeInterval::new(begin, begin + 0.2 * random.unit_f64() as f32 + 1e-3).unwrap_or(TimeInterval::FULL);
         let times = [TimeInterval::FULL, part][random.below(2)];
         let (from, to) = (set.query(case, times.begin(), random), set.query(case, times.end(), random));
         let exact: Vec<Option<ExactApproach>> = (0..set.active.len())

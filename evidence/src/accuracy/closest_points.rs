@@ -2,12 +2,13 @@
 
 use super::DOUBT;
 use super::crossings::Crossings;
-use super::random::Random;
 use super::rays::SceneUnderTest;
+use super::special_time;
 use super::tally::OrderTally;
 use crate::oracle::{ExactNearest, Given, ulp32};
 use mbkd::glam::DVec3;
 use mbkd::{ClosestPoint, ClosestPointQuery, RayTree};
+use mbkd_scenes::Random;
 
 /// Compares trees of a scene with the exact answers to `count` queries, a third of them with a greatest distance.
 /// `tamper` may change the answers of a tree before they are checked.
@@ -37,7 +38,7 @@ pub fn compare_closest_points(
         let Some((_, least)) = all.iter().min_by(|a, b| a.1.squared.cmp(&b.1.squared)) else { continue };
         let unit = |of: &ExactNearest| of.doubt + ulp32(of.near) / 2.0;
         let most = match random.below(3) {
-            0 => (least.near * (0.5 + random.unit())) as f32,
+            0 => (least.near * (0.5 + random.unit_f64())) as f32,
             _ => f32::INFINITY,
         };
         for (tree, tally) in trees.iter().zip(&mut tallies) {
@@ -72,10 +73,10 @@ fn place(scene: &SceneUnderTest, crossings: Option<&Crossings>, random: &mut Ran
     let case = scene.case();
     let (time, triangle) = match crossings {
         Some(crossings) => crossings.beside(random),
-        None => (random.time(case.keys), random.below(scene.meshes[0].len())),
+        None => (special_time(random, case.keys), random.below(scene.meshes[0].len())),
     };
     let [a, b, c] = scene.corners(0, triangle, time).map(|corner| corner.near);
-    let weight = random.unit();
+    let weight = random.unit_f64();
     let away = match random.below(4) {
         0 => 0.0,
         1 => 1e-3,
@@ -86,6 +87,6 @@ fn place(scene: &SceneUnderTest, crossings: Option<&Crossings>, random: &mut Ran
         1 => a + (b - a) * weight,
         _ => a + ((b - a) + (c - a)) * (0.5 * weight),
     };
-    let at = on + random.vec() * (away * case.scale);
+    let at = on + random.dvec() * (away * case.scale);
     (time, if case.wide { at } else { at.as_vec3().as_dvec3() })
 }

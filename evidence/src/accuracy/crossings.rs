@@ -4,9 +4,9 @@
 //! the two neighbouring floats between which they do: the begin or the end of one of its references, which the build made of
 //! the time at which it crosses a plane.
 
-use super::random::Random;
 use core::ops::ControlFlow;
 use mbkd::{Aabb, PointTree, RayTree, TreePoint, TreePrimitive, Visitor};
+use mbkd_scenes::Random;
 
 /// A tree as it is at a time.
 pub(super) trait Leaves {

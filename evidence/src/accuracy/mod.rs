@@ -10,7 +10,6 @@ mod cases;
 mod closest_points;
 mod crossings;
 mod neighbors;
-mod random;
 mod rays;
 mod spheres;
 mod tally;
@@ -19,8 +18,8 @@ mod watertight;
 pub use approaches::compare_approaches;
 pub use cases::{PointCase, RayCase, closest_point_cases, point_cases, ray_cases, sphere_cases};
 pub use closest_points::compare_closest_points;
+use mbkd_scenes::Random;
 pub use neighbors::{compare_neighbors, structures};
-pub use random::Random;
 pub use rays::{SceneUnderTest, compare_rays, policies};
 pub use spheres::compare_spheres;
 pub use tally::{Errors, OrderTally, RayTally};
@@ -32,3 +31,17 @@ pub const WELL: f64 = 2.0;
 /// Verdicts (hit or miss, one neighbour before another) that an input error of this many units can change are not
 /// counted as wrong.
 pub const DOUBT: f64 = 4.0;
+
+/// A time: often 0, 1, a key or an ulp beside one, otherwise any.
+fn special_time(random: &mut Random, keys: usize) -> f32 {
+    let key = random.below(keys.max(2)) as f32 / (keys.max(2) - 1) as f32;
+    let time = match random.below(8) {
+        0 => 0.0,
+        1 => 1.0,
+        2 => key,
+        3 => key.next_up(),
+        4 => key.next_down(),
+        _ => random.unit_f64() as f32,
+    };
+    time.clamp(0.0, 1.0)
+}

@@ -3,11 +3,12 @@
 use super::DOUBT;
 use super::cases::PointCase;
 use super::crossings::{Crossings, crossings};
-use super::random::Random;
+use super::special_time;
 use super::tally::OrderTally;
 use crate::oracle::{ExactDistance, Given, Moving, ulp32};
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{Neighbor, NeighborQuery, PointArrays, PointError, PointParams, PointStructure, PointTree, TimeInterval};
+use mbkd_scenes::Random;
 
 /// Points of a set.
 const POINTS: usize = 200;
@@ -43,15 +44,15 @@ impl Points {
                 Some(away) if i == 0 => DVec3::new(away, -away, 0.5 * away),
                 _ => DVec3::ZERO,
             };
-            let (at, displacement) = (random.vec() + cluster + outlier, random.vec() * case.speed);
+            let (at, displacement) = (random.dvec() + cluster + outlier, random.dvec() * case.speed);
             for (k, key) in keys.iter_mut().enumerate() {
                 let passed = k as f64 / (case.keys.max(2) - 1) as f64;
-                let aside = if case.keys > 2 { random.vec() * (0.3 * case.speed) } else { DVec3::ZERO };
+                let aside = if case.keys > 2 { random.dvec() * (0.3 * case.speed) } else { DVec3::ZERO };
                 let p = base + (at + displacement * passed + aside) * case.scale;
                 key.push(if case.wide { p } else { p.as_vec3().as_dvec3() });
             }
             let short = case.keys > 1 && random.below(4) == 0;
-            let begin = random.unit() as f32 * 0.6;
+            let begin = random.unit_f64() as f32 * 0.6;
             let part = TimeInterval::new(begin, begin + 0.3).expect("a part of the shutter");
             active.push(if short { part } else { TimeInterval::FULL });
         }
@@ -97,7 +98,7 @@ impl Points {
     /// A query near a point at a time.
     fn query_near(&self, point: usize, case: &PointCase, time: f32, random: &mut Random) -> DVec3 {
         let near = self.at(point, time).near;
-        let aside = random.vec() * case.scale * [0.0, 1e-4, 0.1, 1.0, 30.0][random.below(5)];
+        let aside = random.dvec() * case.scale * [0.0, 1e-4, 0.1, 1.0, 30.0][random.below(5)];
         if self.given == Given::F64 { near + aside } else { (near + aside).as_vec3().as_dvec3() }
     }
 }
@@ -169,14 +170,16 @@ pub fn compare_neighbors(
                 (time, set.query_near(point, case, time, random))
             }
             None => {
-                let time = random.time(case.keys);
+                let time = special_time(random, case.keys);
                 (time, set.query(case, time, random))
             }
         };
         let exact = Exact::new(&set, query, time);
         let k = [1, 4, 20, POINTS][random.below(4)];
-        let radius =
-            exact.0.get(random.below(40)).map_or(0.0, |(_, d)| (d.near.sqrt() * (0.9 + 0.2 * random.unit())) as f32);
+        let radius = exact
+            .0
+            .get(random.below(40))
+            .map_or(0.0, |(_, d)| (d.near.sqrt() * (0.9 + 0.2 * random.unit_f64())) as f32);
         let epsilon = [0.1, 1.0, 10.0, 1e20, f32::INFINITY][random.below(5)];
         for (tree, tally) in trees.iter().zip(&mut tallies) {
             compare(set.query_of(tree, query, time), &exact, (k, radius, epsilon), tally, &tamper);

@@ -3,12 +3,13 @@
 use super::DOUBT;
 use super::cases::RayCase;
 use super::crossings::{Crossings, crossings};
-use super::random::Random;
+use super::special_time;
 use super::tally::RayTally;
 use crate::oracle::{ExactRay, Given, Meeting, Moving, clearly_missed, meet_triangle};
 use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{BuildParams, Geometry, Hit, KdParams, Ray, RayTree, TriangleMesh};
+use mbkd_scenes::Random;
 
 /// The compared policies, by name.
 pub fn policies() -> Vec<(&'static str, BuildParams)> {
@@ -40,15 +41,15 @@ impl SceneUnderTest {
         let center = DVec3::splat(case.offset * case.scale);
         let mut soup = vec![Vec::new(); case.keys];
         for _ in 0..TRIANGLES {
-            let at = random.vec();
-            let (long, wide) = (random.vec() * 0.4, random.vec() * (0.4 / case.aspect));
-            let displacement = random.vec() * case.speed;
+            let at = random.dvec();
+            let (long, wide) = (random.dvec() * 0.4, random.dvec() * (0.4 / case.aspect));
+            let displacement = random.dvec() * case.speed;
             for (k, key) in soup.iter_mut().enumerate() {
                 let passed = k as f64 / (case.keys.max(2) - 1) as f64;
                 // Inner keys are off the straight line.
-                let aside = if case.keys > 2 { random.vec() * (0.1 * case.speed) } else { DVec3::ZERO };
+                let aside = if case.keys > 2 { random.dvec() * (0.1 * case.speed) } else { DVec3::ZERO };
                 for corner in [DVec3::ZERO, long, wide] {
-                    let own = random.vec() * (0.05 * case.speed / case.aspect);
+                    let own = random.dvec() * (0.05 * case.speed / case.aspect);
                     key.push(center + (at + corner + displacement * passed + aside + own) * case.scale);
                 }
             }
@@ -123,7 +124,7 @@ impl SceneUnderTest {
     /// A time, and some rays at it.
     fn rays(&self, crossings: Option<&Crossings>, random: &mut Random, count: usize) -> (f32, Vec<Ray>) {
         let crossing = crossings.map(|crossings| crossings.beside(random));
-        let time = crossing.map_or_else(|| random.time(self.case.keys), |(time, _)| time);
+        let time = crossing.map_or_else(|| special_time(random, self.case.keys), |(time, _)| time);
         let mut ray = || {
             let triangle = crossing.map_or_else(|| random.below(TRIANGLES), |(_, triangle)| triangle);
             self.ray(random, triangle, time)
@@ -136,26 +137,26 @@ impl SceneUnderTest {
     fn ray(&self, random: &mut Random, triangle: usize, time: f32) -> Ray {
         let case = &self.case;
         let [a, b, c] = self.corners(0, triangle, time).map(|m| m.near);
-        let (u, v) = (random.unit(), random.unit());
+        let (u, v) = (random.unit_f64(), random.unit_f64());
         let target = match random.below(8) {
             0 => a,
             1 => a + (b - a) * u,
             2 => b + (c - b) * u,
-            3 => self.center + random.vec() * case.scale,
+            3 => self.center + random.dvec() * case.scale,
             _ if u + v < 1.0 => a + (b - a) * u + (c - a) * v,
             _ => a + (b - a) * (1.0 - u) + (c - a) * (1.0 - v),
         };
         let (origin, dir) = if case.away > 100.0 {
             // A direction of few bits, so that the ray reaches its target exactly from any distance.
             let dir = loop {
-                let dir = (random.vec() * 4.0).round();
+                let dir = (random.dvec() * 4.0).round();
                 if dir != DVec3::ZERO {
                     break dir;
                 }
             };
             (target - dir * (case.away * case.scale), dir)
         } else {
-            let origin = target + random.vec() * (case.away * case.scale);
+            let origin = target + random.dvec() * (case.away * case.scale);
             let origin = if case.wide { origin } else { origin.as_vec3().as_dvec3() };
             (origin, (target - origin) / case.scale)
         };

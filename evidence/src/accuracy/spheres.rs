@@ -2,12 +2,13 @@
 
 use super::DOUBT;
 use super::cases::RayCase;
-use super::random::Random;
 use super::rays::{all_hits, check_queries};
+use super::special_time;
 use super::tally::RayTally;
 use crate::oracle::{ExactRay, Given, meet_sphere};
 use mbkd::glam::DVec3;
 use mbkd::{BuildError, BuildParams, MovingSphere, Ray, RayTree};
+use mbkd_scenes::Random;
 
 /// Spheres of a scene.
 const SPHERES: usize = 30;
@@ -16,12 +17,12 @@ fn spheres(case: &RayCase, random: &mut Random) -> Vec<MovingSphere> {
     let center = DVec3::splat(case.offset * case.scale);
     let mut all = Vec::new();
     for _ in 0..SPHERES {
-        let (at, displacement, radius) = (random.vec(), random.vec() * case.speed, 0.05 + 0.2 * random.unit());
+        let (at, displacement, radius) = (random.dvec(), random.dvec() * case.speed, 0.05 + 0.2 * random.unit_f64());
         let key = |k: usize| {
             let passed = k as f64 / (case.keys.max(2) - 1) as f64;
-            let aside = random.vec() * (0.05 * case.speed);
+            let aside = random.dvec() * (0.05 * case.speed);
             let place = center + (at + displacement * passed + aside) * case.scale;
-            (place, radius * case.scale * (1.0 + 0.3 * random.signed()))
+            (place, radius * case.scale * (1.0 + 0.3 * random.signed_f64()))
         };
         all.push(MovingSphere::new((0..case.keys).map(key).collect()));
     }
@@ -35,16 +36,16 @@ fn spheres(case: &RayCase, random: &mut Random) -> Vec<MovingSphere> {
 }
 
 fn ray(case: &RayCase, spheres: &[MovingSphere], random: &mut Random) -> Ray {
-    let time = random.time(case.keys);
+    let time = special_time(random, case.keys);
     let (center, radius) = spheres[random.below(SPHERES)].at(time);
     // At the middle, around the rim, or just inside of it.
-    let aim = random.vec().normalize_or_zero() * radius;
+    let aim = random.dvec().normalize_or_zero() * radius;
     let target = center + aim * [0.0, 0.5, 0.999, 1.0][random.below(4)];
     if case.away > 100.0 {
-        let dir = (random.vec() * 4.0).round() + DVec3::Z * 5.0;
+        let dir = (random.dvec() * 4.0).round() + DVec3::Z * 5.0;
         return Ray::new(target - dir * (case.away * case.scale), dir.as_vec3()).at_time(time);
     }
-    let origin = target + random.vec() * (case.away * case.scale);
+    let origin = target + random.dvec() * (case.away * case.scale);
     Ray::new(origin, ((target - origin) / case.scale).as_vec3()).at_time(time)
 }
 

@@ -4,9 +4,10 @@
 //! inner side with a margin, so that each ray leaves through exactly one point. **Rooms** with a built-in corner, which
 //! rotate and grow: there, planes and edges of walls extend into the room, and rays run along them.
 
-use super::random::Random;
+use super::special_time;
 use mbkd::glam::{DMat3, DVec3, Vec3};
 use mbkd::{Hit, Ray, RayTree, TriangleMesh};
+use mbkd_scenes::Random;
 use std::collections::HashMap;
 
 /// The targets of rays.
@@ -127,8 +128,8 @@ fn closed_ball(name: &str, rings: usize, keys: usize, at: (f64, f64), given: In,
     // Small enough that the thin triangles at the poles do not fold over, in addition to a motion of the whole.
     let wobble = 0.1 / (rings * rings) as f64;
     let key = |_| {
-        let (displacement, stretch) = (random.vec() * 0.3, 1.0 + random.vec() * 0.2);
-        base.iter().map(|p| center + ((*p + random.vec() * wobble) * stretch + displacement) * scale).collect()
+        let (displacement, stretch) = (random.dvec() * 0.3, 1.0 + random.dvec() * 0.2);
+        base.iter().map(|p| center + ((*p + random.dvec() * wobble) * stretch + displacement) * scale).collect()
     };
     let mut keys: Vec<Vec<DVec3>> = (0..keys).map(key).collect();
     let vertex = |ring: usize, i: usize| match ring {
@@ -190,8 +191,8 @@ fn room(name: &str, keys: usize, random: &mut Random) -> ClosedMesh {
             // Unchanged, so that planes and edges are met exactly.
             return (DMat3::IDENTITY, DVec3::ZERO);
         }
-        let axis = random.vec().normalize_or(DVec3::Z);
-        (DMat3::from_axis_angle(axis, 0.3 * random.unit()) * (1.0 + 0.2 * random.signed()), random.vec() * 0.2)
+        let axis = random.dvec().normalize_or(DVec3::Z);
+        (DMat3::from_axis_angle(axis, 0.3 * random.unit_f64()) * (1.0 + 0.2 * random.signed_f64()), random.dvec() * 0.2)
     };
     let maps: Vec<(DMat3, DVec3)> = (0..keys).map(map).collect();
     let mut keys = maps.iter().map(|(m, v)| base.iter().map(|p| *m * *p + *v).collect()).collect();
@@ -236,13 +237,13 @@ impl ClosedMesh {
 
     /// Rays at one time from one origin; fewer or none if the origin is unsuitable.
     fn rays(&self, random: &mut Random, count: usize) -> Vec<(Ray, WatertightKind)> {
-        let time = random.time(self.keys.len());
+        let time = special_time(random, self.keys.len());
         let vertices = self.vertices(time);
         let mut rays = Vec::with_capacity(count);
         match &self.shape {
             Shape::Ball => {
                 let middle = (vertices[0] + vertices[1]) * 0.5;
-                let origin = middle + random.vec() * (0.25 * self.scale);
+                let origin = middle + random.dvec() * (0.25 * self.scale);
                 if !self.sees_all_faces(&vertices, origin) {
                     return rays;
                 }
@@ -258,7 +259,7 @@ impl ClosedMesh {
                 let place = |p: DVec3| m * p + v;
                 for i in 0..count {
                     // In the part of the room from which every ray sees walls only, away from all of them.
-                    let p = random.vec() * 0.3 - DVec3::new(0.5, 0.5, 0.0);
+                    let p = random.dvec() * 0.3 - DVec3::new(0.5, 0.5, 0.0);
                     if i % 2 == 0 {
                         rays.push(self.ray_at_something(place(p), time, &vertices, random));
                         continue;
@@ -268,7 +269,7 @@ impl ClosedMesh {
                     let (along, kind) = if random.below(2) == 0 {
                         (DVec3::Y, WatertightKind::AlongEdge)
                     } else {
-                        (DVec3::new(0.0, 1.0, random.signed() * 0.5), WatertightKind::Plane)
+                        (DVec3::new(0.0, 1.0, random.signed_f64() * 0.5), WatertightKind::Plane)
                     };
                     let (mut p, mut d) = (DVec3::new(0.0, p.y, edge), along);
                     if random.below(2) == 0 {
@@ -292,9 +293,9 @@ impl ClosedMesh {
         let [a, b, c] = [a, b, c].map(|v| vertices[v as usize]);
         let (kind, target) = match random.below(8) {
             0..=2 => (WatertightKind::Vertex, a),
-            3 | 4 => (WatertightKind::Edge, a + (b - a) * random.unit()),
-            5 | 6 => (WatertightKind::Edge, b + (c - b) * random.unit()),
-            _ => (WatertightKind::Anywhere, origin + random.vec() * self.scale),
+            3 | 4 => (WatertightKind::Edge, a + (b - a) * random.unit_f64()),
+            5 | 6 => (WatertightKind::Edge, b + (c - b) * random.unit_f64()),
+            _ => (WatertightKind::Anywhere, origin + random.dvec() * self.scale),
         };
         (Ray::new(origin, ((target - origin) / self.scale).as_vec3()).at_time(time), kind)
     }

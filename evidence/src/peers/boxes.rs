@@ -130,8 +130,8 @@ impl SlabRay {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::accuracy::Random;
     use mbkd::{Ray, TriangleMesh};
+    use mbkd_scenes::Random;
 
     /// Counts rays past an edge of a triangle's box, at an edge of the triangle, that hit the triangle and miss the
     /// box. The triangles are static, since bounds of moving ones have some padding of their own.
@@ -140,7 +140,7 @@ mod tests {
         let mut random = Random(77);
         let mut corners = Vec::new();
         for _ in 0..TRIANGLES {
-            let mut vec = || random.vec().as_vec3();
+            let mut vec = || random.dvec().as_vec3();
             let (a, b, c) = (vec().abs(), vec(), vec().abs());
             corners.extend([a, b.with_x(a.x).with_y(a.y), Vec3::new(a.x - c.x, a.y + c.y, c.z)]);
         }
@@ -153,10 +153,10 @@ mod tests {
             let bounds = if padded { tight.padded() } else { tight };
             let [a, b] = [0, 1].map(|corner| corners[3 * index as usize + corner]);
             for _ in 0..400 {
-                let target = a.lerp(b, random.unit() as f32);
+                let target = a.lerp(b, random.unit_f64() as f32);
                 // From nearby, since the slack of a ray is that of its origin.
-                let origin = random.vec().as_vec3() * 1e-3;
-                let ray = Ray::new(origin, target - origin).at_time(random.unit() as f32);
+                let origin = random.dvec().as_vec3() * 1e-3;
+                let ray = Ray::new(origin, target - origin).at_time(random.unit_f64() as f32);
                 let Some(prepared) = tests.prepare(&ray) else { continue };
                 if tests.hit(&prepared, index, f32::INFINITY).is_some() {
                     hits += 1;

@@ -148,8 +148,8 @@ fn tightest<const N: usize>(boxes: [MovingBox; N], active: ActiveInterval) -> Mo
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::accuracy::Random;
     use mbkd::TriangleMesh;
+    use mbkd_scenes::Random;
 
     /// The parts of triangles in a cell while their references are active are in the box of the leaf, and in those
     /// above.
@@ -159,12 +159,12 @@ mod tests {
         let mut random = Random(12);
         let (mut held, mut smaller) = (0, 0);
         for _ in 0..300 {
-            let mut key = || (0..3 * TRIANGLES).map(|_| random.vec().as_vec3()).collect::<Vec<Vec3>>();
+            let mut key = || (0..3 * TRIANGLES).map(|_| random.dvec().as_vec3()).collect::<Vec<Vec3>>();
             let keys = vec![key(), key(), key()];
             let indices = (0..TRIANGLES).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
             let tests = TriangleTests::new(&[TriangleMesh::new(indices, keys)]).unwrap();
             let all = Box3::of((0..TRIANGLES).flat_map(|i| [0.0, 0.5, 1.0].map(|t| tests.corners(i, t))).flatten());
-            let mut number = || random.unit() as f32 - 0.5;
+            let mut number = || random.unit_f64() as f32 - 0.5;
             let (x, y, displacement) = (number(), number(), number());
             let [below, above] = Cell::root(all).sides(0, x, x + displacement);
             let [_, above] = above.sides(1, y, y);

@@ -76,16 +76,16 @@ impl WideNode {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::accuracy::Random;
     use crate::peers::boxes::Box3;
     use mbkd::glam::{Vec3, Vec3A};
+    use mbkd_scenes::Random;
 
     #[test]
     fn sixteen_boxes_are_entered_like_single_ones() {
         let mut random = Random(4);
         let (mut entered, mut passed) = (0, 0);
         for round in 0..4000usize {
-            let mut vec = || random.vec().as_vec3();
+            let mut vec = || random.dvec().as_vec3();
             let mut end = || {
                 let (middle, size) = (vec(), vec().abs());
                 Box3 { min: middle - size, max: middle + size }

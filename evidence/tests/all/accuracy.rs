@@ -3,6 +3,7 @@
 
 use mbkd::{Keys, PointStructure, RayTree, TriangleMesh};
 use mbkd_evidence::accuracy::*;
+use mbkd_scenes::Random;
 use rayon::prelude::*;
 
 /// The most ulp that distances of well-conditioned problems may be off by.

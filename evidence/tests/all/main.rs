@@ -10,3 +10,6 @@ mod point_structures;
 mod ray_structures;
 #[path = "../../../tests/points/support.rs"]
 mod support;
+
+// The support file expects it here.
+use mbkd_scenes as random;

@@ -4,7 +4,7 @@
 #[path = "../../examples/neighbors_of_files/formats.rs"]
 mod formats;
 
-use crate::support::{Cloud, Rng};
+use crate::support::{Cloud, Random};
 use formats::Table;
 use mbkd::glam::Vec3;
 use mbkd::{PointArrays, PointParams, PointStructure, PointTree, TimeInterval};
@@ -48,10 +48,10 @@ fn check(name: &str, cloud: &Cloud) {
     for structure in [PointStructure::Automatic, PointStructure::Linear, PointStructure::Kd] {
         let tree = PointTree::build(&set, &PointParams { structure, ..PointParams::default() }).unwrap();
         println!("{name}: {} points\n{}", cloud.len(), tree.statistics());
-        let mut rng = Rng(17);
+        let mut rng = Random(17);
         for _ in 0..25 {
             let time = rng.unit();
-            let q = cloud.at(rng.bits() as usize % cloud.len(), time);
+            let q = cloud.at(rng.below(cloud.len()), time);
             let all = cloud.sorted(q, time);
             assert_eq!(tree.nearest(q, time), all.first().copied(), "{name}, {structure:?}, time {time}");
             for k in [8, 60] {
@@ -83,7 +83,7 @@ fn written(names: &[&str], frames: &[Vec<Vec<f32>>]) -> Vec<u8> {
 
 #[test]
 fn made_up_sets_in_the_same_format() {
-    let mut rng = Rng(1);
+    let mut rng = Random(1);
     let mut rows =
         |columns: usize| (0..3000).map(|_| (0..columns).map(|_| rng.unit()).collect()).collect::<Vec<Vec<f32>>>();
     for (names, frames) in [

@@ -3,9 +3,9 @@
 use mbkd::baseline::BruteForce;
 use mbkd::glam::Vec3;
 use mbkd::{BuildParams, Counters, Hit, KdParams, Ray, TimeInterval, TriangleMesh};
-use mbkd_evidence::accuracy::Random;
 use mbkd_evidence::peers::{BvhParams, Collapsed, FourDParams, Peer, Structure, at_time};
 use mbkd_scenes as scene;
+use mbkd_scenes::Random;
 use proptest::prelude::*;
 use rayon::prelude::*;
 
@@ -137,7 +137,7 @@ fn exact_structures_equal_brute_force_on_scenes() {
     ["hall", "hairball", "hand", "tornado", "needles30"].par_iter().for_each(|name| {
         let scene = (scene::find(name).unwrap().make)(3000);
         let mut random = Random(5);
-        let mut unit = || random.unit() as f32;
+        let mut unit = || random.unit_f64() as f32;
         let mut rays: Vec<Ray> = (0..1500).map(|_| scene.camera.ray(unit(), unit(), 1.0, unit())).collect();
         rays.extend((0..200).map(|i| scene.camera.ray(unit(), unit(), 1.0, (i % 2) as f32)));
         assert!(compare(&scene.meshes, &rays) > 20, "{name}");
@@ -171,7 +171,7 @@ fn structures_are_the_same_on_any_number_of_threads() {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let peer = pool.install(|| Peer::build(&structure, &scene.meshes).unwrap());
             let mut random = Random(9);
-            let mut unit = || random.unit() as f32;
+            let mut unit = || random.unit_f64() as f32;
             let mut counters = Counters::default();
             for _ in 0..500 {
                 peer.closest_hit_observed(&scene.camera.ray(unit(), unit(), 1.0, unit()), &mut counters);
@@ -229,7 +229,7 @@ fn time_slices_are_exact_at_their_times() {
     let mut random = Random(3);
     let (mut wrong, mut hits) = (0, 0);
     for i in 0..400 {
-        let (x, y) = (random.unit() as f32, random.unit() as f32);
+        let (x, y) = (random.unit_f64() as f32, random.unit_f64() as f32);
         let at = |time: f32| scene.camera.ray(x, y, 1.0, time);
         let exact = (i % 4) as f32 / 4.0 + 0.125;
         // Positions are rounded to f32 before the kernel sees them, where it interpolates in f64.

@@ -6,9 +6,9 @@
 //! difference is a change of a build or of a traversal, and belongs in the notes.
 
 use mbkd::{BuildParams, Counters, KdParams, Ray, TriangleMesh};
-use mbkd_evidence::accuracy::Random;
 use mbkd_evidence::peers::{BvhParams, Collapsed, FourDParams, Peer, Structure};
 use mbkd_scenes as scene;
+use mbkd_scenes::Random;
 use std::fmt::Write;
 
 const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden/ray_structures.csv");
@@ -56,7 +56,7 @@ fn counted_work() {
     for name in ["hall", "hairball", "hand", "tornado"] {
         let scene = (scene::find(name).unwrap().make)(TRIANGLES);
         let mut random = Random(11);
-        let mut unit = || random.unit() as f32;
+        let mut unit = || random.unit_f64() as f32;
         let rays: Vec<Ray> = (0..RAYS).map(|_| scene.camera.ray(unit(), unit(), 1.0, unit())).collect();
         for (structure, of) in structures() {
             let counts = counts(&of, &scene.meshes, &rays).map(|n| n.to_string()).join(",");
