@@ -5,6 +5,7 @@
 use clap::Parser;
 use mbkd::KdParams;
 use mbkd_evidence::ablations::{Row, measure, rays, variants};
+use mbkd_evidence::options;
 use mbkd_scenes as scene;
 
 #[derive(Parser)]
@@ -25,9 +26,6 @@ struct Args {
     /// References per triangle that a tree may have.
     #[arg(long, default_value_t = 40.0)]
     references: f32,
-    /// Passed by cargo to every benchmark.
-    #[arg(long, hide = true)]
-    bench: bool,
 }
 
 /// By how many percent `a` is less than `b`.
@@ -36,7 +34,7 @@ fn less(a: f64, b: f64) -> f64 {
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let args = Args::parse();
+    let args: Args = options();
     let paper = KdParams { max_references: args.references, max_depth: args.depth, ..KdParams::paper() };
     let variants = variants(paper);
     println!("About {} triangles per scene, {} camera rays.\n", args.triangles, args.side * args.side);

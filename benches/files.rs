@@ -6,6 +6,7 @@
 use clap::Parser;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{BuildParams, MovingPoint, PointArrays, PointParams, PointStructure, PointTree, RayTree};
+use mbkd_evidence::options;
 use mbkd_evidence::timing::{median, timed};
 use mbkd_scenes as scene;
 use mbkd_scenes::Random;
@@ -24,9 +25,6 @@ struct Args {
     /// Only rows whose name contains this.
     #[arg(long, default_value = "")]
     only: String,
-    /// Passed by cargo to every benchmark.
-    #[arg(long, hide = true)]
-    bench: bool,
 }
 
 /// A result with any error.
@@ -40,7 +38,7 @@ struct Row<'a, T> {
 }
 
 fn main() -> Tried<()> {
-    let args = Args::parse();
+    let args: Args = options();
     rayon::ThreadPoolBuilder::new().num_threads(1).build_global()?;
     println!("| tree | MB | build, ms | save, ms | load, ms | build / load |\n|---|---|---|---|---|---|");
     let policies = [("wide", BuildParams::default()), ("k-d", BuildParams::paper())];

@@ -18,7 +18,11 @@ use mbkd::glam::{IVec3, Vec3};
 use mbkd::point::{
     GatherParams, GatherQuery, NeighborBuffer, Photon, PhotonMap, PhotonTime, VisiblePoint, VisiblePoints,
 };
+use mbkd_evidence::options;
+use mbkd_evidence::point_sets::morton;
+use mbkd_evidence::timing::{self, on_one_thread, wall_seconds};
 use mbkd_scenes::Random;
+use std::cell::Cell;
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -32,21 +36,16 @@ fn wall(random: &mut Random) -> (Vec3, Vec3) {
     (at, normal)
 }
 
-/// Runs the closures in alternation and returns the median time of each, in ns per item, with their checksums.
-fn race(rounds: usize, items: usize, runs: &mut [&mut dyn FnMut() -> f64]) -> Vec<(f64, f64)> {
-    let mut times = vec![Vec::new(); runs.len()];
-    let mut sums = vec![0.0; runs.len()];
-    for _ in 0..rounds {
-        for (i, run) in runs.iter_mut().enumerate() {
-            let begin = Instant::now();
-            sums[i] = black_box(run());
-            times[i].push(begin.elapsed().as_secs_f64() * 1e9 / items as f64);
-        }
-    }
-    for time in &mut times {
-        time.sort_by(f64::total_cmp);
-    }
-    times.iter().map(|t| t[t.len() / 2]).zip(sums).collect()
+/// Runs both sides in turns; returns the median time of each, in nanoseconds per item, and its last checksum.
+fn race(rounds: usize, items: usize, ours: impl FnMut() -> f64, theirs: impl FnMut() -> f64) -> [(f64, f64); 2] {
+    let sums = [Cell::new(0.0), Cell::new(0.0)];
+    let mut turns: [Box<dyn FnMut()>; 2] = [turn(ours, &sums[0]), turn(theirs, &sums[1])];
+    let times = timing::race(wall_seconds, rounds, &mut turns);
+    [0, 1].map(|side| (times[side].median * 1e9 / items as f64, sums[side].get()))
+}
+
+fn turn<'a>(mut run: impl FnMut() -> f64 + 'a, sum: &'a Cell<f64>) -> Box<dyn FnMut() + 'a> {
+    Box::new(move || sum.set(black_box(run())))
 }
 
 #[derive(Parser)]
@@ -61,9 +60,6 @@ struct Args {
     /// Repetitions; the median is reported.
     #[arg(long, default_value_t = 5, value_parser = at_least_one)]
     repeat: usize,
-    /// Passed by cargo to every benchmark.
-    #[arg(long, hide = true)]
-    bench: bool,
 }
 
 fn at_least_one(text: &str) -> Result<usize, String> {
@@ -71,19 +67,12 @@ fn at_least_one(text: &str) -> Result<usize, String> {
 }
 
 fn main() {
-    let args = Args::parse();
+    let args: Args = options();
     let (photons, queries, rounds) = (args.photons, args.queries, args.repeat);
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("one thread can be started");
-    pool.install(|| {
+    on_one_thread(|| {
         gathers(photons, queries, rounds);
         inverse(photons, rounds);
     });
-}
-
-/// The index of a point of the unit cube along a Morton curve.
-fn curve(at: Vec3) -> u64 {
-    let cell = (at * 1023.0).as_uvec3().to_array();
-    (0..30).fold(0, |code, bit| code | u64::from(cell[bit % 3] >> (bit / 3) & 1) << bit)
 }
 
 fn stamp(photon: &Photon<Vec3>) -> f32 {
@@ -102,7 +91,7 @@ fn gathers(count: usize, queries: usize, rounds: usize) {
         })
         .collect();
     // In an order in which neighbouring photons are close in memory: kiddo's search looks up their times by index.
-    photons.sort_by_cached_key(|photon| curve(photon.position));
+    photons.sort_by_cached_key(|photon| morton(photon.position));
     let begin = Instant::now();
     let map = PhotonMap::build(&photons, &GatherParams::default()).expect("photons are fine");
     let ours = begin.elapsed();
@@ -144,7 +133,7 @@ fn k_nearest(
 ) {
     let k = 50;
     let mut scratch = NeighborBuffer::new();
-    let mut ours = || {
+    let ours = || {
         let mut sum = 0.0;
         for &(at, normal, time) in at {
             let query = GatherQuery::new(at, normal, time).nearest(k).radius(radius).window(window);
@@ -153,7 +142,7 @@ fn k_nearest(
         sum
     };
     let mut near: Vec<(f32, u32)> = Vec::new();
-    let mut theirs = || {
+    let theirs = || {
         let mut sum = 0.0;
         for &(at, _, time) in at {
             near.clear();
@@ -176,7 +165,7 @@ fn k_nearest(
         }
         sum
     };
-    let [ours, theirs] = race(rounds, at.len(), &mut [&mut ours, &mut theirs])[..] else { unreachable!() };
+    let [ours, theirs] = race(rounds, at.len(), ours, theirs);
     assert!((ours.1 / theirs.1 - 1.0).abs() < 1e-3, "sums differ: {} {}", ours.1, theirs.1);
     let (ours, theirs) = (ours.0, theirs.0);
     let name = format!("k = {k}, half window {window}, {order}");
@@ -265,7 +254,7 @@ fn fixed_radius(
 ) {
     let grid = HashGrid::new(photons, radius);
     let mut scratch = NeighborBuffer::new();
-    let mut ours = || {
+    let ours = || {
         let mut sum = 0.0;
         for &(at, normal, time) in at {
             let query = GatherQuery::new(at, normal, time).radius(radius).window(window);
@@ -273,8 +262,8 @@ fn fixed_radius(
         }
         sum
     };
-    let mut theirs = || at.iter().map(|&(at, _, time)| f64::from(grid.gather(at, time, radius, window).x)).sum();
-    let [ours, theirs] = race(rounds, at.len(), &mut [&mut ours, &mut theirs])[..] else { unreachable!() };
+    let theirs = || at.iter().map(|&(at, _, time)| f64::from(grid.gather(at, time, radius, window).x)).sum();
+    let [ours, theirs] = race(rounds, at.len(), ours, theirs);
     assert!((ours.1 / theirs.1 - 1.0).abs() < 1e-3, "sums differ: {} {}", ours.1, theirs.1);
     let (ours, theirs) = (ours.0, theirs.0);
     let name = format!("radius {radius:.4}, half window {window}, {order}");
@@ -346,7 +335,7 @@ fn inverse(count: usize, rounds: usize) {
         .collect();
     let mut photons: Vec<(Vec3, f32)> = (0..count).map(|_| (wall(&mut rng).0, rng.unit())).collect();
     // In an order that suits the grid; ours computes one itself.
-    photons.sort_by_cached_key(|photon| curve(photon.0));
+    photons.sort_by_cached_key(|photon| morton(photon.0));
     let window = 0.05;
     let begin = Instant::now();
     let mut tree = VisiblePoints::build(&points, &GatherParams::default()).expect("points are fine");
@@ -364,7 +353,7 @@ fn inverse(count: usize, rounds: usize) {
     let shrunk = |pass: usize| 0.97f32.powi(pass as i32);
     let (mut ours_pass, mut theirs_pass) = (0, 0);
     let mut counts = vec![0u32; count];
-    let mut ours = || {
+    let ours = || {
         radii.iter_mut().zip(&points).for_each(|(radius, p)| *radius = p.radius * shrunk(ours_pass));
         ours_pass += 1;
         counts.fill(0);
@@ -374,7 +363,7 @@ fn inverse(count: usize, rounds: usize) {
     };
     let mut their_points = points.clone();
     let mut their_counts = vec![0u32; count];
-    let mut theirs = || {
+    let theirs = || {
         their_points.iter_mut().zip(&points).for_each(|(to, p)| to.radius = p.radius * shrunk(theirs_pass));
         theirs_pass += 1;
         their_counts.fill(0);
@@ -388,7 +377,7 @@ fn inverse(count: usize, rounds: usize) {
         }
         their_counts.iter().map(|&c| f64::from(c)).sum()
     };
-    let [ours, theirs] = race(rounds, count, &mut [&mut ours, &mut theirs])[..] else { unreachable!() };
+    let [ours, theirs] = race(rounds, count, ours, theirs);
     assert!((ours.1 / theirs.1 - 1.0).abs() < 1e-4, "hits differ: {} {}", ours.1, theirs.1);
     let hits = ours.1 / count as f64;
     let (ours, theirs) = (ours.0, theirs.0);

@@ -11,7 +11,8 @@ use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
     BuildError, BuildParams, Counters, Division, Keys, MovingSphere, Ray, RayTree, Shape, TriangleMesh, WideParams,
 };
-use mbkd_evidence::timing::{median, timed};
+use mbkd_evidence::options;
+use mbkd_evidence::timing::{median, on_one_thread, timed};
 use mbkd_scenes as scene;
 use mbkd_scenes::Random;
 use std::hint::black_box;
@@ -31,9 +32,6 @@ struct Args {
     /// Only scenes whose name contains this.
     #[arg(long, default_value = "")]
     only: String,
-    /// Passed by cargo to every benchmark.
-    #[arg(long, hide = true)]
-    bench: bool,
 }
 
 /// What a tree is built of, and where rays come from.
@@ -172,14 +170,13 @@ impl Tree {
 }
 
 fn main() -> Result<(), BuildError> {
-    let args = Args::parse();
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("one thread");
+    let args: Args = options();
     println!(
         "| scene | keys | kept | static | time nodes | bytes per primitive | of the vertices | build, ms | ns per ray | blocks per ray \
          | build / 2 keys | rays / 2 keys |\n|---|---|---|---|---|---|---|---|---|---|---|---|"
     );
     for row in ROWS.iter().filter(|row| row.name.contains(&args.only)) {
-        pool.install(|| measure(&args, row))?;
+        on_one_thread(|| measure(&args, row))?;
     }
     Ok(())
 }

@@ -10,7 +10,8 @@
 use clap::Parser;
 use core::ops::ControlFlow;
 use mbkd::{Aabb, BuildParams, Division, LazyParams, Ray, RayTree, TreePrimitive, Visitor};
-use mbkd_evidence::timing::{median, timed};
+use mbkd_evidence::options;
+use mbkd_evidence::timing::{median, on_one_thread, timed};
 use mbkd_scenes as scene;
 use mbkd_scenes::Random;
 use std::collections::HashSet;
@@ -41,20 +42,16 @@ struct Args {
     /// Only scenes whose name contains this.
     #[arg(long, default_value = "")]
     only: String,
-    /// Passed by cargo to every benchmark.
-    #[arg(long, hide = true)]
-    bench: bool,
 }
 
 fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
-    let args = Args::parse();
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    let args: Args = options();
     println!(
         "| scene | triangles | tested | in subtrees built | subtrees | build, ms | lazy build / build | and what rays built | at first, \
          build and rays / build and rays | rays / rays of the whole tree |\n|---|---|---|---|---|---|---|---|---|---|"
     );
     for recipe in scene::CATALOGUE.iter().filter(|recipe| recipe.name.contains(&args.only)) {
-        pool.install(|| measure(&args, recipe))?;
+        on_one_thread(|| measure(&args, recipe))?;
     }
     Ok(())
 }

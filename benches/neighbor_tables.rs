@@ -14,11 +14,12 @@ use kiddo::stem_strategy::Eytzinger;
 use mbkd::glam::{DMat3, DVec3, Vec3};
 use mbkd::{MovingPoint, NeighborBuffer, PointLayerKind, PointLayerStatistics, PointParams};
 use mbkd::{PointStructure, PointTree, SimdLevel, TimeInterval};
-use mbkd_evidence::point_sets::on_surfaces;
+use mbkd_evidence::options;
+use mbkd_evidence::point_sets::{morton, on_surfaces};
+use mbkd_evidence::timing::{self, on_one_thread, wall_seconds};
 use mbkd_scenes::Random;
 use std::hint::black_box;
 use std::num::NonZero;
-use std::time::Instant;
 
 type Arena = kiddo::ImmutableKdTree<f32, 3>;
 type Flat = kiddo::KdTree<f32, u32, Eytzinger, FlatVec<f32, u32, 3, 32>, 3, 32>;
@@ -45,9 +46,6 @@ struct Args {
     /// Only the rows of the moving table whose names contain this.
     #[arg(long, default_value = "")]
     rows: String,
-    /// Passed by cargo to every benchmark.
-    #[arg(long, hide = true)]
-    bench: bool,
 }
 
 /// The tables.
@@ -70,34 +68,10 @@ fn at_least<const LEAST: usize>(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(|n| *n >= LEAST).ok_or_else(|| format!("a whole number, at least {LEAST}"))
 }
 
-fn morton(p: Vec3) -> u64 {
-    let spread = |x: f32| {
-        let mut v = ((x + 1.0) * 300.0).clamp(0.0, 1023.0) as u64;
-        v = (v | v << 16) & 0x0300_00ff;
-        v = (v | v << 8) & 0x0300_f00f;
-        v = (v | v << 4) & 0x030c_30c3;
-        (v | v << 2) & 0x0924_9249
-    };
-    spread(p.x) | spread(p.y) << 1 | spread(p.z) << 2
-}
-
 /// Medians of interleaved times, in nanoseconds per query.
 fn race(repeat: usize, count: usize, contestants: &mut [&mut dyn FnMut()]) -> Vec<f64> {
-    let mut times = vec![Vec::new(); contestants.len()];
-    for _ in 0..repeat {
-        for (times, run) in times.iter_mut().zip(contestants.iter_mut()) {
-            let start = Instant::now();
-            run();
-            times.push(start.elapsed().as_nanos() as f64 / count as f64);
-        }
-    }
-    times
-        .into_iter()
-        .map(|mut t| {
-            t.sort_by(f64::total_cmp);
-            t[t.len() / 2]
-        })
-        .collect()
+    let times = timing::race(wall_seconds, repeat, contestants);
+    times.iter().map(|times| times.median * 1e9 / count as f64).collect()
 }
 
 /// The radius around points of a set that holds about `aim` others on average.
@@ -530,7 +504,7 @@ fn fit_costs(args: &Args) {
 }
 
 fn main() {
-    let args = Args::parse();
+    let args: Args = options();
     println!(
         "queries on {}; compiled with avx2: {}, avx512f: {}",
         SimdLevel::best(),
@@ -539,8 +513,7 @@ fn main() {
     );
     let wants = |table: Table| args.tables.is_empty() || args.tables.contains(&table);
     // One thread for everything, builds included.
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
-    pool.install(|| {
+    on_one_thread(|| {
         if wants(Table::Static) {
             static_tables(&args);
         }

@@ -9,6 +9,7 @@ use clap::Parser;
 use kiddo::leaf_strategy::FlatVec;
 use kiddo::stem_strategy::Eytzinger;
 use mbkd::{PointParams, PointTree};
+use mbkd_evidence::options;
 use mbkd_scenes::Random;
 use peak_alloc::PeakAlloc;
 
@@ -24,9 +25,6 @@ struct Args {
     #[arg(long, value_delimiter = ',', default_values_t = [10_000, 100_000, 1_000_000, 10_000_000],
         value_parser = clap::value_parser!(u32).range(1..))]
     points: Vec<u32>,
-    /// Passed by cargo to every benchmark.
-    #[arg(long, hide = true)]
-    bench: bool,
 }
 
 fn weigh<T>(name: &str, points: usize, build: impl FnOnce() -> T) {
@@ -40,7 +38,7 @@ fn weigh<T>(name: &str, points: usize, build: impl FnOnce() -> T) {
 }
 
 fn main() {
-    let args = Args::parse();
+    let args: Args = options();
     let mut random = Random(1);
     for n in args.points.into_iter().map(|n| n as usize) {
         let points: Vec<[f32; 3]> = (0..n).map(|_| [random.unit(), random.unit(), random.unit()]).collect();

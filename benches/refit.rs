@@ -8,7 +8,8 @@
 use clap::Parser;
 use mbkd::glam::Vec3;
 use mbkd::{BuildParams, Counters, Keys, Ray, RayTree, TriangleMesh};
-use mbkd_evidence::timing::{median, timed};
+use mbkd_evidence::options;
+use mbkd_evidence::timing::{median, on_one_thread, timed};
 use mbkd_scenes as scene;
 use mbkd_scenes::Random;
 use std::error::Error;
@@ -32,9 +33,6 @@ struct Args {
     /// Only animations whose name contains this.
     #[arg(long, default_value = "")]
     only: String,
-    /// Passed by cargo to every benchmark.
-    #[arg(long, hide = true)]
-    bench: bool,
 }
 
 /// An animation.
@@ -120,14 +118,13 @@ fn cubes(triangles: usize, frame: usize) -> scene::Scene {
 }
 
 fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
-    let args = Args::parse();
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    let args: Args = options();
     println!(
         "| animation | triangles | build, ms | first refit | refit | of the moving meshes | build / refit | build / refit of the moving meshes | blocks written | cost \
          | blocks per ray / another tree's | rays / another tree's |\n|---|---|---|---|---|---|---|---|---|---|---|---|"
     );
     for row in ROWS.iter().filter(|row| row.name.contains(&args.only)) {
-        pool.install(|| measure(&args, row))?;
+        on_one_thread(|| measure(&args, row))?;
     }
     Ok(())
 }

@@ -4,8 +4,8 @@
 //! shared edge, or coincident triangles), or the ray passes the triangle that one side missed within rounding of an
 //! edge, as measured in f64 by the referee. Any other difference counts as unexplained, and is a bug on one side.
 
-use crate::geometry::{corners, pass};
 use mbkd::{Hit, Ray, TriangleMesh};
+use mbkd_evidence::triangles::{corners, pass};
 
 /// Allowance for rounding, in units of f32's relative precision: translations, shears and keys of both sides.
 const ULPS: f64 = 64.0;

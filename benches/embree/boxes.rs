@@ -5,6 +5,7 @@ use crate::ffi::{Embree, EmbreeRay, Quality, UserShapes};
 use crate::options::{Isa, Options};
 use mbkd::glam::Vec3;
 use mbkd::{Aabb, BuildError, BuildParams, Intersection, LinearBounds, Primitive, Ray, RayTree, TimeInterval};
+use mbkd_evidence::timing::on_one_thread;
 use std::time::Instant;
 
 const KINDS: [Kind; 5] = [
@@ -86,13 +87,12 @@ fn one(options: &Options, embree: &Embree, count: usize, kind: &Kind, isa: Isa) 
             shape.hit(ray.origin.into(), ray.dir.into(), ray.time, [ray.tnear, ray.tfar])
         },
     };
-    let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(|e| e.to_string())?;
     let (level, config) = cube::level_and_config(isa)?;
     let device = embree.device(config)?;
     let build_ours = || {
         let shapes = shapes.clone();
         let start = Instant::now();
-        let tree = alone.install(|| RayTree::of_primitives(shapes, &BuildParams::default()));
+        let tree = on_one_thread(|| RayTree::of_primitives(shapes, &BuildParams::default()));
         Ok((start.elapsed().as_secs_f64(), tree.map_err(|e: BuildError| e.to_string())?.with_simd(level)))
     };
     let build_theirs = || {

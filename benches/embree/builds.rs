@@ -4,11 +4,10 @@ use crate::configs::{self, Config};
 use crate::ffi::Embree;
 use crate::options::{Mode, Only, Options};
 use crate::ours::{self, Ours};
-use mbkd_evidence::timing::{median, seconds};
+use mbkd_evidence::timing::{median, seconds, wall_seconds};
 use mbkd_scenes::Scene;
 use rayon::ThreadPool;
-use std::sync::{Arc, OnceLock};
-use std::time::Instant;
+use std::sync::Arc;
 
 /// Builds of one scene with one number of threads. Seconds are medians.
 pub struct Builds {
@@ -33,8 +32,7 @@ pub struct Theirs {
 
 /// Processor time for one thread, wall-clock time for several.
 fn now(threads: usize) -> f64 {
-    static START: OnceLock<Instant> = OnceLock::new();
-    if threads == 1 { seconds() } else { START.get_or_init(Instant::now).elapsed().as_secs_f64() }
+    if threads == 1 { seconds() } else { wall_seconds() }
 }
 
 /// Measures the builds of a scene.

@@ -2,12 +2,12 @@
 
 use crate::configs;
 use crate::ffi::{Embree, EmbreeScene, PointQuery};
-use crate::geometry::{bounds, corners, positions};
 use crate::options::{Isa, Mode, Options};
 use crate::ours::Ours;
-use crate::timing::{Checksum, in_turns};
 use glam::Vec3;
 use mbkd::{ClosestPointQuery, TriangleMesh, glam};
+use mbkd_evidence::triangles::{bounds, corners, positions};
+use mbkd_evidence::turns::{Checksum, in_turns};
 use mbkd_scenes::Scene;
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};

@@ -8,10 +8,10 @@
 //! static nodes.
 
 use crate::ffi::{Device, EmbreeScene, Mesh, Quality};
-use crate::geometry::positions;
 use crate::options::Mode;
 use glam::Vec3;
 use mbkd::{Hit, TriangleMesh, glam};
+use mbkd_evidence::triangles::positions;
 use std::borrow::Cow;
 
 /// A configuration of Embree.

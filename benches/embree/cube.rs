@@ -2,11 +2,10 @@
 
 use crate::ffi::{Device, EmbreeRay, EmbreeScene};
 use crate::options::{Isa, Options};
-use crate::sum;
-use crate::timing::in_turns;
 use mbkd::glam::Vec3;
 use mbkd::{Geometry, Ray, RayTree, SimdLevel};
 use mbkd_evidence::timing::median;
+use mbkd_evidence::turns::{Checksum, in_turns};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 
@@ -82,13 +81,13 @@ pub fn row<G: Geometry>(
     let short: Vec<Ray> = from_inside.iter().map(|ray| ray.between(0.0, 0.1 / ray.dir.length())).collect();
     let closest = |rays: &[Ray]| {
         let native: Vec<EmbreeRay> = rays.iter().map(EmbreeRay::from).collect();
-        let ours = || sum(rays, |sum, ray| sum.closest(tree.closest_hit(ray)));
-        let other = || sum(&native, |sum, ray| sum.closest(theirs.closest_hit(ray)));
+        let ours = || Checksum::of(rays, |sum, ray| sum.closest(tree.closest_hit(ray)));
+        let other = || Checksum::of(&native, |sum, ray| sum.closest(theirs.closest_hit(ray)));
         in_turns(options.runs, Some(&ours), Some(&other)).ratio
     };
     let native: Vec<EmbreeRay> = short.iter().map(EmbreeRay::from).collect();
-    let ours = || sum(&short, |sum, ray| sum.any(tree.any_hit(ray)));
-    let other = || sum(&native, |sum, ray| sum.any(theirs.any_hit(ray)));
+    let ours = || Checksum::of(&short, |sum, ray| sum.any(tree.any_hit(ray)));
+    let other = || Checksum::of(&native, |sum, ray| sum.any(theirs.any_hit(ray)));
     let differs = |ray: &&Ray| {
         let (ours, theirs) = (tree.closest_hit(ray), theirs.closest_hit(&EmbreeRay::from(*ray)));
         ours.map(|hit| hit.primitive) != theirs.map(|hit| hit.primitive)

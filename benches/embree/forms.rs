@@ -5,10 +5,9 @@ use crate::configs;
 use crate::ffi::{Embree, EmbreeRay};
 use crate::options::{Isa, Mode, Options};
 use crate::ours::Ours;
-use crate::rays::generate;
-use crate::sum;
-use crate::timing::{Checksum, in_turns};
 use mbkd::{Hit, Ray, RayTree};
+use mbkd_evidence::scene_rays::generate;
+use mbkd_evidence::turns::{Checksum, in_turns};
 use mbkd_scenes::Scene;
 use std::cell::Cell;
 use std::ops::ControlFlow;
@@ -47,10 +46,10 @@ fn one(options: &Options, embree: &Embree, scene: &Scene, isa: Isa) -> Result<St
     let [of_closest, of_ao, of_primary, of_bounce] =
         [&closest, &rays.ao, &rays.primary, &rays.bounce].map(|rays| native(rays));
     let ours: [&dyn Fn() -> Checksum; FORMS] = [
-        &|| sum(&closest, |sum, ray| sum.closest(tree.closest_hit_filtered(ray, u32::MAX, cut_out))),
-        &|| sum(&rays.ao, |sum, ray| sum.any(tree.any_hit_filtered(ray, u32::MAX, cut_out))),
-        &|| sum(&rays.primary, |sum, ray| add_all(tree, ray, sum)),
-        &|| sum(&rays.bounce, |sum, ray| add_all(tree, ray, sum)),
+        &|| Checksum::of(&closest, |sum, ray| sum.closest(tree.closest_hit_filtered(ray, u32::MAX, cut_out))),
+        &|| Checksum::of(&rays.ao, |sum, ray| sum.any(tree.any_hit_filtered(ray, u32::MAX, cut_out))),
+        &|| Checksum::of(&rays.primary, |sum, ray| add_all(tree, ray, sum)),
+        &|| Checksum::of(&rays.bounce, |sum, ray| add_all(tree, ray, sum)),
     ];
     let number = |form: &dyn Fn() -> Checksum| form().hits;
     let hits = ours.map(number);
@@ -79,8 +78,8 @@ fn one(options: &Options, embree: &Embree, scene: &Scene, isa: Isa) -> Result<St
             seen.get()
         };
         let theirs: [&dyn Fn() -> Checksum; FORMS] = [
-            &|| sum(&of_closest, |sum, ray| sum.closest(filtered.closest_hit(ray))),
-            &|| sum(&of_ao, |sum, ray| sum.any(filtered.any_hit(ray))),
+            &|| Checksum::of(&of_closest, |sum, ray| sum.closest(filtered.closest_hit(ray))),
+            &|| Checksum::of(&of_ao, |sum, ray| sum.any(filtered.any_hit(ray))),
             &|| all(&of_primary),
             &|| all(&of_bounce),
         ];

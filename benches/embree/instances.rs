@@ -6,12 +6,11 @@
 //! static.
 
 use crate::ffi::{Embree, EmbreeRay, EmbreeScene, Mesh, Quality};
-use crate::geometry::{positions, scene_size};
 use crate::options::{Mode, Options};
-use crate::sum;
-use crate::timing::in_turns;
 use mbkd::glam::{DQuat, DVec3, Vec3};
 use mbkd::{BuildParams, Instance, InstanceTree, Pose, Ray, RayTree, Transform, TriangleMesh, WideParams};
+use mbkd_evidence::triangles::{positions, scene_size};
+use mbkd_evidence::turns::{Checksum, in_turns};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use std::sync::Arc;
@@ -99,11 +98,11 @@ fn one(
 
     let rays: Vec<Ray> = (0..options.side * options.side).map(|_| ray(&mut random)).collect();
     let native: Vec<EmbreeRay> = rays.iter().map(EmbreeRay::from).collect();
-    let our_closest = || sum(&rays, |sum, ray| sum.closest(ours.closest_hit(ray).map(|found| found.hit)));
-    let their_closest = || sum(&native, |sum, ray| sum.closest(theirs.closest_hit(ray)));
+    let our_closest = || Checksum::of(&rays, |sum, ray| sum.closest(ours.closest_hit(ray).map(|found| found.hit)));
+    let their_closest = || Checksum::of(&native, |sum, ray| sum.closest(theirs.closest_hit(ray)));
     let closest = in_turns(options.runs, Some(&our_closest), Some(&their_closest));
-    let our_any = || sum(&rays, |sum, ray| sum.any(ours.any_hit(ray)));
-    let their_any = || sum(&native, |sum, ray| sum.any(theirs.any_hit(ray)));
+    let our_any = || Checksum::of(&rays, |sum, ray| sum.any(ours.any_hit(ray)));
+    let their_any = || Checksum::of(&native, |sum, ray| sum.any(theirs.any_hit(ray)));
     let any = in_turns(options.runs, Some(&our_any), Some(&their_any));
     Ok(format!(
         "{:.2} | {:.2} | {:.4} % | {:.2} | {:.2}",

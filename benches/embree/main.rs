@@ -13,29 +13,22 @@ mod configs;
 mod cube;
 mod ffi;
 mod forms;
-mod geometry;
 mod instances;
 mod masks;
 mod options;
 mod ours;
-mod rays;
 mod report;
 mod run;
 mod spheres;
-mod timing;
 
-use clap::Parser;
 use ffi::Embree;
-// A module in the crate of static geometry, which shares `timing`.
-use mbkd_evidence::timing as clock;
 use mbkd_scenes::Scene;
 use options::{Only, Options};
 use run::Measured;
 use std::process::ExitCode;
-use timing::Checksum;
 
 fn main() -> ExitCode {
-    match measure(&Options::parse()) {
+    match measure(&mbkd_evidence::options()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("error: {error}");
@@ -107,11 +100,4 @@ fn scene(options: &Options, name: &str) -> Result<Scene, String> {
     let recipe =
         mbkd_scenes::find(name).ok_or_else(|| format!("no scene is called {name:?}; there are {}", known()))?;
     Ok((recipe.make)((recipe.full as f32 * options.scale) as usize))
-}
-
-/// The checksum of the answers of some rays.
-fn sum<R>(rays: &[R], answer: impl Fn(&mut Checksum, &R)) -> Checksum {
-    let mut sum = Checksum::default();
-    rays.iter().for_each(|ray| answer(&mut sum, ray));
-    sum
 }

@@ -4,10 +4,9 @@ use crate::configs;
 use crate::ffi::{Embree, EmbreeRay};
 use crate::options::{Isa, Mode, Options};
 use crate::ours::Ours;
-use crate::rays::generate;
-use crate::sum;
-use crate::timing::in_turns;
 use mbkd::{Keys, Ray, TriangleMesh};
+use mbkd_evidence::scene_rays::generate;
+use mbkd_evidence::turns::{Checksum, in_turns};
 use mbkd_scenes::Scene;
 use std::collections::HashMap;
 
@@ -55,12 +54,12 @@ fn one(options: &Options, embree: &Embree, scene: &Scene, isa: Isa) -> Result<St
         }
         theirs.commit()?;
         for (i, (rays, native)) in [(&rays.primary, &primary), (&rays.bounce, &bounce)].into_iter().enumerate() {
-            let one = || sum(rays, |sum, ray| sum.closest(tree.closest_hit_masked(ray, SEEN)));
-            let other = || sum(native, |sum, ray| sum.closest(theirs.closest_hit(ray)));
+            let one = || Checksum::of(rays, |sum, ray| sum.closest(tree.closest_hit_masked(ray, SEEN)));
+            let other = || Checksum::of(native, |sum, ray| sum.closest(theirs.closest_hit(ray)));
             best[i] = best[i].min(in_turns(options.runs, Some(&one), Some(&other)).ratio);
         }
-        let one = || sum(&rays.ao, |sum, ray| sum.any(tree.any_hit_masked(ray, SEEN)));
-        let other = || sum(&ao, |sum, ray| sum.any(theirs.any_hit(ray)));
+        let one = || Checksum::of(&rays.ao, |sum, ray| sum.any(tree.any_hit_masked(ray, SEEN)));
+        let other = || Checksum::of(&ao, |sum, ray| sum.any(theirs.any_hit(ray)));
         best[2] = best[2].min(in_turns(options.runs, Some(&one), Some(&other)).ratio);
         if at == 0 {
             let differs = |(ray, native): &(&Ray, &EmbreeRay)| {

@@ -1,7 +1,7 @@
 //! The command line.
 
-use crate::rays::Kind;
 use clap::{Parser, ValueEnum};
+use mbkd_evidence::scene_rays::Kind;
 
 /// Times mbkd's ray queries against Embree's motion blur in one process: the same rays in the same order, in
 /// alternation, medians. Without Embree it times mbkd alone.
@@ -75,9 +75,6 @@ pub struct Options {
     /// Also print every Embree configuration, not only the best.
     #[arg(long)]
     pub details: bool,
-    /// Passed by cargo to every benchmark; has no effect.
-    #[arg(long, hide = true)]
-    pub bench: bool,
 }
 
 impl Options {

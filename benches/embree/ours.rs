@@ -1,8 +1,8 @@
 //! Our side: one tree with default parameters, without settings per scene.
 
 use crate::options::Isa;
-use crate::rays::Kind;
 use mbkd::{BuildParams, ClosestPoint, ClosestPointQuery, Counters, Hit, Ray, RayTree, SimdLevel, TriangleMesh};
+use mbkd_evidence::scene_rays::Kind;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::sync::Arc;
 

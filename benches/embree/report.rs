@@ -4,6 +4,7 @@ use crate::builds::Builds;
 use crate::options::{Isa, Mode, Options};
 use crate::run::{Cell, Measured};
 use mbkd::SimdLevel;
+use mbkd_evidence::timing::geometric_mean;
 
 /// Required ratios on one thread of an AVX-512 machine.
 mod bounds {
@@ -56,12 +57,6 @@ fn two(x: f64) -> String {
 
 fn mrays(rays: usize, seconds: f64) -> String {
     two(rays as f64 / seconds * 1e-6)
-}
-
-/// Geometric mean; NaN without values.
-pub fn geometric_mean(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, n) = values.fold((0.0, 0), |(sum, n), x: f64| (sum + x.ln(), n + 1));
-    if n == 0 { f64::NAN } else { (sum / f64::from(n)).exp() }
 }
 
 /// For every scene, kind and single or batch: the cell of Embree's best configuration.

@@ -4,12 +4,12 @@
 use crate::agree::{Agreement, Referee};
 use crate::configs;
 use crate::ffi::{Embree, EmbreeRay, EmbreeScene, Packet};
-use crate::geometry::scene_size;
 use crate::options::{Isa, Mode, Only, Options};
 use crate::ours::{self, Ours};
-use crate::rays::{Kind, Rays, generate};
-use crate::timing::{Checksum, Side, Turns, in_turns};
 use mbkd::{Counters, Hit, Ray};
+use mbkd_evidence::scene_rays::{Kind, Rays, generate};
+use mbkd_evidence::triangles::scene_size;
+use mbkd_evidence::turns::{Checksum, Side, Turns, in_turns};
 use mbkd_scenes::Scene;
 use std::cell::RefCell;
 
@@ -181,21 +181,17 @@ impl Bench<'_> {
 }
 
 fn single_ours(ours: &Ours, kind: Kind, rays: &[Ray]) -> Checksum {
-    let mut sum = Checksum::default();
     match kind {
-        Kind::Ao => rays.iter().for_each(|ray| sum.any(ours.any_hit(ray))),
-        _ => rays.iter().for_each(|ray| sum.closest(ours.closest_hit(ray))),
+        Kind::Ao => Checksum::of(rays, |sum, ray| sum.any(ours.any_hit(ray))),
+        _ => Checksum::of(rays, |sum, ray| sum.closest(ours.closest_hit(ray))),
     }
-    sum
 }
 
 fn single_theirs(theirs: &EmbreeScene<'_>, kind: Kind, rays: &[EmbreeRay]) -> Checksum {
-    let mut sum = Checksum::default();
     match kind {
-        Kind::Ao => rays.iter().for_each(|ray| sum.any(theirs.any_hit(ray))),
-        _ => rays.iter().for_each(|ray| sum.closest(theirs.closest_hit(ray))),
+        Kind::Ao => Checksum::of(rays, |sum, ray| sum.any(theirs.any_hit(ray))),
+        _ => Checksum::of(rays, |sum, ray| sum.closest(theirs.closest_hit(ray))),
     }
-    sum
 }
 
 fn packed_theirs(theirs: &EmbreeScene<'_>, kind: Kind, packets: &[Packet]) -> Checksum {

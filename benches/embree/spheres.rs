@@ -5,6 +5,7 @@ use crate::ffi::{Embree, Quality};
 use crate::options::{Isa, Options};
 use mbkd::glam::DVec3;
 use mbkd::{BuildError, BuildParams, MovingSphere, RayTree, Shape};
+use mbkd_evidence::timing::on_one_thread;
 use rand::RngExt;
 use rand::rngs::StdRng;
 use std::time::Instant;
@@ -49,13 +50,12 @@ fn one(options: &Options, embree: &Embree, count: usize, kind: &Kind, isa: Isa) 
         };
         Shape::from(MovingSphere::new(keys.iter().map(key).collect()))
     };
-    let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(|e| e.to_string())?;
     let (level, config) = cube::level_and_config(isa)?;
     let device = embree.device(config)?;
     let build_ours = || {
         let shapes: Vec<Shape> = (0..count).map(shape).collect();
         let start = Instant::now();
-        let tree = alone.install(|| RayTree::of_scene(&[], shapes, &BuildParams::default()));
+        let tree = on_one_thread(|| RayTree::of_scene(&[], shapes, &BuildParams::default()));
         Ok((start.elapsed().as_secs_f64(), tree.map_err(|e: BuildError| e.to_string())?.with_simd(level)))
     };
     let build_theirs = || {

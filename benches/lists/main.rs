@@ -15,8 +15,9 @@ use mbkd::{
     Encounter, EncounterLists, MovingPoint, NeighborBuffer, NeighborLists, PointParams, PointStructure, PointTree,
     Radii, TimeInterval,
 };
+use mbkd_evidence::options;
 use mbkd_evidence::point_sets::on_surfaces;
-use mbkd_evidence::timing::median;
+use mbkd_evidence::timing::{median, race, wall_seconds};
 use mbkd_scenes::Random;
 use std::hint::black_box;
 use std::time::Instant;
@@ -39,9 +40,6 @@ struct Args {
     /// Only tables whose names contain this.
     #[arg(long, default_value = "")]
     only: String,
-    /// Passed by cargo to every benchmark.
-    #[arg(long, hide = true)]
-    bench: bool,
 }
 
 /// Around sixty centres, with density falling off as the inverse square of the distance, as in galaxies.
@@ -53,26 +51,13 @@ fn galaxy(random: &mut Random) -> Vec3 {
 /// A timed closure and its name.
 type Contestant<'a> = (&'a str, Box<dyn FnMut() + 'a>);
 
-/// Medians of interleaved times in nanoseconds per particle.
-fn race(repeat: usize, count: usize, contestants: &mut [Contestant]) -> Vec<f64> {
-    let mut times = vec![Vec::new(); contestants.len()];
-    // One unmeasured round: buffers grow.
-    for round in 0..=repeat {
-        for (times, (_, run)) in times.iter_mut().zip(contestants.iter_mut()) {
-            let start = Instant::now();
-            run();
-            if round > 0 {
-                times.push(start.elapsed().as_nanos() as f64 / count as f64);
-            }
-        }
-    }
-    times.into_iter().map(median).collect()
-}
-
-fn table(title: &str, args: &Args, count: usize, mut contestants: Vec<Contestant>) -> Vec<f64> {
-    let times = race(args.repeat, count, &mut contestants);
+/// Prints the medians of times in turns, in nanoseconds per particle.
+fn table(title: &str, args: &Args, count: usize, contestants: Vec<Contestant>) -> Vec<f64> {
+    let (names, mut runs): (Vec<_>, Vec<_>) = contestants.into_iter().unzip();
+    let times = race(wall_seconds, args.repeat, &mut runs);
+    let times: Vec<f64> = times.iter().map(|times| times.median * 1e9 / count as f64).collect();
     println!("\n{title}");
-    for ((name, _), time) in contestants.iter().zip(&times) {
+    for (name, time) in names.iter().zip(&times) {
         println!("  {name:44} {time:8.1} ns  {:6.2} x", time / times[0]);
     }
     times
@@ -92,7 +77,7 @@ fn radius(points: &[Vec3], neighbors: usize) -> f32 {
 }
 
 fn main() {
-    let args = Args::parse();
+    let args: Args = options();
     let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let (one, several) = (pool(1), pool(args.threads));
     let wanted = |name: &str| name.contains(&args.only);
@@ -204,29 +189,6 @@ fn all(args: &Args, name: &str, point: fn(&mut Random) -> Vec3) {
     let cell = linkcell::Cell::ortho(size, size, size).unwrap();
 
     let mut lists = NeighborLists::new();
-    // Every step moves each particle by a tenth of the mean spacing, for arrays in the same order and for arrays in
-    // tree order.
-    let spacing = radius / (args.neighbors as f32 * 3.0 / (4.0 * core::f32::consts::PI)).cbrt();
-    let steps = |sorted: bool| {
-        let mut moving = points.clone();
-        let mut tree = PointTree::build(&moving, &PointParams::default()).unwrap();
-        let (mut lists, mut rng, mut kept) = (NeighborLists::new(), Random(5), 0);
-        tree.neighbor_lists(0.0, radius).run(&mut lists).unwrap();
-        if sorted {
-            moving = tree.take_order().iter().map(|&id| moving[id as usize]).collect();
-        }
-        let rounds = 12;
-        let (mut times, mut builds) = (Vec::new(), Vec::new());
-        for _ in 0..rounds {
-            moving.iter_mut().for_each(|p| *p += rng.direction() * (0.1 * spacing));
-            let start = Instant::now();
-            kept += usize::from(tree.rebuild(&moving, &PointParams::default()).unwrap());
-            builds.push(start.elapsed().as_nanos() as f64 / count as f64);
-            tree.neighbor_lists(0.0, radius).run(&mut lists).unwrap();
-            times.push(start.elapsed().as_nanos() as f64 / count as f64);
-        }
-        (median(times), median(builds), kept, rounds)
-    };
     let (mut buffer, tree) = (NeighborBuffer::new(), PointTree::build(&points, &PointParams::default()).unwrap());
     let mut columns = linkcell::PairColumns::default();
     let (mut plain_grid, mut vector_grid) = (Grid::default(), Grid::default());
@@ -292,14 +254,38 @@ fn all(args: &Args, name: &str, point: fn(&mut Random) -> Vec3) {
         tree.statistics().bytes() as f64 / count as f64
     );
     println!("  k = 8: {k8:.0} ns; lists, build included, relative to it {:.3}", times[0] / k8);
+    let spacing = radius / (args.neighbors as f32 * 3.0 / (4.0 * core::f32::consts::PI)).cbrt();
     for sorted in [false, true] {
-        let (time, build, kept, rounds) = steps(sorted);
-        let arrays = if sorted { "in the tree's order" } else { "in any order" };
-        println!(
-            "  steps of a tenth of the spacing, arrays {arrays}: {time:.1} ns, {build:.1} of it rebuilding; {:.3} of k = 8 (order kept in {kept} of {rounds})",
-            time / k8
-        );
+        steps(&points, radius, spacing, sorted, k8);
     }
+}
+
+/// Steps that move each particle by a tenth of the mean spacing, with arrays in the order of the tree or in any: time relative to
+/// that of `k8`, a search for eight neighbours.
+fn steps(points: &[Vec3], radius: f32, spacing: f32, sorted: bool, k8: f64) {
+    let mut moving = points.to_vec();
+    let mut tree = PointTree::build(&moving, &PointParams::default()).unwrap();
+    let (mut lists, mut rng, mut kept) = (NeighborLists::new(), Random(5), 0);
+    tree.neighbor_lists(0.0, radius).run(&mut lists).unwrap();
+    if sorted {
+        moving = tree.take_order().iter().map(|&id| moving[id as usize]).collect();
+    }
+    let rounds = 12;
+    let (mut times, mut builds) = (Vec::new(), Vec::new());
+    for _ in 0..rounds {
+        moving.iter_mut().for_each(|p| *p += rng.direction() * (0.1 * spacing));
+        let start = Instant::now();
+        kept += usize::from(tree.rebuild(&moving, &PointParams::default()).unwrap());
+        builds.push(start.elapsed().as_nanos() as f64 / points.len() as f64);
+        tree.neighbor_lists(0.0, radius).run(&mut lists).unwrap();
+        times.push(start.elapsed().as_nanos() as f64 / points.len() as f64);
+    }
+    let (time, build) = (median(times), median(builds));
+    let arrays = if sorted { "in the tree's order" } else { "in any order" };
+    println!(
+        "  steps of a tenth of the spacing, arrays {arrays}: {time:.1} ns, {build:.1} of it rebuilding; {:.3} of k = 8 (order kept in {kept} of {rounds})",
+        time / k8
+    );
 }
 
 /// Radii that vary tenfold within one set: each particle lists its neighbours within its own radius.

@@ -14,6 +14,8 @@ mod summary;
 
 use clap::{Parser, ValueEnum};
 use kind::{Kind, queries};
+use mbkd_evidence::options;
+use mbkd_evidence::timing::on_one_thread;
 use measure::Row;
 
 #[derive(Parser)]
@@ -41,9 +43,6 @@ struct Args {
     /// Print why each structure was chosen.
     #[arg(long)]
     why: bool,
-    /// Passed by cargo to every benchmark.
-    #[arg(long, hide = true)]
-    bench: bool,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -54,12 +53,9 @@ enum Kinds {
     Active,
 }
 
-fn main() -> Result<(), rayon::ThreadPoolBuildError> {
-    let args = Args::parse();
-    // One thread for everything.
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
-    pool.install(|| run(&args));
-    Ok(())
+fn main() {
+    let args: Args = options();
+    on_one_thread(|| run(&args));
 }
 
 fn run(args: &Args) {

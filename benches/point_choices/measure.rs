@@ -2,7 +2,7 @@
 
 use mbkd::glam::Vec3;
 use mbkd::{MovingPoint, PointLayerKind, PointParams, PointStatistics, PointStructure, PointTree};
-use mbkd_evidence::timing::{median, timed};
+use mbkd_evidence::timing::{race, seconds};
 use std::hint::black_box;
 
 /// The costs of the engine (`points` in `src/tuning.rs`), in nodes.
@@ -55,16 +55,15 @@ impl Row {
         let same = one_layer(automatic.statistics());
         let still: Vec<Vec3> = points.iter().map(|point| point.open.lerp(point.close, 0.5)).collect();
         let requested = |slices| drop(black_box(build(points, PointStructure::TimeSlices(slices))));
-        let times = race(
-            repeat * (50_000 / points.len()).max(1),
-            [
-                &|| drop(black_box(PointTree::build(&still, &PointParams::default()).expect("finite points"))),
-                &|| drop(black_box(build(points, PointStructure::Automatic))),
-                &|| requested(best.0),
-                // Without such a number, nothing is timed twice.
-                &|| same.filter(|&slices| slices != best.0).into_iter().for_each(requested),
-            ],
-        );
+        let mut builds: [&mut dyn FnMut(); 4] = [
+            &mut || drop(black_box(PointTree::build(&still, &PointParams::default()).expect("finite points"))),
+            &mut || drop(black_box(build(points, PointStructure::Automatic))),
+            &mut || requested(best.0),
+            // Without such a number, nothing is timed twice.
+            &mut || same.filter(|&slices| slices != best.0).into_iter().for_each(requested),
+        ];
+        let times = race(seconds, repeat * (50_000 / points.len()).max(1), &mut builds);
+        let times: Vec<f64> = times.iter().map(|times| times.median).collect();
         let requested = same.map(|slices| if slices == best.0 { times[2] } else { times[3] } / times[0]);
         Row {
             kind,
@@ -97,17 +96,6 @@ fn cost(tree: &PointTree, queries: &[(Vec3, f32)]) -> f64 {
     let bytes = tree.statistics().bytes() as f64;
     let memory = UNCACHED_COST * bytes / (bytes + HALF_UNCACHED_BYTES);
     (nodes as f64 + BLOCK_COST * blocks as f64) / queries.len() as f64 + memory
-}
-
-/// Medians of seconds, one build of each after the other.
-fn race<const N: usize>(rounds: usize, builds: [&dyn Fn(); N]) -> [f64; N] {
-    let mut times = [const { Vec::new() }; N];
-    for _ in 0..rounds {
-        for (times, build) in times.iter_mut().zip(builds) {
-            times.push(timed(build).1);
-        }
-    }
-    times.map(median)
 }
 
 /// The number of time slices if there is only one layer.

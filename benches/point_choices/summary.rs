@@ -1,6 +1,7 @@
 //! What many rows have in common, and the worst ones.
 
 use crate::measure::Row;
+use mbkd_evidence::timing::geometric_mean;
 
 /// Automatic choices may cost this many times the least that a requested number of time slices costs.
 const TARGET: f64 = 1.07;
@@ -10,10 +11,7 @@ const WORST: usize = 8;
 
 /// Geometric means over some rows.
 pub fn means(title: &str, rows: &[&Row]) {
-    let mean = |of: &dyn Fn(&Row) -> Option<f64>| {
-        let all: Vec<f64> = rows.iter().filter_map(|row| of(row)).map(f64::ln).collect();
-        (all.iter().sum::<f64>() / all.len() as f64).exp()
-    };
+    let mean = |of: &dyn Fn(&Row) -> Option<f64>| geometric_mean(rows.iter().filter_map(|row| of(row)));
     let worst = rows.iter().map(|row| row.to_best).fold(0.0, f64::max);
     println!(
         "{title:24}{:7} kinds: build {:6.2}, the same requested {:6.2}, ratio {:5.3}, of the best {:6.2}; work {:6.3}, / best {:.4} (worst {worst:.2}, {} above {TARGET}), / best of all {:.4}",

@@ -2,8 +2,8 @@
 
 use crate::Args;
 use crate::measure::{Built, COLUMNS, Row};
-use crate::rays::Rays;
 use mbkd::{BuildParams, Division, WideParams};
+use mbkd_evidence::scene_rays::Rays;
 use mbkd_scenes::Scene;
 
 /// Every temporal split as a manual setting, each with pre-splitting where it pays and without.

@@ -7,17 +7,14 @@
 //! core (`taskset -c 1`). All scenes take about half an hour and 2 GB.
 
 mod choices;
-#[path = "../embree/geometry.rs"]
-#[allow(dead_code)] // half of it is the other program's
-mod geometry;
 mod measure;
-#[path = "../embree/rays.rs"]
-#[allow(dead_code)]
-mod rays;
 mod techniques;
 
 use clap::Parser;
 use mbkd::BuildParams;
+use mbkd_evidence::options;
+use mbkd_evidence::scene_rays::generate;
+use mbkd_evidence::timing::on_one_thread;
 use mbkd_scenes as scene;
 use measure::{Built, COLUMNS};
 use rand::SeedableRng;
@@ -48,15 +45,11 @@ struct Args {
     /// Leave out the table of techniques.
     #[arg(long)]
     no_techniques: bool,
-    /// Passed by cargo to every benchmark.
-    #[arg(long, hide = true)]
-    bench: bool,
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let args = Args::parse();
+    let args: Args = options();
     // One thread for builds, queries and batches.
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     let mut techniques = Vec::new();
     for name in &args.scenes {
         let recipe = scene::find(name).ok_or_else(|| {
@@ -64,10 +57,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             format!("no scene `{name}`; there are {}", known.join(", "))
         })?;
         let scene = (recipe.make)((recipe.full as f32 * args.scale) as usize);
-        pool.install(|| {
+        on_one_thread(|| {
             let automatic = Built::new(&scene.meshes, &BuildParams::default())?;
-            let mut rays =
-                rays::generate(&scene.meshes, &scene.camera, args.side, |ray| automatic.tree.closest_hit(ray));
+            let mut rays = generate(&scene.meshes, &scene.camera, args.side, |ray| automatic.tree.closest_hit(ray));
             if args.shuffled {
                 let mut random = StdRng::seed_from_u64(0x5eed);
                 for kind in [&mut rays.primary, &mut rays.bounce, &mut rays.ao] {

@@ -1,7 +1,7 @@
 //! Trees and their times: two trees answer the same rays in alternation.
 
-use crate::rays::{Kind, Rays};
 use mbkd::{BuildError, BuildParams, Counters, Hit, RayTree, TriangleMesh};
+use mbkd_evidence::scene_rays::{Kind, Rays};
 use mbkd_evidence::timing::{median, timed};
 use std::fmt;
 use std::hint::black_box;

@@ -2,11 +2,11 @@
 //! form to which the technique does not apply.
 
 use crate::Args;
-use crate::geometry::scene_size;
 use crate::measure::{Built, Row};
-use crate::rays::Rays;
 use mbkd::glam::Vec3;
 use mbkd::{BuildError, BuildParams, Division, KdParams, Keys, SimdLevel, TriangleMesh, WideParams};
+use mbkd_evidence::scene_rays::Rays;
+use mbkd_evidence::triangles::scene_size;
 use mbkd_scenes::Scene;
 
 /// A row of the table.

@@ -7,7 +7,7 @@
 use clap::Parser;
 use mbkd::glam::DVec3;
 use mbkd::{NeighborBuffer, NeighborLists, PointArrays, PointParams, PointTree, Precision};
-use mbkd_evidence::timing::median;
+use mbkd_evidence::timing::{median, race, wall_seconds};
 use mbkd_scenes::Random;
 use std::hint::black_box;
 use std::time::Instant;
@@ -94,18 +94,12 @@ fn compare(scene: &str, count: usize, moving: bool) -> Result<(), Box<dyn std::e
     let keys: Vec<&[DVec3]> = if moving { vec![&open, &close] } else { vec![&open] };
     let set = PointArrays { keys: &keys, active: &[], ids: &[] };
     let build = |precision| PointTree::build(&set, &PointParams { precision, ..Default::default() });
-    let mut builds = [Vec::new(), Vec::new()];
-    for _ in 0..3 {
-        for (times, precision) in builds.iter_mut().zip(PRECISIONS) {
-            times.push(nanoseconds(|| drop(black_box(build(precision)))));
-        }
-    }
-    let [single, double] = builds.map(median);
+    let builds = race(wall_seconds, 3, &mut PRECISIONS.map(|precision| move || drop(black_box(build(precision)))));
     let [single_tree, double_tree] = PRECISIONS.map(build);
     let trees = [single_tree?, double_tree?];
     let [less, more] = [&trees[0], &trees[1]].map(|tree| tree.statistics().bytes() as f64 / count as f64);
     let name = format!("{scene}, {count}, {}", if moving { "moving by half the spacing" } else { "static" });
-    println!("{name}: {less:.0} and {more:.0} bytes per point, build {:.2} times", double / single);
+    println!("{name}: {less:.0} and {more:.0} bytes per point, build {:.2} times", builds[1].median / builds[0].median);
     let mut queries: Vec<(DVec3, f32)> = (0..QUERIES)
         .map(|_| (open[random.below(count)] + random.dvec() * (0.5 * spacing), random.unit_f64() as f32))
         .collect();

@@ -8,7 +8,7 @@
 
 use mbkd::glam::{DAffine3, DVec3, Vec3};
 use mbkd::{BuildParams, Counters, Instance, InstanceTree, Keys, Ray, RayTree, TriangleMesh, WideParams};
-use mbkd_evidence::timing::median;
+use mbkd_evidence::timing::{race, seconds};
 use mbkd_scenes as scene;
 use mbkd_scenes::Random;
 use std::hint::black_box;
@@ -27,12 +27,6 @@ const CITY: DVec3 = DVec3::new(4.5e5, 5.4e6, 210.0);
 
 /// How large they become.
 const SIZE: f64 = 300.0;
-
-fn nanoseconds(run: impl FnOnce()) -> f64 {
-    let start = cpu_time::ThreadTime::now();
-    run();
-    start.elapsed().as_secs_f64() * 1e9
-}
 
 /// A mesh elsewhere, in f64.
 fn moved(mesh: &TriangleMesh, scale: f64) -> TriangleMesh {
@@ -66,13 +60,9 @@ fn speed(name: &str, triangles: usize) -> Result<(), Failed> {
     let mut unit = || random.unit_f64() as f32;
     let camera = |ray: Ray| Ray { origin: CITY + ray.origin * scale, ..ray };
     let rays: Vec<Ray> = (0..RAYS).map(|_| camera(scene.camera.ray(unit(), unit(), 1.0, unit()))).collect();
-    let mut times = [Vec::new(), Vec::new()];
-    for _ in 0..ROUNDS {
-        for (times, tree) in times.iter_mut().zip(&trees) {
-            times.push(nanoseconds(|| rays.iter().for_each(|ray| _ = black_box(tree.closest_hit(ray)))) / RAYS as f64);
-        }
-    }
-    let [rounded, precise] = times.map(median);
+    let query = |tree: &RayTree| rays.iter().for_each(|ray| _ = black_box(tree.closest_hit(ray)));
+    let times = race(seconds, ROUNDS, &mut [&trees[0], &trees[1]].map(|tree| move || query(tree)));
+    let [rounded, precise] = [0, 1].map(|i| times[i].median * 1e9 / RAYS as f64);
     let [(nodes, tests), (precise_nodes, precise_tests)] = [0, 1].map(|i| counted(&rays, &trees[i]));
     let [bytes, precise_bytes] = [0, 1].map(|i| {
         let statistics = trees[i].statistics();

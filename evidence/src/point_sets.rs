@@ -101,7 +101,7 @@ pub fn queries(points: &[MovingPoint], count: usize, seed: u64) -> Vec<Query> {
 }
 
 /// The index along a Morton curve through the cube [-1, 2)³.
-fn morton(at: Vec3) -> u64 {
+pub fn morton(at: Vec3) -> u64 {
     let cell = ((at + 1.0) * 341.0).clamp(Vec3::ZERO, Vec3::splat(1023.0)).as_uvec3().to_array();
     (0..30).fold(0, |code, bit| code | u64::from(cell[bit % 3] >> (bit / 3) & 1) << bit)
 }

@@ -126,12 +126,3 @@ pub fn bounce_rays(meshes: &[TriangleMesh], rays: &[Ray], random: &mut Random) -
 pub fn run(peer: &Peer, rays: &[Ray]) {
     std::hint::black_box(rays.iter().filter(|ray| peer.closest_hit(ray).is_some()).count());
 }
-
-/// Runs something on one thread.
-pub fn on_one_thread<R: Send>(what: impl FnOnce() -> R + Send) -> R {
-    match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
-        Ok(pool) => pool.install(what),
-        // A system that gives no thread: then all run on what there is.
-        Err(_) => what(),
-    }
-}

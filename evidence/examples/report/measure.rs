@@ -2,9 +2,9 @@
 
 use crate::cast::{Member, run};
 use crate::page::Item;
-use crate::run::{Times, interleaved};
 use mbkd::{Counters, Ray, TriangleMesh};
 use mbkd_evidence::peers::{Peer, PeerError, PeerStatistics};
+use mbkd_evidence::timing::{Times, race, seconds};
 use std::cell::RefCell;
 
 /// What was measured of one structure over one scene.
@@ -62,7 +62,7 @@ pub fn measure(
             *slot.borrow_mut() = Some(Peer::build(&member.structure, meshes));
         }));
     }
-    let built = interleaved(&mut tasks, builds);
+    let built = race(seconds, builds, &mut tasks);
     drop(tasks);
     let peers: Vec<Peer> = slots.into_iter().filter_map(RefCell::into_inner).collect::<Result<_, _>>()?;
     let of_kind = |rays: &[Ray]| {
@@ -70,7 +70,7 @@ pub fn measure(
         for peer in &peers {
             tasks.push(Box::new(move || run(peer, rays)));
         }
-        interleaved(&mut tasks, if rays.is_empty() { 1 } else { rounds })
+        race(seconds, if rays.is_empty() { 1 } else { rounds }, &mut tasks)
     };
     let times = rays.map(of_kind);
     let figures = peers.iter().enumerate().map(|(i, peer)| {

@@ -4,8 +4,9 @@ use crate::fronts::{Family, claim, plot, short};
 use crate::page::{Item, Section, Style, Table};
 use crate::particle_walk::{Kept, Maker, Upkeep, Walk, keep};
 use crate::race::on_one_thread;
-use crate::run::{Run, Times};
+use crate::run::Run;
 use mbkd_evidence::pareto::Measured;
+use mbkd_evidence::timing::Times;
 use std::error::Error;
 
 /// Skins, in radii.

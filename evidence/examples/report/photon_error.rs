@@ -4,8 +4,9 @@ use crate::fronts::{Family, claim, plot, short};
 use crate::page::{Axis, Item, Plot, Section, Series, Style, Table};
 use crate::photon_scene::{COUNTS, Method, PASSES, Photons, Place, WINDOWS, density, places};
 use crate::race::on_one_thread;
-use crate::run::{Run, Times};
+use crate::run::Run;
 use mbkd_evidence::pareto::{Measured, front};
+use mbkd_evidence::timing::Times;
 use std::error::Error;
 use std::hint::black_box;
 use std::time::Instant;
@@ -170,22 +171,7 @@ fn section(size: Size, methods: &[Method], errors: &[Errors], times: &[f64], apa
         };
         methods.iter().position(|m| *m == as_ours).map_or(Errors::default(), |i| errors[i])
     };
-    type IsIn = fn(&Method) -> bool;
-    let kinds: [(&str, bool, IsIn); 4] = [
-        ("mbkd, gathered at ray time", true, |m| matches!(m, Method::RayTime { .. })),
-        ("one time per pass, 1 to 256 passes (kiddo)", false, |m| matches!(m, Method::PerPass { .. })),
-        ("time ignored (kiddo)", false, |m| matches!(m, Method::Ignored { .. })),
-        ("kiddo, filtered by time", false, |m| matches!(m, Method::Filtered { .. })),
-    ];
-    let families: Vec<Family> = kinds
-        .into_iter()
-        .map(|(label, ours, is_in)| {
-            let own = methods.iter().zip(times).filter(|(m, _)| is_in(m));
-            let settings =
-                own.map(|(&m, &cost)| Measured { name: name(m), cost, error: error_of(m).total() }).collect();
-            Family { label: label.into(), ours, settings }
-        })
-        .collect();
+    let families = families(methods, times, &error_of);
     let fronts: Vec<Family> = families
         .iter()
         .map(|f| Family { settings: front(&f.settings).into_iter().cloned().collect(), label: f.label.clone(), ..*f })
@@ -250,6 +236,26 @@ fn section(size: Size, methods: &[Method], errors: &[Errors], times: &[f64], apa
         rows: rows.collect(),
     }));
     Section { id: "photon-error", title: "5. Photon density error against time", items }
+}
+
+/// The methods with all their settings.
+fn families(methods: &[Method], times: &[f64], error_of: &dyn Fn(Method) -> Errors) -> Vec<Family> {
+    type IsIn = fn(&Method) -> bool;
+    let kinds: [(&str, bool, IsIn); 4] = [
+        ("mbkd, gathered at ray time", true, |m| matches!(m, Method::RayTime { .. })),
+        ("one time per pass, 1 to 256 passes (kiddo)", false, |m| matches!(m, Method::PerPass { .. })),
+        ("time ignored (kiddo)", false, |m| matches!(m, Method::Ignored { .. })),
+        ("kiddo, filtered by time", false, |m| matches!(m, Method::Filtered { .. })),
+    ];
+    kinds
+        .into_iter()
+        .map(|(label, ours, is_in)| {
+            let own = methods.iter().zip(times).filter(|(m, _)| is_in(m));
+            let settings =
+                own.map(|(&m, &cost)| Measured { name: name(m), cost, error: error_of(m).total() }).collect();
+            Family { label: label.into(), ours, settings }
+        })
+        .collect()
 }
 
 /// The plot of bias and deviation of our gather and of passes.

@@ -1,8 +1,8 @@
 //! Ways to answer the same queries, timed in turns and judged by what is really nearest.
 
-use crate::run::Times;
 use mbkd::MovingPoint;
 use mbkd_evidence::point_sets::{Query, judge, true_distances};
+use mbkd_evidence::timing::{self, Times};
 use rayon::prelude::*;
 use std::error::Error;
 use std::hint::black_box;
@@ -97,9 +97,8 @@ pub fn race(ground: &Ground, effort: Effort, contestants: &mut [Contestant]) -> 
 
 /// Does some work with one thread, however many there are.
 pub fn on_one_thread<T: Send>(work: impl FnOnce() -> Result<T, Box<dyn Error>> + Send) -> Result<T, Box<dyn Error>> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     // An error that may change threads is one in words.
-    Ok(pool.install(|| work().map_err(|e| e.to_string()))?)
+    Ok(timing::on_one_thread(|| work().map_err(|e| e.to_string()))?)
 }
 
 /// The median time of some runs, in seconds, and what the last one made.

@@ -1,11 +1,12 @@
 //! Section 3: how fast the error of a picture falls, for every structure.
 
-use crate::cast::{Member, exact, laid_out_wide, on_one_thread, scene};
+use crate::cast::{Member, exact, laid_out_wide, scene};
 use crate::page::{Axis, Item, Plot, Section, Series, Style, Table};
-use crate::run::{Run, Times, seconds};
+use crate::run::Run;
 use crate::shading::Shading;
 use mbkd::{BuildParams, Hit, Ray};
 use mbkd_evidence::peers::{Peer, PeerError, Structure};
+use mbkd_evidence::timing::{Times, on_one_thread, timed};
 use mbkd_scenes::Random;
 use mbkd_scenes::Scene;
 use rayon::prelude::*;
@@ -154,9 +155,7 @@ fn renderers(job: &Job<'_>) -> Result<Vec<Renderer>, PeerError> {
     members.extend(ours);
     let members = members.into_iter().map(|m| (m, None)).chain(SLICES.map(|n| (of_slices(n), Some(n))));
     let build = |(member, slices): (Member, Option<usize>)| {
-        let mut peer = None;
-        let build = seconds(|| peer = Some(Peer::build(&member.structure, &job.scene.meshes)));
-        let Some(peer) = peer else { return Err(mbkd::BuildError::Cancelled.into()) };
+        let (peer, build) = timed(|| Peer::build(&member.structure, &job.scene.meshes));
         Ok(Renderer {
             name: slices.map_or(member.name.to_string(), |n| format!("time slices, T = {n}")),
             peer: peer?,
@@ -186,7 +185,7 @@ fn render_all(
 ) {
     for renderer in renderers {
         let Renderer { peer, slices, sums, .. } = renderer;
-        let time = seconds(|| {
+        let ((), time) = timed(|| {
             for sample in samples.clone() {
                 for (at, sum) in sums.iter_mut().enumerate() {
                     *sum += job.value(peer, at, sample, seed, *slices);

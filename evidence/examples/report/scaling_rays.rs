@@ -1,12 +1,13 @@
 //! Section 8, rays: how build, memory and queries grow with the number of triangles, how far they move, the number of keys and
 //! of threads.
 
-use crate::cast::{Member, exact, on_one_thread};
+use crate::cast::{Member, exact};
 use crate::page::{Axis, Item, Plot, Section, Series, Style, Table};
-use crate::run::{Run, Times, interleaved, interleaved_wall, seconds};
+use crate::run::Run;
 use mbkd::glam::Vec3;
 use mbkd::{BuildParams, KdParams, Ray, TriangleMesh};
 use mbkd_evidence::peers::{Peer, PeerError, Structure};
+use mbkd_evidence::timing::{Times, on_one_thread, race, seconds, timed, wall_seconds};
 use mbkd_scenes::Random;
 use rayon::prelude::*;
 use std::error::Error;
@@ -138,17 +139,14 @@ fn along(
                 if all[i].figures.last().is_some_and(|before| before.build > patience) {
                     continue;
                 }
-                let mut peer = None;
-                let build = seconds(|| peer = Some(Peer::build(&member.structure, &meshes)));
-                if let Some(peer) = peer {
-                    measured.push((i, peer?, build));
-                }
+                let (peer, build) = timed(|| Peer::build(&member.structure, &meshes));
+                measured.push((i, peer?, build));
             }
             let mut tasks: Vec<Box<dyn FnMut() + '_>> = Vec::new();
             for (_, peer, _) in &measured {
                 tasks.push(Box::new(|| crate::cast::run(peer, &rays)));
             }
-            let times = interleaved(&mut tasks, 3);
+            let times = race(seconds, 3, &mut tasks);
             for ((i, peer, build), time) in measured.iter().zip(times) {
                 let statistics = peer.statistics();
                 let limit = match cast[*i].structure {
@@ -252,7 +250,7 @@ fn threads(cast: &[Member], meshes: &[TriangleMesh], rays: usize, random: &mut R
             Box::new(|| on_one_thread(run)),
             Box::new(run),
         ];
-        let times: Vec<Times> = interleaved_wall(&mut tasks, 3);
+        let times: Vec<Times> = race(wall_seconds, 3, &mut tasks);
         let mut row = vec![member.name.to_string()];
         row.extend(times.iter().map(|time| format!("{:.4}", time.median)));
         row.push(format!("{:.2}", times[0].median / times[1].median));

@@ -1,11 +1,12 @@
 //! Section 1: the paper's Tables 1 to 3, its figures beside ours, and its claim about time weights.
 
-use crate::cast::{Member, bounce_rays, camera_rays, exact, flake, laid_out_wide, on_one_thread, scene};
+use crate::cast::{Member, bounce_rays, camera_rays, exact, flake, laid_out_wide, scene};
 use crate::measure::{Figures, faster, fastest, measure};
 use crate::page::{Item, Section, Table};
-use crate::run::{Run, Times};
+use crate::run::Run;
 use crate::time_weights;
 use crate::wide_table::{self, WideScene};
+use mbkd_evidence::timing::{Times, on_one_thread};
 use mbkd_scenes::Random;
 use std::error::Error;
 

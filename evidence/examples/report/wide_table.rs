@@ -3,8 +3,8 @@
 use crate::cast::{Member, compiled_for};
 use crate::measure::{Figures, faster, fastest};
 use crate::page::{Item, Table};
-use crate::run::Times;
 use mbkd::SimdLevel;
+use mbkd_evidence::timing::Times;
 
 /// What was measured over a scene: the structures of [`exact`](crate::cast::exact), and those of
 /// [`laid_out_wide`](crate::cast::laid_out_wide).

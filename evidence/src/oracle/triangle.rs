@@ -169,10 +169,3 @@ pub fn clearly_missed(ray: &ExactRay, corners: [(DVec3, DVec3); 3], units: f64) 
     });
     certain.contains(&Some(true)) && certain.contains(&Some(false))
 }
-
-impl Meeting {
-    /// Whether errors of half an ulp in every input cannot change the verdict, with a margin of `units`.
-    pub fn is_certain(&self, units: f64) -> bool {
-        self.margin > units
-    }
-}

@@ -8,34 +8,25 @@
 //!
 //! `cargo run --release --package mbkd-static-crates -- --help` lists what can be chosen.
 
-#[path = "../../src/timing.rs"]
-mod clock;
-#[allow(dead_code)]
-#[path = "../../../benches/embree/geometry.rs"]
-mod geometry;
-#[path = "../../../benches/embree/rays.rs"]
-mod rays;
-#[path = "../../../benches/embree/timing.rs"]
-mod timing;
-
 use bvh::aabb::{Aabb, Bounded, IntersectsAabb};
 use bvh::bounding_hierarchy::BHShape;
 use bvh::bvh::Bvh;
 use clap::Parser;
-use clock::timed;
 use glam::{Vec3, Vec3A};
 use mbkd::{BuildParams, Hit, Ray, RayTree, TriangleMesh, glam};
+use mbkd_evidence::scene_rays::{Kind, generate};
+use mbkd_evidence::timing::{on_one_thread, timed};
+use mbkd_evidence::triangles::corners;
+use mbkd_evidence::turns::{Checksum, in_turns};
 use mbkd_scenes::Scene;
 use nalgebra::{Point3, Vector3};
 use obvhs::BvhBuildParams;
 use obvhs::cwbvh::CwBvh;
 use obvhs::cwbvh::builder::build_cwbvh_from_tris;
 use obvhs::rt_triangle::RtTriangle;
-use rays::{Kind, generate};
 use std::cell::Cell;
 use std::process::ExitCode;
 use std::time::Duration;
-use timing::{Checksum, in_turns};
 
 #[derive(Parser)]
 #[command(name = "static_crates", bin_name = "cargo run --release --package mbkd-static-crates --")]
@@ -200,19 +191,16 @@ impl Peer for ObvhsPeer {
 /// The scene at mid-shutter as one still mesh.
 fn freeze(scene: &Scene) -> (TriangleMesh, Vec<[Vec3; 3]>) {
     let all = scene.meshes.iter().enumerate().flat_map(|(m, mesh)| (0..mesh.len()).map(move |k| (m as u32, k as u32)));
-    let corners: Vec<[Vec3; 3]> =
-        all.map(|(m, k)| geometry::corners(&scene.meshes, m, k, 0.5).map(|p| p.as_vec3())).collect();
+    let corners: Vec<[Vec3; 3]> = all.map(|(m, k)| corners(&scene.meshes, m, k, 0.5).map(|p| p.as_vec3())).collect();
     let indices = (0..corners.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
     (TriangleMesh::fixed(indices, corners.concat()), corners)
 }
 
 fn answer_all<P: Peer>(peer: &P, kind: Kind, rays: &[Ray]) -> Checksum {
-    let mut sum = Checksum::default();
     match kind {
-        Kind::Ao => rays.iter().for_each(|ray| sum.any(peer.any_hit(ray))),
-        _ => rays.iter().for_each(|ray| sum.closest(peer.closest_hit(ray))),
+        Kind::Ao => Checksum::of(rays, |sum, ray| sum.any(peer.any_hit(ray))),
+        _ => Checksum::of(rays, |sum, ray| sum.closest(peer.closest_hit(ray))),
     }
-    sum
 }
 
 fn main() -> ExitCode {
@@ -229,9 +217,8 @@ fn main() -> ExitCode {
         let scene = (recipe.make)((recipe.full as f32 * options.scale) as usize);
         let (mesh, corners) = freeze(&scene);
         let meshes = [mesh];
-        let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool of one thread");
         let (ours, a) =
-            timed(|| one.install(|| RayTree::build(&meshes, &BuildParams::default()).expect("a fine mesh")));
+            timed(|| on_one_thread(|| RayTree::build(&meshes, &BuildParams::default()).expect("a fine mesh")));
         let (obvhs, b) = timed(|| ObvhsPeer::build(&corners));
         let (bvh, c) = timed(|| BvhPeer::build(&corners));
         builds.push(format!("| {name} | {} | {a:.2} | {b:.2} | {c:.2} |", corners.len()));

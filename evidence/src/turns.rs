@@ -1,18 +1,26 @@
-//! Clocks and checksums: both sides answer the same rays in alternation, and all answers are read.
+//! Two sides that answer the same rays in turns, and checksums that read all their answers.
 
-use crate::clock::{median, timed};
+use crate::timing::{median, timed};
 use mbkd::Hit;
 use std::hint::black_box;
 
 /// A checksum of all answers, so that none can be optimized away.
 #[derive(Clone, Copy, Default, PartialEq, Debug)]
 pub struct Checksum {
+    /// How many hits there were.
     pub hits: u64,
     ids: u64,
     real: f64,
 }
 
 impl Checksum {
+    /// Of the answers of some rays.
+    pub fn of<R>(rays: &[R], answer: impl Fn(&mut Checksum, &R)) -> Checksum {
+        let mut sum = Checksum::default();
+        rays.iter().for_each(|ray| answer(&mut sum, ray));
+        sum
+    }
+
     /// Reads an answer: t, both ids, both barycentrics.
     #[inline(always)]
     pub fn closest(&mut self, hit: Option<Hit>) {
@@ -39,8 +47,9 @@ impl Checksum {
 /// Median times of the two sides over the same rays.
 #[derive(Clone, Copy)]
 pub struct Turns {
-    /// Seconds; NaN for a missing side.
+    /// Seconds of ours; NaN for a missing side.
     pub ours: f64,
+    /// Seconds of theirs.
     pub theirs: f64,
     /// Median over the rounds of theirs / ours: above one we are faster.
     pub ratio: f64,

@@ -4,7 +4,7 @@
 //! start at the same time, slightly off the surface, with cosine-distributed directions; several per hit if the scene
 //! covers little of the picture, so that there are enough to time.
 
-use crate::geometry::{facing_normal, scene_size};
+use crate::triangles::{facing_normal, scene_size};
 use glam::Vec3;
 use mbkd::{Hit, Ray, TriangleMesh, glam};
 use mbkd_scenes::Camera;
@@ -33,6 +33,7 @@ pub enum Kind {
 }
 
 impl Kind {
+    /// As in tables.
     pub fn name(self) -> &'static str {
         ["primary", "bounce", "AO"][self as usize]
     }
@@ -40,8 +41,11 @@ impl Kind {
 
 /// The rays of one scene by kind.
 pub struct Rays {
+    /// From the camera.
     pub primary: Vec<Ray>,
+    /// From their hits.
     pub bounce: Vec<Ray>,
+    /// From their hits, short.
     pub ao: Vec<Ray>,
 }
 
