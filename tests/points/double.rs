@@ -1,5 +1,6 @@
 //! Points given in f64: every answer equals brute force over all points in f64, rounding the squared distance once.
 
+use crate::set::{DOUBLE_STRUCTURES, Set};
 use crate::support::Random;
 use core::ops::ControlFlow;
 use mbkd::glam::DVec3;
@@ -8,72 +9,22 @@ use mbkd::{
     PointTree, Precision, Radii, RadiusOf, SimdLevel, TimeInterval, TreePoint, Visitor,
 };
 
-pub struct Cloud {
-    pub keys: Vec<Vec<DVec3>>,
-    pub active: Vec<TimeInterval>,
-}
-
-pub fn vec(rng: &mut Random) -> DVec3 {
-    // More bits than f32 has.
-    rng.vec().as_dvec3() + rng.vec().as_dvec3() * 1e-9
-}
-
-impl Cloud {
-    /// Two clusters of this size, at this distance.
-    pub fn new(
-        count: usize,
-        keys: usize,
-        (size, apart, speed): (f64, f64, f64),
-        partly_active: bool,
-        rng: &mut Random,
-    ) -> Cloud {
-        let mut cloud = Cloud { keys: vec![Vec::new(); keys], active: Vec::new() };
-        for i in 0..count {
-            let mut at = vec(rng) * size + DVec3::new(0.7, 1.0, -0.3) * (apart * (i % 2) as f64);
-            for key in &mut cloud.keys {
-                key.push(at);
-                at += vec(rng) * speed + DVec3::X * (3.0 * speed);
-            }
-            let begin = rng.unit() * 0.8;
-            let part = TimeInterval::new(begin, begin + 0.2).unwrap();
-            cloud.active.push(if partly_active && i % 3 == 0 { part } else { TimeInterval::FULL });
-        }
-        cloud
-    }
-
-    pub fn tree(&self, structure: PointStructure, simd: SimdLevel) -> Result<PointTree, PointError> {
-        let keys: Vec<&[DVec3]> = self.keys.iter().map(|key| &key[..]).collect();
-        let params = PointParams { structure, simd, ..PointParams::default() };
-        PointTree::build(&PointArrays { keys: &keys, active: &self.active, ids: &[] }, &params)
-    }
-
-    pub fn at(&self, point: usize, time: f32) -> DVec3 {
-        let segments = (self.keys.len() - 1).max(1);
-        // The product is exact.
-        let along = f64::from(time) * segments as f64;
-        let segment = (along as usize).min(segments - 1);
-        let (a, b) = (self.keys[segment][point], self.keys[(segment + 1).min(self.keys.len() - 1)][point]);
-        let phase = along - segment as f64;
-        if phase < 0.5 { a + (b - a) * phase } else { b + (b - a) * (phase - 1.0) }
-    }
-
-    /// All points that exist, nearest first.
-    pub fn all(&self, q: DVec3, time: f32) -> Vec<Neighbor> {
-        let active = (0..self.active.len()).filter(|&i| self.active[i].contains(time));
-        let neighbor = |i: usize| {
-            let d = self.at(i, time) - q;
-            let distance_squared = ((d.x * d.x + d.y * d.y) + d.z * d.z) as f32;
-            Neighbor { id: i as u32, distance_squared }
-        };
-        let mut all: Vec<Neighbor> = active.map(neighbor).collect();
-        all.sort_by(|a, b| a.distance_squared.total_cmp(&b.distance_squared).then(a.id.cmp(&b.id)));
-        all
-    }
+/// All points that exist, nearest first.
+pub fn all(set: &Set, q: DVec3, time: f32) -> Vec<Neighbor> {
+    let active = (0..set.len()).filter(|&i| set.active[i].contains(time));
+    let neighbor = |i: usize| {
+        let d = set.at(i, time) - q;
+        let distance_squared = ((d.x * d.x + d.y * d.y) + d.z * d.z) as f32;
+        Neighbor { id: i as u32, distance_squared }
+    };
+    let mut all: Vec<Neighbor> = active.map(neighbor).collect();
+    all.sort_by(|a, b| a.distance_squared.total_cmp(&b.distance_squared).then(a.id.cmp(&b.id)));
+    all
 }
 
 /// Compares every form of query at one point.
-fn compare(cloud: &Cloud, tree: &PointTree, q: DVec3, time: f32, about: &str) {
-    let all = cloud.all(q, time);
+fn compare(set: &Set, tree: &PointTree, q: DVec3, time: f32, about: &str) {
+    let all = all(set, q, time);
     for k in [1, 3, 16, 40] {
         let nearest = &all[..k.min(all.len())];
         assert_eq!(tree.nearest_n(q, time, k), nearest, "{about}, {k} nearest");
@@ -110,9 +61,6 @@ fn compare(cloud: &Cloud, tree: &PointTree, q: DVec3, time: f32, about: &str) {
     assert_eq!(tree.nearest_n_batch(&[(q, time)], 4).row(0), &all[..4.min(all.len())]);
 }
 
-pub const STRUCTURES: [PointStructure; 3] =
-    [PointStructure::Automatic, PointStructure::Linear, PointStructure::TimeSlices(3)];
-
 #[test]
 fn every_query_equals_brute_force() {
     let mut rng = Random(17);
@@ -120,17 +68,17 @@ fn every_query_equals_brute_force() {
         [(1.0, 1e7, 0.0), (1e-3, 1e7, 1e-4), (1.0, 0.0, 2.0), (1e-3, 1e7, 1e3), (1e-20, 1e-3, 0.0)]
     {
         for (keys, partly_active) in [(1, false), (2, false), (2, true), (4, true)] {
-            let cloud = Cloud::new(700, keys, (size, apart, speed), partly_active, &mut rng);
-            for structure in STRUCTURES {
+            let set = Set::clusters(700, keys, (size, apart, speed), partly_active, &mut rng);
+            for structure in DOUBLE_STRUCTURES {
                 for simd in SimdLevel::available() {
-                    let tree = cloud.tree(structure, simd).unwrap();
+                    let tree = set.tree(structure, simd);
                     for round in 0..6 {
                         let time = [0.0, 1.0, 0.25, 1.0 / 3.0, rng.unit(), rng.unit()][round];
-                        let near = cloud.at(round * 131, time);
-                        let q = near + vec(&mut rng) * size * [0.0, 1e-2, 1.0, 10.0, 1e6, 1.0][round];
+                        let near = set.at(round * 131, time);
+                        let q = near + rng.dvec() * size * [0.0, 1e-2, 1.0, 10.0, 1e6, 1.0][round];
                         let about =
                             format!("{size} {apart} {speed}, {keys} keys, {structure:?}, {simd}, {q} at {time}");
-                        compare(&cloud, &tree, q, time, &about);
+                        compare(&set, &tree, q, time, &about);
                     }
                 }
             }
@@ -143,24 +91,24 @@ fn every_query_equals_brute_force() {
 #[test]
 fn keys_of_linear_motion_cost_nothing() {
     let mut rng = Random(31);
-    let cloud = Cloud::new(900, 2, (1.0, 1e5, 0.2), false, &mut rng);
-    let sampled = |keys: usize, by: f64| -> Cloud {
+    let set = Set::clusters(900, 2, (1.0, 1e5, 0.2), false, &mut rng);
+    let sampled = |keys: usize, by: f64| -> Set {
         let at = |key: usize, i: usize| {
-            let (a, b) = (cloud.keys[0][i], cloud.keys[1][i]);
+            let (a, b) = (set.keys[0][i], set.keys[1][i]);
             let off = if key == 1 && i == 500 { by } else { 0.0 };
             if key + 1 == keys { b } else { a + (b - a) * (key as f64 / (keys - 1) as f64) + off }
         };
-        let keys = (0..keys).map(|key| (0..cloud.keys[0].len()).map(|i| at(key, i)).collect());
-        Cloud { keys: keys.collect(), active: cloud.active.clone() }
+        let keys = (0..keys).map(|key| (0..set.keys[0].len()).map(|i| at(key, i)).collect());
+        Set::new(keys.collect(), false)
     };
-    for structure in STRUCTURES {
-        let of = |cloud: &Cloud| cloud.tree(structure, SimdLevel::best()).unwrap();
-        let two = of(&cloud);
+    for structure in DOUBLE_STRUCTURES {
+        let of = |set: &Set| set.tree(structure, SimdLevel::best());
+        let two = of(&set);
         for keys in [3, 9, 65] {
             let tree = of(&sampled(keys, 0.0));
             assert_eq!(tree.statistics().layers, two.statistics().layers, "{keys} keys, {structure:?}");
             for _ in 0..100 {
-                let (q, time) = (cloud.keys[0][rng.below(900)], rng.unit());
+                let (q, time) = (set.keys[0][rng.below(900)], rng.unit());
                 let [a, b] = [&two, &tree].map(|tree| tree.nearest_n(q, time, 5));
                 assert_eq!(a, b, "{keys} keys, {structure:?}");
             }
@@ -173,15 +121,15 @@ fn keys_of_linear_motion_cost_nothing() {
 fn times_a_rounding_beside_keys_are_exact() {
     let mut rng = Random(29);
     for keys in [4, 200] {
-        let cloud = Cloud::new(40, keys, (1.0, 0.0, 2.0), false, &mut rng);
-        let tree = cloud.tree(PointStructure::Automatic, SimdLevel::best()).unwrap();
+        let set = Set::clusters(40, keys, (1.0, 0.0, 2.0), false, &mut rng);
+        let tree = set.tree(PointStructure::Automatic, SimdLevel::best());
         let rounded = (1..keys - 1).flat_map(|key| {
             let time = (key as f64 / (keys - 1) as f64) as f32;
             [time.next_down(), time, time.next_up()]
         });
         for time in rounded {
-            let q = cloud.at(7, time) + vec(&mut rng);
-            compare(&cloud, &tree, q, time, &format!("{keys} keys, {q} at {time}"));
+            let q = set.at(7, time) + rng.dvec();
+            compare(&set, &tree, q, time, &format!("{keys} keys, {q} at {time}"));
         }
     }
 }
@@ -206,10 +154,13 @@ fn clusters_far_apart_keep_their_spacing() {
 
 #[test]
 fn queries_that_f64_points_do_not_support_are_rejected() {
-    let cloud = Cloud::new(100, 2, (1.0, 1e7, 1.0), false, &mut Random(1));
-    let error = cloud.tree(PointStructure::Kd, SimdLevel::best()).unwrap_err();
+    let set = Set::clusters(100, 2, (1.0, 1e7, 1.0), false, &mut Random(1));
+    let keys: Vec<&[DVec3]> = set.keys.iter().map(|key| &key[..]).collect();
+    let points = PointArrays { keys: &keys, active: &[], ids: &[] };
+    let params = PointParams { structure: PointStructure::Kd, ..PointParams::default() };
+    let error = PointTree::build(&points, &params).unwrap_err();
     assert!(matches!(error, PointError::Parameter { name: "structure", .. }), "{error}");
-    let tree = cloud.tree(PointStructure::Automatic, SimdLevel::best()).unwrap();
+    let tree = set.tree(PointStructure::Automatic, SimdLevel::best());
     let mut lists = NeighborLists::new();
     let query = tree.neighbor_lists(0.0, 1.0);
     let own = Radii::Own(&[1.0; 99]);
@@ -226,10 +177,7 @@ fn queries_that_f64_points_do_not_support_are_rejected() {
     let swept = tree.neighbor_lists_swept(TimeInterval::FULL, -1.0).collect();
     assert_eq!(swept, Err(ListError::Radius { of: None }));
     // Rounded to f32, all of it works.
-    let keys: Vec<&[DVec3]> = cloud.keys.iter().map(|key| &key[..]).collect();
-    let set = PointArrays { keys: &keys, active: &[], ids: &[] };
-    let params = PointParams { structure: PointStructure::Kd, precision: Precision::Single, ..PointParams::default() };
-    let tree = PointTree::build(&set, &params).unwrap();
+    let tree = PointTree::build(&points, &PointParams { precision: Precision::Single, ..params }).unwrap();
     assert_eq!(tree.neighbor_lists(0.0, 1.0).run(&mut NeighborLists::new()), Ok(()));
 }
 
@@ -277,26 +225,26 @@ impl Visitor<TreePoint> for Everything {
 
 #[test]
 fn visitors_see_positions_in_f64() {
-    visitors_see(&Cloud::new(700, 2, (1e-3, 1e7, 1.0), true, &mut Random(4)), &[0.0, 0.4, 1.0]);
+    visitors_see(&Set::clusters(700, 2, (1e-3, 1e7, 1.0), true, &mut Random(4)), &[0.0, 0.4, 1.0]);
     // Eleven segments, at the floats next to their keys.
     let beside = |key: i16| f32::from(key) / 11.0;
     let times: Vec<f32> =
         (1..11).flat_map(|key| [beside(key).next_down(), beside(key), beside(key).next_up()]).collect();
-    visitors_see(&Cloud::new(700, 12, (1e-3, 1e7, 1.0), true, &mut Random(4)), &times);
+    visitors_see(&Set::clusters(700, 12, (1e-3, 1e7, 1.0), true, &mut Random(4)), &times);
 }
 
-fn visitors_see(cloud: &Cloud, times: &[f32]) {
-    for structure in STRUCTURES {
-        let tree = cloud.tree(structure, SimdLevel::best()).unwrap();
+fn visitors_see(set: &Set, times: &[f32]) {
+    for structure in DOUBLE_STRUCTURES {
+        let tree = set.tree(structure, SimdLevel::best());
         for &time in times {
             let mut all = Everything { depth: Vec::new(), found: Vec::new() };
             assert!(tree.traverse(time, &mut all).is_continue());
             let mut ids: Vec<u32> = all.found.iter().map(|p| p.id).collect();
             ids.sort_unstable();
-            let active: Vec<u32> = (0..700).filter(|&i| cloud.active[i as usize].contains(time)).collect();
+            let active: Vec<u32> = (0..700).filter(|&i| set.active[i as usize].contains(time)).collect();
             assert_eq!(ids, active);
             for p in &all.found {
-                assert_eq!(p.position, cloud.at(p.id as usize, time));
+                assert_eq!(p.position, set.at(p.id as usize, time));
             }
         }
     }

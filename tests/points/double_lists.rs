@@ -1,73 +1,10 @@
 //! Neighbour lists of points in f64, with all options: every list equals comparing all pairs in f64.
 
-use crate::double::{Cloud, STRUCTURES};
+use crate::list_case::ListCase;
+use crate::set::{DOUBLE_STRUCTURES, Set};
 use crate::support::Random;
 use mbkd::glam::DVec3;
-use mbkd::{ListError, ListQuery, NeighborLists, PointParams, PointStructure, PointTree, Precision, Radii, SimdLevel};
-
-/// A neighbour: id, and the bits of the squared distance and of the displacement.
-pub type Entry = (u32, u32, [u32; 3]);
-
-/// A request.
-#[derive(Clone, Debug)]
-pub struct Case<'a> {
-    pub time: f32,
-    pub radii: Radii<'a>,
-    pub periods: [Option<f64>; 3],
-    pub once: bool,
-    pub other: bool,
-}
-
-impl Case<'_> {
-    pub fn query<'b>(&'b self, tree: &'b PointTree, among: &'b PointTree) -> ListQuery<'b> {
-        let mut query = tree.neighbor_lists(self.time, self.radii).periodic(self.periods);
-        if self.once {
-            query = query.pairs_once();
-        }
-        if self.other {
-            query = query.among(among);
-        }
-        query.with_distances().with_displacements().sorted().in_order()
-    }
-
-    fn bound(&self, i: usize, j: usize) -> f32 {
-        let radius = match self.radii {
-            Radii::Equal(radius) => radius,
-            Radii::Own(own) => own[i],
-            Radii::Larger { own, others } => own[i].max(others[j]),
-            Radii::Sum { own, others } => own[i] + others[j],
-        };
-        (radius * radius).min(f32::MAX)
-    }
-
-    /// All lists by comparing all pairs.
-    pub fn expected(&self, own: &Cloud, among: &Cloud) -> Vec<Vec<Entry>> {
-        let mut lists = vec![Vec::new(); own.active.len()];
-        let places: Vec<DVec3> = (0..among.active.len()).map(|j| among.at(j, self.time)).collect();
-        for (i, list) in lists.iter_mut().enumerate().filter(|(i, _)| own.active[*i].contains(self.time)) {
-            let q = own.at(i, self.time);
-            for (j, p) in places.iter().enumerate().filter(|(j, _)| among.active[*j].contains(self.time)) {
-                let d = [0, 1, 2].map(|axis| {
-                    let d = p[axis] - q[axis];
-                    self.periods[axis].map_or(d, |length| d - (d * (1.0 / length)).round_ties_even() * length)
-                });
-                let squared = ((d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]) as f32;
-                let wanted = if self.once { j > i } else { self.other || j != i };
-                if wanted && squared <= self.bound(i, j) {
-                    list.push((j as u32, squared.to_bits(), d.map(|x| (x as f32 + 0.0).to_bits())));
-                }
-            }
-        }
-        lists
-    }
-}
-
-pub fn found(lists: &NeighborLists) -> Vec<Vec<Entry>> {
-    let [x, y, z] = lists.displacements();
-    let bits = |n: usize| [x[n], y[n], z[n]].map(|x| (x + 0.0).to_bits());
-    let entry = |n: usize| (lists.ids()[n], lists.distances_squared()[n].to_bits(), bits(n));
-    lists.offsets().windows(2).map(|ends| (ends[0]..ends[1]).map(entry).collect()).collect()
-}
+use mbkd::{ListError, NeighborLists, PointParams, PointStructure, PointTree, Precision, Radii, SimdLevel};
 
 /// Sizes of clusters, how far they are apart, and speeds.
 const SETS: [(f64, f64, f64); 5] =
@@ -80,57 +17,46 @@ fn lists_equal_comparing_all_pairs() {
     for (number, set) in SETS.into_iter().enumerate() {
         let size = set.0;
         for (keys, partly_active) in [(1, false), (2, true), (4, false)] {
-            let clouds = [500, 100].map(|count| Cloud::new(count, keys, set, partly_active, &mut rng));
+            let sets = [500, 100].map(|count| Set::clusters(count, keys, set, partly_active, &mut rng));
             let radius = (0.4 * size) as f32;
             let mut radii = |count| -> Vec<f32> { (0..count).map(|_| radius * 2.0 * rng.unit()).collect() };
             let (own, others) = (radii(500), radii(100));
             let times = [0.0, 1.0, rng.unit()];
-            let all =
-                STRUCTURES.into_iter().flat_map(|s| SimdLevel::available().into_iter().map(move |simd| (s, simd)));
-            let trees: Vec<_> = all
-                .map(|(s, simd)| (clouds.each_ref().map(|c| c.tree(s, simd).unwrap()), format!("{s:?}, {simd}")))
-                .collect();
+            let all = DOUBLE_STRUCTURES
+                .into_iter()
+                .flat_map(|s| SimdLevel::available().into_iter().map(move |simd| (s, simd)));
+            let trees: Vec<_> =
+                all.map(|(s, simd)| (sets.each_ref().map(|c| c.tree(s, simd)), format!("{s:?}, {simd}"))).collect();
             for time in times {
-                let plain = Case { time, radii: Radii::Equal(radius), periods: [None; 3], once: false, other: false };
+                let plain = ListCase::plain(time, radius);
                 let period = Some(size * 1.37);
                 // Many periods from zero, and the clusters in one.
                 let periodic = if set.1 > 1e6 * size { [None, None, None] } else { [period, None, period] };
                 let mut cases = vec![
                     plain.clone(),
-                    Case { once: true, ..plain.clone() },
-                    Case { other: true, ..plain.clone() },
-                    Case { radii: Radii::Own(&own), ..plain.clone() },
-                    Case { radii: Radii::Larger { own: &own, others: &own }, once: true, ..plain.clone() },
-                    Case { radii: Radii::Sum { own: &own, others: &others }, other: true, ..plain.clone() },
-                    Case { periods: periodic, ..plain.clone() },
-                    Case { periods: periodic, radii: Radii::Own(&own), other: true, ..plain.clone() },
-                    Case { periods: periodic, radii: Radii::Sum { own: &own, others: &own }, ..plain.clone() },
-                    Case { radii: Radii::Equal(f32::INFINITY), ..plain.clone() },
+                    ListCase { once: true, ..plain.clone() },
+                    ListCase { other: true, ..plain.clone() },
+                    ListCase { radii: Radii::Own(&own), ..plain.clone() },
+                    ListCase { radii: Radii::Larger { own: &own, others: &own }, once: true, ..plain.clone() },
+                    ListCase { radii: Radii::Sum { own: &own, others: &others }, other: true, ..plain.clone() },
+                    ListCase { periods: periodic, ..plain.clone() },
+                    ListCase { periods: periodic, radii: Radii::Own(&own), other: true, ..plain.clone() },
+                    ListCase { periods: periodic, radii: Radii::Sum { own: &own, others: &own }, ..plain.clone() },
+                    ListCase { radii: Radii::Equal(f32::INFINITY), ..plain.clone() },
                 ];
                 if number == 0 {
-                    cases.push(Case { periods: [Some(1e7 + 0.3), None, Some(3e6 + 0.1)], ..plain.clone() });
+                    cases.push(ListCase { periods: [Some(1e7 + 0.3), None, Some(3e6 + 0.1)], ..plain.clone() });
                 }
                 for (case, request) in cases.iter().enumerate() {
-                    let expected = request.expected(&clouds[0], &clouds[usize::from(request.other)]);
+                    let expected = request.expected([&sets[0], &sets[1]]);
                     for ([tree, among], what) in &trees {
-                        request.query(tree, among).run(&mut lists).unwrap();
-                        let (found, about) =
-                            (found(&lists), format!("{what}, {set:?}, {keys} keys, case {case} at {time}"));
-                        assert_eq!(differing(&found, &expected), None, "{about}");
+                        let about = format!("{what}, {set:?}, {keys} keys, case {case}");
+                        request.check(&expected, [tree, among], &sets[0], &mut lists, &about);
                     }
                 }
             }
         }
     }
-}
-
-/// The first list that differs, and its entries that are in only one of both.
-pub fn differing(found: &[Vec<Entry>], expected: &[Vec<Entry>]) -> Option<(usize, Vec<Entry>, Vec<Entry>)> {
-    assert_eq!(found.len(), expected.len());
-    let list = found.iter().zip(expected).position(|(found, expected)| found != expected)?;
-    let only = |a: &[Entry], b: &[Entry]| a.iter().copied().filter(|entry| !b.contains(entry)).collect();
-    let (found, expected) = (&found[list], &expected[list]);
-    Some((list, only(found, expected), only(expected, found)))
 }
 
 /// Pairs at the radius up to roundings of f64 and of f32, where a box that is rounded inward would lose some.
@@ -149,14 +75,12 @@ fn neighbours_at_the_radius_are_not_lost() {
             let off = [0.0, 1e-16, -1e-16, 6e-8, -6e-8, 2.9e-8][points.len() / 2 % 6];
             points.extend([at, at + way * (r * (1.0 + off))]);
         }
-        let active = vec![mbkd::TimeInterval::FULL; points.len()];
-        let cloud = Cloud { keys: vec![points], active };
-        let case = Case { time: 0.0, radii: Radii::Equal(radius), periods: [None; 3], once: false, other: false };
-        let expected = case.expected(&cloud, &cloud);
+        let set = Set::new(vec![points], false);
+        let case = ListCase::plain(0.0, radius);
+        let expected = case.expected([&set; 2]);
         for simd in SimdLevel::available() {
-            let tree = cloud.tree(PointStructure::Automatic, simd).unwrap();
-            case.query(&tree, &tree).run(&mut lists).unwrap();
-            assert_eq!(found(&lists), expected, "{radius} {far} {simd}");
+            let tree = set.tree(PointStructure::Automatic, simd);
+            case.check(&expected, [&tree; 2], &set, &mut lists, &format!("{radius} {far} {simd}"));
         }
     }
 }
@@ -165,14 +89,14 @@ fn neighbours_at_the_radius_are_not_lost() {
 #[test]
 fn lists_of_positions_equal_single_queries() {
     let mut rng = Random(41);
-    for (set, active) in [(SETS[0], false), (SETS[2], true)] {
-        let cloud = Cloud::new(1500, 3, set, active, &mut rng);
-        let mut queries: Vec<DVec3> = (0..600).map(|i| cloud.at(i, 0.4) + rng.vec().as_dvec3() * 0.1).collect();
+    for (what, active) in [(SETS[0], false), (SETS[2], true)] {
+        let set = Set::clusters(1500, 3, what, active, &mut rng);
+        let mut queries: Vec<DVec3> = (0..600).map(|i| set.at(i, 0.4) + rng.vec().as_dvec3() * 0.1).collect();
         queries.extend([DVec3::ZERO, DVec3::splat(1e18), DVec3::NEG_ONE]);
         let rounded: Vec<[f32; 3]> = queries.iter().map(|q| q.as_vec3().to_array()).collect();
         let own: Vec<f32> = queries.iter().map(|_| rng.unit()).collect();
         for simd in SimdLevel::available() {
-            let tree = cloud.tree(PointStructure::Automatic, simd).unwrap();
+            let tree = set.tree(PointStructure::Automatic, simd);
             let mut lists = NeighborLists::new();
             for radii in [Radii::Equal(0.3), Radii::Own(&own)] {
                 let compare = |lists: &NeighborLists, query: &dyn Fn(usize) -> DVec3| {
@@ -185,7 +109,7 @@ fn lists_of_positions_equal_single_queries() {
                         let mut single: Vec<_> = single.iter().map(|n| (n.id, n.distance_squared.to_bits())).collect();
                         found.sort_unstable();
                         single.sort_unstable();
-                        assert_eq!(found, single, "{set:?}, {simd}, query {i}");
+                        assert_eq!(found, single, "{what:?}, {simd}, query {i}");
                     }
                 };
                 tree.within_lists(&queries, 0.4, radii).with_distances().in_order().run(&mut lists).unwrap();
@@ -196,7 +120,7 @@ fn lists_of_positions_equal_single_queries() {
             }
         }
     }
-    let tree = Cloud::new(100, 1, SETS[0], false, &mut rng).tree(PointStructure::Automatic, SimdLevel::best()).unwrap();
+    let tree = Set::clusters(100, 1, SETS[0], false, &mut rng).tree(PointStructure::Automatic, SimdLevel::best());
     let mut lists = NeighborLists::new();
     let bad = tree.within_lists(&[DVec3::ONE, DVec3::splat(3e18)], 0.0, 1.0).run(&mut lists);
     assert_eq!(bad, Err(ListError::Query { query: 1 }));
@@ -206,11 +130,11 @@ fn lists_of_positions_equal_single_queries() {
 /// One memory for lists of sets in f32, f64 and f32.
 #[test]
 fn memory_serves_both_kinds_of_sets() {
-    let cloud = Cloud::new(3000, 2, (1.0, 0.0, 0.1), false, &mut Random(3));
-    let single: Vec<[f32; 3]> = cloud.keys[0].iter().map(|p| p.as_vec3().to_array()).collect();
+    let set = Set::clusters(3000, 2, (1.0, 0.0, 0.1), false, &mut Random(3));
+    let single: Vec<[f32; 3]> = set.keys[0].iter().map(|p| p.as_vec3().to_array()).collect();
     let trees = [
         PointTree::build(&single, &Default::default()).unwrap(),
-        cloud.tree(PointStructure::Automatic, SimdLevel::best()).unwrap(),
+        set.tree(PointStructure::Automatic, SimdLevel::best()),
     ];
     let mut lists = NeighborLists::new();
     for number in [0, 1, 0, 1] {
@@ -234,24 +158,6 @@ fn periods_are_not_rounded() {
     assert_eq!(lists.neighbors(), 0);
     let far = tree.neighbor_lists(0.0, 1e-9).periodic([Some(1e-5), None, None]).run(&mut lists);
     assert_eq!(far, Err(ListError::FarFromPeriod { axis: 0 }));
-}
-
-#[test]
-fn lists_do_not_depend_on_the_number_of_threads() {
-    let cloud = Cloud::new(5000, 2, (1.0, 1e7, 0.1), true, &mut Random(31));
-    let tree = cloud.tree(PointStructure::Automatic, SimdLevel::best()).unwrap();
-    let lists = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let mut lists = NeighborLists::new();
-        let query = tree.neighbor_lists(0.3, 0.2).with_distances().with_displacements();
-        pool.install(|| query.run(&mut lists)).unwrap();
-        (lists.points().to_vec(), found(&lists))
-    };
-    let alone = lists(1);
-    assert!(alone.1.iter().map(Vec::len).sum::<usize>() > 5000);
-    for threads in [2, 3, 8] {
-        assert_eq!(lists(threads), alone, "{threads} threads");
-    }
 }
 
 /// Differences whose squares are denormal in f32, or zero.

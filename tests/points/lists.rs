@@ -1,132 +1,31 @@
 //! Neighbour lists against comparing all pairs of points.
 
+use crate::list_case::ListCase;
+use crate::set::Set;
 use crate::support::{Cloud, KINDS, Random, STRUCTURES, build, cloud};
 use mbkd::{
     EncounterLists, ListError, ListQuery, MAX_POINT_COORDINATE, MovingPoint, NeighborLists, PointArrays, PointParams,
     PointStructure, PointTree, Precision, Radii, RadiusOf, SimdLevel, TimeInterval, glam::Vec3,
 };
 
-/// The parameters of a list query.
-#[derive(Clone, Debug)]
-pub struct ListCase<'a> {
-    pub time: f32,
-    pub radii: Radii<'a>,
-    pub periods: [Option<f32>; 3],
-    pub once: bool,
-    pub other: bool,
-}
-
-impl<'a> ListCase<'a> {
-    fn plain(time: f32, radius: f32) -> ListCase<'a> {
-        ListCase { time, radii: Radii::Equal(radius), periods: [None; 3], once: false, other: false }
-    }
-
-    fn query<'b>(&self, tree: &'b PointTree, among: &'b PointTree) -> ListQuery<'b>
-    where
-        'a: 'b,
-    {
-        let mut query = tree.neighbor_lists(self.time, self.radii).periodic(self.periods);
-        if self.once {
-            query = query.pairs_once();
-        }
-        if self.other {
-            query = query.among(among);
-        }
-        query
-    }
-}
-
-/// A neighbour: id, squared distance, displacement.
-pub type Entry = (u32, u32, [u32; 3]);
-
-fn along(d: f32, period: Option<f32>) -> f32 {
-    let Some(length) = period else { return d };
-    let k = (d * (1.0 / length)).round_ties_even();
-    d - k * length
-}
-
-/// All lists by comparing all pairs.
-pub fn compare_all(own: &Cloud, among: &Cloud, case: &ListCase) -> Vec<Vec<Entry>> {
-    let mut lists = vec![Vec::new(); own.len()];
-    let square = |r: f32| (r * r).min(f32::MAX);
-    let places: Vec<Vec3> = (0..among.len()).map(|j| among.at(j, case.time)).collect();
-    for (i, list) in lists.iter_mut().enumerate().filter(|(i, _)| own.active[*i].contains(case.time)) {
-        let p = own.at(i, case.time);
-        for j in (0..among.len()).filter(|&j| among.active[j].contains(case.time)) {
-            let bound = match case.radii {
-                Radii::Equal(radius) => square(radius),
-                Radii::Own(own) => square(own[i]),
-                Radii::Larger { own, others } => square(own[i]).max(square(others[j])),
-                Radii::Sum { own, others } => square(own[i] + others[j]),
-            };
-            let d = places[j] - p;
-            let displacement = [0, 1, 2].map(|axis| along(d[axis], case.periods[axis]));
-            let distance = (displacement[0] * displacement[0] + displacement[1] * displacement[1])
-                + displacement[2] * displacement[2];
-            let wanted = if case.once { j > i } else { case.other || j != i };
-            if wanted && distance <= bound {
-                list.push((j as u32, distance.to_bits(), displacement.map(|x| (x + 0.0).to_bits())));
-            }
-        }
-    }
-    lists
-}
-
-fn check(trees: [&PointTree; 2], clouds: [&Cloud; 2], case: &ListCase, lists: &mut NeighborLists, what: &str) {
-    check_against(&compare_all(clouds[0], clouds[1], case), trees, clouds[0], case, lists, what);
-}
-
-pub fn check_against(
-    expected: &[Vec<Entry>],
-    trees: [&PointTree; 2],
-    cloud: &Cloud,
-    case: &ListCase,
-    lists: &mut NeighborLists,
-    what: &str,
-) {
-    let query = case.query(trees[0], trees[1]);
-    query.in_order().sorted().with_distances().with_displacements().run(lists).unwrap();
-    assert_eq!(lists.len(), cloud.len(), "{what}");
-    let [x, y, z] = lists.displacements();
-    for (i, list) in expected.iter().enumerate() {
-        let range = lists.range(i);
-        let found: Vec<Entry> = range
-            .map(|n| {
-                let displacement = [x[n], y[n], z[n]].map(|x| (x + 0.0).to_bits());
-                (lists.ids()[n], lists.distances_squared()[n].to_bits(), displacement)
-            })
-            .collect();
-        assert_eq!(&found, list, "{what}: point {i}, {case:?}");
-    }
-    // In the order of the tree and unsorted: the same lists.
-    query.run(lists).unwrap();
-    assert!(lists.distances_squared().is_empty());
-    let active = (0..cloud.len()).filter(|&i| cloud.active[i].contains(case.time)).count();
-    assert_eq!(lists.len(), active, "{what}");
-    for (id, row) in lists.iter() {
-        let mut row = row.to_vec();
-        row.sort_unstable();
-        assert!(row.iter().copied().eq(expected[id as usize].iter().map(|n| n.0)), "{what}: point {id}, {case:?}");
-    }
-}
-
-fn radii(cloud: &Cloud, spacing: f32, rng: &mut Random) -> Vec<f32> {
-    (0..cloud.len()).map(|_| spacing * 10f32.powf(rng.unit() - 0.5)).collect()
+fn radii(count: usize, spacing: f32, rng: &mut Random) -> Vec<f32> {
+    (0..count).map(|_| spacing * 10f32.powf(rng.unit() - 0.5)).collect()
 }
 
 #[test]
 fn lists_equal_comparing_all_pairs() {
     for (number, kind) in KINDS.into_iter().enumerate() {
         let mut rng = Random(100 + number as u64);
-        let clouds = [&cloud(kind, 200, &mut rng), &cloud(kind, 60, &mut rng)];
+        let sets = [200, 60].map(|count| Set::from(&cloud(kind, count, &mut rng)));
         let all = STRUCTURES.into_iter().flat_map(|s| SimdLevel::available().into_iter().map(move |simd| (s, simd)));
         let trees: Vec<_> =
-            all.map(|(s, simd)| (clouds.map(|c| build(c, s, simd)), format!("{s:?}, {simd}"))).collect();
+            all.map(|(s, simd)| (sets.each_ref().map(|set| set.tree(s, simd)), format!("{s:?}, {simd}"))).collect();
         let mut lists = NeighborLists::new();
         for time in [0.0, 1.0, rng.unit()] {
-            let size = (0..clouds[0].len()).map(|i| clouds[0].at(i, time).abs().max_element()).fold(1e-40, f32::max);
-            let spacing = size * 0.3;
-            let (own, others) = (radii(clouds[0], spacing, &mut rng), radii(clouds[1], spacing, &mut rng));
+            let sizes = (0..sets[0].len()).map(|i| sets[0].at(i, time).abs().max_element());
+            let size = sizes.fold(1e-40, f64::max);
+            let spacing = (size * 0.3) as f32;
+            let (own, others) = (radii(200, spacing, &mut rng), radii(60, spacing, &mut rng));
             let plain = ListCase::plain(time, spacing);
             let larger = Radii::Larger { own: &own, others: &own };
             let both = Radii::Larger { own: &own, others: &others };
@@ -152,10 +51,10 @@ fn lists_equal_comparing_all_pairs() {
                 cases.push(ListCase { periods: all, radii: sum, ..plain.clone() });
             }
             for case in &cases {
-                let expected = compare_all(clouds[0], clouds[if case.other { 1 } else { 0 }], case);
+                let expected = case.expected([&sets[0], &sets[1]]);
                 for ([tree, other], what) in &trees {
                     let what = format!("{kind}, {what}, time {time}");
-                    check_against(&expected, [tree, other], clouds[0], case, &mut lists, &what);
+                    case.check(&expected, [tree, other], &sets[0], &mut lists, &what);
                 }
             }
         }
@@ -164,24 +63,27 @@ fn lists_equal_comparing_all_pairs() {
 
 #[test]
 fn larger_sets_and_all_numbers_of_threads() {
-    for kind in ["uniform", "random", "short intervals"] {
-        let mut rng = Random(7);
-        let cloud = cloud(kind, 3_000, &mut rng);
+    let mut rng = Random(7);
+    let kinds = ["uniform", "random", "short intervals"];
+    let mut sets = kinds.map(|kind| (kind, Set::from(&cloud(kind, 3_000, &mut rng)))).to_vec();
+    sets.push(("clusters", Set::clusters(3_000, 2, (1.0, 1e3, 0.1), true, &mut rng)));
+    for (kind, set) in sets {
         let time = rng.unit();
-        let own = radii(&cloud, 0.1, &mut rng);
+        let own = radii(set.len(), 0.1, &mut rng);
         let cases = [
             ListCase::plain(time, 0.2),
             ListCase { periods: [Some(2.0); 3], ..ListCase::plain(time, 0.2) },
             ListCase { radii: Radii::Larger { own: &own, others: &own }, ..ListCase::plain(time, 0.0) },
             ListCase { radii: Radii::Sum { own: &own, others: &own }, ..ListCase::plain(time, 0.0) },
         ];
-        let trees = [PointStructure::Automatic, PointStructure::Kd].map(|s| build(&cloud, s, SimdLevel::best()));
+        let structures = set.structures().filter(|s| [PointStructure::Automatic, PointStructure::Kd].contains(s));
+        let trees: Vec<_> = structures.map(|s| set.tree(s, SimdLevel::best())).collect();
         for case in &cases {
-            let expected = compare_all(&cloud, &cloud, case);
+            let expected = case.expected([&set; 2]);
             for tree in &trees {
                 let mut one = NeighborLists::new();
-                check_against(&expected, [tree; 2], &cloud, case, &mut one, kind);
-                for threads in [1, 3] {
+                case.check(&expected, [tree; 2], &set, &mut one, kind);
+                for threads in [1, 2, 3, 8] {
                     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
                     let mut lists = NeighborLists::new();
                     pool.install(|| case.query(tree, tree).with_displacements().run(&mut lists)).unwrap();
@@ -224,7 +126,8 @@ fn points_of_a_lattice_exactly_at_the_radius_count() {
     assert!(lists.iter().all(|(_, row)| row.len() == 32));
     tree.neighbor_lists(0.5, 2.0f32.next_down()).periodic([period; 3]).run(&mut lists).unwrap();
     assert!(lists.iter().all(|(_, row)| row.len() == 26));
-    check([&tree; 2], [&cloud; 2], &ListCase::plain(0.5, 2.0), &mut lists, "lattice");
+    let (case, set) = (ListCase::plain(0.5, 2.0), Set::from(&cloud));
+    case.check(&case.expected([&set; 2]), [&tree; 2], &set, &mut lists, "lattice");
 }
 
 #[test]
@@ -250,12 +153,12 @@ fn a_point_that_leaves_the_box_stays_the_neighbor_of_its_images() {
 
 #[test]
 fn a_radius_beyond_the_box_lists_everything_once() {
-    let cloud = cloud("uniform", 500, &mut Random(9));
-    let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
+    let set = Set::from(&cloud("uniform", 500, &mut Random(9)));
+    let tree = set.tree(PointStructure::Automatic, SimdLevel::best());
     let mut lists = NeighborLists::new();
     for radius in [0.6, 3.0, 1e30, f32::INFINITY] {
         let case = ListCase { periods: [Some(1.0), Some(0.7), Some(2.0)], ..ListCase::plain(0.0, radius) };
-        check([&tree; 2], [&cloud; 2], &case, &mut lists, "radius beyond the box");
+        case.check(&case.expected([&set; 2]), [&tree; 2], &set, &mut lists, "radius beyond the box");
     }
     tree.neighbor_lists(0.0, f32::INFINITY).periodic([Some(1.0); 3]).run(&mut lists).unwrap();
     assert!(lists.iter().all(|(_, row)| row.len() == 499));

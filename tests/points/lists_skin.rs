@@ -1,85 +1,70 @@
 //! Lists with a skin against comparing all pairs, at all times at which they change: they hold as long as they say.
 
-use crate::lists_swept::{clouds, meet, size};
-use crate::support::{Cloud, Random, STRUCTURES, build};
+use crate::set::{AS_GIVEN, CLUSTERS, Set, clouds, size};
+use crate::skin_case::{Held, OfPair, SkinCase, check_with_skin};
+use crate::support::Random;
 use mbkd::{
-    MovingPoint, NeighborLists, PointArrays, PointParams, PointStructure, PointTree, Precision, SimdLevel,
-    TimeInterval, certified_duration, glam::Vec3,
+    EncounterLists, NeighborLists, PointArrays, PointParams, PointStructure, PointTree, Precision, SimdLevel,
+    TimeInterval, certified_duration,
+    glam::{DVec3, Vec3},
 };
 
 /// At all times before the returned one, the lists with a skin contain the lists at that time; and the returned time is
 /// the last one with this property.
 #[test]
 fn lists_with_a_skin_hold_until_the_time_that_is_certified() {
-    let (mut cut_short, mut complete) = (0, 0);
+    use PointStructure::{Automatic, Kd, Linear, TimeSlices};
+    let mut held = Held::default();
     for (kind, cloud, mut rng) in clouds(90) {
-        let size = size(&cloud);
-        for structure in [
-            PointStructure::Automatic,
-            PointStructure::Kd,
-            PointStructure::TimeSlices(2),
-            PointStructure::TimeSlices(8),
-        ] {
-            let tree = build(&cloud, structure, SimdLevel::best());
-            for (time, until, skin) in [
-                (0.0, 1.0, 0.05),
-                (rng.unit() * 0.5, 0.8, 0.2),
-                (0.5, 0.5 + 1e-3, 1e-3),
-                (0.3, 1.0, 0.0),
-                (0.5, 0.5, 0.1),
-            ] {
-                let (radius, skin) = (0.1 * size, skin * size);
-                let what = format!("{kind}, {structure:?}, {time}..{until}, radius {radius}, skin {skin}");
-                let mut lists = NeighborLists::new();
-                let good = tree.neighbor_lists_with_skin(time, radius, skin, until, &mut lists).unwrap();
-                assert!((time..=until).contains(&good), "{what}: {good}");
-                let mut listed = vec![vec![false; cloud.len()]; cloud.len()];
-                for (id, row) in lists.iter() {
-                    row.iter().for_each(|&other| listed[id as usize][other as usize] = true);
-                }
-                // When a missing pair comes within the radius, and within one that is larger by rounding.
-                let (mut first, mut at_the_earliest) = (f64::INFINITY, f64::INFINITY);
-                let mut events =
-                    vec![time, good.next_down(), time + (good - time) * 0.5, time + (good - time) * rng.unit()];
-                let segments = (cloud.keys.len().max(2) - 1) as f64;
-                let next_key = ((f64::from(time) * segments).floor() + 1.0) / segments;
-                let times = [f64::from(time), f64::from(until).min(next_key)];
-                for (i, row) in listed.iter().enumerate() {
-                    for j in (0..i).filter(|&j| !row[j]) {
-                        let mut enter = |radius: f64| {
-                            let met = meet(&cloud, (i, j), times, radius * radius);
-                            let near = met.map(|e| [e.enter.next_down(), e.enter, e.enter.next_up()]);
-                            events.extend(near.into_iter().flatten());
-                            met.map_or(f64::INFINITY, |e| e.enter.into())
-                        };
-                        first = first.min(enter(radius.into()));
-                        at_the_earliest = at_the_earliest.min(enter(f64::from(radius) + f64::from(size) * 1e-5));
-                    }
-                }
-                assert!(f64::from(good) <= first, "{what}: {good}, but a pair is missing from {first}");
-                let earliest = at_the_earliest.min(times[1]) - 2e-6;
-                assert!(f64::from(good) >= earliest, "{what}: {good}, though nothing is missing before {earliest}");
-                if f64::from(good) < times[1] - 1e-5 {
-                    cut_short += 1
-                } else {
-                    complete += 1
-                }
-                for t in events.into_iter().filter(|&t| time <= t && t < good) {
-                    for i in (0..cloud.len()).filter(|&i| cloud.active[i].contains(t)) {
-                        for j in (0..i).filter(|&j| cloud.active[j].contains(t) && !listed[i][j]) {
-                            let d = cloud.at(j, t) - cloud.at(i, t);
-                            let distance = (d.x * d.x + d.y * d.y) + d.z * d.z;
-                            assert!(
-                                distance > radius * radius || radius * radius == 0.0,
-                                "{what}: {i} and {j} at {t}, before {good}"
-                            );
-                        }
-                    }
-                }
-            }
+        let size = f64::from(size(&cloud));
+        let structures = [Automatic, Kd, TimeSlices(2), TimeSlices(8)];
+        hold(&Set::from(&cloud), size, [size * 1e-5, 2e-6], structures, &mut rng, &kind, &mut held);
+    }
+    let single = held;
+    assert!(single.cut_short > 20 && single.complete > 20, "{single:?}");
+    let (mut rng, mut held) = (Random(47), Held::default());
+    for (size, apart, speed, far) in CLUSTERS.into_iter().filter(|set| set.0 > 1e-10) {
+        for (keys, partly_active) in [(1, true), (2, false), (2, true), (4, false), (12, false)] {
+            let set = Set::clusters(90, keys, (size, apart, speed), partly_active, &mut rng).far_away(far);
+            // Of the motion between two keys, and of coordinates in f64.
+            let rounding = 8.0 * speed / 4e6 + (set.segments() + 1) as f64 * (far + apart + 12.0 * speed) * 1e-14;
+            let structures = [Automatic, Linear, TimeSlices(3), TimeSlices(8)];
+            let what = format!("{size} {apart} {speed} {far}, {keys} keys");
+            hold(&set, size, [0.1e-6 * size + rounding, 1e-7], structures, &mut rng, &what, &mut held);
         }
     }
-    assert!(cut_short > 20 && complete > 20, "both cases: {cut_short}, {complete}");
+    assert!(held.cut_short > 20 && held.complete > 20, "{held:?}");
+}
+
+/// Lists of a set of this size.
+fn hold(
+    set: &Set,
+    size: f64,
+    rounding: [f64; 2],
+    structures: [PointStructure; 4],
+    rng: &mut Random,
+    what: &str,
+    held: &mut Held,
+) {
+    for (time, until, skin) in
+        [(0.0, 1.0, 0.05), (rng.unit() * 0.5, 0.8, 0.2), (0.5, 0.5 + 1e-3, 1e-3), (0.3, 1.0, 0.0), (0.5, 0.5, 0.1)]
+    {
+        let (radius, skin) = ((0.1 * size) as f32, (skin * size) as f32);
+        let (needed, listed) = ([radius], [radius + skin]);
+        let case = SkinCase {
+            sets: [set; 2],
+            among: false,
+            pairs_once: false,
+            of_pair: OfPair::Equal,
+            needed: [&needed; 2],
+            listed: [&listed; 2],
+            periods: [None; 3],
+            rounding,
+        };
+        let what = format!("{what}, radius {radius}, skin {skin}");
+        case.check(&structures.map(|structure| [structure; 2]), [time, until], rng, &what, held);
+        structures.into_iter().for_each(|s| check_with_skin(set, s, [time, until], [radius, skin]));
+    }
 }
 
 #[test]
@@ -110,59 +95,85 @@ fn a_bound_on_speeds_certifies_no_longer_than_it_takes() {
     assert_eq!(certified_duration(4.61e-23, 7e-25, 1e-25), 0.0);
 }
 
-/// A pair just outside of the lists, far from zero: as f32 has them, with what they have in common taken off, the two may seem to
-/// be in.
+/// A pair just outside of the lists: as f32 has them, relative to the middle and with what they have in common taken off, the two
+/// may seem to be in.
 #[test]
 fn a_pair_just_beyond_the_skin_is_not_taken_for_a_listed_one() {
     let mut rng = Random(62);
-    for round in 0..400 {
-        let at = rng.vec() * [1e3, 10.0, 1e4, 0.0][round % 4];
-        let direction = rng.vec().normalize_or(Vec3::X);
-        let points = [MovingPoint::new(at, at + rng.vec() * 0.1), MovingPoint::new(at + direction, at)];
-        let (cloud, time, radius) = (Cloud::moving(&points), 0.25 * rng.unit(), 0.3);
-        let d = cloud.at(1, time) - cloud.at(0, time);
-        let squared = (d.x * d.x + d.y * d.y) + d.z * d.z;
-        let mut skin = squared.sqrt() * (1.0 + 1e-6) - radius;
-        while (radius + skin) * (radius + skin) >= squared {
-            skin = skin.next_down();
+    let mut lists = NeighborLists::new();
+    for (single, far, speed) in [
+        (true, 1e3, 0.1),
+        (true, 10.0, 0.1),
+        (true, 1e4, 0.1),
+        (true, 0.0, 0.1),
+        (false, 1e9, 0.1),
+        (false, 0.0, 0.1),
+        (false, 1e3, 10.0),
+        (false, 1e6, 1e-3),
+    ] {
+        let mut meetings = 0;
+        for round in 0..150 {
+            let at = rng.dvec() * far;
+            let direction = rng.dvec().normalize_or(DVec3::X);
+            // Others far from both make the group and its margin large.
+            let more = rng.dvec() * 30.0;
+            let mut keys = vec![vec![at, at + direction, at + more], vec![at + rng.dvec() * speed, at, at + more]];
+            keys.iter_mut().for_each(|key| key.truncate(if single { 2 } else { 3 }));
+            let set = Set::new(keys, single);
+            let (time, radius) = (0.25 * rng.unit(), 0.3f32);
+            let squared = set.squared((0, &set, 1), [None; 3], time);
+            let mut skin = squared.sqrt() * (1.0 + 1e-6) - radius;
+            while (radius + skin) * (radius + skin) >= squared {
+                skin = skin.next_down();
+            }
+            let tree = set.tree(PointStructure::Automatic, SimdLevel::best());
+            let good = tree.neighbor_lists_with_skin(time, radius, skin, 1.0, &mut lists).unwrap();
+            let what = format!("{far} {speed}, single {single}, round {round}");
+            assert!(lists.iter().all(|(id, row)| id > 1 || row.iter().all(|&other| other > 1)), "{what}");
+            let met = set.meet((0, &set, 1), &AS_GIVEN, [f64::from(time), 1.0], f64::from(radius).powi(2));
+            let enter = met.map_or(1.0, |e| e.enter);
+            assert!(good <= enter, "{what}: {good}, but they meet at {enter}");
+            meetings += usize::from(met.is_some());
         }
-        let tree = PointTree::build(&points, &PointParams::default()).unwrap();
-        let mut lists = NeighborLists::new();
-        let good = tree.neighbor_lists_with_skin(time, radius, skin, 1.0, &mut lists).unwrap();
-        assert_eq!(lists.neighbors(), 0, "round {round}");
-        let enter = meet(&cloud, (0, 1), [f64::from(time), 1.0], f64::from(radius) * f64::from(radius)).unwrap().enter;
-        assert!(good <= enter, "round {round}: {good}, but they meet at {enter}");
+        assert!(meetings > 140 || speed > 1.0, "{far} {speed}: {meetings}");
     }
 }
 
-/// The float before the f32 nearest to a key may be located at the key already. A point that begins to exist then has no motion in
-/// the segment before, and a pair with it is missing from then on.
+/// A point that begins to exist at the first float that is not before a key, or at the one before that, which may be located at the
+/// key already: it has no motion in the segment before, and a pair with it is missing from then on.
 #[test]
 fn certificates_end_before_points_that_begin_to_exist_beside_a_key() {
-    let (mut rng, mut beside) = (Random(63), 0);
-    for keys in 4..80usize {
-        for key in 1..keys - 1 {
-            let nearest = (key as f64 / (keys - 1) as f64) as f32;
-            let before = nearest.next_down();
-            if ((before * (keys - 1) as f32) as usize) < key {
-                continue;
-            }
-            let mut place = || (0..keys).map(|_| rng.vec() * 0.1).collect::<Vec<Vec3>>();
-            let ways = [place(), place()];
-            let active = [TimeInterval::FULL, TimeInterval::new(before, 1.0).unwrap()];
-            let at = |key: usize| ways.iter().map(|way| way[key]).collect();
-            let cloud = Cloud { keys: (0..keys).map(at).collect(), active: active.to_vec() };
-            for structure in STRUCTURES {
-                let tree = build(&cloud, structure, SimdLevel::best());
-                let mut lists = NeighborLists::new();
-                let time = nearest - 0.5 / (keys - 1) as f32;
+    let (mut rng, mut located) = (Random(63), 0);
+    let mut lists = NeighborLists::new();
+    for (keys, key) in (4..80usize).flat_map(|keys| (1..keys - 1).map(move |key| (keys, key))) {
+        let segments = keys - 1;
+        let nearest = (key as f64 / segments as f64) as f32;
+        let mut not_before = nearest;
+        while f64::from(not_before) * (segments as f64) < key as f64 {
+            not_before = not_before.next_up();
+        }
+        let before = nearest.next_down();
+        // In f32 it is at the key.
+        let at_the_key = (before * segments as f32) as usize == key;
+        located += usize::from(at_the_key);
+        let of_single = at_the_key.then_some((true, before));
+        for (single, begin) in [(false, not_before), (false, not_before.next_down())].into_iter().chain(of_single) {
+            let mut place = || [0; 2].map(|_| rng.dvec() * 0.1).to_vec();
+            let mut set = Set::new((0..keys).map(|_| place()).collect(), single);
+            set.active[1] = TimeInterval::new(begin, 1.0).unwrap();
+            for structure in set.structures() {
+                let tree = set.tree(structure, SimdLevel::best());
+                let time = nearest - 0.5 / segments as f32;
                 let good = tree.neighbor_lists_with_skin(time, 1.0, 0.1, 1.0, &mut lists).unwrap();
-                assert_eq!((lists.neighbors(), good), (0, before), "{keys} keys, {structure:?}, beside key {key}");
-                beside += 1;
+                assert_eq!(
+                    (lists.neighbors(), good),
+                    (0, begin),
+                    "{keys} keys, single {single}, {structure:?}, beside key {key}"
+                );
             }
         }
     }
-    assert!(beside > 100, "{beside}");
+    assert!(located > 25, "{located}");
 }
 
 /// Most keys are no f32 numbers, and the float nearest to one may be before it: the next answer is beyond it all the same, so that
@@ -189,4 +200,23 @@ fn lists_with_a_skin_go_on_at_keys_that_are_no_floats() {
         }
     }
     assert!(before > 1000, "{before}");
+}
+
+/// Points at rest in f64 have lists that hold for ever, and meet those that they are near of throughout.
+#[test]
+fn points_at_rest() {
+    let mut rng = Random(3);
+    let points: Vec<DVec3> = (0..300).map(|_| rng.dvec() + DVec3::X * 1e9).collect();
+    let tree = PointTree::build(&points, &PointParams::default()).unwrap();
+    let mut lists = NeighborLists::new();
+    assert_eq!(tree.neighbor_lists_with_skin(0.25, 0.2, 0.1, 0.75, &mut lists), Ok(0.75));
+    let mut met = EncounterLists::new();
+    tree.neighbor_lists_swept(TimeInterval::FULL, 0.3).run(&mut met).unwrap();
+    assert!(met.encounters().len() > 300 && met.encounters().iter().all(|e| (e.enter, e.leave) == (0.0, 1.0)));
+    let all = tree.neighbor_lists(0.0, 0.3).sorted().in_order();
+    all.run(&mut lists).unwrap();
+    let mut rows: Vec<(u32, Vec<u32>)> = met.iter().map(|(id, row)| (id, row.iter().map(|e| e.id).collect())).collect();
+    rows.iter_mut().for_each(|row| row.1.sort_unstable());
+    rows.sort_unstable();
+    assert!(rows.iter().map(|row| (row.0, &row.1[..])).eq(lists.iter()));
 }

@@ -1,120 +1,43 @@
 //! Lists with a skin in periodic boxes against comparing all pairs in all images: they hold as long as they say.
 
-use crate::lists_swept_periodic::{KINDS, Set, periods_along};
+use crate::set::{KINDS, Set, periods_along};
+use crate::skin_case::{Held, OfPair, SkinCase};
 use crate::support::Random;
-use mbkd::{
-    ListError, MovingPoint, PointParams, PointTree, Radii, SimdLevel,
-    glam::{DVec3, Vec3},
-};
-
-/// Checks until when lists hold, which is at most `end`: not after the first time at which a pair is missing, and not before the
-/// earliest that rounding explains. Returns whether it is before the end.
-pub fn is_cut_short(good: f32, end: f64, [earliest, first]: [f64; 2], what: &str) -> bool {
-    let good = f64::from(good);
-    assert!(good <= first, "{what}: {good}, but a pair is missing from {first}");
-    let earliest = earliest.min(end) - 2e-6;
-    assert!(good >= earliest, "{what}: {good}, not {earliest}");
-    good < end - 1e-5
-}
-
-impl Set {
-    /// The position of a point at a time, as queries compute it.
-    fn at(&self, i: usize, time: f32) -> DVec3 {
-        let segments = (self.keys.len() - 1).max(1);
-        let key = |number: usize| self.keys[number.min(self.keys.len() - 1)][i];
-        if self.single {
-            let along = time * segments as f32;
-            let segment = (along as usize).min(segments - 1);
-            let (a, b, s) = (key(segment).as_vec3(), key(segment + 1).as_vec3(), along - segment as f32);
-            let place = if s < 0.5 { a + (b - a) * s } else { b + (b - a) * (s - 1.0) };
-            return place.as_dvec3();
-        }
-        let along = f64::from(time) * segments as f64;
-        let segment = (along as usize).min(segments - 1);
-        let (a, b, s) = (key(segment), key(segment + 1), along - segment as f64);
-        if s < 0.5 { a + (b - a) * s } else { b + (b - a) * (s - 1.0) }
-    }
-
-    /// The squared distance of the nearest images of a point and one of another set, as lists at a time compute it.
-    pub fn squared(&self, (i, other, j): (usize, &Set, usize), periods: [Option<f64>; 3], time: f32) -> f32 {
-        let (a, b) = (self.at(i, time), other.at(j, time));
-        if self.single {
-            let d = b.as_vec3() - a.as_vec3();
-            let near = [0, 1, 2].map(|axis| match periods[axis].map(|length| length as f32) {
-                Some(length) => d[axis] - (d[axis] * (1.0 / length)).round_ties_even() * length,
-                None => d[axis],
-            });
-            return (near[0] * near[0] + near[1] * near[1]) + near[2] * near[2];
-        }
-        let d = b - a;
-        let near = [0, 1, 2].map(|axis| match periods[axis] {
-            Some(length) => d[axis] - (d[axis] * (1.0 / length)).round_ties_even() * length,
-            None => d[axis],
-        });
-        ((near[0] * near[0] + near[1] * near[1]) + near[2] * near[2]) as f32
-    }
-}
+use mbkd::{ListError, MovingPoint, PointParams, PointTree, Radii, glam::Vec3};
 
 /// At all times before the returned one the lists contain all pairs, and the returned time is about the last one for which that
 /// holds.
 #[test]
 fn lists_with_a_skin_hold_until_the_time_that_is_certified() {
-    let (mut cut_short, mut complete, mut across) = (0, 0, 0);
+    let mut held = Held::default();
     for (number, kind) in KINDS.into_iter().enumerate() {
         for (turn, (count, keys)) in [(24, 2), (40, 3)].into_iter().enumerate() {
             for single in [true, false] {
                 let mut rng = Random(700 + 10 * number as u64 + turn as u64);
                 let set = Set::of_kind(kind, count, keys, single, &mut rng);
-                let periods = periods_along([[true; 3], [true, false, true]][(turn + number) % 2]);
-                let images = set.images(periods);
+                let structures: Vec<_> = set.structures().map(|structure| [structure; 2]).collect();
                 for (time, until, skin) in
                     [(0.0, 1.0, 0.03), (rng.unit() * 0.5, 0.8, 0.2), (0.3, 1.0, 0.0), (0.5, 0.501, 1e-3)]
                 {
                     let radius = [0.05, 0.2, 0.5][(turn + number) % 3];
-                    let what = format!("{kind}, {count} points, single {single}, {time}..{until}, skin {skin}");
-                    let listed = |i: usize, j: usize| {
-                        let both = set.active[i].contains(time) && set.active[j].contains(time);
-                        both && set.squared((i, &set, j), periods, time) <= (radius + skin) * (radius + skin)
+                    let (needed, listed) = ([radius], [radius + skin]);
+                    let case = SkinCase {
+                        sets: [&set; 2],
+                        among: false,
+                        pairs_once: false,
+                        of_pair: OfPair::Equal,
+                        needed: [&needed; 2],
+                        listed: [&listed; 2],
+                        periods: periods_along([[true; 3], [true, false, true]][(turn + number) % 2]),
+                        rounding: [1e-4, 2e-6],
                     };
-                    let pairs = (0..count).flat_map(|i| (0..i).map(move |j| (i, j)));
-                    let missing: Vec<_> = pairs.filter(|&(i, j)| !listed(i, j)).collect();
-                    let segments = (keys - 1) as f64;
-                    let next_key = ((f64::from(time) * segments).floor() + 1.0) / segments;
-                    let times = [f64::from(time), f64::from(until).min(next_key)];
-                    let first = |radius: f64, images: &[DVec3]| {
-                        let enter = |&(i, j): &(usize, usize)| set.meet((i, &set, j), images, times, radius * radius);
-                        missing.iter().filter_map(enter).fold(f64::INFINITY, |t, met| t.min(met.enter.into()))
-                    };
-                    let (first, at_the_earliest, as_given) = (
-                        first(radius.into(), &images),
-                        first(f64::from(radius) + 1e-4, &images),
-                        first(radius.into(), &[DVec3::ZERO]),
-                    );
-                    for structure in set.structures() {
-                        let what = format!("{what}, {structure:?}");
-                        let tree = set.tree(structure, SimdLevel::best());
-                        let query = tree.neighbor_lists(time, radius + skin).periodic(periods);
-                        assert_eq!(query.collect().unwrap().neighbors(), count * (count - 1) - 2 * missing.len());
-                        let good = query.certified_until(radius, until).unwrap();
-                        assert!((time..=until).contains(&good), "{what}: {good}");
-                        let short = is_cut_short(good, times[1], [at_the_earliest, first], &what);
-                        *(if short { &mut cut_short } else { &mut complete }) += 1;
-                        across += usize::from(first < as_given);
-                        let events = [time, good.next_down(), time + (good - time) * rng.unit()];
-                        for t in events.into_iter().filter(|&t| time <= t && t < good) {
-                            for &(i, j) in
-                                missing.iter().filter(|(i, j)| [*i, *j].iter().all(|&k| set.active[k].contains(t)))
-                            {
-                                let squared = set.squared((i, &set, j), periods, t);
-                                assert!(squared > radius * radius, "{what}: {i} and {j} at {t}, before {good}");
-                            }
-                        }
-                    }
+                    let what = format!("{kind}, {count} points, single {single}, skin {skin}");
+                    case.check(&structures, [time, until], &mut rng, &what, &mut held);
                 }
             }
         }
     }
-    assert!(cut_short > 50 && complete > 20 && across > 50, "{cut_short}, {complete}, {across}");
+    assert!(held.cut_short > 50 && held.complete > 20 && held.across > 50, "{held:?}");
 }
 
 /// Points half a period apart along an axis, as near to either image as f32 tells, with lists that just hold them or just do not.

@@ -1,38 +1,9 @@
 //! Lists with a skin whose pairs have radii of their own against comparing all pairs: they hold as long as they say.
 
-use crate::lists_skin_periodic::is_cut_short;
-use crate::lists_swept_periodic::{KINDS, Set, periods_along};
+use crate::set::{KINDS, Set, periods_along};
+use crate::skin_case::{Held, OfPair, SkinCase};
 use crate::support::Random;
-use mbkd::{
-    ListError, MovingPoint, NeighborLists, PointParams, PointStructure, PointTree, Radii, RadiusOf, SimdLevel,
-    glam::Vec3,
-};
-
-/// How the radii of two points make that of a pair.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Kind {
-    Own,
-    Larger,
-    Sum,
-}
-
-impl Kind {
-    fn radii<'a>(self, [own, others]: [&'a [f32]; 2]) -> Radii<'a> {
-        match self {
-            Kind::Own => Radii::Own(own),
-            Kind::Larger => Radii::Larger { own, others },
-            Kind::Sum => Radii::Sum { own, others },
-        }
-    }
-
-    fn of_pair(self, own: f32, other: f32) -> f32 {
-        match self {
-            Kind::Own => own,
-            Kind::Larger => own.max(other),
-            Kind::Sum => own + other,
-        }
-    }
-}
+use mbkd::{ListError, MovingPoint, PointParams, PointTree, Radii, RadiusOf, glam::Vec3};
 
 /// Radii within which lists shall hold all pairs, and those that they are made with.
 struct Skins {
@@ -49,87 +20,9 @@ impl Skins {
     }
 }
 
-/// Which pairs two sets of points have; among each other, or among themselves.
-struct Case<'a> {
-    sets: [&'a Set; 2],
-    among: bool,
-    pairs_once: bool,
-    kind: Kind,
-    skins: [&'a Skins; 2],
-    periods: [Option<f64>; 3],
-}
-
-impl Case<'_> {
-    fn pairs(&self) -> impl Iterator<Item = (usize, usize)> {
-        let (among, once) = (self.among, self.pairs_once);
-        let all = (0..self.sets[0].len()).flat_map(|i| (0..self.sets[1].len()).map(move |j| (i, j)));
-        all.filter(move |&(i, j)| if once { i < j } else { among || i != j })
-    }
-
-    fn needed(&self, (i, j): (usize, usize)) -> f32 {
-        self.kind.of_pair(self.skins[0].needed[i], self.skins[1].needed[j])
-    }
-
-    /// Whether a pair is within a radius at a time, as lists have it.
-    fn within(&self, (i, j): (usize, usize), time: f32, radius: f32) -> bool {
-        let both = self.sets[0].active[i].contains(time) && self.sets[1].active[j].contains(time);
-        both && self.sets[0].squared((i, self.sets[1], j), self.periods, time) <= radius * radius
-    }
-
-    /// Until when lists of this structure hold, and whether that is before the end.
-    fn check(&self, structure: PointStructure, [time, until]: [f32; 2], rng: &mut Random, what: &str) -> bool {
-        let what = format!("{what}, {structure:?}, {time}..{until}");
-        let trees = self.sets.map(|set| set.tree(structure, SimdLevel::best()));
-        let [needed, listed]: [fn(&Skins) -> &[f32]; 2] = [|skins| &skins.needed, |skins| &skins.listed];
-        let [needed, listed] = [needed, listed].map(|of| self.kind.radii(self.skins.map(of)));
-        let mut query = trees[0].neighbor_lists(time, listed).periodic(self.periods);
-        if self.among {
-            query = query.among(&trees[1]);
-        }
-        if self.pairs_once {
-            query = query.pairs_once();
-        }
-        let mut lists = NeighborLists::new();
-        query.run(&mut lists).unwrap();
-        let count = self.sets[1].len();
-        let mut holds = vec![false; self.sets[0].len() * count];
-        for (id, row) in lists.iter() {
-            row.iter().for_each(|&other| holds[id as usize * count + other as usize] = true);
-        }
-        let missing: Vec<_> = self.pairs().filter(|&(i, j)| !holds[i * count + j]).collect();
-        for pair in self.pairs() {
-            let listed = self.kind.of_pair(self.skins[0].listed[pair.0], self.skins[1].listed[pair.1]);
-            assert_eq!(holds[pair.0 * count + pair.1], self.within(pair, time, listed), "{what}: {pair:?}");
-        }
-        let good = query.certified_until(needed, until).unwrap();
-        assert!((time..=until).contains(&good), "{what}: {good}");
-        let next_key = |set: &Set| {
-            let segments = (set.keys.len() - 1) as f64;
-            ((f64::from(time) * segments).floor() + 1.0) / segments
-        };
-        let end = self.sets.map(next_key).into_iter().fold(f64::from(until), f64::min);
-        let images = self.sets[0].images_among(self.sets[1], self.periods);
-        let first = |wider: f64| {
-            let enter = |&(i, j): &(usize, usize)| {
-                let radius = f64::from(self.needed((i, j))) + wider;
-                let of = (i, self.sets[1], j);
-                self.sets[0].meet(of, &images, [f64::from(time), end], radius * radius)
-            };
-            missing.iter().filter_map(enter).fold(f64::INFINITY, |first, met| first.min(met.enter.into()))
-        };
-        let cut_short = is_cut_short(good, end, [first(1e-4), first(0.0)], &what);
-        for t in [time, good.next_down(), time + (good - time) * rng.unit()] {
-            for &pair in missing.iter().filter(|_| time <= t && t < good) {
-                assert!(!self.within(pair, t, self.needed(pair)), "{what}: {pair:?} at {t}, before {good}");
-            }
-        }
-        cut_short
-    }
-}
-
 #[test]
 fn lists_of_points_with_radii_of_their_own_hold_until_the_time_that_is_certified() {
-    let (mut cut_short, mut complete) = (0, 0);
+    let mut held = Held::default();
     for (number, name) in KINDS.into_iter().enumerate() {
         for (turn, among) in [false, true, false, true].into_iter().enumerate() {
             for single in [true, false] {
@@ -142,28 +35,29 @@ fn lists_of_points_with_radii_of_their_own_hold_until_the_time_that_is_certified
                 let (radius, skin) = ([0.06, 0.2, 0.4][(turn + number) % 3], [0.03, 0.2, 1e-3][number % 3]);
                 let skins = counts.map(|count| Skins::of(count, radius, skin, &mut rng));
                 let periods = if turn < 2 { [None; 3] } else { periods_along([true, number % 2 == 0, true]) };
-                for kind in [Kind::Own, Kind::Larger, Kind::Sum] {
+                let structures: Vec<_> = own.structures().map(|structure| [structure; 2]).collect();
+                for of_pair in [OfPair::Own, OfPair::Larger, OfPair::Sum] {
                     for pairs_once in [false, true] {
-                        let case = Case {
+                        let of_both = [&skins[0], &skins[usize::from(among)]];
+                        let case = SkinCase {
                             sets: [&own, other.as_ref().unwrap_or(&own)],
                             among,
                             pairs_once,
-                            kind,
-                            skins: [&skins[0], &skins[usize::from(among)]],
+                            of_pair,
+                            needed: of_both.map(|skins| &skins.needed[..]),
+                            listed: of_both.map(|skins| &skins.listed[..]),
                             periods,
+                            rounding: [1e-4, 2e-6],
                         };
-                        let what = format!("{name}, among {among}, single {single}, {kind:?}, once {pairs_once}");
+                        let what = format!("{name}, among {among}, single {single}, {of_pair:?}, once {pairs_once}");
                         let times = [[0.0, 1.0], [rng.unit() * 0.5, 0.8], [0.3, 0.31]][(turn + number) % 3];
-                        for structure in own.structures() {
-                            let short = case.check(structure, times, &mut rng, &what);
-                            *(if short { &mut cut_short } else { &mut complete }) += 1;
-                        }
+                        case.check(&structures, times, &mut rng, &what, &mut held);
                     }
                 }
             }
         }
     }
-    assert!(cut_short > 100 && complete > 50, "{cut_short}, {complete}");
+    assert!(held.cut_short > 100 && held.complete > 50, "{held:?}");
 }
 
 /// With equal radii in each of the forms, the time is the same but for the rounding of radii.
@@ -175,7 +69,7 @@ fn radii_that_are_all_equal_certify_what_one_radius_does() {
     let [needed, listed, half_needed, half_listed] = [0.2, 0.3, 0.1, 0.15].map(|radius: f32| [radius; 200]);
     let one = tree.neighbor_lists(0.0, 0.3).certified_until(0.2, 1.0).unwrap();
     for (kind, needed, listed) in
-        [(Kind::Own, needed, listed), (Kind::Larger, needed, listed), (Kind::Sum, half_needed, half_listed)]
+        [(OfPair::Own, needed, listed), (OfPair::Larger, needed, listed), (OfPair::Sum, half_needed, half_listed)]
     {
         let query = tree.neighbor_lists(0.0, kind.radii([&listed; 2]));
         let until = query.certified_until(kind.radii([&needed; 2]), 1.0).unwrap();

@@ -1,87 +1,55 @@
-//! Lists over an interval against comparing all pairs.
+//! Lists over an interval against comparing all pairs, of points in f32 and in f64.
 
-use crate::encounter::Pair;
-use crate::support::{Cloud, KINDS, Random, STRUCTURES, build, cloud};
+use crate::set::{AS_GIVEN, CLUSTERS, Set, check, clouds, size};
+use crate::support::{Cloud, Random, STRUCTURES, build, cloud};
 use mbkd::{
     Encounter, EncounterLists, ListError, MovingPoint, NeighborLists, PointArrays, PointParams, PointStructure,
     PointTree, Precision, Radii, RadiusOf, SimdLevel, TimeInterval,
     glam::{DVec3, Vec3},
 };
 
-/// The encounter of two points, by comparing them.
-pub fn meet(cloud: &Cloud, (i, j): (usize, usize), times: [f64; 2], square: f64) -> Option<Encounter> {
-    let key = |k: usize, number: usize| cloud.keys[number.min(cloud.keys.len() - 1)][[i, j][k]].as_dvec3();
-    let pair = Pair {
-        id: j as u32,
-        segments: [cloud.keys.len().max(2) - 1; 2],
-        keys: &key,
-        active: [i, j].map(|k| cloud.active[k]),
-        images: &[DVec3::ZERO],
-    };
-    pair.meet(times, square)
-}
-
-pub fn meet_all(cloud: &Cloud, interval: TimeInterval, radius: f32) -> Vec<Vec<Encounter>> {
-    let times = [interval.begin(), interval.end()].map(f64::from);
-    let square = f64::from(radius) * f64::from(radius);
-    let row = |i| (0..cloud.len()).filter(|&j| j != i).filter_map(|j| meet(cloud, (i, j), times, square)).collect();
-    (0..cloud.len()).map(row).collect()
-}
-
-pub fn check(found: &EncounterLists, expected: &[Vec<Encounter>], what: &str) {
-    let mut rows = vec![None; expected.len()];
-    for (id, row) in found.iter() {
-        let mut row = row.to_vec();
-        row.sort_unstable_by_key(|e| e.id);
-        assert!(rows[id as usize].replace(row).is_none(), "{what}: point {id} has two lists");
-    }
-    for (i, (row, expected)) in rows.iter().zip(expected).enumerate() {
-        assert_eq!(row.as_deref().unwrap_or_default(), expected, "{what}: point {i}");
-    }
-}
-
-/// Sets of every kind, some with more than two keys.
-pub fn clouds(count: usize) -> impl Iterator<Item = (String, Cloud, Random)> {
-    KINDS.into_iter().enumerate().map(move |(number, kind)| {
-        let mut rng = Random(500 + number as u64);
-        let mut cloud = cloud(kind, count, &mut rng);
-        if number % 3 != 0 {
-            for _ in 0..number % 3 {
-                let last = cloud.keys.last().unwrap();
-                let next = last.iter().zip(&cloud.keys[0]).map(|(a, b)| if rng.unit() < 0.5 { *a } else { *b });
-                let next = next.collect();
-                cloud.keys.push(next);
-            }
-        }
-        (format!("{kind}, {} keys", cloud.keys.len()), cloud, rng)
-    })
-}
-
-pub fn size(cloud: &Cloud) -> f32 {
-    cloud.keys.iter().flatten().fold(1e-40, |most, p| p.abs().max_element().max(most))
+pub fn meet_all(set: &Set, interval: TimeInterval, radius: f32) -> Vec<Vec<Encounter>> {
+    set.meet_all(interval, &AS_GIVEN, |_, _| radius)
 }
 
 #[test]
 fn swept_lists_equal_comparing_all_pairs() {
     for (kind, cloud, mut rng) in clouds(100) {
-        let trees: Vec<_> = STRUCTURES
-            .into_iter()
-            .flat_map(|s| SimdLevel::available().into_iter().map(move |simd| (s, simd)))
-            .map(|(s, simd)| (build(&cloud, s, simd), format!("{kind}, {s:?}, {simd}")))
-            .collect();
-        let (a, b) = (rng.unit() * 0.9, rng.unit() * 1e-3);
-        let intervals = [(0.0, 1.0), (0.25, 0.5), (a, a + 0.1), (a, a + b), (1.0f32.next_down(), 1.0)];
-        for (begin, end) in intervals.into_iter().filter(|(begin, end)| begin < end) {
-            let interval = TimeInterval::new(begin, end).unwrap();
-            for radius in [size(&cloud) * 0.2, 0.0, size(&cloud) * 1e-3] {
-                let expected = meet_all(&cloud, interval, radius);
-                for (tree, what) in &trees {
-                    let found = tree.neighbor_lists_swept(interval, radius).collect().unwrap();
-                    check(&found, &expected, &format!("{what}, {begin}..{end}, radius {radius}"));
-                }
+        let size = size(&cloud);
+        compare(&Set::from(&cloud), &STRUCTURES, &[size * 0.2, 0.0, size * 1e-3], &mut rng, &kind);
+    }
+    let (mut rng, mut met) = (Random(41), 0);
+    for (size, apart, speed, far) in CLUSTERS {
+        for (keys, partly_active) in [(1, true), (2, false), (2, true), (4, true)] {
+            let set = Set::clusters(120, keys, (size, apart, speed), partly_active, &mut rng).far_away(far);
+            let structures: Vec<_> = set.structures().chain([PointStructure::TimeSlices(8)]).collect();
+            let radii = [size * 0.2, 0.0, size * 1e-2, apart].map(|radius| radius as f32);
+            let about = format!("{size} {apart} {speed} {far}, {keys} keys");
+            met += compare(&set, &structures, &radii, &mut rng, &about);
+        }
+    }
+    assert!(met > 100_000, "{met}");
+}
+
+/// Compares the lists of several intervals, on all instruction sets, and counts encounters.
+fn compare(set: &Set, structures: &[PointStructure], radii: &[f32], rng: &mut Random, about: &str) -> usize {
+    let all = structures.iter().flat_map(|s| SimdLevel::available().into_iter().map(move |simd| (*s, simd)));
+    let trees: Vec<_> = all.map(|(s, simd)| (set.tree(s, simd), format!("{s:?}, {simd}"))).collect();
+    let (a, b) = (rng.unit() * 0.9, rng.unit() * 1e-3);
+    let intervals = [(0.0, 1.0), (0.25, 0.5), (a, a + 0.1), (a, a + b), (1.0f32.next_down(), 1.0)];
+    let mut met = 0;
+    for (begin, end) in intervals.into_iter().filter(|(begin, end)| begin < end) {
+        let interval = TimeInterval::new(begin, end).unwrap();
+        for &radius in radii {
+            let expected = meet_all(set, interval, radius);
+            met += expected.iter().map(Vec::len).sum::<usize>();
+            for (tree, what) in &trees {
+                let found = tree.neighbor_lists_swept(interval, radius).collect().unwrap();
+                check(&found, &expected, &format!("{about}, {what}, {begin}..{end}, radius {radius}"));
             }
         }
     }
+    met
 }
 
 /// How far two points may be from each other, from the radii of both.
@@ -92,7 +60,7 @@ type OfPair = fn(f32, f32) -> f32;
 fn swept_lists_with_radii_of_their_own_equal_comparing_all_pairs() {
     let mut met = 0;
     for (kind, cloud, mut rng) in clouds(100) {
-        let small = size(&cloud) * 0.05;
+        let (set, small) = (Set::from(&cloud), size(&cloud) * 0.05);
         // A few are large, and some are nothing but points.
         let radii: Vec<f32> =
             (0..cloud.len()).map(|i| small * [0.0, rng.unit(), 1.0, 4.0][[1, 1, 2, 1, 0, 1, 1, 3][i % 8]]).collect();
@@ -107,22 +75,14 @@ fn swept_lists_with_radii_of_their_own_equal_comparing_all_pairs() {
                 let double = (structure != PointStructure::Kd).then_some((simd, Precision::Double));
                 [(simd, Precision::Single)].into_iter().chain(double)
             }) {
-                let keys: Vec<&[Vec3]> = cloud.keys.iter().map(Vec::as_slice).collect();
-                let set = PointArrays { keys: &keys, active: &cloud.active, ids: &[] };
-                let params = PointParams { structure, simd, precision, ..PointParams::default() };
-                let tree = PointTree::build(&set, &params).unwrap();
+                let tree = Set { single: precision == Precision::Single, ..set.clone() }.tree(structure, simd);
                 for (begin, end) in [(0.0, 1.0), (0.3, 0.55)] {
                     let interval = TimeInterval::new(begin, end).unwrap();
                     for ((radii, of_pair), once) in of.into_iter().flat_map(|of| [(of, false), (of, true)]) {
-                        let meets = |i: usize, j: usize| {
-                            let square = f64::from(of_pair(own[i], own[j])).powi(2);
-                            meet(&cloud, (i, j), [begin, end].map(f64::from), square)
-                        };
-                        let row = |i: usize| -> Vec<Encounter> {
-                            let others = (0..cloud.len()).filter(|&j| if once { j > i } else { j != i });
-                            others.filter_map(|j| meets(i, j)).collect()
-                        };
-                        let expected: Vec<_> = (0..cloud.len()).map(row).collect();
+                        let mut expected = set.meet_all(interval, &AS_GIVEN, |i, j| of_pair(own[i], own[j]));
+                        if once {
+                            expected.iter_mut().zip(0..).for_each(|(row, i)| row.retain(|e| e.id > i));
+                        }
                         met += expected.iter().map(Vec::len).sum::<usize>();
                         let query = tree.neighbor_lists_swept(interval, radii);
                         let found = if once { query.pairs_once() } else { query }.collect().unwrap();
@@ -207,11 +167,9 @@ fn lists_longer_than_one_gather() {
         let tree = build(&cloud, PointStructure::Automatic, SimdLevel::best());
         let interval = TimeInterval::new(0.1, 0.8).unwrap();
         tree.neighbor_lists_swept(interval, radius).run(&mut lists).unwrap();
-        let times = [interval.begin(), interval.end()].map(f64::from);
-        let (square, mut longest) = (f64::from(radius) * f64::from(radius), 0);
+        let (set, mut longest) = (Set::from(&cloud), 0);
         for i in (0..cloud.len()).step_by(50) {
-            let others = (0..cloud.len()).filter(|&j| j != i);
-            let expected: Vec<_> = others.filter_map(|j| meet(&cloud, (i, j), times, square)).collect();
+            let expected = set.meet_others(i, interval, &AS_GIVEN, |_| radius);
             let found = lists.iter().find(|(id, _)| *id == i as u32);
             let mut found = found.map_or(Vec::new(), |(_, row)| row.to_vec());
             found.sort_unstable_by_key(|e| e.id);
@@ -227,18 +185,28 @@ fn lists_longer_than_one_gather() {
 
 #[test]
 fn larger_sets_swept_on_all_numbers_of_threads() {
-    for kind in ["random", "coherent", "fast few", "wild speeds", "short intervals"] {
-        let cloud = cloud(kind, 1100, &mut Random(5));
-        let interval = TimeInterval::new(0.2, 0.7).unwrap();
-        let expected = meet_all(&cloud, interval, 0.2);
-        for structure in STRUCTURES {
-            let tree = build(&cloud, structure, SimdLevel::best());
+    let kinds = ["random", "coherent", "fast few", "wild speeds", "short intervals"];
+    let mut sets: Vec<_> =
+        kinds.into_iter().map(|kind| (Set::from(&cloud(kind, 1100, &mut Random(5))), 0.2, kind)).collect();
+    let mut rng = Random(43);
+    let mut clusters = |partly| Set::clusters(1100, 2, (1.0, 0.0, 0.4), partly, &mut rng);
+    sets.extend([
+        (clusters(false), 0.2, "clusters"),
+        (clusters(false).far_away(1e9), 0.2, "clusters far away"),
+        (clusters(true).far_away(1e9), 0.2, "clusters far away, partly active"),
+        (clusters(false), 9.0, "clusters, a radius of all"),
+    ]);
+    let interval = TimeInterval::new(0.2, 0.7).unwrap();
+    for (set, radius, what) in sets {
+        let expected = meet_all(&set, interval, radius);
+        for structure in set.structures() {
+            let tree = set.tree(structure, SimdLevel::best());
             let found = [1, 3].map(|threads| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                pool.install(|| tree.neighbor_lists_swept(interval, 0.2).collect()).unwrap()
+                pool.install(|| tree.neighbor_lists_swept(interval, radius).collect()).unwrap()
             });
-            assert_eq!(found[0], found[1], "{kind}, {structure:?}");
-            check(&found[0], &expected, &format!("{kind}, {structure:?}"));
+            assert_eq!(found[0], found[1], "{what}, {structure:?}");
+            check(&found[0], &expected, &format!("{what}, {structure:?}"));
         }
     }
 }
@@ -336,27 +304,30 @@ fn intervals_that_touch_at_splits_of_the_shutter() {
     let mut five_keys = three_keys.clone();
     five_keys.keys.push(cloud.keys[1].clone());
     five_keys.keys.push(cloud.keys[0].clone());
-    let structures = [
-        PointStructure::Automatic,
-        PointStructure::Linear,
-        PointStructure::Kd,
-        PointStructure::TimeSlices(2),
-        PointStructure::TimeSlices(3),
-        PointStructure::TimeSlices(8),
-    ];
-    for cloud in [cloud, three_keys, five_keys] {
-        let trees = structures.map(|structure| (structure, build(&cloud, structure, SimdLevel::best())));
+    let mut sets = [cloud, three_keys, five_keys].map(|cloud| Set::from(&cloud)).to_vec();
+    for keys in [2, 3, 5] {
+        let mut set = Set::clusters(160, keys, (1.0, 0.0, 0.5), false, &mut rng).far_away(1e6);
+        set.active.clone_from(&sets[0].active);
+        for i in (0..160).filter(|i| i % 6 == 4) {
+            let at = set.keys[0][i];
+            set.keys.iter_mut().for_each(|key| key[i] = at);
+        }
+        sets.push(set);
+    }
+    for set in sets {
+        let structures = set.structures().chain([2, 8].map(PointStructure::TimeSlices));
+        let trees: Vec<_> = structures.map(|structure| (structure, set.tree(structure, SimdLevel::best()))).collect();
         let mut touching = 0;
         for (begin, end) in [(0.0, 1.0), (0.0, 0.5), (0.5, 1.0), (0.25, 0.5), (0.5, 0.75), (0.4, 0.6), (0.625, 0.875)] {
             let interval = TimeInterval::new(begin, end).unwrap();
             for radius in [0.3, 9.0] {
-                let expected = meet_all(&cloud, interval, radius);
-                let touches = |e: &&Encounter| e.enter == 0.5 && e.leave == 0.5;
-                touching += expected.iter().flatten().filter(touches).count();
+                let expected = meet_all(&set, interval, radius);
+                touching += expected.iter().flatten().filter(|e| e.enter == 0.5 && e.leave == 0.5).count();
                 for (structure, tree) in &trees {
                     let found = tree.neighbor_lists_swept(interval, radius).collect().unwrap();
-                    let keys = cloud.keys.len();
-                    check(&found, &expected, &format!("{keys} keys, {structure:?}, {begin}..{end}, radius {radius}"));
+                    let (keys, single) = (set.keys.len(), set.single);
+                    let what = format!("{keys} keys, {single}, {structure:?}, {begin}..{end}, radius {radius}");
+                    check(&found, &expected, &what);
                 }
             }
         }
@@ -369,26 +340,21 @@ fn intervals_that_touch_at_splits_of_the_shutter() {
 #[test]
 fn intervals_that_end_next_to_keys_that_are_no_floats() {
     let mut rng = Random(78);
-    for keys in [4, 7, 11] {
-        let mut cloud = Cloud::still((0..60).map(|_| rng.vec()).collect());
-        for key in 1..keys {
-            // So fast that a step of time changes the distance.
-            let next = cloud.keys[key - 1].iter().map(|p| *p + rng.vec() * 1e3).collect();
-            cloud.keys.push(next);
-        }
-        for structure in STRUCTURES {
-            let tree = build(&cloud, structure, SimdLevel::best());
-            for key in 1..keys - 1 {
-                let near = key as f32 / (keys - 1) as f32;
-                let beside = |time: &f32| f64::from(*time) * (keys - 1) as f64 != key as f64;
-                for time in [near.next_down(), near, near.next_up()].into_iter().filter(beside) {
-                    for (begin, end) in [(time * 0.9, time), (time, time + 0.1 * (1.0 - time)), (time, time.next_up())]
-                    {
-                        let interval = TimeInterval::new(begin, end).unwrap();
-                        for radius in [2e3, 5e4] {
-                            let expected = meet_all(&cloud, interval, radius);
+    for (keys, single) in [4, 7, 11].into_iter().flat_map(|keys| [(keys, true), (keys, false)]) {
+        // So fast that a step of time changes the distance.
+        let set = Set { single, ..Set::clusters(60, keys, (1.0, 0.0, 1e3), false, &mut rng) }.far_away(0.0);
+        let trees: Vec<_> = set.structures().map(|s| (s, set.tree(s, SimdLevel::best()))).collect();
+        for key in 1..keys - 1 {
+            let near = key as f32 / (keys - 1) as f32;
+            for time in [near.next_down(), near, near.next_up()] {
+                for (begin, end) in [(time * 0.9, time), (time, time + 0.1 * (1.0 - time)), (time, time.next_up())] {
+                    let interval = TimeInterval::new(begin, end).unwrap();
+                    for radius in [2e3, 5e4] {
+                        let expected = meet_all(&set, interval, radius);
+                        for (structure, tree) in &trees {
                             let found = tree.neighbor_lists_swept(interval, radius).collect().unwrap();
-                            check(&found, &expected, &format!("{keys} keys, {structure:?}, {begin}..{end}, {radius}"));
+                            let what = format!("{keys} keys, {single}, {structure:?}, {begin}..{end}, {radius}");
+                            check(&found, &expected, &what);
                         }
                     }
                 }
@@ -510,40 +476,53 @@ fn bad_queries_get_errors_and_empty_sets_empty_lists() {
     assert_eq!(tree.neighbor_lists_with_skin(0.25, 1.5, 1.0, 0.75, &mut lists), Ok(0.25));
 }
 
-/// Two crowds, each at one place, that come as near as the radius and no nearer, far from zero: whether boxes and points are met is
-/// a matter of rounding.
+/// Two crowds, each at one place, that come as near as the radius and no nearer: whether boxes and points are met is a matter of
+/// rounding, of f32 near zero and of f64 far away, where the radius has few bits.
 #[test]
 fn crowds_that_just_touch_the_radius_are_met() {
     const CROWD: usize = 256;
     let mut rng = Random(61);
-    for round in 0..48 {
-        let (far, speed) = [(1e3, 1.0), (0.0, 1.0), (1e3, 1e3), (1.0, 1e4)][round % 4];
-        let offset = rng.vec() * far;
-        let mut trajectory = || {
-            let (at, by) = (offset + rng.vec(), rng.vec() * speed);
-            [at - by * 0.5, at + by * 0.5]
-        };
-        let trajectories = [trajectory(), trajectory()];
-        let crowds = |count: usize| {
-            let key = |key: usize| trajectories.iter().flat_map(|keys| vec![keys[key]; count]).collect();
-            Cloud { keys: vec![key(0), key(1)], active: vec![TimeInterval::FULL; 2 * count] }
-        };
-        let (pair, cloud) = (crowds(1), crowds(CROWD));
-        let interval = TimeInterval::new(0.25 * rng.unit(), 0.75 + 0.25 * rng.unit()).unwrap();
-        let touch = |radius: f32| !meet_all(&pair, interval, radius)[0].is_empty();
-        // The least radius at which the two meet: near the distance as rounded to f32.
-        let apart = meet_all(&pair, interval, f32::MAX)[0][0].distance_squared.sqrt();
-        let mut radius = apart * (1.0 - 1e-6);
-        while !touch(radius) {
-            radius = radius.next_up();
-        }
-        for structure in [PointStructure::Linear, PointStructure::TimeSlices(3)] {
-            let tree = build(&cloud, structure, SimdLevel::best());
-            let found = tree.neighbor_lists_swept(interval, radius).collect().unwrap();
-            for (id, row) in found.iter() {
-                assert_eq!(row.len(), 2 * CROWD - 1, "round {round}, {structure:?}: point {id}, radius {radius}");
+    for (single, far, size, speed) in [
+        (true, 1e3, 1.0, 1.0),
+        (true, 0.0, 1.0, 1.0),
+        (true, 1e3, 1.0, 1e3),
+        (true, 1.0, 1.0, 1e4),
+        (false, 0.0, 1.0, 1.0),
+        (false, 1e9, 1e-3, 1e-3),
+        (false, 1e9, 1e-5, 1.0),
+        (false, 1e9, 1e-4, 1e9),
+        (false, 1e12, 1.0, 1e3),
+        (false, 1.0, 1e-9, 1e-3),
+    ] {
+        for round in 0..12 {
+            let offset = rng.dvec() * far;
+            let mut trajectory = || {
+                let (at, by) = (offset + rng.dvec() * size, rng.dvec() * speed);
+                [at - by * 0.5, at + by * 0.5]
+            };
+            let trajectories = [trajectory(), trajectory()];
+            let crowds = |count: usize| {
+                let key = |key: usize| trajectories.iter().flat_map(|keys| vec![keys[key]; count]).collect();
+                Set::new(vec![key(0), key(1)], single)
+            };
+            let (pair, crowd) = (crowds(1), crowds(CROWD));
+            let interval = TimeInterval::new(0.25 * rng.unit(), 0.75 + 0.25 * rng.unit()).unwrap();
+            let touch = |radius: f32| !meet_all(&pair, interval, radius)[0].is_empty();
+            // The least radius at which the two meet: near the distance as rounded to f32.
+            let apart = meet_all(&pair, interval, f32::MAX)[0][0].distance_squared.sqrt();
+            let mut radius = apart * (1.0 - 1e-6);
+            while !touch(radius) {
+                radius = radius.next_up();
             }
-            assert_eq!(found.iter().count(), 2 * CROWD);
+            for structure in [PointStructure::Linear, PointStructure::TimeSlices(3)] {
+                let tree = crowd.tree(structure, SimdLevel::best());
+                let found = tree.neighbor_lists_swept(interval, radius).collect().unwrap();
+                let what = format!("{far} {size} {speed}, single {single}, round {round}, {structure:?}");
+                for (id, row) in found.iter() {
+                    assert_eq!(row.len(), 2 * CROWD - 1, "{what}: point {id}, radius {radius}");
+                }
+                assert_eq!(found.iter().count(), 2 * CROWD, "{what}");
+            }
         }
     }
 }
@@ -556,7 +535,7 @@ fn points_with_the_same_id_have_one_list() {
         let ids: Vec<u32> = (0..90).map(|i| i * 7 % 40).collect();
         let radius = 0.3 * size(&cloud);
         let mut expected = vec![Vec::<Encounter>::new(); 40];
-        for (row, &id) in meet_all(&cloud, TimeInterval::FULL, radius).into_iter().zip(&ids) {
+        for (row, &id) in meet_all(&Set::from(&cloud), TimeInterval::FULL, radius).into_iter().zip(&ids) {
             let others = row.into_iter().map(|e| Encounter { id: ids[e.id as usize], ..e });
             for new in others.filter(|other| other.id != id) {
                 let list = &mut expected[id as usize];

@@ -1,13 +1,11 @@
 //! Lists over an interval and lists with a skin of one set among another, which may have other keys, against comparing all pairs.
 
-use crate::lists_skin_periodic::is_cut_short;
-use crate::lists_swept::check;
-use crate::lists_swept_periodic::{Set, periods_along};
+use crate::set::{AS_GIVEN, Set, check, periods_along};
+use crate::skin_case::{Held, OfPair, SkinCase};
 use crate::support::Random;
 use mbkd::{
     Encounter, EncounterLists, ListError, MovingPoint, PointParams, PointStructure, PointTree, Precision, Radii,
-    RadiusOf, SimdLevel, TimeInterval,
-    glam::{DVec3, Vec3},
+    RadiusOf, SimdLevel, TimeInterval, glam::Vec3,
 };
 
 const KINDS: [&str; 4] = ["in the box", "at the faces", "some at rest", "periods away"];
@@ -91,58 +89,32 @@ fn swept_lists_among_another_set_equal_comparing_all_pairs() {
 
 #[test]
 fn lists_with_a_skin_among_another_set_hold_until_the_time_that_is_certified() {
-    let (mut cut_short, mut complete, mut number) = (0, 0, 0);
+    let (mut held, mut number) = (Held::default(), 0);
     for kind in KINDS {
         for keys in KEYS {
             for single in [true, false] {
                 number += 1;
                 let [own, others] = sets(number, kind, keys, single);
-                let periods = periods_along([[false; 3], [true; 3], [true, false, true]][number % 3]);
-                let images = own.images_among(&others, periods);
                 let (time, until, skin) = [(0.0, 1.0, 0.03), (0.4, 0.8, 0.2), (0.3, 1.0, 0.0)][number % 3];
                 let radius = 0.08;
-                let listed = |i: usize, j: usize| {
-                    let both = own.active[i].contains(time) && others.active[j].contains(time);
-                    both && own.squared((i, &others, j), periods, time) <= (radius + skin) * (radius + skin)
+                let (needed, listed) = ([radius], [radius + skin]);
+                let case = SkinCase {
+                    sets: [&own, &others],
+                    among: true,
+                    pairs_once: false,
+                    of_pair: OfPair::Equal,
+                    needed: [&needed; 2],
+                    listed: [&listed; 2],
+                    periods: periods_along([[false; 3], [true; 3], [true, false, true]][number % 3]),
+                    rounding: [1e-4, 2e-6],
                 };
-                let pairs = (0..own.len()).flat_map(|i| (0..others.len()).map(move |j| (i, j)));
-                let missing: Vec<_> = pairs.filter(|&(i, j)| !listed(i, j)).collect();
-                let next_key = |keys: usize| {
-                    let segments = (keys.max(2) - 1) as f64;
-                    ((f64::from(time) * segments).floor() + 1.0) / segments
-                };
-                let times = [f64::from(time), f64::from(until).min(next_key(keys[0])).min(next_key(keys[1]))];
-                let first = |radius: f64| {
-                    let enter = |&(i, j): &(usize, usize)| own.meet((i, &others, j), &images, times, radius * radius);
-                    missing.iter().filter_map(enter).fold(f64::INFINITY, |t, met| t.min(met.enter.into()))
-                };
-                let (first, at_the_earliest) = (first(radius.into()), first(f64::from(radius) + 1e-4));
-                for structures in structures(single) {
-                    let [tree, among] = [(&own, structures[0]), (&others, structures[1])]
-                        .map(|(set, s)| set.tree(s, SimdLevel::best()));
-                    let what = format!("{kind}, {keys:?}, {single}, {structures:?}, {time}..{until}, {periods:?}");
-                    let query = tree.neighbor_lists(time, radius + skin).among(&among).periodic(periods);
-                    let neighbors = query.collect().unwrap().neighbors();
-                    assert_eq!(neighbors, own.len() * others.len() - missing.len(), "{what}");
-                    let good = query.certified_until(radius, until).unwrap();
-                    assert!((time..=until).contains(&good), "{what}: {good}");
-                    let short = is_cut_short(good, times[1], [at_the_earliest, first], &what);
-                    *(if short { &mut cut_short } else { &mut complete }) += 1;
-                    for t in
-                        [time, good.next_down(), 0.5 * (time + good)].into_iter().filter(|&t| time <= t && t < good)
-                    {
-                        let exist =
-                            |(i, j): &&(usize, usize)| own.active[*i].contains(t) && others.active[*j].contains(t);
-                        for &(i, j) in missing.iter().filter(exist) {
-                            let squared = own.squared((i, &others, j), periods, t);
-                            assert!(squared > radius * radius, "{what}: {i} and {j} at {t}, before {good}");
-                        }
-                    }
-                }
+                let what = format!("{kind}, {keys:?}, {single}, {:?}", case.periods);
+                let mut rng = Random(number as u64);
+                case.check(&structures(single), [time, until], &mut rng, &what, &mut held);
             }
         }
     }
-    assert!(cut_short > 50 && complete > 20, "{cut_short}, {complete}");
+    assert!(held.cut_short > 50 && held.complete > 20, "{held:?}");
 }
 
 /// A set among itself: each point meets itself as well, which is no other one then.
@@ -171,8 +143,7 @@ fn contacts_last_through_keys_of_either_set() {
         for slices in [1, 2, 3, 7, 16] {
             let set = |keys: usize, rng: &mut Random| {
                 let row = |rng: &mut Random| (0..40).map(|_| rng.vec().as_dvec3()).collect();
-                let keys = (0..keys).map(|_| row(rng)).collect();
-                Set { keys, active: vec![TimeInterval::FULL; 40], single: true }
+                Set::new((0..keys).map(|_| row(rng)).collect(), true)
             };
             let sets = keys.map(|keys| set(keys, &mut rng));
             let [tree, among] = [(0, 1), (1, slices)]
@@ -187,9 +158,10 @@ fn contacts_last_through_keys_of_either_set() {
             }
             let expected: Vec<Vec<Encounter>> = (0..40)
                 .map(|i| {
-                    let all = &[DVec3::ZERO];
                     (0..40)
-                        .filter_map(|j| sets[0].meet((i, &sets[1], j), all, [0.0, 1.0], f64::from(0.9f32).powi(2)))
+                        .filter_map(|j| {
+                            sets[0].meet((i, &sets[1], j), &AS_GIVEN, [0.0, 1.0], f64::from(0.9f32).powi(2))
+                        })
                         .collect()
                 })
                 .collect();

@@ -1,8 +1,6 @@
 //! Lists over an interval in periodic boxes against comparing all pairs in all images.
 
-use crate::double::vec;
-use crate::encounter::{Pair, images};
-use crate::lists_swept::check;
+use crate::set::{KINDS, LENGTHS, Set, check, periods_along};
 use crate::support::Random;
 use mbkd::{
     Encounter, EncounterLists, ListError, MovingPoint, PointArrays, PointParams, PointStructure, PointTree, Precision,
@@ -10,150 +8,10 @@ use mbkd::{
     glam::{DVec3, Vec3},
 };
 
-/// Points in f64, or in f32 if `single`.
-pub struct Set {
-    pub keys: Vec<Vec<DVec3>>,
-    pub active: Vec<TimeInterval>,
-    pub single: bool,
-}
-
-pub const LENGTHS: [f64; 3] = [1.0, 0.7, 1.9];
-
-/// The kinds of places and motions that images are tested on.
-pub const KINDS: [&str; 7] =
-    ["in the box", "at the faces", "half a period apart", "periods away", "drifting", "far and fast", "some at rest"];
-
-impl Set {
-    /// Points of a kind around a box with these lengths.
-    pub fn of_kind(kind: &str, count: usize, keys: usize, single: bool, rng: &mut Random) -> Set {
-        let lengths = DVec3::from_array(LENGTHS);
-        let mut set = Set { keys: vec![Vec::new(); keys], active: Vec::new(), single };
-        for i in 0..count {
-            let unit = (vec(rng) + 1.0) * 0.5;
-            let mut whole = |most: usize| DVec3::from_array([0; 3].map(|_| rng.below(most) as f64));
-            let off = [0.0, 1e-16, -1e-16, 6e-8, -6e-8, 1e-3];
-            let at = lengths
-                * match kind {
-                    "at the faces" => whole(2) + off[i % 6],
-                    "half a period apart" => whole(4) * 0.5 + off[i % 6],
-                    "periods away" => unit + whole(4) - 1.0,
-                    _ => unit,
-                };
-            let speed = match kind {
-                "drifting" | "in the box" => 0.05,
-                "far and fast" => 1.5,
-                "half a period apart" | "at the faces" if i % 2 == 0 => 1e-3,
-                "some at rest" if i % 2 == 0 => 0.0,
-                _ => 0.3,
-            };
-            let drift = if kind == "drifting" { DVec3::new(2.3, -0.7, 1.1) } else { DVec3::ZERO };
-            let mut place = at;
-            for key in &mut set.keys {
-                key.push(if single { place.as_vec3().as_dvec3() } else { place });
-                place += vec(rng) * speed + drift;
-            }
-            let begin = rng.unit() * 0.8;
-            let part = TimeInterval::new(begin, begin + 0.2).unwrap();
-            set.active.push(if kind == "periods away" && i % 3 == 0 { part } else { TimeInterval::FULL });
-        }
-        set
-    }
-
-    /// Points in f32 with two keys.
-    pub fn of_points(points: &[MovingPoint]) -> Set {
-        let key = |of: fn(&MovingPoint) -> Vec3| points.iter().map(|point| of(point).as_dvec3()).collect();
-        Set {
-            keys: vec![key(|p| p.open), key(|p| p.close)],
-            active: points.iter().map(|p| p.active).collect(),
-            single: true,
-        }
-    }
-
-    pub fn len(&self) -> usize {
-        self.active.len()
-    }
-
-    pub fn tree(&self, structure: PointStructure, simd: SimdLevel) -> PointTree {
-        let precision = if self.single { Precision::Single } else { Precision::Double };
-        let params = PointParams { structure, simd, precision, max_references: 3.0 };
-        if self.single {
-            let keys: Vec<Vec<Vec3>> = self.keys.iter().map(|key| key.iter().map(|p| p.as_vec3()).collect()).collect();
-            let keys: Vec<&[Vec3]> = keys.iter().map(Vec::as_slice).collect();
-            return PointTree::build(&PointArrays { keys: &keys, active: &self.active, ids: &[] }, &params).unwrap();
-        }
-        let keys: Vec<&[DVec3]> = self.keys.iter().map(Vec::as_slice).collect();
-        PointTree::build(&PointArrays { keys: &keys, active: &self.active, ids: &[] }, &params).unwrap()
-    }
-
-    /// Lengths as lists use them: those of points in f32 are rounded to it.
-    pub fn rounded(&self, periods: [Option<f64>; 3]) -> [Option<f64>; 3] {
-        periods.map(|length| length.map(|length| if self.single { f64::from(length as f32) } else { length }))
-    }
-
-    /// By how much points are moved to all images that may be nearest to another point, and to more.
-    pub fn images(&self, periods: [Option<f64>; 3]) -> Vec<DVec3> {
-        self.images_among(self, periods)
-    }
-
-    /// The same with those of another set.
-    pub fn images_among(&self, other: &Set, periods: [Option<f64>; 3]) -> Vec<DVec3> {
-        let periods = self.rounded(periods);
-        let all = || self.keys.iter().chain(&other.keys).flatten();
-        let extent = all().copied().fold(DVec3::MIN, DVec3::max) - all().copied().fold(DVec3::MAX, DVec3::min);
-        let most = (0..3).filter_map(|axis| Some((extent[axis] / periods[axis]?) as i32 + 1));
-        images(periods, most.max().unwrap_or(0))
-    }
-
-    /// The encounter of a point and one of another set in any of their images.
-    pub fn meet(
-        &self,
-        (i, other, j): (usize, &Set, usize),
-        images: &[DVec3],
-        times: [f64; 2],
-        square: f64,
-    ) -> Option<Encounter> {
-        let sets = [(self, i), (other, j)];
-        let key = |k: usize, number: usize| sets[k].0.keys[number.min(sets[k].0.keys.len() - 1)][sets[k].1];
-        let pair = Pair {
-            id: j as u32,
-            segments: sets.map(|(set, _)| set.keys.len().max(2) - 1),
-            keys: &key,
-            active: [self.active[i], other.active[j]],
-            images,
-        };
-        pair.meet(times, square)
-    }
-
-    fn meet_all(
-        &self,
-        interval: TimeInterval,
-        images: &[DVec3],
-        radius: impl Fn(usize, usize) -> f32,
-    ) -> Vec<Vec<Encounter>> {
-        let times = [interval.begin(), interval.end()].map(f64::from);
-        let row = |i: usize| {
-            let others = (0..self.len()).filter(|&j| j != i);
-            others.filter_map(|j| self.meet((i, self, j), images, times, f64::from(radius(i, j)).powi(2))).collect()
-        };
-        (0..self.len()).map(row).collect()
-    }
-
-    pub fn structures(&self) -> impl Iterator<Item = PointStructure> {
-        let all =
-            [PointStructure::Automatic, PointStructure::Linear, PointStructure::TimeSlices(3), PointStructure::Kd];
-        let single = self.single;
-        all.into_iter().filter(move |structure| single || *structure != PointStructure::Kd)
-    }
-}
-
 /// From small ones, with which most leaves have one image, to several periods.
 const RADII: [f32; 5] = [0.07, 0.2, 0.34, 0.6, 3.0];
 
 const AXES: [[bool; 3]; 4] = [[true; 3], [true, true, false], [false, true, false], [true, false, true]];
-
-pub fn periods_along(axes: [bool; 3]) -> [Option<f64>; 3] {
-    [0, 1, 2].map(|axis| axes[axis].then_some(LENGTHS[axis]))
-}
 
 #[test]
 fn swept_lists_equal_comparing_all_pairs_in_all_images() {
@@ -202,12 +60,8 @@ fn larger_sets_on_all_numbers_of_threads() {
     {
         let set = Set::of_kind(kind, 3000, keys, single, &mut Random(8));
         let (all, radius) = (set.images(periods), 0.12);
-        let times = [interval.begin(), interval.end()].map(f64::from);
-        let expected = |i: usize| -> Vec<Encounter> {
-            let others = (0..set.len()).filter(|&j| j != i);
-            others.filter_map(|j| set.meet((i, &set, j), &all, times, f64::from(radius).powi(2))).collect()
-        };
-        let expected: Vec<_> = (0..set.len()).step_by(211).map(|i| (i, expected(i))).collect();
+        let expected = |i: usize| (i, set.meet_others(i, interval, &all, |_| radius));
+        let expected: Vec<_> = (0..set.len()).step_by(211).map(expected).collect();
         for structure in set.structures() {
             let tree = set.tree(structure, SimdLevel::best());
             let query = tree.neighbor_lists_swept(interval, radius).periodic(periods);
@@ -237,7 +91,7 @@ fn moving_points_by_whole_periods_changes_nothing() {
         // So that moving them rounds nothing.
         let exact = |x: f64| (x * 65536.0).round() / 65536.0;
         set.keys.iter_mut().flatten().for_each(|p| *p = DVec3::new(exact(p.x), exact(p.y), exact(p.z)));
-        let mut moved = Set { keys: set.keys.clone(), active: set.active.clone(), single };
+        let mut moved = set.clone();
         let periods = [1.0, 0.75, 1.5];
         for i in 0..set.len() {
             let by = DVec3::from_array(periods.map(|length| rng.below(5) as f64 * length));

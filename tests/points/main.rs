@@ -7,9 +7,6 @@ mod bounds;
 mod double;
 #[cfg(feature = "rayon")]
 mod double_lists;
-#[cfg(feature = "rayon")]
-mod double_swept;
-#[cfg(feature = "rayon")]
 #[path = "../support/encounter.rs"]
 mod encounter;
 mod exact;
@@ -20,6 +17,8 @@ mod gather;
 mod gather_case;
 mod gather_periodic;
 mod gather_theory;
+#[cfg(feature = "rayon")]
+mod list_case;
 #[cfg(feature = "rayon")]
 mod lists;
 mod lists_scattered;
@@ -50,5 +49,8 @@ mod property;
 #[path = "../../scenes/src/random.rs"]
 mod random;
 mod rebuilds;
+mod set;
+#[cfg(feature = "rayon")]
+mod skin_case;
 mod support;
 mod visitors;

@@ -1,8 +1,14 @@
 //! Inputs at which the rounding decides that a padding covers. Each test fails if its padding is left out.
 
-use crate::lists_swept::{check, meet, meet_all};
+use crate::lists_swept::meet_all;
+use crate::set::{AS_GIVEN, Set, check};
 use crate::support::{Cloud, Random, STRUCTURES, build};
-use mbkd::{NeighborLists, PointStructure, PointTree, Radii, SimdLevel, TimeInterval, glam::Vec3};
+use mbkd::{Encounter, NeighborLists, PointStructure, PointTree, Radii, SimdLevel, TimeInterval, glam::Vec3};
+
+fn meet(cloud: &Cloud, (i, j): (usize, usize), times: [f64; 2], square: f64) -> Option<Encounter> {
+    let set = Set::from(cloud);
+    set.meet((i, &set, j), &AS_GIVEN, times, square)
+}
 
 /// The least radius at which two points meet.
 fn least_radius(cloud: &Cloud, (i, j): (usize, usize), interval: TimeInterval) -> f32 {
@@ -52,7 +58,7 @@ fn encounters_at_keys_that_are_no_floats_are_met() {
         for key in (2..KEYS - 2).step_by(2) {
             let [begin, end] = [-0.7, 0.7].map(|by| (key as f32 + by) / (KEYS - 1) as f32);
             let interval = TimeInterval::new(begin, end).unwrap();
-            let expected = meet_all(&cloud, interval, 1e-6);
+            let expected = meet_all(&Set::from(&cloud), interval, 1e-6);
             assert_eq!(expected[0].len(), 1);
             let found = tree.neighbor_lists_swept(interval, 1e-6).collect().unwrap();
             check(&found, &expected, &format!("{structure:?}, key {key}"));
@@ -82,7 +88,7 @@ fn tiny_points_are_met_where_squares_underflow() {
         let cloud = Cloud { keys, active: vec![TimeInterval::FULL; 2] };
         let tree = build(&cloud, PointStructure::Linear, SimdLevel::best());
         let found = tree.neighbor_lists_swept(TimeInterval::FULL, 1e-3 * size).collect().unwrap();
-        check(&found, &meet_all(&cloud, TimeInterval::FULL, 1e-3 * size), &format!("size {size}"));
+        check(&found, &meet_all(&Set::from(&cloud), TimeInterval::FULL, 1e-3 * size), &format!("size {size}"));
         assert_eq!(found.encounters().len(), 2);
     }
 }
@@ -249,7 +255,7 @@ fn a_fast_crowd_is_met_where_its_life_begins() {
         let radius = least_radius(&cloud, (16, 0), interval);
         let tree = build(&cloud, PointStructure::Linear, SimdLevel::best());
         let found = tree.neighbor_lists_swept(interval, radius).collect().unwrap();
-        check(&found, &meet_all(&cloud, interval, radius), &format!("round {round}"));
+        check(&found, &meet_all(&Set::from(&cloud), interval, radius), &format!("round {round}"));
     }
 }
 

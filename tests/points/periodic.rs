@@ -1,10 +1,9 @@
 //! Periodic lists where images are hard to tell: boxes of a few radii, and points near their faces, half a period apart, or many
 //! periods away. Small sets, whose leaves are as large as the box.
 
-use crate::double;
-use crate::double_lists::{self, differing};
-use crate::lists::{ListCase, check_against, compare_all};
-use crate::support::{Cloud, Random, build};
+use crate::list_case::ListCase;
+use crate::set::Set;
+use crate::support::Random;
 use mbkd::{
     ListError, NeighborLists, PointArrays, PointParams, PointStructure, PointTree, Precision, Radii, SimdLevel,
     TimeInterval,
@@ -51,8 +50,8 @@ fn lists_equal_comparing_all_pairs() {
         for count in [3, 40, 260, 700] {
             let mut rng = Random(10 * count as u64 + number as u64);
             let places = [count, 50].map(|count| places(kind, count, &mut rng));
-            let single = places.each_ref().map(|p| Cloud::still(p.iter().map(|p| p.as_vec3()).collect()));
-            let exact = places.map(|p| double::Cloud { active: vec![TimeInterval::FULL; p.len()], keys: vec![p] });
+            let [single, exact] =
+                [true, false].map(|single| places.each_ref().map(|places| Set::new(vec![places.clone()], single)));
             for (turn, radius) in RADII.into_iter().enumerate() {
                 let axes = AXES[(turn + count) % AXES.len()];
                 let periods = [0, 1, 2].map(|axis| axes[axis].then_some(LENGTHS[axis]));
@@ -74,20 +73,15 @@ fn lists_equal_comparing_all_pairs() {
                 for (radii, once, other) in requests {
                     // The same for all, and one kind of radii of their own.
                     for radii in [radii[0], radii[1 + turn % 3]] {
-                        let about = format!("{kind}, {count} points");
-                        let periods_32 = periods.map(|length| length.map(|length| length as f32));
-                        let case = ListCase { time: 0.0, radii, periods: periods_32, once, other };
-                        let expected = compare_all(&single[0], &single[usize::from(other)], &case);
-                        let request = double_lists::Case { time: 0.0, radii, periods, once, other };
-                        let exactly = request.expected(&exact[0], &exact[usize::from(other)]);
-                        for simd in SimdLevel::available() {
-                            let about = format!("{about}, {simd}");
-                            let trees = single.each_ref().map(|c| build(c, PointStructure::Automatic, simd));
-                            check_against(&expected, [&trees[0], &trees[1]], &single[0], &case, &mut lists, &about);
-                            let trees = exact.each_ref().map(|c| c.tree(PointStructure::Automatic, simd).unwrap());
-                            request.query(&trees[0], &trees[1]).run(&mut lists).unwrap();
-                            let found = double_lists::found(&lists);
-                            assert_eq!(differing(&found, &exactly), None, "{about}, f64, {request:?}");
+                        let case = ListCase { time: 0.0, radii, periods, once, other };
+                        for sets in [&single, &exact] {
+                            let expected = case.expected([&sets[0], &sets[1]]);
+                            for simd in SimdLevel::available() {
+                                let [tree, among] =
+                                    sets.each_ref().map(|set| set.tree(PointStructure::Automatic, simd));
+                                let about = format!("{kind}, {count} points, {simd}, single {}", sets[0].single);
+                                case.check(&expected, [&tree, &among], &sets[0], &mut lists, &about);
+                            }
                         }
                     }
                 }

@@ -1,6 +1,7 @@
 //! Queries in periodic boxes: every answer equals brute force over all images of the query's place.
 
-use crate::double;
+use crate::double::all;
+use crate::set::Set;
 use crate::support::{Cloud, Random};
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
@@ -120,15 +121,15 @@ fn points_in_f64_are_found_at_their_nearest_image() {
     for seed in 0..24u64 {
         let mut rng = Random(seed);
         let size = [1.0f32, 1e7][seed as usize % 2];
-        let cloud = double::Cloud::new(150, 2, (f64::from(size), 0.5 * f64::from(size), 1e-2), seed % 3 == 0, &mut rng);
-        let tree = cloud.tree(PointStructure::Automatic, SimdLevel::best()).unwrap();
+        let set = Set::clusters(150, 2, (f64::from(size), 0.5 * f64::from(size), 1e-2), seed % 3 == 0, &mut rng);
+        let tree = set.tree(PointStructure::Automatic, SimdLevel::best());
         let lengths = lengths(&mut rng, size);
         let periodic = tree.periodic(lengths).unwrap();
         let bounds = (DVec3::splat(-2.0 * f64::from(size)), DVec3::splat(2.0 * f64::from(size)));
         for _ in 0..8 {
             let (place, time) = (place(&mut rng, size, 0.0).as_dvec3() * (1.0 + 1e-10), rng.unit());
             let images = images(place, lengths, bounds);
-            let all = nearest_of(images.iter().map(|&image| cloud.all(image, time)));
+            let all = nearest_of(images.iter().map(|&image| all(&set, image, time)));
             check(&periodic, (place, time), &all, &mut rng);
         }
     }
