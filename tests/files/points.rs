@@ -1,7 +1,7 @@
 //! Point trees of every structure are restored bit for bit, and hostile files are rejected or give arbitrary answers without a
 //! panic.
 
-use super::support::{Random, mutate, rounds};
+use super::support::{Random, hostile, is_broken, rounds};
 use core::fmt::Write;
 use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
@@ -283,35 +283,16 @@ fn run_queries(mut tree: PointTree, seed: u64) {
     let _ = tree.rebuild(&points, &PointParams::default());
 }
 
-fn hostile(name: &str, number: u64, bytes: &[u8], rounds: u64, counts: &mut [usize; 2]) {
-    for round in 0..rounds {
-        let seed = number << 32 | round;
-        let hostile = mutate(bytes, &mut Random(seed));
-        let outcome = std::panic::catch_unwind(|| match read(&hostile) {
-            Ok(tree) => {
-                run_queries(tree, seed);
-                1
-            }
-            Err(FileError::Broken { .. } | FileError::Length { .. }) => 0,
-            Err(error) => panic!("{error}"),
-        });
-        match outcome {
-            Ok(kind) => counts[kind] += 1,
-            Err(_) => panic!("{name}: seed {seed:#x}"),
-        }
-    }
-}
-
 /// Files with a right checksum and wrong contents: thousands of them.
 #[test]
 fn hostile_files_are_refused_or_answer_something() {
     let mut counts = [0; 2];
     for (number, (name, tree)) in trees().into_iter().enumerate() {
-        hostile(&name, number as u64, &file(&tree), rounds() / 4, &mut counts);
+        hostile((&name, number), &file(&tree), rounds() / 4, &mut counts, read, is_broken, run_queries);
     }
     println!("{} refused, {} answered", counts[0], counts[1]);
     assert!(counts.iter().all(|&count| count > 100), "{counts:?}");
-    hostile("large", 1000, &file(&large()), rounds() / 20, &mut counts);
+    hostile(("large", 1000), &file(&large()), rounds() / 20, &mut counts, read, is_broken, run_queries);
 }
 
 #[test]

@@ -1,6 +1,8 @@
-//! An independent implementation of the checksum of files, mutations of files, and random numbers.
+//! An independent implementation of the checksum of files, mutations of files, and what reads mutated files.
 
 pub use crate::scene::Random;
+use mbkd::FileError;
+use std::panic::RefUnwindSafe;
 
 /// Bytes of the header, and the offsets of the length and the checksum in it.
 pub const HEADER: usize = 32;
@@ -110,4 +112,38 @@ pub fn mutate(file: &[u8], random: &mut Random) -> Vec<u8> {
 /// Rounds of mutations for each tree; more in a longer search by `MBKD_FILE_ROUNDS`.
 pub fn rounds() -> u64 {
     std::env::var("MBKD_FILE_ROUNDS").ok().and_then(|rounds| rounds.parse().ok()).unwrap_or(200)
+}
+
+/// Whether an error says that the contents of a file describe no tree.
+pub fn is_broken(error: &FileError) -> bool {
+    matches!(error, FileError::Broken { .. } | FileError::Length { .. })
+}
+
+/// Reads mutations of a file, with a right checksum and wrong contents, and runs queries on the trees; counts those that are
+/// refused and those that are answered from.
+pub fn hostile<T>(
+    (name, number): (&str, usize),
+    bytes: &[u8],
+    rounds: u64,
+    counts: &mut [usize; 2],
+    read: impl Fn(&[u8]) -> Result<T, FileError> + RefUnwindSafe,
+    refused: fn(&FileError) -> bool,
+    run_queries: impl Fn(T, u64) + RefUnwindSafe,
+) {
+    for round in 0..rounds {
+        let seed = (number as u64) << 32 | round;
+        let hostile = mutate(bytes, &mut Random(seed));
+        let outcome = std::panic::catch_unwind(|| match read(&hostile) {
+            Ok(tree) => {
+                run_queries(tree, seed);
+                1
+            }
+            Err(error) if refused(&error) => 0,
+            Err(error) => panic!("{error}"),
+        });
+        match outcome {
+            Ok(kind) => counts[kind] += 1,
+            Err(_) => panic!("{name}: seed {seed:#x}"),
+        }
+    }
 }

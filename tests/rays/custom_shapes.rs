@@ -12,7 +12,7 @@ fn blobs(count: usize, keys: usize, motion: f64, seed: u64) -> Vec<Blob> {
         let (from, by) = (random.vec().as_dvec3(), random.vec().as_dvec3() * motion);
         let radius = f64::from(0.02 + 0.1 * random.unit());
         let keys = (0..keys).map(|key| (from + by * (key as f64 * if key % 2 == 0 { 1.0 } else { 0.3 }), radius));
-        Blob(MovingSphere::new(keys.collect()))
+        Blob::hidden(MovingSphere::new(keys.collect()))
     };
     (0..count).map(|_| one()).collect()
 }
@@ -90,7 +90,7 @@ fn the_least_budget_suffices() {
             let pair = (of / 2) as f64;
             let place = DVec3::new((pair * 0.618).fract(), (pair * 0.755).fract(), (pair * 0.57).fract());
             let (from, by) = (place + random.vec().as_dvec3() * 1e-4, random.vec().as_dvec3());
-            Blob(MovingSphere::new(vec![(from, 0.001), (from + by, 0.001)]))
+            Blob::hidden(MovingSphere::new(vec![(from, 0.001), (from + by, 0.001)]))
         };
         let blobs: Vec<Blob> = (0..count).map(one).collect();
         let least = WideParams { bytes_per_primitive: 128.0, ..WideParams::default() };

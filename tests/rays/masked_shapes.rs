@@ -4,31 +4,9 @@ use crate::common::{Blob, Random, divided, random_ray, soup, variants};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::DVec3;
 use mbkd::{
-    BuildParams, ClosestPointQuery, Division, Intersection, LazyParams, LinearBounds, MovingSphere, Policy, Primitive,
-    Ray, RayTree, Shape, TimeInterval, TriangleMesh,
+    BuildParams, ClosestPointQuery, Division, LazyParams, MovingSphere, Policy, Ray, RayTree, Shape, TriangleMesh,
 };
 use std::ops::ControlFlow;
-
-/// A primitive with a mask of its own, which counts, and a sphere with another one, which does not.
-struct Masked(MovingSphere, u32);
-
-impl Primitive for Masked {
-    fn bounds(&self, over: TimeInterval) -> LinearBounds {
-        self.0.bounds(over)
-    }
-
-    fn intersect(&self, ray: &Ray) -> Option<Intersection> {
-        self.0.intersect(ray)
-    }
-
-    fn as_sphere(&self) -> Option<&MovingSphere> {
-        Some(&self.0)
-    }
-
-    fn mask(&self) -> u32 {
-        self.1
-    }
-}
 
 /// The masks that queries have: nothing, one and several bits, all.
 const MASKS: [u32; 5] = [0, 0b1, 0b110, 0b1000, u32::MAX];
@@ -44,8 +22,8 @@ fn shapes(count: usize, masks: &[u32]) -> Vec<Shape> {
         let (from, by, mask) = (random.vec().as_dvec3(), random.vec().as_dvec3() * 0.3, masks[i % masks.len()]);
         let sphere = MovingSphere::new(vec![(from, 0.15), (from + by, 0.1)]);
         match i % 5 {
-            0 => Shape::custom(Masked(sphere.with_mask(!mask), mask)),
-            1 => Shape::custom(Blob(sphere.with_mask(mask))),
+            0 => Shape::custom(Blob { mask, ..Blob::named(sphere.with_mask(!mask)) }),
+            1 => Shape::custom(Blob::hidden(sphere.with_mask(mask))),
             _ => sphere.with_mask(mask).into(),
         }
     };

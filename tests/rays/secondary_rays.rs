@@ -166,19 +166,6 @@ fn secondary_rays_leave_spheres_or_cross_them() {
 /// unknown surface.
 #[test]
 fn trees_of_primitives_have_the_secondary_rays_of_scenes() {
-    /// Names its sphere.
-    struct Named(MovingSphere);
-    impl Primitive for Named {
-        fn bounds(&self, over: TimeInterval) -> LinearBounds {
-            self.0.bounds(over)
-        }
-        fn intersect(&self, ray: &Ray) -> Option<Intersection> {
-            self.0.intersect(ray)
-        }
-        fn as_sphere(&self) -> Option<&MovingSphere> {
-            Some(&self.0)
-        }
-    }
     /// Knows its normals, but not that it is a sphere.
     struct Sided(MovingSphere);
     impl Primitive for Sided {
@@ -199,14 +186,14 @@ fn trees_of_primitives_have_the_secondary_rays_of_scenes() {
     let scene = |shape: fn(MovingSphere) -> Shape| {
         RayTree::of_scene(&[], balls.iter().cloned().map(shape).collect(), &params).unwrap()
     };
-    let (shapes, named) = (scene(Shape::from), scene(|ball| Shape::custom(Named(ball))));
-    let unknown = scene(|ball| Shape::custom(Blob(ball)));
+    let (shapes, named) = (scene(Shape::from), scene(|ball| Shape::custom(Blob::named(ball))));
+    let unknown = scene(|ball| Shape::custom(Blob::hidden(ball)));
     let sided = scene(|ball| Shape::custom(Sided(ball)));
     let placed =
         Instance::new(Arc::new(scene(|ball| Shape::custom(Sided(ball)))), DAffine3::from_scale(DVec3::splat(2.0)));
     let placed = InstanceTree::build(vec![placed], &WideParams::default()).unwrap();
     let bare = RayTree::of_primitives(balls.clone(), &params).unwrap();
-    let hidden = RayTree::of_primitives(balls.iter().cloned().map(Blob).collect(), &params).unwrap();
+    let hidden = RayTree::of_primitives(balls.iter().cloned().map(Blob::hidden).collect(), &params).unwrap();
     let (mut all, mut apart) = (0, 0);
     for _ in 0..500 {
         let ray = from_around(&mut random, DVec3::ZERO, 1.0, 5.0);

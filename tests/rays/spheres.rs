@@ -1,12 +1,11 @@
 //! Spheres, of which rays are tested against many at a time, equal brute force over single ones.
 
-use crate::common::{Random, difference, divided, variants};
+use crate::common::{Blob, Random, difference, divided, variants};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DQuat, DVec3, Vec3};
 use mbkd::{
-    BuildParams, ClosestPointQuery, Counters, Division, Instance, InstanceOf, InstanceTree, Intersection, LazyParams,
-    LinearBounds, MovingSphere, Pose, Primitive, Ray, RayTree, Shape, SimdLevel, Statistics, TimeInterval,
-    TriangleMesh, WideParams,
+    BuildParams, ClosestPointQuery, Counters, Division, Instance, InstanceOf, InstanceTree, LazyParams, MovingSphere,
+    Pose, Ray, RayTree, Shape, SimdLevel, Statistics, TimeInterval, TriangleMesh, WideParams,
 };
 use std::sync::Arc;
 
@@ -209,28 +208,6 @@ fn refitted_trees_equal_brute_force_whatever_becomes_of_spheres() {
     }
 }
 
-/// A sphere with a name.
-#[derive(Clone)]
-struct Named(MovingSphere, usize);
-
-impl Primitive for Named {
-    fn bounds(&self, over: TimeInterval) -> LinearBounds {
-        self.0.bounds(over)
-    }
-
-    fn intersect(&self, ray: &Ray) -> Option<Intersection> {
-        self.0.intersect(ray)
-    }
-
-    fn as_sphere(&self) -> Option<&MovingSphere> {
-        Some(&self.0)
-    }
-
-    fn active(&self) -> TimeInterval {
-        self.0.active
-    }
-}
-
 /// Primitives that say that they are spheres are as fast: they are in blocks of up to sixteen.
 #[test]
 fn spheres_of_the_callers_equal_brute_force_and_are_tested_together() {
@@ -240,7 +217,9 @@ fn spheres_of_the_callers_equal_brute_force_and_are_tested_together() {
         (Kind { keys: &[9], ..PLAIN }, Division::SeparateTrees(4)),
     ] {
         let balls = spheres(Kind { count: 5000, size: 0.03, motion: 0.05, ..kind }, 3);
-        let own = || balls.iter().cloned().zip(0..).map(|(ball, name)| Named(ball, name)).collect::<Vec<_>>();
+        let own = || {
+            balls.iter().cloned().zip(1..).map(|(ball, mask)| Blob { mask, ..Blob::named(ball) }).collect::<Vec<_>>()
+        };
         let params = divided(division);
         let tree = RayTree::of_primitives(own(), &params).unwrap();
         let in_scene = RayTree::of_scene(&[], own().into_iter().map(Shape::custom).collect(), &params).unwrap();
@@ -253,7 +232,7 @@ fn spheres_of_the_callers_equal_brute_force_and_are_tested_together() {
             assert_eq!(found, expected, "{kind:?}");
             assert_eq!(in_scene.closest_hit_observed(&ray, &mut among), expected, "{kind:?}");
             if let Some(hit) = found {
-                assert_eq!(tree.primitives()[hit.primitive as usize].1, hit.primitive as usize);
+                assert_eq!(tree.primitives()[hit.primitive as usize].mask, hit.primitive + 1);
                 hits += 1;
             }
         }

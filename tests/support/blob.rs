@@ -3,28 +3,48 @@
 use mbkd::glam::DVec3;
 use mbkd::{Intersection, LinearBounds, MovingSphere, Primitive, Ray, SurfacePoint, TimeInterval};
 
-/// A sphere that does not say that it is one, so that leaf blocks list it with its box.
+/// A sphere with a mask of its own, which counts instead of the sphere's.
 #[derive(Clone, Debug)]
-pub struct Blob(pub MovingSphere);
+pub struct Blob {
+    pub ball: MovingSphere,
+    pub mask: u32,
+    /// Whether it says that it is a sphere. If not, leaf blocks list it with its box.
+    pub named: bool,
+}
+
+impl Blob {
+    pub fn hidden(ball: MovingSphere) -> Blob {
+        Blob { mask: ball.mask, ball, named: false }
+    }
+
+    #[allow(dead_code)] // not by all who include this
+    pub fn named(ball: MovingSphere) -> Blob {
+        Blob { named: true, ..Blob::hidden(ball) }
+    }
+}
 
 impl Primitive for Blob {
     fn bounds(&self, over: TimeInterval) -> LinearBounds {
-        self.0.bounds(over)
+        self.ball.bounds(over)
     }
 
     fn intersect(&self, ray: &Ray) -> Option<Intersection> {
-        self.0.intersect(ray)
+        self.ball.intersect(ray)
     }
 
     fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
-        self.0.closest_point(point, time)
+        self.ball.closest_point(point, time)
     }
 
     fn active(&self) -> TimeInterval {
-        self.0.active()
+        self.ball.active
     }
 
     fn mask(&self) -> u32 {
-        self.0.mask
+        self.mask
+    }
+
+    fn as_sphere(&self) -> Option<&MovingSphere> {
+        self.named.then_some(&self.ball)
     }
 }

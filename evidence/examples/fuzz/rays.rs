@@ -10,9 +10,8 @@ use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    Aabb, BuildError, BuildParams, ClosestPoint, ClosestPointQuery, Counters, FileError, Geometry, Hit, Intersection,
-    Keys, LinearBounds, MovingSphere, Policy, Primitive, Ray, RayTree, RefitError, Shapes, SimdLevel, SurfacePoint,
-    TimeInterval, TreePrimitive, Visitor,
+    Aabb, BuildError, BuildParams, ClosestPoint, ClosestPointQuery, Counters, FileError, Geometry, Hit, Keys, Policy,
+    Primitive, Ray, RayTree, RefitError, Shapes, SimdLevel, TreePrimitive, Visitor,
 };
 
 /// A ray that is critical in some way, towards something in the scene.
@@ -446,44 +445,14 @@ fn refused(random: &mut Random, now: &Scene, tree: &mut RayTree, what: &str) -> 
     Ok(())
 }
 
-/// A primitive of a caller's that sometimes says that it is a sphere.
-#[derive(Clone, Debug)]
-struct Wrapped(MovingSphere, bool);
-
-impl Primitive for Wrapped {
-    fn bounds(&self, over: TimeInterval) -> LinearBounds {
-        self.0.bounds(over)
-    }
-
-    fn intersect(&self, ray: &Ray) -> Option<Intersection> {
-        self.0.intersect(ray)
-    }
-
-    fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
-        self.0.closest_point(point, time)
-    }
-
-    fn active(&self) -> TimeInterval {
-        self.0.active
-    }
-
-    fn mask(&self) -> u32 {
-        self.0.mask
-    }
-
-    fn as_sphere(&self) -> Option<&MovingSphere> {
-        self.1.then_some(&self.0)
-    }
-}
-
 /// Trees of primitives of one type: of which none, some or all are spheres.
 fn custom_primitives(random: &mut Random, scene: &Scene) -> Outcome {
     let balls = |scene: &Scene| scene.balls.iter().map(|(ball, _)| ball.clone()).collect::<Vec<_>>();
     match random.below(3) {
-        0 => of_primitives(random, scene, |scene| balls(scene).into_iter().map(Blob).collect()),
+        0 => of_primitives(random, scene, |scene| balls(scene).into_iter().map(Blob::hidden).collect()),
         1 => of_primitives(random, scene, balls),
         _ => of_primitives(random, scene, |scene| {
-            scene.balls.iter().map(|(ball, own)| Wrapped(ball.clone(), !own)).collect()
+            scene.balls.iter().map(|(ball, own)| Blob { named: !own, ..Blob::hidden(ball.clone()) }).collect()
         }),
     }
 }

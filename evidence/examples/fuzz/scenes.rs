@@ -207,7 +207,7 @@ impl Scene {
 
     pub fn shapes(&self) -> Vec<Shape> {
         let shape = |(ball, own): &(MovingSphere, bool)| {
-            if *own { Shape::custom(Blob(ball.clone())) } else { Shape::from(ball.clone()) }
+            if *own { Shape::custom(Blob::hidden(ball.clone())) } else { Shape::from(ball.clone()) }
         };
         self.balls.iter().map(shape).collect()
     }
