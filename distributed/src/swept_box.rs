@@ -148,6 +148,7 @@ pub(crate) fn farthest(a: &SweptBox, b: &SweptBox, periods: Periods) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mbkd_scenes::Random;
 
     fn cell(lo: [f32; 3], hi: [f32; 3]) -> SweptBox {
         SweptBox { lo, hi, count: 1 }
@@ -170,16 +171,12 @@ mod tests {
 
     /// Of 20 000 pairs of places whose computed distance is at most the radius, how many do not count as near.
     fn pairs_lost(slack: fn(f64, f64) -> f64) -> usize {
-        let mut state = 5u64;
-        let mut random = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
-        };
+        let mut random = Random(5);
         let mut lost = 0;
         for i in 0..20_000 {
             let apart = 10f32.powi(i % 7 - 3);
-            let a: [f32; 3] = core::array::from_fn(|_| random());
-            let b = a.map(|x| x + apart * random());
+            let a: [f32; 3] = random.vec().to_array();
+            let b = a.map(|x| x + apart * random.signed());
             let [x, y, z] = [0, 1, 2].map(|axis| a[axis] - b[axis]);
             let square = (x * x + y * y) + z * z;
             // The least radius whose square is no less.

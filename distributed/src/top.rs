@@ -106,6 +106,7 @@ impl Top {
 mod tests {
     use super::*;
     use crate::Threads;
+    use mbkd_scenes::Random;
 
     /// A row of particles, cut between ranks.
     fn row(ranks: usize, rank: usize) -> Vec<Particle> {
@@ -151,15 +152,11 @@ mod tests {
     fn pairs_lost(periods: Periods, seen: fn(&Particle) -> Particle) -> (usize, usize) {
         const RANKS: usize = 3;
         const RADIUS: f32 = 0.1;
-        let mut state = 9u64;
-        let mut random = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f32 / (1 << 24) as f32
-        };
+        let mut random = Random(9);
         let sets: [Vec<Particle>; RANKS] = core::array::from_fn(|rank| {
             let particle = |id| {
-                let open = [(rank as f32 + random()) / RANKS as f32, random(), random()];
-                Particle { id, open, close: open.map(|x| x + 0.3 * (random() - 0.5)) }
+                let open = [(rank as f32 + random.unit()) / RANKS as f32, random.unit(), random.unit()];
+                Particle { id, open, close: open.map(|x| x + 0.3 * (random.unit() - 0.5)) }
             };
             (0..250).map(particle).collect()
         });

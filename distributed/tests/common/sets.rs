@@ -1,6 +1,7 @@
 //! Sets of particles: pseudo-random, the same on every rank.
 
 use mbkd_distributed::Particle;
+use mbkd_scenes::Random;
 
 /// A set in a box of size 1 or periodic space.
 pub struct Set {
@@ -11,25 +12,8 @@ pub struct Set {
     pub radius: f32,
 }
 
-/// Numbers in [0, 1).
-struct Random(u64);
-
-impl Random {
-    fn number(&mut self) -> f32 {
-        // SplitMix64 (Steele, Lea, Flood: Fast Splittable Pseudorandom Number Generators, 2014).
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ z >> 31) >> 40) as f32 / (1 << 24) as f32
-    }
-
-    fn place(&mut self) -> [f32; 3] {
-        [self.number(), self.number(), self.number()]
-    }
-
-    fn near(&mut self, at: [f32; 3], size: f32) -> [f32; 3] {
-        at.map(|x| x + size * (self.number() - 0.5))
-    }
+fn near(random: &mut Random, at: [f32; 3], size: f32) -> [f32; 3] {
+    at.map(|x| x + size * (random.unit() - 0.5))
 }
 
 /// A particle with a number that says nothing about where it is; some are above 32 bits.
@@ -46,26 +30,26 @@ pub fn sets() -> Vec<Set> {
         [("uniform", open, 0.15), ("uniform, periodic", torus, 0.15), ("uniform, beyond half a period", torus, 0.6)]
     {
         let mut one = |i| {
-            let at = random.place();
-            numbered(i, at, random.near(at, 0.05))
+            let at = random.in_cube().to_array();
+            numbered(i, at, near(&mut random, at, 0.05))
         };
         sets.push(Set { name, particles: (0..300).map(&mut one).collect(), periods, radius });
     }
     for (name, periods) in [("clusters", open), ("clusters, periodic along x and z", [Some(1.0), None, Some(1.0)])] {
-        let centres: Vec<_> = (0..6).map(|_| random.place()).collect();
+        let centres: Vec<_> = (0..6).map(|_| random.in_cube().to_array()).collect();
         let mut one = |i: usize| {
-            let at = random.near(centres[i * i % 6], 0.08);
+            let at = near(&mut random, centres[i * i % 6], 0.08);
             // Half of them stand still.
-            numbered(i, at, if i.is_multiple_of(2) { at } else { random.near(at, 0.1) })
+            numbered(i, at, if i.is_multiple_of(2) { at } else { near(&mut random, at, 0.1) })
         };
         sets.push(Set { name, particles: (0..300).map(&mut one).collect(), periods, radius: 0.03 });
     }
     for (name, periods) in [("drift", open), ("drift, periodic along x", [Some(1.0), None, None])] {
         let mut one = |i: usize| {
             // Two streams that cross the whole box, some against each other, from one period below.
-            let at = random.place();
+            let at = random.in_cube().to_array();
             let way = if i.is_multiple_of(5) { -0.9 } else { 0.7 };
-            let close = random.near([at[0] + way, at[1] + 0.1, at[2]], 0.02);
+            let close = near(&mut random, [at[0] + way, at[1] + 0.1, at[2]], 0.02);
             numbered(i, [at[0] - 1.0, at[1], at[2]], [close[0] - 1.0, close[1], close[2]])
         };
         sets.push(Set { name, particles: (0..300).map(&mut one).collect(), periods, radius: 0.1 });

@@ -1,9 +1,11 @@
 //! Particles that drift through a periodic box for some steps, and what the ranks have to say to each other.
 //!
-//! `cargo run --release` for one process; `mpirun -n 4 target/release/drift 200000` for four and as many particles in all.
+//! `cargo run --release --example drift` for one process; `mpirun -n 4 target/release/examples/drift 200000` for four and as many
+//! particles in all.
 
 use mbkd::TimeInterval;
 use mbkd_distributed::{Counted, Exchange, Mpi, Particle, Query, Reach, Step, distribute};
+use mbkd_scenes::Random;
 use mpi::Threading;
 use std::time::{Duration, Instant};
 
@@ -86,15 +88,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
 /// A pseudo-random place, denser towards the middle of the box; the same on every rank.
 fn started(id: u64, spacing: f32) -> Particle {
-    let mut state = id.wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    let mut number = || {
-        // The finishing steps of SplitMix64 (Steele, Lea, Flood, 2014).
-        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (state ^ state >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ z >> 31) >> 40) as f32 / (1 << 24) as f32
-    };
-    let at = [0.5 * (number() + number()), number(), number()];
+    let mut random = Random(id);
+    let at = [0.5 * (random.unit() + random.unit()), random.unit(), random.unit()];
     advanced(&Particle::fixed(id, at), spacing)
 }
 
