@@ -103,7 +103,7 @@ mod tuning;
 
 pub use error::{BuildError, IntervalError, RefitError};
 pub use file::FileError;
-pub use geometry::{Aabb, LinearBounds, Ray, TimeInterval};
+pub use geometry::{Aabb, LinearBounds, Ray, TimeInterval, morton_code};
 pub use glam;
 pub use instance::{
     Instance, InstanceError, InstanceHit, InstanceOf, InstancePath, InstancePoint, InstanceStatistics, InstanceTree,

@@ -1,8 +1,5 @@
 //! The order in which ranks share space: along a Morton curve.
 
-#[path = "../../src/geometry/morton.rs"]
-mod morton;
-
 use crate::particle::Particle;
 use crate::swept_box::{Periods, SweptBox};
 
@@ -40,7 +37,7 @@ impl Curve {
             // Saturates; places outside, for rounding, go to the last cell.
             ((inside * self.scale) as u32).min(CELLS as u32 - 1)
         };
-        morton::morton_code([cell(0), cell(1), cell(2)])
+        mbkd::morton_code([cell(0), cell(1), cell(2)])
     }
 }
 

@@ -6,7 +6,7 @@
 
 use clap::Parser;
 use mbkd::glam::DVec3;
-use mbkd::{NeighborBuffer, NeighborLists, PointArrays, PointParams, PointTree, Precision};
+use mbkd::{NeighborBuffer, NeighborLists, PointArrays, PointParams, PointTree, Precision, morton_code};
 use mbkd_evidence::timing::{median, race, wall_seconds};
 use mbkd_scenes::Random;
 use std::hint::black_box;
@@ -73,9 +73,9 @@ fn place(scene: &str, random: &mut Random) -> DVec3 {
 
 /// Places along a curve through the set.
 fn morton(at: DVec3, (lo, hi): (DVec3, DVec3)) -> u64 {
-    let cell =
-        ((at - lo) / (hi - lo) * 1_048_575.0).clamp(DVec3::ZERO, DVec3::splat(1_048_575.0)).as_uvec3().to_array();
-    (0..60).fold(0, |code, bit| code | u64::from(cell[bit % 3] >> (bit / 3) & 1) << bit)
+    morton_code(
+        ((at - lo) / (hi - lo) * 1_048_575.0).clamp(DVec3::ZERO, DVec3::splat(1_048_575.0)).as_uvec3().to_array(),
+    )
 }
 
 fn compare(scene: &str, count: usize, moving: bool) -> Result<(), Box<dyn std::error::Error>> {

@@ -5,7 +5,7 @@
 //! every machine.
 
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{MovingPoint, TimeInterval};
+use mbkd::{MovingPoint, TimeInterval, morton_code};
 use mbkd_scenes::Random;
 
 /// The motion of the points of a set. The mean spacing is the side of a cube that holds one point.
@@ -102,8 +102,7 @@ pub fn queries(points: &[MovingPoint], count: usize, seed: u64) -> Vec<Query> {
 
 /// The index along a Morton curve through the cube [-1, 2)³.
 pub fn morton(at: Vec3) -> u64 {
-    let cell = ((at + 1.0) * 341.0).clamp(Vec3::ZERO, Vec3::splat(1023.0)).as_uvec3().to_array();
-    (0..30).fold(0, |code, bit| code | u64::from(cell[bit % 3] >> (bit / 3) & 1) << bit)
+    morton_code(((at + 1.0) * 341.0).clamp(Vec3::ZERO, Vec3::splat(1023.0)).as_uvec3().to_array())
 }
 
 /// The distances of the `k` nearest points that are active at a query's time, by testing every point in f64; nearest

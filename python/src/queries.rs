@@ -1,12 +1,9 @@
 //! Batches of queries, in an order of spatial locality, on several threads.
 
-#[path = "../../src/geometry/morton.rs"]
-mod morton;
-
 use crate::arrays::Places;
 use crate::parts::{Sizes, in_parts};
 use crate::threads::{count, pool};
-use morton::morton_code;
+use mbkd::morton_code;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use rayon::prelude::*;

@@ -32,7 +32,7 @@ pub use interval::TimeInterval;
 pub(crate) use keys::{KeyPhase, KeyTime, lerp};
 pub(crate) use lane_bounds::LaneBounds;
 pub(crate) use local_space::Frame;
-pub(crate) use morton::morton_code;
+pub use morton::morton_code;
 pub(crate) use placement::{Placement, Preimage};
 pub(crate) use plane::Plane;
 pub use ray::Ray;
