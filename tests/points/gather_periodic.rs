@@ -2,7 +2,7 @@
 
 use crate::gather_case::GatherCase;
 use crate::periodic_queries::{Lengths, images, lengths, place};
-use crate::support::Rng;
+use crate::support::Random;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::point::{GatherError, GatherParams, Kernel, NeighborBuffer, Photon, PhotonMap, PhotonTime};
 use mbkd::{PeriodError, TimeInterval};
@@ -10,16 +10,16 @@ use mbkd::{PeriodError, TimeInterval};
 const WINDOW: f32 = 0.3;
 
 /// Photons of all kinds in a box of about a size, some of them in one place.
-fn photons(count: usize, size: f32, rng: &mut Rng) -> Vec<Photon<f32>> {
+fn photons(count: usize, size: f32, random: &mut Random) -> Vec<Photon<f32>> {
     let mut one = |i: usize| {
-        let time = rng.unit();
-        let time = match rng.bits() % 3 {
+        let time = random.unit();
+        let time = match random.bits() % 3 {
             0 => PhotonTime::At(time),
             1 => PhotonTime::During(TimeInterval::new(0.7 * time, 0.7 * time + 0.3).unwrap()),
-            _ => PhotonTime::Carried { time, velocity: rng.vec() * size },
+            _ => PhotonTime::Carried { time, velocity: random.vec() * size },
         };
-        let position = if i.is_multiple_of(5) { Vec3::splat(0.25 * size) } else { rng.vec() * size };
-        Photon { position, normal: rng.vec().normalize_or(Vec3::X), flux: rng.unit() + 0.1, time }
+        let position = if i.is_multiple_of(5) { Vec3::splat(0.25 * size) } else { random.vec() * size };
+        Photon { position, normal: random.vec().normalize_or(Vec3::X), flux: random.unit() + 0.1, time }
     };
     (0..count).map(&mut one).collect()
 }
@@ -77,33 +77,33 @@ fn estimate(case: &GatherCase, photons: &[Photon<f32>], mut near: Vec<(f32, u32)
 fn gathers_are_those_of_the_nearest_images() {
     let (mut found, mut across) = (0, 0);
     for seed in 0..60u64 {
-        let rng = &mut Rng(seed);
+        let random = &mut Random(seed);
         let (count, size) = ([150, 40, 3][seed as usize % 3], [1.0, 1e-3, 1e4][seed as usize / 3 % 3]);
-        let photons = photons(count, size, rng);
+        let photons = photons(count, size, random);
         let params = GatherParams { window: WINDOW, ..GatherParams::default() };
         let map = PhotonMap::build(&photons, &params).unwrap();
-        let lengths: Lengths = lengths(rng, size);
+        let lengths: Lengths = lengths(random, size);
         let periodic = map.periodic(lengths).unwrap();
         let (mut buffer, mut queries, mut answers) = (NeighborBuffer::new(), Vec::new(), Vec::new());
         for _ in 0..20 {
-            let k = [None, Some(1), Some(7), Some(30), Some(1000)][rng.bits() as usize % 5];
-            let radius = [f32::INFINITY, 0.2, 0.6, 3.0][rng.bits() as usize % 4] * size;
+            let k = [None, Some(1), Some(7), Some(30), Some(1000)][random.bits() as usize % 5];
+            let radius = [f32::INFINITY, 0.2, 0.6, 3.0][random.bits() as usize % 4] * size;
             let shortest = lengths.into_iter().flatten().fold(f64::INFINITY, f64::min);
             // From farther out, images that no photon is nearest to could pass as well.
-            let thickness = rng.bits().is_multiple_of(3).then(|| size * rng.unit());
+            let thickness = random.bits().is_multiple_of(3).then(|| size * random.unit());
             let thickness = thickness.filter(|_| f64::from(radius) < 0.49 * shortest);
             let case = GatherCase {
-                at: place(rng, size, 0.0),
-                normal: rng.vec().normalize_or(Vec3::Z),
-                time: if rng.bits().is_multiple_of(4) { (rng.bits() % 3) as f32 / 2.0 } else { rng.unit() },
+                at: place(random, size, 0.0),
+                normal: random.vec().normalize_or(Vec3::Z),
+                time: if random.bits().is_multiple_of(4) { (random.bits() % 3) as f32 / 2.0 } else { random.unit() },
                 k: k.or((radius == f32::INFINITY).then_some(4)),
                 radius,
-                window: [WINDOW, 0.3 * WINDOW][rng.bits() as usize % 2],
-                cosine: rng.bits().is_multiple_of(3).then(|| rng.signed()),
+                window: [WINDOW, 0.3 * WINDOW][random.bits() as usize % 2],
+                cosine: random.bits().is_multiple_of(3).then(|| random.signed()),
                 thickness,
-                kernels: [0, 2].map(|shift| Kernel::ALL[rng.bits() as usize >> shift & 3]),
-                odd_only: rng.bits().is_multiple_of(4),
-                in_volume: rng.bits().is_multiple_of(4),
+                kernels: [0, 2].map(|shift| Kernel::ALL[random.bits() as usize >> shift & 3]),
+                odd_only: random.bits().is_multiple_of(4),
+                in_volume: random.bits().is_multiple_of(4),
             };
             // Photons that are carried go as far as two sizes from zero.
             let around = (DVec3::splat(-2.1 * f64::from(size)), DVec3::splat(2.1 * f64::from(size)));
