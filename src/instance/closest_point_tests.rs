@@ -259,3 +259,32 @@ fn stretched_instances_are_searched_like_others() {
         }
     }
 }
+
+/// So do lengths under a shear: in every direction as long as their images.
+#[test]
+fn sheared_instances_are_searched_like_others() {
+    let mut random = Random(18);
+    let of = Arc::new(RayTree::build(&[soup(4000, 2, &mut random)], &BuildParams::default()).unwrap());
+    let mut tests_of = |matrix3: DMat3| {
+        let rotation = DQuat::from_axis_angle(random.dvec().normalize(), 1.0);
+        let placed =
+            Instance::new(of.clone(), DAffine3 { matrix3: DMat3::from_quat(rotation) * matrix3, ..DAffine3::IDENTITY });
+        // A rotation between a scale and another scale is a shear as well.
+        let inner = Arc::new(InstanceTree::build(vec![placed], &WideParams::default()).unwrap());
+        let tree = Instance::new(inner, Pose { scale: DVec3::new(0.1, 0.1, 0.05), ..Pose::IDENTITY });
+        let tree = InstanceTree::build(vec![tree], &WideParams::default()).unwrap();
+        let mut counters = Counters::default();
+        for _ in 0..200 {
+            let time = time(&mut random);
+            let at = tree.matrix(&[0, 0], time).unwrap().transform_point3(random.dvec() * 3.0);
+            tree.closest_point_observed(&ClosestPointQuery::new(at, time), &mut counters);
+        }
+        counters.primitive_tests
+    };
+    let even = tests_of(DMat3::IDENTITY);
+    for shear in [0.5, 3.0, 20.0] {
+        let sheared =
+            tests_of(DMat3::from_cols(DVec3::X, DVec3::new(shear, 1.0, 0.0), DVec3::new(0.0, -0.3 * shear, 1.0)));
+        assert!(sheared < 4 * even, "{shear}: {sheared} tests instead of {even}");
+    }
+}

@@ -220,7 +220,7 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
         if query.is_close() {
             bounds =
                 TriangleBound::new(query.inside.as_vec3(), block_sizes(sizes), error, query.stretch).of(s, corners);
-            near &= s.le(bounds, s.splat(TriangleBound::beyond(query.reach(self.best.limit))));
+            near &= s.le(bounds, s.splat(TriangleBound::beyond(query.reach(self.best.limit), &query.stretch)));
         }
         let mut lanes = [[[0.0; LANES]; 3]; 3];
         for corner in 0..3 {
@@ -240,7 +240,7 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
             self.observer.primitive_tests(1);
             let corners = kept.and_then(|triangles| triangles.precise_corners(id, query.time));
             self.best.offer(query.on_triangle(corners.unwrap_or_else(|| corners_in(&lanes, lane))), id);
-            near &= s.le(bounds, s.splat(TriangleBound::beyond(query.reach(self.best.limit))));
+            near &= s.le(bounds, s.splat(TriangleBound::beyond(query.reach(self.best.limit), &query.stretch)));
         }
     }
 }

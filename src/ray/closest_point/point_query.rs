@@ -5,7 +5,7 @@
 
 use super::stretch::Stretch;
 use super::triangle_bound::FARTHEST;
-use crate::geometry::{Frame, OnTriangle, Placement, Preimage, ULP, closest_on_triangle};
+use crate::geometry::{Frame, OnTriangle, Placement, ULP, closest_on_triangle};
 use crate::layout::ChildRef;
 use crate::limits::MAX_COORDINATE;
 use crate::simd::{LANES, Mask, Simd};
@@ -107,8 +107,9 @@ impl<'a> QueryInTree<'a> {
         let (own, scale_bound, stretch, deviation) = match placed {
             None => (query.point, frame.scale, Stretch::NONE, 0.0),
             Some(placed) => {
-                let Preimage { point, least, deviation } = placed.preimage(query.point, frame.bounds);
-                (point, frame.scale / least.min_element(), Stretch::new(least), deviation)
+                let preimage = placed.preimage(query.point, frame.bounds);
+                let (stretch, least) = Stretch::new(&preimage);
+                (preimage.point, frame.scale / least, stretch, preimage.deviation)
             }
         };
         let inside = (own - frame.origin) * frame.scale;
@@ -212,14 +213,14 @@ impl<'a> QueryInTree<'a> {
     /// Squared distances from sixteen boxes, never too large by more than [`QueryInTree::cull`] allows for.
     #[inline(always)]
     pub(in crate::ray) fn distances<S: Simd>(&self, s: S, lower: [S::F; 3], upper: [S::F; 3]) -> S::F {
-        let zero = s.splat(0.0);
-        let mut gaps = [zero; 3];
+        let (mut below, mut above) = (lower, upper);
         for axis in 0..3 {
-            let below = lower[axis] - s.splat(self.high[axis]);
-            let above = s.splat(self.low[axis]) - upper[axis];
-            gaps[axis] = s.max(s.max(below, above), zero);
+            below[axis] = lower[axis] - s.splat(self.high[axis]);
+            above[axis] = s.splat(self.low[axis]) - upper[axis];
         }
-        let [x, y, z] = self.stretch.of(s, gaps);
+        let [x, y, z] = self.stretch.gaps(s, below, above);
+        let zero = s.splat(0.0);
+        let (x, y, z) = (s.max(x, zero), s.max(y, zero), s.max(z, zero));
         x * x + y * y + z * z
     }
 }

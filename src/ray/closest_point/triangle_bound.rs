@@ -23,7 +23,8 @@
 //! [`FARTHEST`], stretched.
 //!
 //! Where distances count more along some axes ([`Stretch`]), all of this holds for the stretched space, in which `e` and `|q - p|`
-//! are greater by the greatest factor at most.
+//! are greater by the greatest factor at most. Under a shear, stretched vectors are off by four roundings relative to that factor
+//! and to their length before, of which `e` has a share of the margin, and `d` adds to the relative error.
 
 use super::stretch::Stretch;
 use crate::geometry::ULP;
@@ -61,8 +62,8 @@ impl TriangleBound {
 
     /// The least number that proves, as a bound of [`TriangleBound::of`], that a distance is above `reach`.
     #[inline(always)]
-    pub fn beyond(reach: f64) -> f32 {
-        ((reach * (1.0 + RELATIVE)) as f32).next_up()
+    pub fn beyond(reach: f64, stretch: &Stretch) -> f32 {
+        ((reach * (1.0 + RELATIVE + stretch.rounding())) as f32).next_up()
     }
 
     /// The bounds for sixteen triangles, given by their corners. Not below zero; zero if nothing is known, as for triangles with
@@ -130,11 +131,11 @@ fn dot<S: Simd>(s: S, a: [S::F; 3], b: [S::F; 3]) -> S::F {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{KeyTime, closest_on_triangle};
+    use crate::geometry::{Aabb, KeyTime, Placement, closest_on_triangle};
     use crate::layout::block_sizes;
     use crate::random::Random;
     use crate::simd::{LANES, Lanes, Portable};
-    use glam::DVec3;
+    use glam::{DAffine3, DVec3};
 
     /// Triangles of a block at a time, and the sizes that the block states.
     struct Block {
@@ -169,6 +170,17 @@ mod tests {
         }
     }
 
+    /// The stretch of a space that is scaled along its axes, or sheared.
+    fn stretch(random: &mut Random, kind: usize) -> Stretch {
+        let scale = [DVec3::ONE, DVec3::new(1.0, 3.0, 7.5), DVec3::new(900.0, 1.0, 1.0)][kind % 3];
+        let mut matrix = DAffine3::from_scale(scale);
+        if kind >= 3 {
+            matrix.matrix3.y_axis += matrix.matrix3.x_axis * f64::from(random.signed() * 3.0);
+            matrix.matrix3.z_axis += matrix.matrix3.y_axis * f64::from(random.signed());
+        }
+        Stretch::new(&Placement::new(matrix).preimage(DVec3::ZERO, Aabb { min: DVec3::ZERO, max: DVec3::ZERO })).0
+    }
+
     /// Triangles of many sizes, in motion and at rest, slivers among them, and points at corners, in edges and triangles, near them
     /// and far away.
     #[test]
@@ -190,9 +202,8 @@ mod tests {
                 _ => away * 10f64.powi(i / 5 % 8),
             };
             let from = q.as_vec3();
-            let least = [DVec3::ONE, DVec3::new(1.0, 3.0, 7.5), DVec3::new(900.0, 1.0, 1.0)][i as usize / 7 % 3];
-            let stretch = Stretch::new(least);
-            let factors = DVec3::from([0, 1, 2].map(|axis| f64::from(stretch.factors()[axis])));
+            let stretch = stretch(&mut random, i as usize / 7 % 5);
+            let stretched = |p: DVec3| stretch.exactly(p);
             if from.abs().max_element() * stretch.most() >= FARTHEST {
                 continue;
             }
@@ -201,9 +212,12 @@ mod tests {
             let without = without.of(Portable, block.lanes());
             for lane in 0..LANES {
                 let corners = block.corners[lane].map(Vec3::as_dvec3);
-                let distance = closest_on_triangle(q * factors, corners.map(|p| p * factors)).distance_squared.sqrt();
+                let distance = closest_on_triangle(stretched(q), corners.map(stretched)).distance_squared.sqrt();
                 let bound = Portable.lane(with, lane);
-                assert!(bound <= TriangleBound::beyond(distance), "{q} {corners:?}: {bound} instead of {distance}");
+                assert!(
+                    bound <= TriangleBound::beyond(distance, &stretch),
+                    "{q} {corners:?}: {bound} instead of {distance}"
+                );
                 tested += 1;
                 let ruled_out = Portable.lane(without, lane) > distance as f32;
                 lost += usize::from(ruled_out);
