@@ -51,9 +51,9 @@ impl Placement {
         // NaN fails this as well.
         let known = off < 0.5 && longest.is_finite();
         let everywhere = DVec3::splat(if known { longest.recip() } else { 0.0 });
-        let along = least_along_axes(matrix.matrix3);
+        let (along, cosine) = least_along_axes(matrix.matrix3);
         // What is farther than a distance is outside of an ellipsoid; the smaller one says more.
-        let shear = if known { sheared(matrix.matrix3) } else { None };
+        let shear = if known && cosine >= LEAST_SHEAR { sheared(matrix.matrix3) } else { None };
         let least = if known && along.element_product() > everywhere.element_product() { along } else { everywhere };
         Placement { matrix, inverse, least, shear }
     }
@@ -82,29 +82,30 @@ impl Placement {
     }
 }
 
-/// For each axis a lower bound of the lengths of images per length along it, as derived above; zero if there is none.
-fn least_along_axes(m: DMat3) -> DVec3 {
+/// For each axis a lower bound of the lengths of images per length along it, as derived above; zero if there is none. And the
+/// greatest cosine of two axes.
+fn least_along_axes(m: DMat3) -> (DVec3, f64) {
     let lengths = DVec3::new(m.x_axis.length(), m.y_axis.length(), m.z_axis.length());
     let [x, y, z] = [m.x_axis / lengths.x, m.y_axis / lengths.y, m.z_axis / lengths.z];
     let [xy, xz, yz] = [x.dot(y).abs(), x.dot(z).abs(), y.dot(z).abs()];
     let left = DVec3::ONE - DVec3::new(xy + xz, xy + yz, xz + yz) - ROUNDING;
     // NaN fails this as well, and lengths whose squares are not normal numbers are no bound.
     let known = left.cmpgt(DVec3::ZERO).all() && lengths.min_element() > 1e-150 && lengths.max_element() < 1e150;
-    if known { lengths * (left.map(f64::sqrt) - ROUNDING).max(DVec3::ZERO) } else { DVec3::ZERO }
+    let least = if known { lengths * (left.map(f64::sqrt) - ROUNDING).max(DVec3::ZERO) } else { DVec3::ZERO };
+    (least, xy.max(xz).max(yz))
 }
 
 /// Axes whose directions have a greater cosine are sheared.
 const LEAST_SHEAR: f64 = 1.0 / 64.0;
 
 /// An upper triangular matrix that makes vectors about as long as this one does and none longer, as derived above, for a matrix
-/// that shears; `None` if it does not, or flattens space too much.
+/// that shears; `None` if it flattens space too much.
+#[cold]
+#[inline(never)]
 fn sheared(m: DMat3) -> Option<DMat3> {
     let lengths = DVec3::new(m.x_axis.length(), m.y_axis.length(), m.z_axis.length());
     let [x, y, z] = [m.x_axis / lengths.x, m.y_axis / lengths.y, m.z_axis / lengths.z];
     let (xy, xz) = (x.dot(y), x.dot(z));
-    if xy.abs().max(xz.abs()).max(y.dot(z).abs()) < LEAST_SHEAR {
-        return None;
-    }
     let across = y - x * xy;
     let yy = across.length();
     let across = across / yy;

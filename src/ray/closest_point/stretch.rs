@@ -14,6 +14,8 @@ pub(super) struct Stretch {
     factors: [f32; 3],
     rows: [Vec3; 3],
     kind: Kind,
+    /// [`Stretch::most`], which each leaf block asks for.
+    most: f32,
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -31,7 +33,7 @@ const MOST: f64 = 1e6;
 const PRODUCT_ULPS: f32 = 6.0;
 
 impl Stretch {
-    pub const NONE: Stretch = Stretch { factors: [1.0; 3], rows: [Vec3::ZERO; 3], kind: Kind::Nothing };
+    pub const NONE: Stretch = Stretch { factors: [1.0; 3], rows: [Vec3::ZERO; 3], kind: Kind::Nothing, most: 1.0 };
 
     /// For a placed tree, and the least length of an image per length there, to which the factors are relative.
     pub fn new(of: &Preimage) -> (Stretch, f64) {
@@ -47,7 +49,10 @@ impl Stretch {
             None if factors == [1.0; 3] => Kind::Nothing,
             None => Kind::Axes,
         };
-        (Stretch { factors, rows: rows.map_or([Vec3::ZERO; 3], rows_of), kind }, all)
+        let rows = rows.map_or([Vec3::ZERO; 3], rows_of);
+        let sheared = 2.0 * rows.iter().map(|row| row.length_squared()).sum::<f32>().sqrt();
+        let most = factors.into_iter().fold(sheared, f32::max);
+        (Stretch { factors, rows, kind, most }, all)
     }
 
     /// Factors by which distances along the axes count more at least.
@@ -59,10 +64,7 @@ impl Stretch {
     /// By how much lengths grow at most. For a shear it is twice as much, which leaves room for what its products round.
     #[inline(always)]
     pub fn most(&self) -> f32 {
-        let [x, y, z] = self.factors;
-        let [a, b, c] = self.rows;
-        let sheared = 2.0 * (a.length_squared() + b.length_squared() + c.length_squared()).sqrt();
-        x.max(y).max(z).max(sheared)
+        self.most
     }
 
     /// By how much the length of a stretched vector is off at most, as computed in f32, relative to that of the vector itself; 0 if
