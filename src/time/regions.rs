@@ -314,6 +314,22 @@ mod tests {
         assert!(inside.iter().all(|&share| share > 0.999), "{inside:?}");
     }
 
+    /// A floor that is thousands of times as wide meets nearly all rays from everywhere, but rays of a picture are aimed at what
+    /// moves.
+    #[test]
+    fn what_moves_on_a_wide_floor_is_divided_as_if_it_were_alone() {
+        let alone = regions_of(&scene::tornado(20_000)).0;
+        for half in [20.0, 3e3, 3e5] {
+            let (mut scene, mut floor) = (scene::tornado(20_000), scene::Shape::default());
+            floor.block(Vec3::new(-half, -9.0, -half), Vec3::new(half, -8.0, half));
+            scene.meshes.push(floor.fixed());
+            let (regions, inside) = regions_of(&scene);
+            assert_eq!(regions.len(), alone.len(), "{half}: {regions:?}");
+            assert_eq!(regions[0].division, alone[0].division, "{half}: {regions:?}");
+            assert!(inside[0] > 0.999, "{half}: {inside:?}");
+        }
+    }
+
     #[test]
     fn parts_of_a_rejected_region_are_tried_if_they_are_dissimilar() {
         let (set, draft) = Draft::of_scene(&scene::tornado(60_000));

@@ -14,13 +14,14 @@ use crate::geometry::{LinearBox3, TimeInterval};
 use crate::limits::MAX_TIME_SLICES;
 use crate::parallel;
 use crate::primitive::{Intervals, PrimitiveSet};
-use crate::tuning::slices::{MAX_AREA_OF_HALVES, SHORT_SLICES, TREELET_SAMPLE, TREELETS};
+use crate::tuning::slices::{AIMED, MAX_AREA_OF_HALVES, SHORT_SLICES, TREELET_SAMPLE, TREELETS};
 
 /// A small subtree and its estimates.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Treelet {
     pub node: u32,
-    /// Expected cost of a ray in it.
+    /// Expected cost of a ray in it. Rays of a picture meet what is small in a large scene more often than rays from everywhere do,
+    /// so it is at least the share of [`AIMED`] rays in the whole cost that its primitives have.
     pub cost: f32,
     /// Area of its boxes when made for slices of the shutter, relative to the area for the whole: for halves, or for the shortest
     /// slices if halves gain nothing.
@@ -43,7 +44,9 @@ pub(super) fn treelets<S: PrimitiveSet>(set: &S, draft: &Draft, least: usize) ->
     parallel::map(nodes.len(), |i| {
         let (sample, share) = changing_sample(set, draft, nodes[i]);
         let in_slices = (1.0 - share) + share * area_in_slices(set, draft, sample);
-        Treelet { node: nodes[i], cost: draft.collapse.cost(nodes[i]), in_slices }
+        let aimed = AIMED * draft.binary[nodes[i] as usize].count as f32 / root.count as f32;
+        let cost = draft.collapse.cost(nodes[i]).max(aimed * draft.collapse.total());
+        Treelet { node: nodes[i], cost, in_slices }
     })
 }
 
