@@ -179,7 +179,7 @@ impl Placements {
     pub fn recompute(&self, ray: &mut TreeRay) {
         let frame = &self.frame;
         if !self.is_far(ray) {
-            return ray.recompute(frame);
+            return ray.recompute(frame, f32::INFINITY);
         }
         let [x, y, z, _] = ray.from;
         let away = DVec3::new(x, y, z).abs().max_element();

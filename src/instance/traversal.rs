@@ -203,7 +203,7 @@ impl InstanceTree {
             return query;
         }
         let (set, trees) = (&self.placements, &self.trees[..]);
-        let (mut tree_ray, regular) = TreeRay::of(ray, set.frame());
+        let (mut tree_ray, regular) = TreeRay::of(ray, set.frame(), f32::INFINITY);
         if !regular || set.is_far(&tree_ray) {
             set.recompute(&mut tree_ray);
         }

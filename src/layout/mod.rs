@@ -20,6 +20,7 @@ mod check;
 mod corners;
 mod leaf;
 mod leaf_index;
+mod near;
 mod node_boxes;
 mod refit;
 mod root_bounds;

@@ -35,6 +35,7 @@ impl WideTree {
     /// Returns the tree, indexed, if queries can traverse it safely.
     pub(crate) fn checked<S: WideSource>(mut self, set: &S) -> Result<WideTree, FileError> {
         (self.counts, self.blocks) = self.check(set)?;
+        self.near = self.fine_within();
         self.arena.compact();
         self.find_masks(set);
         let held: Vec<u32> =

@@ -24,6 +24,8 @@ pub(crate) struct WideTree {
     pub(crate) slices: usize,
     /// Where blocks of many keys mostly have the rows of a time.
     pub(crate) keyed_rows: KeyedRows,
+    /// Rays that begin farther from the origin of tree space are traversed in pieces (`near.rs`); infinite if none are.
+    pub(crate) near: f32,
     /// A leaf block for each triangle; for triangles with more than two keys one per time slice.
     pub(crate) blocks: Vec<u32>,
     /// Which visibility masks are in a block.
@@ -95,6 +97,7 @@ impl WideTree {
             existing: Vec::new(),
             slices: 1,
             keyed_rows: KeyedRows::default(),
+            near: f32::INFINITY,
             blocks: Vec::new(),
             masks: BlockMasks::UNKNOWN,
             counts: Counts::default(),

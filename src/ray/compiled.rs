@@ -293,6 +293,12 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
     }
 }
 
+/// Whether some rays may have to be traversed in pieces.
+fn any_in_pieces(tree: &WideTree, frame: &Frame, rays: &[Ray]) -> bool {
+    let is_far = |ray: &Ray| frame.point(ray.origin).abs().max_element() > tree.near;
+    tree.near < f32::INFINITY && rays.iter().any(is_far)
+}
+
 impl<G> Clone for Target<'_, G> {
     fn clone(&self) -> Self {
         *self
@@ -348,7 +354,9 @@ impl<G: RaySource> Target<'_, G> {
         let Target { layout, geometry: set, simd, .. } = self;
         let outline = self.outline.unwrap_or(&Outline::EVERYTHING);
         let tree = match layout {
-            Layout::Wide(tree) if tree.root != ChildRef::NOTHING => tree,
+            Layout::Wide(tree) if tree.root != ChildRef::NOTHING && !any_in_pieces(tree, set.frame(), task.rays) => {
+                tree
+            }
             _ => return singly(self, task),
         };
         match task.visible {

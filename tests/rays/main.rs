@@ -12,6 +12,7 @@ mod clones;
 mod closest_point;
 mod common;
 mod custom_shapes;
+mod far_rays;
 mod golden;
 mod hairball;
 mod hidden_instances;

@@ -53,6 +53,7 @@ impl WideTree {
         drop(of_tree);
         progress.check()?;
         (tree.counts, tree.blocks) = tree.index_leaves(set);
+        tree.near = tree.fine_within();
         tree.find_masks(set);
         if tree.leaves_out {
             tree.existing = set.active_intervals();

@@ -21,6 +21,8 @@ pub(crate) struct TreeRay<'a> {
     pub end: f32,
     /// By how much boxes must be enlarged, per axis: [`KERNEL_ULPS`] of the origin's largest coordinate, or somewhat more.
     pub slack: f32,
+    /// Whether this is one of several pieces of the ray ([`TreeRay::next_piece`]).
+    pub in_pieces: bool,
     /// How far the origin was moved along the ray, in tree space.
     pub advance: f64,
     /// The origin of the original ray, in tree space and f64.
@@ -69,9 +71,9 @@ impl<'a> TreeRay<'a> {
     /// The ray in tree space; `None` if the ray is invalid (see [`Ray`]).
     #[inline(always)]
     pub fn new(ray: &'a Ray, frame: &Frame) -> Option<TreeRay<'a>> {
-        let (mut of, regular) = TreeRay::of(ray, frame);
+        let (mut of, regular) = TreeRay::of(ray, frame, f32::INFINITY);
         if !regular {
-            of.recompute(frame);
+            of.recompute(frame, f32::INFINITY);
         }
         if of.has_empty_range() { None } else { Some(of) }
     }
@@ -82,7 +84,8 @@ impl<'a> TreeRay<'a> {
         self.begin > self.end
     }
 
-    /// The ray in tree space, and whether it is regular. If not, the caller calls [`TreeRay::recompute`] before use.
+    /// The ray in tree space, and whether it is regular. If not, the caller calls [`TreeRay::recompute`] before use. No ray is that
+    /// begins farther than `near` from the origin of tree space.
     ///
     /// Every query begins with this function, and the rest of the query waits for it. So it is written for low latency:
     ///
@@ -94,7 +97,7 @@ impl<'a> TreeRay<'a> {
     /// - That function changes the caller's variable in place. Returning a ray would copy it by wide loads, which stall on the
     ///   preceding narrow stores.
     #[inline(always)]
-    pub fn of(ray: &'a Ray, frame: &Frame) -> (TreeRay<'a>, bool) {
+    pub fn of(ray: &'a Ray, frame: &Frame, near: f32) -> (TreeRay<'a>, bool) {
         let from = frame.fine_point(ray.origin);
         let origin = from.as_vec3();
         let field = longest(ray.dir) >> 23;
@@ -102,7 +105,7 @@ impl<'a> TreeRay<'a> {
         // The bits order like the numbers; infinity and NaN come after all numbers, and negative values after these.
         let (begin, end) = (ray.t_min.to_bits(), ray.t_max.to_bits());
         let regular = is_in_range(field)
-            & away.cmple(Vec3A::splat(NEAR * frame.reach)).all()
+            & away.cmple(Vec3A::splat((NEAR * frame.reach).min(near))).all()
             & (begin <= end)
             & (end <= f32::INFINITY.to_bits())
             & (ray.time.to_bits() <= 1f32.to_bits());
@@ -112,14 +115,16 @@ impl<'a> TreeRay<'a> {
         (of, regular)
     }
 
-    /// Recomputes a ray that is not regular. The range of an invalid ray becomes empty.
+    /// Recomputes a ray that is not regular. The range of an invalid ray becomes empty. A ray that begins farther than `near` from
+    /// the origin of tree space becomes its first piece.
     #[cold]
     #[inline(never)]
-    pub fn recompute(&mut self, frame: &Frame) {
+    pub fn recompute(&mut self, frame: &Frame, near: f32) {
         match TreeRay::general(self.original, frame) {
             Some(of) => *self = TreeRay { index: self.index, ..of },
             None => (self.begin, self.end) = (1.0, 0.0),
         }
+        self.cut(frame, near);
     }
 
     /// A ray with `more` slack, in tree space, than rounding needs.
@@ -145,14 +150,23 @@ impl<'a> TreeRay<'a> {
             return None;
         }
         let dir = Direction::of(ray.dir);
+        let away = from.abs().max_element();
+        let mut advance = 0.0;
+        if away > f64::from(NEAR) * reach {
+            let line = ray.t_min.is_sign_negative() | (dir.t_per_world(frame.scale) > MOST_T_PER_WORLD);
+            advance = distance_to_scene(from, dir.step(), 1.001 * reach, line)?;
+        }
+        Some(TreeRay::advanced(ray, frame, (from, dir), advance))
+    }
+
+    /// The ray with its origin moved along it, by a distance in tree space of 29 bits.
+    pub(super) fn advanced(ray: &'a Ray, frame: &Frame, (from, dir): (DVec3, Direction), advance: f64) -> TreeRay<'a> {
         // A begin of minus zero counts as negative as well, and so does one that is rounded to zero.
         let line = ray.t_min.is_sign_negative() | (dir.t_per_world(frame.scale) > MOST_T_PER_WORLD);
-        let away = from.abs().max_element();
-        let (mut origin, mut advance, mut lost) = (from, 0.0, 0.0);
-        if away > f64::from(NEAR) * reach {
-            let step = dir.dir.as_dvec3() * power_of_two(127 - dir.field as i32);
-            advance = distance_to_scene(from, step, 1.001 * reach, line)?;
-            origin = from + step * advance;
+        let (mut origin, mut lost) = (from, 0.0);
+        if advance != 0.0 {
+            let away = from.abs().max_element();
+            origin = from + dir.step() * advance;
             // The origin in f64 was rounded three times, and so are the kernel's computations with the original one, and those of
             // custom primitives. Together this is less than a tenth of what is allowed for.
             lost = (32.0 * f64::EPSILON * away) as f32;
@@ -176,7 +190,7 @@ impl<'a> TreeRay<'a> {
             behind = -of.begin;
         }
         of.slabs = of.slabs_with(of.slack, behind);
-        Some(of)
+        of
     }
 
     /// The data of the slab test with this slack, for a ray that begins `behind` behind its origin.
@@ -205,6 +219,7 @@ impl<'a> TreeRay<'a> {
             begin,
             end,
             slack,
+            in_pieces: false,
             advance: 0.0,
             from: [from.x, from.y, from.z, 0.0],
             t_per_world,
@@ -310,7 +325,7 @@ fn slack(away: f32) -> f32 {
 /// The distance along a ray at which it enters the cube around zero with this half size, or a little less; `None` if the ray misses
 /// the cube or, unless it is a `line`, the cube lies behind it.
 ///
-/// The result has 29 bits, so its product with a direction in f32 is exact in f64. The half size exceeds the scene by far more than
+/// The result has [29 bits](in_29_bits). The half size exceeds the scene by far more than
 /// the error of the reciprocals.
 fn distance_to_scene(origin: DVec3, dir: DVec3, half: f64, line: bool) -> Option<f64> {
     // If a component of the direction is zero, both are infinite: of equal signs outside the slab, and of different signs inside.
@@ -318,7 +333,12 @@ fn distance_to_scene(origin: DVec3, dir: DVec3, half: f64, line: bool) -> Option
     let (a, b) = ((-half - origin) * inverse, (half - origin) * inverse);
     let (near, far) = (a.min(b).max_element(), a.max(b).min_element());
     let met = near <= far && (line || far >= 0.0);
-    met.then(|| f64::from_bits(near.to_bits() & !0xff_ffff))
+    met.then(|| in_29_bits(near))
+}
+
+/// A distance or a little less, whose product with a direction in f32 is exact in f64.
+pub(super) fn in_29_bits(distance: f64) -> f64 {
+    f64::from_bits(distance.to_bits() & !0xff_ffff)
 }
 
 /// A direction to be scaled: the exponent field of its longest component, and the power of two by which it was already divided.
@@ -341,6 +361,11 @@ impl Direction {
     fn rescaled(dir: Vec3) -> Direction {
         let more = (f64::from(f32::from_bits(longest(dir))).to_bits() >> 52) as i32 - 1023;
         Direction { dir: (dir.as_dvec3() * power_of_two(-more)).as_vec3(), field: 127, more }
+    }
+
+    /// The direction, scaled so that its longest component lies in [1, 2): what a distance in tree space of 1 is.
+    pub(super) fn step(&self) -> DVec3 {
+        self.dir.as_dvec3() * power_of_two(127 - self.field as i32)
     }
 
     /// Distance in tree space per `t`, in a tree space of this scale.

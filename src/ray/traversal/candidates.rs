@@ -408,6 +408,8 @@ mod tests {
             true
         }
 
+        fn move_on(&mut self, _: &TreeRay) {}
+
         fn certain(&self, _: &TreeRay) -> f32 {
             self.0
         }

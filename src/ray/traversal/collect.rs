@@ -44,6 +44,8 @@ pub(crate) trait Collect {
     fn offer(&mut self, found: Found, ray: &TreeRay, set: &impl PrimitiveSet, filter: &impl Filter) -> bool {
         self.wants(&found) && filter.accepts(|| (ray.index, found.answer(set))) && self.take(found, set)
     }
+    /// Goes on to the next piece of the ray, where distances are measured from another origin.
+    fn move_on(&mut self, ray: &TreeRay);
     /// Whether no hit can change the answer any more.
     #[inline(always)]
     fn is_final(&self) -> bool {
@@ -102,6 +104,14 @@ impl Collect for Closest {
         self.best = Some(found);
         false
     }
+
+    #[inline(always)]
+    fn move_on(&mut self, ray: &TreeRay) {
+        self.reach = match self.best {
+            Some(best) => ray.reach(best.hit.t).min(ray.end),
+            None => ray.end,
+        };
+    }
 }
 
 /// Stops at the first hit.
@@ -140,6 +150,11 @@ impl Collect for Any {
     fn take(&mut self, _: Found, _: &impl PrimitiveSet) -> bool {
         self.found = true;
         true
+    }
+
+    #[inline(always)]
+    fn move_on(&mut self, ray: &TreeRay) {
+        self.reach = ray.end;
     }
 
     #[inline(always)]
@@ -237,6 +252,11 @@ impl Collect for All<'_> {
     }
 
     #[inline(always)]
+    fn move_on(&mut self, ray: &TreeRay) {
+        self.reach = ray.end;
+    }
+
+    #[inline(always)]
     fn is_final(&self) -> bool {
         self.flow.is_break()
     }
@@ -273,6 +293,14 @@ impl Collect for Unordered<'_> {
         match self {
             Unordered::Any(any) => any.take(found, set),
             Unordered::All(all) => all.take(found, set),
+        }
+    }
+
+    #[inline(always)]
+    fn move_on(&mut self, ray: &TreeRay) {
+        match self {
+            Unordered::Any(any) => any.move_on(ray),
+            Unordered::All(all) => all.move_on(ray),
         }
     }
 

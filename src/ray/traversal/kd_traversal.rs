@@ -108,16 +108,22 @@ impl Mailbox {
 }
 
 impl RayLayout for &KdTree {
+    /// How fine its leaves are is not known.
+    fn near(&self) -> f32 {
+        f32::INFINITY
+    }
+
     /// Front-to-back traversal; a primitive in several leaves may be offered several times.
     #[inline(always)]
     fn traverse<S: RaySource>(
         self,
         set: &S,
-        ray: &TreeRay,
+        ray: &mut TreeRay,
         filter: &impl Filter,
         collect: &mut impl Collect,
         observer: &mut impl Observer,
     ) {
+        let ray = &*ray;
         let (axes, sheared) = (Axes::new(ray, self.root.magnitude()), Sheared::new(ray));
         let (mut begin, mut end) = (ray.begin, ray.end);
         for axis in 0..3 {

@@ -85,7 +85,7 @@ impl<'a> RayQuery for AllHits<'a> {
 
     #[inline(always)]
     fn collect(self, ray: &TreeRay, _: bool) -> All<'a> {
-        All::new(ray, self.visitor, self.repeats)
+        All::new(ray, self.visitor, self.repeats || ray.in_pieces)
     }
 
     #[inline(always)]
@@ -137,16 +137,16 @@ impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> QueryCall<'_, G, F, O, Q
     #[inline(always)]
     pub fn answer(self, layout: impl RayLayout) -> Q::Answer {
         let QueryCall(query, QueryArgs { set, ray, filter, observer }) = self;
-        let (mut ray, regular) = TreeRay::of(ray, set.frame());
+        let near = layout.near();
+        let (mut ray, regular) = TreeRay::of(ray, set.frame(), near);
         if !regular {
-            ray.recompute(set.frame());
+            ray.recompute(set.frame(), near);
         }
-        let ray = &ray;
         if ray.has_empty_range() {
             return Q::NOTHING;
         }
-        let mut collect = query.collect(ray, filter.accepts_all());
-        layout.traverse(set, ray, filter, &mut collect, observer);
+        let mut collect = query.collect(&ray, filter.accepts_all());
+        layout.traverse(set, &mut ray, filter, &mut collect, observer);
         Q::answer(collect, set)
     }
 }
@@ -176,9 +176,9 @@ impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> Kernel for WideTreeQuery
         }
         let mut memory = StackOf::new();
         let stack = memory.stack(tree.max_stack());
-        let (mut ray, regular) = TreeRay::of(ray, set.frame());
+        let (mut ray, regular) = TreeRay::of(ray, set.frame(), tree.near);
         if !regular {
-            ray.recompute(set.frame());
+            ray.recompute(set.frame(), tree.near);
         }
         if ray.has_empty_range() {
             return;
@@ -187,7 +187,7 @@ impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> Kernel for WideTreeQuery
             *collect = Some(query.collect(&ray, filter.accepts_all()));
         }
         if let Some(collect) = collect {
-            Wide { tree, simd: s, stack }.traverse(set, &ray, filter, collect, observer);
+            Wide { tree, simd: s, stack }.traverse(set, &mut ray, filter, collect, observer);
         }
     }
 }

@@ -8,11 +8,13 @@ use crate::ray::observer::Observer;
 
 /// A layout that rays can traverse.
 pub(crate) trait RayLayout {
-    /// Offers every hit that may matter to `collect`.
+    /// Rays that begin farther from the origin of tree space are traversed in pieces.
+    fn near(&self) -> f32;
+    /// Offers every hit that may matter to `collect`. Of a ray in pieces it is given the first.
     fn traverse<G: RaySource>(
         self,
         set: &G,
-        ray: &TreeRay,
+        ray: &mut TreeRay,
         filter: &impl Filter,
         collect: &mut impl Collect,
         observer: &mut impl Observer,

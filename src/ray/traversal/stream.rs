@@ -58,7 +58,7 @@ impl Way for Streams {
         let all = filter.accepts_all();
         let Some(first) = rays.first() else { return };
         let (mut memory, mut own_memory) = (StackMemory::<Visit, STACK>::new(), StackOf::new());
-        let unused = TreeRay::of(first, set.frame()).0;
+        let unused = TreeRay::of(first, set.frame(), f32::INFINITY).0;
         let mut traversal = Traversal {
             tree,
             traverser,
@@ -79,11 +79,11 @@ impl Way for Streams {
                 }
                 // The ray is constructed in place. Moving it would copy it by wide loads, which stall on the preceding narrow
                 // stores.
-                let (of, regular) = TreeRay::of(ray, set.frame());
+                let (of, regular) = TreeRay::of(ray, set.frame(), f32::INFINITY);
                 let member = &mut traversal.members[count];
                 *member = Member::new(next - 1, of, query.collect(&of, all));
                 if !regular {
-                    member.ray.recompute(set.frame());
+                    member.ray.recompute(set.frame(), f32::INFINITY);
                     member.collect = query.collect(&member.ray, all);
                 }
                 count += usize::from(!member.ray.has_empty_range());

@@ -27,10 +27,15 @@ pub(crate) struct Wide<'a, S> {
 
 impl<S: Simd> RayLayout for Wide<'_, S> {
     #[inline(always)]
+    fn near(&self) -> f32 {
+        self.tree.near
+    }
+
+    #[inline(always)]
     fn traverse<G: RaySource>(
         self,
         set: &G,
-        ray: &TreeRay,
+        ray: &mut TreeRay,
         filter: &impl Filter,
         collect: &mut impl Collect,
         observer: &mut impl Observer,
@@ -39,10 +44,20 @@ impl<S: Simd> RayLayout for Wide<'_, S> {
             return;
         }
         let traverser = Traverser::new(self.tree, set, filter);
-        let mut query = RayState { traverser: &traverser, ray, sheared: &mut None, collect, observer };
         let mut cursor = Cursor::new(self.tree.root, self.stack);
         let traversal = WideTraversal::at_time(self.tree, ray.time());
-        while traversal.advance(self.simd, &mut cursor, &mut query).is_continue() {}
+        loop {
+            let mut query = RayState { traverser: &traverser, ray, sheared: &mut None, collect, observer };
+            while traversal.advance(self.simd, &mut cursor, &mut query).is_continue() {}
+            if !ray.in_pieces || collect.is_final() || !ray.next_piece(set.frame(), self.tree.near) {
+                return;
+            }
+            collect.move_on(ray);
+            if collect.reach() < ray.begin {
+                return;
+            }
+            cursor.restart(self.tree.root);
+        }
     }
 }
 
