@@ -262,7 +262,10 @@ impl<C: SweptCoordinate> SweptGroup<C> {
         (self.times, self.phases, self.early) = (of.times, of.phases, of.early);
         let alone = Block::new(points, of.phases, &self.frame);
         (self.lo, self.hi, self.magnitude) = (alone.lo, alone.hi, alone.magnitude);
-        self.slack = self.magnitude * SLACK + excess + of_magnitude * alone.points.magnitude();
+        self.slack = self.magnitude * SLACK + excess;
+        if of_magnitude > 0.0 {
+            self.slack += of_magnitude * alone.points.magnitude();
+        }
         self.blocks.clear();
         self.blocks.push(alone);
         true

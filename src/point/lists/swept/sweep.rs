@@ -8,7 +8,9 @@ use super::group::SweptGroup;
 use super::group_steps::{AddCandidates, ShowBlock, TakeGroup};
 use super::images::Images;
 use super::pair_filter::PairFilter;
-use super::time_slices::{Pairing, SweptSlice, SweptTree, begins_with_a_slice, pairings, time_slices_of};
+use super::time_slices::{
+    Pairing, SweptSlice, SweptTree, begins_with_a_slice, excesses, magnitude, pairings, time_slices_of,
+};
 use super::window::{Segment, Window};
 use crate::parallel;
 use crate::point::layout::over_interval::{greater, lesser};
@@ -105,12 +107,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         let motion = relative_motion(&slices);
         let reach = |radii: &[f32]| parallel::map(slices.len(), |i| slices[i].reach(radii));
         let reaches = radii.others().map_or_else(Vec::new, reach);
-        let of_magnitude = (segments + 1) as f64 * C::OF_MAGNITUDE;
-        let excesses = if of_magnitude > 0.0 {
-            parallel::map(slices.len(), |i| slices[i].magnitudes(of_magnitude))
-        } else {
-            Vec::new()
-        };
+        let (excess, excesses) = excesses(&slices, segments, motion, || radii.least());
         let most_reach = reaches.iter().fold(0.0, |most: f32, reach| most.max(reach.most));
         Sweep {
             tree,
@@ -118,7 +115,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
             own,
             segments,
             motion,
-            excess: C::excess(segments, || 0.0, motion),
+            excess,
             excesses,
             slices,
             pairings,
@@ -283,11 +280,6 @@ fn ids_of<C: SweptCoordinate>(slices: &[SweptSlice<'_, C>]) -> impl Iterator<Ite
     slices.chunk_by(SweptSlice::has_same_points).map(|slices| slices[0].ids())
 }
 
-/// The largest magnitude of a coordinate. (Looked for only where it counts: it takes a look at every point.)
-fn magnitude<C: SweptCoordinate>(slices: &[SweptSlice<'_, C>]) -> f64 {
-    slices.iter().map(|slice| slice.points().magnitude()).fold(0.0, f64::max)
-}
-
 /// The most by which displacements differ along an axis.
 fn relative_motion<C: SweptCoordinate>(slices: &[SweptSlice<'_, C>]) -> f64 {
     let (mut lo, mut hi) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
@@ -423,7 +415,10 @@ impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for Sha
                 continue;
             }
             for lane in 0..lanes {
-                let of_magnitude = (sweep.segments + 1) as f64 * C::OF_MAGNITUDE;
+                let of_magnitude = match sweep.excesses[..] {
+                    [] => 0.0,
+                    _ => (sweep.segments + 1) as f64 * C::OF_MAGNITUDE,
+                };
                 if !alone.take_one(group, (lane / LANES, lane % LANES), (sweep.excess, of_magnitude)) {
                     continue;
                 }

@@ -25,6 +25,7 @@
 
 use super::coordinate::{SweptCoordinate, SweptLayer};
 use super::window::Segment;
+use crate::parallel;
 use crate::point::layout::over_interval::{BlockTree, bottom_nodes};
 use crate::point::layout::slice_tree::{SliceTree, slices_during};
 use crate::point::leaf_order::segment_slice::SegmentSlice;
@@ -60,6 +61,30 @@ pub(super) struct Pairing {
     pub(super) times: [f32; 2],
 }
 
+/// Excesses beyond this part of the least radius are measured for each node of a tree.
+const NOTICED: f64 = 1.0 / 1024.0;
+
+/// See [`SweptCoordinate::excess`]: for all points, and for each slice, what those of a node have on top, unless that is nothing
+/// beside the `least` radius and counts for all.
+pub(super) fn excesses<C: SweptCoordinate>(
+    slices: &[SweptSlice<'_, C>],
+    segments: usize,
+    motion: f64,
+    least: impl FnOnce() -> f32,
+) -> (f64, Vec<Reach>) {
+    let (without, of_all) = (C::excess(segments, || 0.0, motion), C::excess(segments, || magnitude(slices), motion));
+    if of_all <= without || of_all - without <= NOTICED * f64::from(least()) {
+        return (of_all, Vec::new());
+    }
+    let factor = (segments + 1) as f64 * C::OF_MAGNITUDE;
+    (without, parallel::map(slices.len(), |i| slices[i].magnitudes(factor)))
+}
+
+/// The largest magnitude of a coordinate. (Looked for only where it counts: it takes a look at every point.)
+pub(super) fn magnitude<C: SweptCoordinate>(slices: &[SweptSlice<'_, C>]) -> f64 {
+    slices.iter().map(|slice| slice.points().magnitude()).fold(0.0, f64::max)
+}
+
 impl<C: SweptCoordinate> SweptSlice<'_, C> {
     /// The tree, for what is asked once for all of its points.
     pub(super) fn points(&self) -> &dyn BlockTree<Coordinate = C> {
@@ -90,7 +115,7 @@ impl<C: SweptCoordinate> SweptSlice<'_, C> {
     }
 
     /// The greatest magnitude of a coordinate at either key below each lane of each node, times a factor, rounded up.
-    pub(super) fn magnitudes(&self, factor: f64) -> Reach {
+    fn magnitudes(&self, factor: f64) -> Reach {
         let rounded = |magnitude: f64| ((magnitude * factor) as f32).next_up();
         let mut reach = Reach::default();
         match self.tree {
