@@ -1,6 +1,6 @@
 //! Morton codes: the order of cells along a space-filling curve that preserves locality.
 
-/// The position of a cell on a Morton curve (Z order): the low 21 bits of its coordinates interleaved, those of `x` lowest.
+/// The position of a cell on a Morton curve (Z order): the bits of its coordinates interleaved, those of `x` lowest.
 ///
 /// Cells that are near on the curve are near in space. Queries that are sorted by it find what they need in the caches, which pays
 /// where a tree is larger than those; batches are sorted already. A few nanoseconds. Larger coordinates count as 2^21 - 1.

@@ -49,9 +49,10 @@ impl<F: Flux> PeriodicPhotons<'_, F> {
     /// moved by whole periods in f64 and rounded to f32; answers equal brute force over all of them, bit for bit. (A photon that is
     /// too far off the plane of the disc from the nearest images of all may pass from one farther out. Such images count up to the
     /// next beyond either face of the box around all photons.) A disc or ball wider than half a period overlaps itself: its density
-    /// is less than that of the photons on it. Cost: that of a gather where
-    /// the faces of the box around all photons are farther away than the disc reaches, otherwise that of one for each image within
-    /// reach of a photon.
+    /// is less than that of the photons on it.
+    ///
+    /// Cost: that of a gather where the faces of the box around all photons are farther away than the disc reaches, otherwise that
+    /// of one for each image within reach of a photon.
     ///
     /// # Errors
     /// As [`PhotonMap::gather`].

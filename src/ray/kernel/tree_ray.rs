@@ -325,8 +325,7 @@ fn slack(away: f32) -> f32 {
 /// The distance along a ray at which it enters the cube around zero with this half size, or a little less; `None` if the ray misses
 /// the cube or, unless it is a `line`, the cube lies behind it.
 ///
-/// The result has [29 bits](in_29_bits). The half size exceeds the scene by far more than
-/// the error of the reciprocals.
+/// The result has [29 bits](in_29_bits). The half size exceeds the scene by far more than the error of the reciprocals.
 fn distance_to_scene(origin: DVec3, dir: DVec3, half: f64, line: bool) -> Option<f64> {
     // If a component of the direction is zero, both are infinite: of equal signs outside the slab, and of different signs inside.
     let inverse = DVec3::ONE / dir;
