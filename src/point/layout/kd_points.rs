@@ -26,20 +26,20 @@ use super::over_interval::{PointPath, all_lanes};
 use super::slice_tree::SliceTree;
 use super::static_tree::StaticTree;
 use crate::file::{Encoder, FileError};
-use crate::geometry::{Box3, KeyTime, Plane};
+use crate::geometry::{Aabb, Box3, KeyTime, Plane};
 use crate::kd::{KdNode, KdView, PointReference, Trajectories, Trajectory, build_kd_over_points};
 use crate::point::leaf_order::moving_reference::MovingReference;
 use crate::point::leaf_order::segment_slice::{SegmentSlice, segments};
 use crate::progress::Progress;
 use crate::simd::{Item, LANES, Lanes, MovingPointBlock, huge_vec_of};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// Points between two keys in the k-d layout.
 #[derive(Clone)]
 pub(in crate::point) struct KdPoints {
     pub(in crate::point) slice: SegmentSlice,
-    /// The bounds of all points at all times, up to the slack.
-    pub(in crate::point) root: Box3,
+    /// The box of all points at both keys.
+    pub(super) root: Box3,
     /// A leaf has its first block and its number of blocks.
     pub(in crate::point) nodes: Vec<KdNode>,
     /// How far a point below a node may be computed outside of the half-space of the plane above the node.
@@ -108,6 +108,17 @@ impl KdPoints {
         KdPoints { slice, root: tree.root, nodes, slack, leaves, depth: tree.depth as usize, references: stored.len() }
     }
 
+    /// A box around all points at all times, as they are computed; empty if there are none.
+    pub(in crate::point) fn bounds(&self) -> Aabb {
+        let [min, max] = [self.root.min, self.root.max].map(|corner| corner.as_dvec3());
+        // Along no axis does a point move farther than from face to face, or lie farther from zero than both.
+        let (motion, far) = ((max - min).max(DVec3::ZERO), (-min).max(max).max(DVec3::ZERO));
+        let pad = DVec3::from_array(core::array::from_fn(|i| {
+            TINY + axis_error(motion[i], far[i], segments(self.slice.keys))
+        }));
+        Aabb { min: min - pad, max: max + pad }
+    }
+
     /// A node.
     #[inline(always)]
     pub(in crate::point) fn node(&self, node: u32) -> KdView {
@@ -149,9 +160,11 @@ impl KdPoints {
     }
 }
 
+/// Room for what underflows.
+const TINY: f64 = 512.0 * f32::from_bits(1) as f64;
+
 /// Rounded up, with room for what underflows.
 fn raised(x: f64) -> f32 {
-    const TINY: f64 = 512.0 * f32::from_bits(1) as f64;
     ((x + TINY) as f32).next_up()
 }
 
@@ -161,14 +174,20 @@ pub(in crate::point) fn plane_error(plane: &Plane) -> f64 {
     UNIT * f64::from(plane.velocity).abs()
 }
 
+/// How far a coordinate may be computed from where the build computed it, but for underflow, given static planes: of a point that
+/// moves this far from key to key and is never farther from zero than this.
+fn axis_error(motion: f64, far: f64, segments: usize) -> f64 {
+    let along = if segments > 1 { 2.0 * segments as f64 } else { 1.0 };
+    UNIT * ((1.0 + along) * motion + far)
+}
+
 /// How far a point may be computed from where the build computed it, given static planes.
 fn error(m: &MovingReference, segments: usize) -> f32 {
     let axis = |i: usize| {
         let (a, b) = (f64::from(m.open[i]), f64::from(m.close[i]));
-        let along = if segments > 1 { 2.0 * segments as f64 } else { 1.0 };
-        (1.0 + along) * (b - a).abs() + a.abs().max(b.abs())
+        axis_error((b - a).abs(), a.abs().max(b.abs()), segments)
     };
-    raised(UNIT * axis(0).max(axis(1)).max(axis(2)))
+    raised(axis(0).max(axis(1)).max(axis(2)))
 }
 
 impl SliceTree for KdPoints {
@@ -293,5 +312,38 @@ mod tests {
                 assert!(size < 1e-30 || worst > 0.02, "{what}: {worst} of the slack, which is far more than it takes");
             }
         }
+    }
+
+    #[test]
+    fn bounds_hold_all_computed_positions_and_are_padded_on_each_axis_by_itself() {
+        let mut random = Random(5);
+        let mut outside_of_the_root = 0;
+        for keys in [2, 3, 100] {
+            let slice = time_slices(keys, 1)[(keys - 1) / 2];
+            let references: Vec<MovingReference> = (0..200)
+                .map(|id| {
+                    let open = [9e5 + random.signed(), 1e-4 * random.signed(), -3.0 - 1e-3 * random.unit()];
+                    let close = [open[0], -open[1], if id % 2 == 0 { 2.0 } else { 1.0 }];
+                    let active = TimeInterval::FULL;
+                    MovingReference { open, close, interval: slice.interval, active, id, fast: false }
+                })
+                .collect();
+            let tree = KdPoints::build(&references, slice, 16.0, &Progress::new(None));
+            let bounds = tree.bounds();
+            let size = bounds.max - bounds.min;
+            assert!(size.x < 2.5 && size.y < 2.1e-4 && size.z < 5.002, "{keys} keys: {size}");
+            let root = Aabb { min: tree.root.min.into(), max: tree.root.max.into() };
+            for point in all_lanes(0..tree.leaves.blocks.len()).filter_map(|(b, lane)| tree.leaves.point_path(b, lane))
+            {
+                for step in 0..=64 {
+                    let [begin, end] = [slice.interval.begin(), slice.interval.end()];
+                    let time = (begin + (end - begin) * step as f32 / 64.0).min(end);
+                    let at = point.position(KeyTime::new(time, keys)).as_dvec3();
+                    assert!(bounds.contains(at), "{keys} keys, at {time}: {at} is outside of {bounds:?}");
+                    outside_of_the_root += usize::from(!root.contains(at));
+                }
+            }
+        }
+        assert!(outside_of_the_root > 0, "no point is computed outside of the box at the keys");
     }
 }

@@ -30,7 +30,7 @@
 //! after those of two other axes is lowered by 2^-49 of itself for rounding.
 
 use super::pair_approach::{Overlap, QueryPath};
-use crate::geometry::{Box3, Plane, TimeInterval};
+use crate::geometry::{Aabb, Plane, TimeInterval};
 use crate::kd::KdView;
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::point::layout::kd_points::{KdPoints, plane_error};
@@ -372,7 +372,7 @@ impl QueryPath {
         let times = phases.map(|phase| (phase + slice.segment as f64) / segments);
         let rate = if stop > start { 1.0 / (stop - start) } else { 0.0 };
         let query = phases.map(|phase| (self.from + (self.to - self.from) * ((phase - start) * rate)).to_array());
-        let gaps = outside(&tree.root, &query, tree.slack(0));
+        let gaps = outside(&tree.bounds(), &query);
         let mut open = vec![Entry { node: 0, distance: least_square(&gaps), gaps, within: [0.0, 1.0] }];
         while let Some(Entry { node, distance, gaps, within }) = open.pop() {
             let nearest_at = first + (last - first) * (within[0] - FRACTION_ROUNDING);
@@ -452,13 +452,13 @@ struct Entry {
 
 /// Lower bounds of the distances of a box at rest from a query along each axis, over each step, given where the query is at the
 /// ends of steps.
-fn outside(cell: &Box3, query: &[[f64; 3]; STEPS + 1], slack: f64) -> [[f64; STEPS]; 3] {
-    let [min, max] = [cell.min, cell.max].map(|corner| corner.as_dvec3().to_array());
+fn outside(cell: &Aabb, query: &[[f64; 3]; STEPS + 1]) -> [[f64; STEPS]; 3] {
+    let [min, max] = [cell.min, cell.max].map(|corner| corner.to_array());
     core::array::from_fn(|axis| {
         core::array::from_fn(|step| {
             let [from, to] = [query[step][axis], query[step + 1][axis]];
             let (below, above) = (min[axis] - greater(from, to), lesser(from, to) - max[axis]);
-            greater(greater(below, above) - slack, 0.0)
+            greater(greater(below, above), 0.0)
         })
     })
 }

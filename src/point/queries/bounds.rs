@@ -25,7 +25,7 @@ impl PointTree {
         let of_layer = |layer: &Layer| match layer {
             Layer::Static(tree) => swept_root(tree),
             Layer::Moving(trees) => union(trees.iter().map(swept_root)),
-            Layer::Kd(trees) => union(trees.iter().map(cell_of_root)),
+            Layer::Kd(trees) => union(trees.iter().map(KdPoints::bounds)),
             Layer::Double(trees) => union(trees.iter().map(swept_root)),
         };
         let Aabb { min, max } = union(self.layers.iter().map(of_layer));
@@ -53,10 +53,4 @@ fn swept_root(tree: &impl BoxTree) -> Aabb {
             Aabb { min, max }
         })
     }))
-}
-
-/// The cell of the root of a k-d tree, which holds all of its time slice, grown by its slack.
-fn cell_of_root(tree: &KdPoints) -> Aabb {
-    let [min, max] = [tree.root.min, tree.root.max].map(|corner| corner.as_dvec3());
-    Aabb { min, max }.pad(tree.slack(0))
 }

@@ -110,9 +110,8 @@ impl Hierarchy for LayersAt<'_> {
                 Layer::Static(tree) => top(tree.root_node()),
                 Layer::Moving(trees) => top(trees[slice].root_node()),
                 Layer::Kd(trees) => {
-                    let (root, slack) = (trees[slice].root, trees[slice].slack(0));
-                    let [min, max] = [root.min, root.max].map(|corner| corner.as_dvec3() + self.tree.origin);
-                    Entry { cell: Aabb { min, max }.pad(slack), ..entry }
+                    let Aabb { min, max } = trees[slice].bounds();
+                    Entry { cell: Aabb { min: min + self.tree.origin, max: max + self.tree.origin }, ..entry }
                 }
                 Layer::Double(trees) => top(trees[slice].root_node()),
             });
