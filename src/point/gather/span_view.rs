@@ -1,8 +1,9 @@
 //! The view of a tree over space and time: one traversal for all distance measures.
 
 use super::span_tree::{SpanBlock, SpanNode, SpanTree};
+use crate::point::layout::shape::Shape;
 use crate::point::layout::view::{LeafView, Target, View, diagonal};
-use crate::simd::{LANES, Lanes, Mask, Simd, prefetch};
+use crate::simd::{Lanes, Mask, Simd, prefetch};
 use glam::Vec3;
 
 /// Distances of items and boxes from a query: infinite if they do not count.
@@ -58,16 +59,8 @@ impl<B: SpanBlock, L: Measure<B>> View for SpanView<'_, B, L> {
     const BALL: f32 = L::BALL;
 
     #[inline(always)]
-    fn root(&self) -> (usize, usize) {
-        self.tree.shape.root()
-    }
-    #[inline(always)]
-    fn first_child(&self, level: usize, node: usize) -> usize {
-        self.tree.shape.first_child(level, node)
-    }
-    #[inline(always)]
-    fn first_block(&self, node: usize) -> usize {
-        node * LANES
+    fn shape(&self) -> &Shape {
+        &self.tree.shape
     }
     #[inline(always)]
     fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask) {

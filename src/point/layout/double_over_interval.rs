@@ -4,17 +4,14 @@
 
 use super::double_box::DoubleNode;
 use super::double_tree::{DoubleBlock, DoubleTree, between};
-use crate::geometry::TimeInterval;
+use crate::point::layout::shape::Shape;
 use crate::point::layout::over_interval::{BlockTree, BoxTree, PathRows, PointPath, greater, lesser, throughout};
 use crate::simd::{LANES, Lanes};
 use glam::DVec3;
 
 impl BoxTree for DoubleTree {
-    fn root_node(&self) -> (usize, usize) {
-        self.shape.root()
-    }
-    fn children(&self, level: usize, node: usize) -> (usize, usize) {
-        self.shape.children(level, node)
+    fn shape(&self) -> &Shape {
+        &self.shape
     }
     #[inline(always)]
     fn times(&self, node: usize) -> [Lanes<f32>; 2] {
@@ -46,13 +43,6 @@ impl BoxTree for DoubleTree {
     }
     fn is_active(&self, block: usize, lane: usize, time: f32) -> bool {
         self.block_times.get(block).is_none_or(|times| times.is_active(lane, time))
-    }
-    fn point_path(&self, block: usize, lane: usize) -> Option<PointPath> {
-        let DoubleBlock { begin, id } = self.blocks.get(block)?;
-        let active = self.active.get(block).map_or(Some(TimeInterval::FULL), |active| active.of_lane(lane))?;
-        let open = begin.0.map(|row| row[lane]);
-        let close = self.ends.get(block).map_or(open, |rows| rows.0.map(|row| row[lane]));
-        (id[lane] != u32::MAX).then_some(PointPath { id: id[lane], open, close, active })
     }
     fn phase(&self, time: f32) -> f64 {
         self.phase_at(time)

@@ -312,16 +312,8 @@ impl<const MOVING: bool> View for DoubleView<'_, MOVING> {
     const BALL: f32 = if MOVING { 0.14 } else { 0.18 };
 
     #[inline(always)]
-    fn root(&self) -> (usize, usize) {
-        self.tree.shape.root()
-    }
-    #[inline(always)]
-    fn first_child(&self, level: usize, node: usize) -> usize {
-        self.tree.shape.first_child(level, node)
-    }
-    #[inline(always)]
-    fn first_block(&self, node: usize) -> usize {
-        node * LANES * self.leaf_blocks()
+    fn shape(&self) -> &Shape {
+        &self.tree.shape
     }
     #[inline(always)]
     fn boxes<S: Simd>(&self, s: S, _: &Target<S>, node: usize) -> (S::F, Mask) {

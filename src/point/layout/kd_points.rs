@@ -143,7 +143,7 @@ impl KdPoints {
     /// A tree of moving boxes over the same points.
     pub(in crate::point) fn box_tree(&self) -> MovingTree {
         let references = all_lanes(0..self.leaves.blocks.len()).filter_map(|(block, lane)| {
-            let point = self.leaves.point_path(block, lane)?;
+            let point = self.leaves.paths(block).point_path(lane)?;
             let (PointPath { id, active, .. }, [open, close]) = (point, point.ends());
             let interval = active.intersect(self.slice.interval)?;
             // A point has a reference in each leaf that it passes through; the first one begins when the point does.
@@ -281,7 +281,7 @@ mod tests {
         let mut worst: f64 = 0.0;
         leaves(&tree, 0, &mut Vec::new(), &mut |planes, block| {
             for lane in 0..LANES {
-                let Some(point) = tree.leaves.point_path(block, lane) else { continue };
+                let Some(point) = tree.leaves.paths(block).point_path(lane) else { continue };
                 let [begin, end] = tree.leaves.times(block, lane);
                 for time in [begin, end.next_down().min(1.0)] {
                     let at = point.position(KeyTime::new(time, keys));

@@ -1,6 +1,5 @@
 //! Active intervals of the lanes of nodes and leaves.
 
-use crate::geometry::TimeInterval;
 use crate::simd::{LANES, Lanes, Mask, Simd};
 
 /// The active intervals of sixteen lanes: `begin <= t < end`.
@@ -20,11 +19,6 @@ impl LaneIntervals {
     #[inline(always)]
     pub(in crate::point) fn set(&mut self, lane: usize, [begin, end]: [f32; 2]) {
         (self.begin[lane], self.end[lane]) = (begin, end);
-    }
-
-    /// The interval of a lane; none if it is never active.
-    pub(in crate::point) fn of_lane(&self, lane: usize) -> Option<TimeInterval> {
-        TimeInterval::half_open(self.begin[lane], self.end[lane])
     }
 
     /// Whether a lane is active at a time.

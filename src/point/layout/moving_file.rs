@@ -3,7 +3,7 @@
 use super::boxes::LinearBoxes;
 use super::lane_intervals::LaneIntervals;
 use super::moving_leaf::MovingLeaves;
-use super::moving_tree::{MovingTree, first_children};
+use super::moving_tree::MovingTree;
 use super::shape::Shape;
 use crate::file::{Decoder, Encoder, FileError, record_fields, require};
 use crate::limits::MAX_POINT_COORDINATE;
@@ -92,9 +92,7 @@ impl MovingRecord {
             let fine = (0..LANES).all(|lane| is_child(&nodes[node], times, lane, lane < lanes));
             require(fine, "a node has an invalid box, or a box without a child")?;
         }
-        let first = first_children(&shape);
-        let levels = shape.levels;
-        Ok(MovingTree { slice, nodes, first, leaves, node_times, levels, references: count })
+        Ok(MovingTree { slice, nodes, shape, leaves, node_times, references: count })
     }
 }
 

@@ -1,7 +1,7 @@
 //! Leaves of moving points: blocks of sixteen in rows, with active intervals.
 
 use super::lane_intervals::LaneIntervals;
-use super::over_interval::{PointPath, all_lanes};
+use super::over_interval::{PathRows, all_lanes};
 use super::view::{Target, rows, squared};
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::point::leaf_order::moving_reference::MovingReference;
@@ -134,12 +134,11 @@ impl MovingLeaves {
         [times.begin[lane], times.end[lane]]
     }
 
-    /// A point of a block between its keys.
-    pub(in crate::point) fn point_path(&self, block: usize, lane: usize) -> Option<PointPath> {
-        let rows = &self.blocks[block];
-        let active = self.active.get(block).map_or(Some(TimeInterval::FULL), |active| active.of_lane(lane))?;
-        let [open, close] = [rows.open, rows.close].map(|rows| rows.map(|row| f64::from(row[lane])));
-        (rows.id[lane] != u32::MAX).then_some(PointPath { id: rows.id[lane], open, close, active })
+    /// The points of a block between their keys.
+    #[inline(always)]
+    pub(in crate::point) fn paths(&self, block: usize) -> PathRows<f32> {
+        let MovingPointBlock { open, close, id } = &self.blocks[block];
+        PathRows::new(open, close, id, self.active.get(block))
     }
 }
 

@@ -9,7 +9,7 @@ use super::lane_intervals::LaneIntervals;
 use super::linear_bounds::LinearBox;
 use super::moving_leaf::MovingLeaves;
 use super::moving_view::{HasLeaves, TreeAtTime};
-use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath, throughout};
+use super::over_interval::{BlockTree, BoxTree, PathRows, throughout};
 use super::shape::Shape;
 use super::slice_tree::SliceTree;
 use super::view::{CoordinateView, Target, View, diagonal, outside, rows};
@@ -26,13 +26,10 @@ use crate::simd::{LANES, Lanes, Mask, MovingPointBlock, PointBlock, Simd, WordBl
 pub(in crate::point) struct MovingTree {
     pub(in crate::point) slice: SegmentSlice,
     pub(in crate::point) nodes: Vec<LinearBoxes>,
-    /// Index of each node's first child (node, or block on level 0). The shape says the same, but to compute it in searches for k
-    /// neighbours takes about a hundredth of their time.
-    pub(in crate::point) first: Vec<u32>,
+    pub(in crate::point) shape: Shape,
     pub(in crate::point) leaves: MovingLeaves,
     /// Active intervals of the children of nodes; empty if all are active throughout.
     pub(in crate::point) node_times: Vec<LaneIntervals>,
-    pub(in crate::point) levels: usize,
     pub(in crate::point) references: usize,
 }
 
@@ -133,9 +130,8 @@ impl MovingTree {
             }
             boxes = boxes.chunks(LANES).map(LinearBox::around).collect();
         }
-        let first = first_children(&shape);
         let references = count - fast.len();
-        let tree = MovingTree { slice, nodes, first, leaves, node_times, levels: shape.levels, references };
+        let tree = MovingTree { slice, nodes, shape, leaves, node_times, references };
         WithoutFast { tree, fast, by_motion }
     }
 
@@ -144,16 +140,6 @@ impl MovingTree {
     pub(in crate::point) fn at<const TIMED: bool>(&self, time: f32) -> MovingView<'_, TIMED> {
         TreeAtTime::new(self, &self.slice, time)
     }
-}
-
-/// Index of each node's first child (node, or block on level 0).
-pub(in crate::point) fn first_children(shape: &Shape) -> Vec<u32> {
-    let mut first = Vec::with_capacity(shape.nodes());
-    for level in 0..shape.levels {
-        let below = if level == 0 { 0 } else { shape.begin[level - 1] };
-        first.extend((0..shape.begin[level + 1] - shape.begin[level]).map(|i| (below + i * LANES) as u32));
-    }
-    first
 }
 
 impl SliceTree for MovingTree {
@@ -168,13 +154,12 @@ impl SliceTree for MovingTree {
         self.nodes.len()
     }
     fn levels(&self) -> usize {
-        self.levels
+        self.shape.levels
     }
     fn bytes(&self) -> usize {
         self.nodes.capacity() * size_of::<LinearBoxes>()
             + self.leaves.bytes()
             + self.node_times.capacity() * size_of::<LaneIntervals>()
-            + self.first.capacity() * size_of::<u32>()
     }
     fn block_count(&self) -> usize {
         self.leaves.blocks.len()
@@ -214,16 +199,8 @@ impl<const TIMED: bool> View for MovingView<'_, TIMED> {
     const BALL: f32 = if TIMED { 0.36 } else { 0.14 };
 
     #[inline(always)]
-    fn root(&self) -> (usize, usize) {
-        (self.tree.levels - 1, self.tree.nodes.len() - 1)
-    }
-    #[inline(always)]
-    fn first_child(&self, _level: usize, node: usize) -> usize {
-        self.tree.first[node] as usize
-    }
-    #[inline(always)]
-    fn first_block(&self, node: usize) -> usize {
-        self.tree.first[node] as usize
+    fn shape(&self) -> &Shape {
+        &self.tree.shape
     }
     #[inline(always)]
     fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask) {
@@ -269,11 +246,8 @@ impl<const TIMED: bool> CoordinateView for MovingView<'_, TIMED> {
 }
 
 impl BoxTree for MovingTree {
-    fn root_node(&self) -> (usize, usize) {
-        (self.levels - 1, self.nodes.len() - 1)
-    }
-    fn children(&self, _level: usize, node: usize) -> (usize, usize) {
-        (self.first[node] as usize, 1)
+    fn shape(&self) -> &Shape {
+        &self.shape
     }
     #[inline(always)]
     fn times(&self, node: usize) -> [Lanes<f32>; 2] {
@@ -289,17 +263,13 @@ impl BoxTree for MovingTree {
     fn is_active(&self, block: usize, lane: usize, time: f32) -> bool {
         self.leaves.is_active(block, lane, time)
     }
-    fn point_path(&self, block: usize, lane: usize) -> Option<PointPath> {
-        self.leaves.point_path(block, lane)
-    }
 }
 
 impl BlockTree for MovingTree {
     type Coordinate = f32;
     #[inline(always)]
     fn rows(&self, block: usize) -> PathRows<f32> {
-        let MovingPointBlock { open, close, id } = &self.leaves.blocks[block];
-        PathRows::new(open, close, id, self.leaves.active.get(block))
+        self.leaves.paths(block)
     }
     fn has_active_intervals(&self) -> bool {
         !self.leaves.active.is_empty()

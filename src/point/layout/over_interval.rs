@@ -1,6 +1,7 @@
 //! The interface between trees and searches over a range of times.
 
 use super::lane_intervals::LaneIntervals;
+use super::shape::Shape;
 use super::slice_tree::SliceTree;
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::parallel;
@@ -66,6 +67,11 @@ impl<C: Copy + Into<f64>> PathRows<C> {
         coordinates.filter(|(_, id)| *id != u32::MAX).fold(0.0, |most, (&x, _)| greater(most, x.into().abs()))
     }
 
+    /// The points, without the absent ones.
+    pub(in crate::point) fn point_paths(&self) -> impl Iterator<Item = PointPath> {
+        (0..LANES).filter_map(|lane| self.point_path(lane))
+    }
+
     /// One of the points.
     #[inline(always)]
     pub(in crate::point) fn point_path(&self, lane: usize) -> Option<PointPath> {
@@ -120,18 +126,14 @@ pub(in crate::point) trait BlockTree: BoxTree + Sync {
 
 /// A tree whose boxes can be evaluated over a range of times.
 pub(in crate::point) trait BoxTree: SliceTree {
-    /// Level and number of the root.
-    fn root_node(&self) -> (usize, usize);
-    /// The node, or block on level 0, of lane 0, and the stride from lane to lane.
-    fn children(&self, level: usize, node: usize) -> (usize, usize);
+    /// How many nodes its levels have.
+    fn shape(&self) -> &Shape;
     /// Begin and end of the active interval of each lane; absent lanes have an infinite begin.
     fn times(&self, node: usize) -> [Lanes<f32>; 2];
     /// Lower and upper faces, each lane at a phase of its own.
     fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2];
     /// Whether a lane of a block is active at a time.
     fn is_active(&self, block: usize, lane: usize, time: f32) -> bool;
-    /// A point of a block.
-    fn point_path(&self, block: usize, lane: usize) -> Option<PointPath>;
     /// The position of a point at a time, as queries compute it.
     fn position(&self, point: &PointPath, time: f32) -> DVec3 {
         point.position(KeyTime::new(time, self.slice().keys)).as_dvec3()
@@ -161,12 +163,12 @@ pub(in crate::point) fn active_lanes<T: BoxTree + ?Sized>(tree: &T, node: usize,
 
 /// The bottom nodes in the order of the tree, without those below lanes that are active at no time of a range.
 pub(in crate::point) fn bottom_nodes<T: BoxTree + ?Sized>(tree: &T, times: [f32; 2]) -> Vec<usize> {
-    let (top, root) = tree.root_node();
+    let (top, root) = tree.shape().root();
     let mut nodes = vec![root];
     // One level after the other: each node is replaced by its children.
     for level in (1..=top).rev() {
         let children = |&node: &usize| {
-            let (first, active) = (tree.children(level, node).0, active_lanes(tree, node, times));
+            let (first, active) = (tree.shape().children(level, node).0, active_lanes(tree, node, times));
             (0..LANES).filter(move |lane| active >> lane & 1 != 0).map(move |lane| first + lane)
         };
         nodes = nodes.iter().flat_map(children).collect();

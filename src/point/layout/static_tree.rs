@@ -7,12 +7,11 @@
 
 use super::boxes::Boxes;
 use super::fill_leaves::{BottomNodes, BottomPoints, fill};
-use super::over_interval::{BlockTree, BoxTree, PathRows, PointPath, throughout};
+use super::over_interval::{BlockTree, BoxTree, PathRows, throughout};
 use super::shape::Shape;
 use super::slice_tree::SliceTree;
 use super::view::{CoordinateView, LeafView, Target, View, diagonal, outside, rows, squared};
 use crate::file::{Encoder, FileError};
-use crate::geometry::TimeInterval;
 use crate::limits::MAX_LEVELS;
 use crate::point::leaf_order::bottom_order::{MOST, Rows};
 use crate::point::leaf_order::order::{ORDERING, order_rows};
@@ -106,7 +105,7 @@ impl StaticTree {
         fill(bottoms, points, &progress.in_units(count));
         for level in 1..shape.levels {
             for node in shape.begin[level]..shape.begin[level + 1] {
-                let first = View::first_child(&&tree, level, node);
+                let first = shape.first_child(level, node);
                 let mut boxes = Boxes::NONE;
                 for (lane, child) in (first..shape.begin[level]).take(LANES).enumerate() {
                     let (lo, hi) = tree.nodes[child].bounds();
@@ -285,16 +284,8 @@ impl View for &StaticTree {
     const BALL: f32 = 0.18;
 
     #[inline(always)]
-    fn root(&self) -> (usize, usize) {
-        self.shape.root()
-    }
-    #[inline(always)]
-    fn first_child(&self, level: usize, node: usize) -> usize {
-        self.shape.first_child(level, node)
-    }
-    #[inline(always)]
-    fn first_block(&self, node: usize) -> usize {
-        node * LANES * self.shape.leaf_blocks
+    fn shape(&self) -> &Shape {
+        &self.shape
     }
     #[inline(always)]
     fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask) {
@@ -325,11 +316,8 @@ impl CoordinateView for &StaticTree {
 }
 
 impl BoxTree for StaticTree {
-    fn root_node(&self) -> (usize, usize) {
-        View::root(&self)
-    }
-    fn children(&self, level: usize, node: usize) -> (usize, usize) {
-        self.shape.children(level, node)
+    fn shape(&self) -> &Shape {
+        &self.shape
     }
     #[inline(always)]
     fn times(&self, node: usize) -> [Lanes<f32>; 2] {
@@ -350,12 +338,6 @@ impl BoxTree for StaticTree {
     }
     fn is_active(&self, _block: usize, _lane: usize, _time: f32) -> bool {
         true
-    }
-    fn point_path(&self, block: usize, lane: usize) -> Option<PointPath> {
-        let block = &self.blocks[block];
-        let at = block.at.map(|row| f64::from(row[lane]));
-        let id = block.id[lane];
-        (id != u32::MAX).then_some(PointPath { id, open: at, close: at, active: TimeInterval::FULL })
     }
 }
 

@@ -11,7 +11,8 @@
 //! so is every square and every sum. The computed distance of a box is never above that of a point
 //! in it, and culling what is *strictly* farther than the bound keeps ties too.
 
-use crate::simd::{Lanes, Mask, Simd};
+use super::shape::Shape;
+use crate::simd::{LANES, Lanes, Mask, Simd};
 use glam::Vec3;
 
 /// Coordinates of the query point in all lanes, and the query's time in the forms that trees need.
@@ -60,12 +61,23 @@ pub(in crate::point) trait View: LeafView {
     /// estimate. It is about a fifth in space and on surfaces alike; boxes that hold moving points the whole time
     /// are larger than their contents, and leaves in which few points are active at a time hold less.
     const BALL: f32;
+    /// How many nodes its levels have.
+    fn shape(&self) -> &Shape;
     /// Level and number of the root node.
-    fn root(&self) -> (usize, usize);
+    #[inline(always)]
+    fn root(&self) -> (usize, usize) {
+        self.shape().root()
+    }
     /// The child of lane 0 of a node above level 0; lane i has the i-th node after it.
-    fn first_child(&self, level: usize, node: usize) -> usize;
+    #[inline(always)]
+    fn first_child(&self, level: usize, node: usize) -> usize {
+        self.shape().first_child(level, node)
+    }
     /// The first block of lane 0 of a bottom node; lane i begins `i * leaf_blocks` later.
-    fn first_block(&self, node: usize) -> usize;
+    #[inline(always)]
+    fn first_block(&self, node: usize) -> usize {
+        node * LANES * self.leaf_blocks()
+    }
     /// Squared distances to the child boxes, infinite if there is no child at this time; and which of them hold the
     /// point, which is known much earlier.
     fn boxes<S: Simd>(&self, s: S, target: &Target<S>, node: usize) -> (S::F, Mask);

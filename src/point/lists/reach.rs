@@ -54,7 +54,7 @@ impl Reach {
 
     /// The largest of what each block of a tree has.
     pub(super) fn measure_blocks<T: BoxTree>(&mut self, tree: &T, mut of_block: impl FnMut(usize) -> f32) {
-        let (level, node) = tree.root_node();
+        let (level, node) = tree.shape().root();
         self.missing = None;
         self.nodes.clear();
         self.nodes.resize(node + 1, [0.0; LANES]);
@@ -68,7 +68,7 @@ impl Reach {
         (level, node): (usize, usize),
         of_block: &mut impl FnMut(usize) -> f32,
     ) -> f32 {
-        let (first, stride) = tree.children(level, node);
+        let (first, stride) = tree.shape().children(level, node);
         let begins = tree.times(node)[0];
         let mut most = 0.0f32;
         for lane in (0..LANES).filter(|&lane| begins[lane] < f32::INFINITY) {

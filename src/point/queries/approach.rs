@@ -34,7 +34,7 @@ use crate::geometry::{Aabb, Plane, TimeInterval};
 use crate::kd::KdView;
 use crate::limits::MAX_POINT_COORDINATE;
 use crate::point::layout::kd_points::{KdPoints, plane_error};
-use crate::point::layout::over_interval::{BoxTree, PointPath, all_lanes, greater, lesser};
+use crate::point::layout::over_interval::{BlockTree, BoxTree, PointPath, greater, lesser};
 use crate::point::layout::slice_tree::slices_during;
 use crate::point::leaf_order::segment_slice::{SegmentSlice, exact_phase, segments};
 use crate::point::search::layers::Layer;
@@ -81,6 +81,8 @@ struct Search {
     /// Exact distances are expensive, and few of these points need one in the end.
     pending: Vec<Pending>,
     best: Option<Nearest>,
+    /// How many nodes of boxes were visited.
+    visited: usize,
 }
 
 /// The nearest point so far, its path and the segment between keys of its answer.
@@ -96,7 +98,7 @@ const MAX_PENDING: usize = 64;
 impl Search {
     /// For points that come nearer than a distance.
     fn new(most: f64) -> Search {
-        Search { most, tied: f64::INFINITY, pending: Vec::new(), best: None }
+        Search { most, tied: f64::INFINITY, pending: Vec::new(), best: None, visited: 0 }
     }
 
     /// Adds a point whose distance is known up to the slack.
@@ -302,10 +304,10 @@ impl QueryPath {
     }
 
     /// Searches a tree of boxes.
-    fn search_boxes<T: BoxTree>(&self, simd: SimdLevel, tree: &T, keep: &impl Fn(u32) -> bool, search: &mut Search) {
+    fn search_boxes<T: BlockTree>(&self, simd: SimdLevel, tree: &T, keep: &impl Fn(u32) -> bool, search: &mut Search) {
         let SegmentSlice { keys, segment, .. } = tree.slice();
         let segments = if keys < 2 { self.segments() } else { segment..segment + 1 };
-        let (top, root) = tree.root_node();
+        let (top, root) = tree.shape().root();
         // By squared distance, and the time from which on there may be points of it, where these may tie with the best answer.
         let mut open = BinaryHeap::from([Reverse((0, 0, top, root))]);
         while let Some(Reverse((bits, time, level, node))) = open.pop() {
@@ -315,7 +317,8 @@ impl QueryPath {
             if time > 0 && search.is_later(f64::from_bits(time)) {
                 continue;
             }
-            let (first, stride) = tree.children(level, node);
+            search.visited += 1;
+            let (first, stride) = tree.shape().children(level, node);
             let bounds = dispatch(simd, Bounds { path: self, tree, node, most: search.most });
             // Nearest leaves first: the others are then seldom visited.
             let mut lanes: [usize; LANES] = core::array::from_fn(|lane| lane);
@@ -338,9 +341,10 @@ impl QueryPath {
                     open.push(Reverse((bound.to_bits(), time.to_bits(), level - 1, child)));
                     continue;
                 }
-                for (block, lane) in all_lanes(child..child + stride) {
-                    let Some(point) = tree.point_path(block, lane) else { continue };
-                    self.visit_point(point, segments.clone(), keep, search);
+                for block in child..child + stride {
+                    for point in tree.rows(block).point_paths() {
+                        self.visit_point(point, segments.clone(), keep, search);
+                    }
                 }
             }
         }
@@ -382,9 +386,10 @@ impl QueryPath {
             }
             match tree.node(node) {
                 KdView::Leaf { first, count } => {
-                    for (block, lane) in all_lanes(first as usize..(first + count) as usize) {
-                        let Some(point) = tree.leaves.point_path(block, lane) else { continue };
-                        self.visit_point(point, slice.segment..slice.segment + 1, keep, search);
+                    for block in first as usize..(first + count) as usize {
+                        for point in tree.leaves.paths(block).point_paths() {
+                            self.visit_point(point, slice.segment..slice.segment + 1, keep, search);
+                        }
                     }
                 }
                 KdView::Inner { plane, right } => {

@@ -42,7 +42,7 @@ fn union(boxes: impl Iterator<Item = Aabb>) -> Aabb {
 
 /// The box that the root of a tree sweeps during its time slice. Its faces move linearly, so those at the ends suffice.
 fn swept_root(tree: &impl BoxTree) -> Aabb {
-    let ((_, root), slice) = (tree.root_node(), tree.slice());
+    let ((_, root), slice) = (tree.shape().root(), tree.slice());
     let [begin, _] = tree.times(root);
     let present = || (0..LANES).filter(|&lane| begin[lane].is_finite());
     let phases = slice.range([slice.interval.begin(), slice.interval.end()]);

@@ -3,7 +3,7 @@
 use crate::geometry::{Aabb, KeyTime};
 use crate::kd::KdView;
 use crate::point::layout::kd_points::KdPoints;
-use crate::point::layout::over_interval::{BoxTree, PointPath, all_lanes};
+use crate::point::layout::over_interval::{BlockTree, BoxTree, PointPath, all_lanes};
 use crate::point::search::layers::Layer;
 use crate::point::tree::PointTree;
 use crate::simd::LANES;
@@ -44,7 +44,7 @@ impl LayersAt<'_> {
     /// Children or points of an entry in a tree of boxes.
     fn expand_boxes(
         &self,
-        tree: &impl BoxTree,
+        tree: &impl BlockTree,
         entry: Entry,
         children: &mut Vec<(Aabb, Entry)>,
         items: &mut Vec<TreePoint>,
@@ -54,12 +54,12 @@ impl LayersAt<'_> {
             for (block, lane) in all_lanes(entry.at..entry.at + entry.blocks) {
                 if tree.is_active(block, lane, self.time) {
                     let at = |point: &PointPath| tree.position(point, self.time) + origin;
-                    items.extend(tree.point_path(block, lane).map(|f| TreePoint { id: f.id, position: at(&f) }));
+                    items.extend(tree.rows(block).point_path(lane).map(|f| TreePoint { id: f.id, position: at(&f) }));
                 }
             }
             return;
         };
-        let (first, stride) = tree.children(level, entry.at);
+        let (first, stride) = tree.shape().children(level, entry.at);
         let [begin, end] = tree.times(entry.at);
         let [min, max] = tree.faces(entry.at, &[tree.phase(self.time); LANES]);
         for lane in (0..LANES).filter(|&lane| begin[lane] <= self.time && self.time <= end[lane]) {
@@ -78,7 +78,7 @@ impl LayersAt<'_> {
                 for (block, lane) in all_lanes(first as usize..(first + count) as usize) {
                     if tree.leaves.is_active(block, lane, self.time) {
                         let position = |point: &PointPath| point.position(at).as_dvec3() + self.tree.origin;
-                        let point = tree.leaves.point_path(block, lane);
+                        let point = tree.leaves.paths(block).point_path(lane);
                         items.extend(point.map(|f| TreePoint { id: f.id, position: position(&f) }));
                     }
                 }
@@ -107,13 +107,13 @@ impl Hierarchy for LayersAt<'_> {
             let entry = Entry { layer, slice, level: None, at: 0, blocks: 0, cell: Aabb::EMPTY };
             let top = |(level, at)| Entry { level: Some(level), at, ..entry };
             roots.push(match of {
-                Layer::Static(tree) => top(tree.root_node()),
-                Layer::Moving(trees) => top(trees[slice].root_node()),
+                Layer::Static(tree) => top(tree.shape().root()),
+                Layer::Moving(trees) => top(trees[slice].shape().root()),
                 Layer::Kd(trees) => {
                     let Aabb { min, max } = trees[slice].bounds();
                     Entry { cell: Aabb { min: min + self.tree.origin, max: max + self.tree.origin }, ..entry }
                 }
-                Layer::Double(trees) => top(trees[slice].root_node()),
+                Layer::Double(trees) => top(trees[slice].shape().root()),
             });
         }
     }

@@ -90,7 +90,7 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
         criteria: &Criteria<'_>,
         most: usize,
     ) -> bool {
-        let (root, excess) = behind.node(tree.root_node().1);
+        let (root, excess) = behind.node(tree.shape().root().1);
         let (lo, hi) = group.swept_root(s, tree, excess);
         let within = criteria.longest(criteria.own, root.iter().fold(0.0, |most, &radius| f32::max(most, radius)));
         let along =
@@ -126,13 +126,13 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
         let within = criteria.within(criteria.own);
         let early = greater(group.early, early(tree, phases, group.times[0]));
         self.open.clear();
-        self.open.push(tree.root_node());
+        self.open.push(tree.shape().root());
         while let Some((level, node)) = self.open.pop() {
             let (reach, excess) = behind.node(node);
             let (mut boxes, magnitude) = group.swept::<S, T, IMAGES>(s, tree, &frame, phases, (node, excess));
             boxes.reach = s.load(reach);
             let mut near = boxes.near(s, group.lo, group.hi, within) & active_lanes(tree, node, group.times);
-            let (first, stride) = tree.children(level, node);
+            let (first, stride) = tree.shape().children(level, node);
             if level > 0 {
                 while near != 0 {
                     self.open.push((level - 1, first + near.trailing_zeros() as usize));

@@ -170,7 +170,7 @@ impl<C: SweptCoordinate> SweptGroup<C> {
     #[inline(always)]
     pub(super) fn take<T: BlockTree<Coordinate = C>>(&mut self, tree: &T, node: usize, times: [f32; 2], excess: f64) {
         let phases = phases(tree, times);
-        let (first, stride) = tree.children(0, node);
+        let (first, stride) = tree.shape().children(0, node);
         let active = active_lanes(tree, node, times);
         let lanes = (0..LANES).filter(|lane| active >> lane & 1 != 0);
         let numbers = lanes.flat_map(|lane| first + lane * stride..first + (lane + 1) * stride);
@@ -309,7 +309,7 @@ impl<C: SweptCoordinate> SweptGroup<C> {
     /// The box around all of a tree, swept, in the group's frame; infinite and reversed if nothing exists then.
     #[inline(always)]
     pub(super) fn swept_root<S: Simd, T: BoxTree>(&self, s: S, tree: &T, excess: &Lanes<f32>) -> ([f32; 3], [f32; 3]) {
-        let root = tree.root_node().1;
+        let root = tree.shape().root().1;
         let (boxes, _) = self.swept::<S, T, true>(s, tree, &self.frame, phases(tree, self.times), (root, excess));
         let active = active_lanes(tree, root, self.times);
         let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);

@@ -1,9 +1,7 @@
 //! The bounds of boxes that closest approaches use, and how many nodes they visit.
 
 use super::*;
-use crate::file::{Encoder, FileError};
 use crate::point::build::time_slices::time_slices;
-use crate::point::layout::slice_tree::SliceTree;
 use crate::point::leaf_order::moving_reference::MovingReference;
 use crate::point::{PointArrays, PointParams, PointStructure, Precision};
 use crate::progress::Progress;
@@ -74,61 +72,6 @@ fn planes_at_the_end_of_a_segment_exclude_no_answer_and_would_with_less_slack() 
     assert!(lost(fast_plane.0, fast_plane.1, |tree, node, _| tree.slack(node)) > 100);
 }
 
-/// A tree that counts the nodes whose children are asked for.
-struct Counted<'a, T>(&'a T, Cell<usize>);
-
-impl<T: BoxTree> SliceTree for Counted<'_, T> {
-    fn slice(&self) -> SegmentSlice {
-        self.0.slice()
-    }
-    fn references(&self) -> usize {
-        self.0.references()
-    }
-    fn node_count(&self) -> usize {
-        self.0.node_count()
-    }
-    fn levels(&self) -> usize {
-        self.0.levels()
-    }
-    fn bytes(&self) -> usize {
-        self.0.bytes()
-    }
-    fn block_count(&self) -> usize {
-        self.0.block_count()
-    }
-    fn block_ids(&self, block: usize) -> &Lanes<u32> {
-        self.0.block_ids(block)
-    }
-    fn block_ids_mut(&mut self, _: usize) -> &mut Lanes<u32> {
-        unreachable!("no search changes a tree")
-    }
-    fn encode(&self, to: &mut Encoder<'_>) -> Result<(), FileError> {
-        self.0.encode(to)
-    }
-}
-
-impl<T: BoxTree> BoxTree for Counted<'_, T> {
-    fn root_node(&self) -> (usize, usize) {
-        self.0.root_node()
-    }
-    fn children(&self, level: usize, node: usize) -> (usize, usize) {
-        self.1.update(|count| count + 1);
-        self.0.children(level, node)
-    }
-    fn times(&self, node: usize) -> [Lanes<f32>; 2] {
-        self.0.times(node)
-    }
-    fn faces(&self, node: usize, phase: &Lanes<f64>) -> [[Lanes<f64>; 3]; 2] {
-        self.0.faces(node, phase)
-    }
-    fn is_active(&self, block: usize, lane: usize, time: f32) -> bool {
-        self.0.is_active(block, lane, time)
-    }
-    fn point_path(&self, block: usize, lane: usize) -> Option<PointPath> {
-        self.0.point_path(block, lane)
-    }
-}
-
 /// A query that crosses a set is never near most of the boxes which it passes along each axis.
 #[test]
 fn a_long_path_visits_the_nodes_along_it() {
@@ -141,9 +84,8 @@ fn a_long_path_visits_the_nodes_along_it() {
     for _ in 0..50 {
         let [from, to] = [place(), place()].map(Vec3::as_dvec3);
         let path = QueryPath { from, to: from + (to - from) * 10.0, times: [0.0, 1.0], keys: 1 };
-        let counted = Counted(boxes, Cell::new(0));
         let mut search = Search::new(f64::INFINITY);
-        path.search_boxes(tree.simd, &counted, &|_| true, &mut search);
+        path.search_boxes(tree.simd, boxes, &|_| true, &mut search);
         search.resolve(&path);
         let best = search.best.map(|best| best.answer.distance).unwrap();
         let (way, length) = ((path.to - path.from).normalize(), (path.to - path.from).length());
@@ -153,7 +95,7 @@ fn a_long_path_visits_the_nodes_along_it() {
         };
         let least = set.iter().map(off).fold(f64::INFINITY, f64::min);
         assert!((f64::from(best) - least).abs() <= 1e-6 * least, "{best} instead of {least}");
-        visited += counted.1.get();
+        visited += search.visited;
     }
     // 23 for a query; 53 if boxes are only compared axis by axis.
     assert!(visited < 50 * 35, "{visited}");
