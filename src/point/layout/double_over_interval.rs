@@ -4,8 +4,8 @@
 
 use super::double_box::DoubleNode;
 use super::double_tree::{DoubleBlock, DoubleTree, between};
-use crate::point::layout::shape::Shape;
 use crate::point::layout::over_interval::{BlockTree, BoxTree, PathRows, PointPath, greater, lesser, throughout};
+use crate::point::layout::shape::Shape;
 use crate::simd::{LANES, Lanes};
 use glam::DVec3;
 

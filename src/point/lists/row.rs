@@ -69,6 +69,29 @@ fn point_of<C: Copy>([x, y, z]: &[Lanes<C>; 3], lane: usize) -> [C; 3] {
     [x[lane], y[lane], z[lane]]
 }
 
+/// A member of a group whose lists are made, and what they are made from.
+#[derive(Clone, Copy)]
+struct MemberRequest<'a> {
+    listing: &'a Listing<'a>,
+    group: &'a Group,
+    /// The number of the member.
+    number: usize,
+    candidates: &'a Candidates,
+}
+
+impl<'a> MemberRequest<'a> {
+    #[inline(always)]
+    fn member(&self) -> &'a Member {
+        &self.group.members[self.number]
+    }
+
+    /// How near boxes have to be to the member.
+    #[inline(always)]
+    fn within(&self) -> Within<'a> {
+        Within::Radius(&self.listing.radii, self.member().radius, self.group.margin)
+    }
+}
+
 /// Appends the lists of the points of a group, whose positions are numbers of type `C`.
 pub(super) struct GroupLists<'a, C> {
     pub(super) builder: &'a mut RowBuilder,
@@ -88,11 +111,11 @@ impl<C: Coordinate> Kernel for GroupLists<'_, C> {
             if !lists.want_any(&member.points.id) {
                 continue;
             }
-            let of = (group, number);
+            let of = MemberRequest { listing, group, number, candidates };
             if candidates.wrapped {
-                s.call(WrappedMember::<C> { builder, listing, of, candidates, lists, coordinate: PhantomData });
+                s.call(WrappedMember::<C> { builder, of, lists, coordinate: PhantomData });
             } else {
-                builder.member::<S, C>(s, listing, of, candidates, lists);
+                builder.member::<S, C, false>(s, of, lists);
             }
         }
     }
@@ -102,9 +125,7 @@ impl<C: Coordinate> Kernel for GroupLists<'_, C> {
 /// lists without any are compiled as if there were none.)
 struct WrappedMember<'a, C> {
     builder: &'a mut RowBuilder,
-    listing: &'a Listing<'a>,
-    of: (&'a Group, usize),
-    candidates: &'a Candidates,
+    of: MemberRequest<'a>,
     lists: &'a mut ListWriter,
     coordinate: PhantomData<C>,
 }
@@ -113,21 +134,7 @@ impl<C: Coordinate> Kernel for WrappedMember<'_, C> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let WrappedMember { builder, listing, of, candidates, lists, .. } = self;
-        let wrapped = builder.select_images(s, listing, of, candidates);
-        if !matches!(listing.radii, Radii::Equal(_)) {
-            return if listing.once {
-                builder.list_one_by_one::<S, C, true, true>(s, listing, of, (candidates, wrapped), lists)
-            } else {
-                builder.list_one_by_one::<S, C, true, false>(s, listing, of, (candidates, wrapped), lists)
-            };
-        }
-        let gathered = builder.gather_points::<S, C, true>(s, listing, of, candidates);
-        match (listing.once, listing.other_set || listing.distinct) {
-            (true, _) => builder.list_gathered::<S, C, NOT_GREATER, false, true>(s, listing, of, gathered, lists),
-            (false, true) => builder.list_gathered::<S, C, OWN, false, true>(s, listing, of, gathered, lists),
-            (false, false) => builder.list_gathered::<S, C, SAME_ID, false, true>(s, listing, of, gathered, lists),
-        }
+        self.builder.member::<S, C, true>(s, self.of, self.lists);
     }
 }
 
@@ -136,49 +143,29 @@ impl RowBuilder {
         self.boxes.bytes() + self.selected.bytes() + self.points.bytes() + size_of::<Mask>() * self.hits.capacity()
     }
 
-    /// Appends the lists of a member of a group.
+    /// Appends the lists of a member of a group; unless `PERIODIC`, all images are those that are given.
     #[inline(always)]
-    fn member<S: Simd, C: Coordinate>(
+    fn member<S: Simd, C: Coordinate, const PERIODIC: bool>(
         &mut self,
         s: S,
-        listing: &Listing,
-        of: (&Group, usize),
-        candidates: &Candidates,
+        of: MemberRequest<'_>,
         lists: &mut ListWriter,
     ) {
-        if matches!(listing.radii, Radii::Equal(_)) {
-            let gathered = self.gather_points::<S, C, false>(s, listing, of, candidates);
-            let plain = !listing.distances && !listing.displacements;
-            return match (listing.once, listing.other_set || listing.distinct, plain) {
-                (true, _, true) => {
-                    self.list_gathered::<S, C, NOT_GREATER, true, false>(s, listing, of, gathered, lists)
-                }
-                (true, _, false) => {
-                    self.list_gathered::<S, C, NOT_GREATER, false, false>(s, listing, of, gathered, lists)
-                }
-                (false, true, true) => self.list_gathered::<S, C, OWN, true, false>(s, listing, of, gathered, lists),
-                (false, true, false) => self.list_gathered::<S, C, OWN, false, false>(s, listing, of, gathered, lists),
-                (false, false, true) => {
-                    self.list_gathered::<S, C, SAME_ID, true, false>(s, listing, of, gathered, lists)
-                }
-                (false, false, false) => {
-                    self.list_gathered::<S, C, SAME_ID, false, false>(s, listing, of, gathered, lists)
-                }
+        let Listing { radii, once, other_set, distinct, .. } = *of.listing;
+        let equal = matches!(radii, Radii::Equal(_));
+        let wrapped = (PERIODIC || !equal) && self.select_boxes::<S, PERIODIC>(s, of);
+        if !equal {
+            return if once {
+                self.list_one_by_one::<S, C, PERIODIC, true>(s, of, wrapped, lists)
+            } else {
+                self.list_one_by_one::<S, C, PERIODIC, false>(s, of, wrapped, lists)
             };
         }
-        let (group, member) = (of.0, &of.0.members[of.1]);
-        let within = Within::Radius(&listing.radii, member.radius, group.margin);
-        self.boxes.clear();
-        for i in 0..candidates.boxes.vectors() {
-            let (boxes, valid) = candidates.boxes.vector(s, i);
-            let near = boxes.near(s, member.lo, member.hi, within) & valid;
-            if near != 0 {
-                self.boxes.push(s, &boxes, near);
-            }
-        }
-        match listing.once {
-            false => self.list_one_by_one::<S, C, false, false>(s, listing, of, (candidates, false), lists),
-            true => self.list_one_by_one::<S, C, false, true>(s, listing, of, (candidates, false), lists),
+        let gathered = self.gather_points::<S, C, PERIODIC>(s, of);
+        match (once, other_set || distinct) {
+            (true, _) => self.list_without::<S, C, NOT_GREATER, PERIODIC>(s, of, gathered, lists),
+            (false, true) => self.list_without::<S, C, OWN, PERIODIC>(s, of, gathered, lists),
+            (false, false) => self.list_without::<S, C, SAME_ID, PERIODIC>(s, of, gathered, lists),
         }
     }
 
@@ -188,20 +175,13 @@ impl RowBuilder {
     /// The images nearest to the whole group do not decide that: a member is much smaller, so that far fewer boxes are nearest in
     /// several.
     #[inline(always)]
-    fn select_images<S: Simd>(
-        &mut self,
-        s: S,
-        listing: &Listing,
-        (group, member): (&Group, usize),
-        candidates: &Candidates,
-    ) -> bool {
-        let member = &group.members[member];
-        let within = Within::Radius(&listing.radii, member.radius, group.margin);
+    fn select_boxes<S: Simd, const PERIODIC: bool>(&mut self, s: S, of: MemberRequest<'_>) -> bool {
+        let (MemberRequest { listing, candidates, .. }, member, within) = (of, of.member(), of.within());
         self.boxes.clear();
         let mut wrapped = 0;
         for i in 0..candidates.boxes.vectors() {
             let (mut boxes, valid) = candidates.boxes.vector(s, i);
-            if !candidates.is_any_wrapped(i) {
+            if !PERIODIC || !candidates.is_any_wrapped(i) {
                 let near = boxes.near(s, member.lo, member.hi, within) & valid;
                 if near != 0 {
                     self.boxes.push(s, &boxes, near);
@@ -222,21 +202,14 @@ impl RowBuilder {
 
     /// Gathers the points that are near the box of a member, in rows, where all points of the member have the same radius.
     /// They are about as many as each of its points would test by itself, and they lie one behind the other. If `PERIODIC`, the
-    /// candidates are those of [`RowBuilder::select_images`].
+    /// candidates are those of [`RowBuilder::select_boxes`].
     #[inline(always)]
-    fn gather_points<S: Simd, C: Coordinate, const PERIODIC: bool>(
-        &mut self,
-        s: S,
-        listing: &Listing,
-        (group, member): (&Group, usize),
-        candidates: &Candidates,
-    ) -> Gathered {
-        let member = &group.members[member];
-        let within = Within::Radius(&listing.radii, member.radius, group.margin);
+    fn gather_points<S: Simd, C: Coordinate, const PERIODIC: bool>(&mut self, s: S, of: MemberRequest<'_>) -> Gathered {
+        let (MemberRequest { listing, group, candidates, .. }, member) = (of, of.member());
         let selected = if PERIODIC {
             self.boxes.candidates()
         } else {
-            self.selected.near(s, &candidates.boxes, (member.lo, member.hi), within)
+            self.selected.near(s, &candidates.boxes, (member.lo, member.hi), of.within())
         };
         let room = (selected.len() + 1) * LANES;
         let short = |row: &Vec<C>| row.len() < room;
@@ -280,17 +253,32 @@ impl RowBuilder {
         Gathered { vectors: end.div_ceil(LANES), own, images }
     }
 
-    /// Lists from the points that were gathered; with `PLAIN` only ids. Unless `PERIODIC`, images are those that are given.
+    /// Lists from the points that were gathered, without those that are excluded.
+    #[inline(always)]
+    fn list_without<S: Simd, C: Coordinate, const EXCLUDED: u8, const PERIODIC: bool>(
+        &mut self,
+        s: S,
+        of: MemberRequest<'_>,
+        gathered: Gathered,
+        lists: &mut ListWriter,
+    ) {
+        if !PERIODIC && !of.listing.distances && !of.listing.displacements {
+            self.list_gathered::<S, C, EXCLUDED, true, PERIODIC>(s, of, gathered, lists);
+        } else {
+            self.list_gathered::<S, C, EXCLUDED, false, PERIODIC>(s, of, gathered, lists);
+        }
+    }
+
+    /// The same; with `PLAIN` only ids. Unless `PERIODIC`, images are those that are given.
     #[inline(always)]
     fn list_gathered<S: Simd, C: Coordinate, const EXCLUDED: u8, const PLAIN: bool, const PERIODIC: bool>(
         &mut self,
         s: S,
-        listing: &Listing,
-        (group, number): (&Group, usize),
+        of: MemberRequest<'_>,
         Gathered { vectors, own: (own_begin, own_lanes), images }: Gathered,
         lists: &mut ListWriter,
     ) {
-        let (member, own_rows) = (&group.members[number], C::of_member(group, number));
+        let (listing, member, own_rows) = (of.listing, of.member(), C::of_member(of.group, of.number));
         let GatheredRows { at: [from_x, from_y, from_z], shift: [shift_x, shift_y, shift_z] } =
             C::gathered(&self.points);
         // As many vectors as there are, so that nothing is checked for each of them.
@@ -360,12 +348,12 @@ impl RowBuilder {
     fn list_one_by_one<S: Simd, C: Coordinate, const PERIODIC: bool, const ONCE: bool>(
         &mut self,
         s: S,
-        listing: &Listing,
-        (group, member): (&Group, usize),
-        (candidates, wrapped): (&Candidates, bool),
+        of: MemberRequest<'_>,
+        wrapped: bool,
         lists: &mut ListWriter,
     ) {
-        let (points, own_rows) = (&group.members[member].points, C::of_member(group, member));
+        let MemberRequest { listing, group, number, candidates } = of;
+        let (points, own_rows) = (&of.member().points, C::of_member(group, number));
         let joint = listing.radii.others().is_some();
         for lane in 0..LANES {
             let at = point_of(&points.at, lane);
