@@ -1,6 +1,6 @@
 //! The columns of neighbour lists: ids, distances and displacements.
 
-use super::list_data::ListData;
+use super::list_rows::ListData;
 use super::row_moves::RowMoves;
 use crate::simd::{LANES, huge_vec};
 

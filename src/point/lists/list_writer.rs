@@ -3,19 +3,15 @@
 use super::candidates::write;
 use super::columns::Columns;
 use super::coordinate::Seen;
-use super::list_data::ListData;
 use super::list_request::Listing;
+use super::list_rows::{ListData, ListRows};
 use crate::simd::{LANES, Lanes, Mask, Simd};
+use core::ops::Range;
 
 /// Lists in the making, one behind the other.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ListWriter {
-    pub(super) columns: Columns,
-    /// Neighbours so far.
-    pub(super) len: usize,
-    /// Ids of the points, and where their lists end.
-    pub(super) points: Vec<u32>,
-    pub(super) ends: Vec<usize>,
+    pub(super) rows: ListRows<Columns>,
     /// The lowest id of a point with more neighbours than are allowed.
     pub(super) crowded: Option<u32>,
     /// Keys of a list to be sorted, and a column on its way.
@@ -24,17 +20,8 @@ pub(super) struct ListWriter {
 }
 
 impl ListWriter {
-    pub(super) fn clear(&mut self) {
-        self.len = 0;
-        self.points.clear();
-        self.ends.clear();
-    }
-
     pub(super) fn bytes(&self) -> usize {
-        self.columns.bytes()
-            + self.points.capacity() * 4
-            + (self.ends.capacity() + self.keys.capacity()) * 8
-            + self.column.capacity() * 4
+        self.rows.bytes() + self.keys.capacity() * 8 + self.column.capacity() * 4
     }
 
     /// Whether any list of points with these ids counts: all do, until one is too long. Then only those of lower ids may change the
@@ -47,10 +34,10 @@ impl ListWriter {
     /// Makes room for `more` neighbours and a vector.
     #[inline(always)]
     pub(super) fn reserve(&mut self, more: usize, listing: &Listing) {
-        let length = self.len + more + LANES;
-        let room = self.columns.ids.len() >= length
-            && (!listing.distances || self.columns.floats[0].len() >= length)
-            && (!listing.displacements || self.columns.floats[3].len() >= length);
+        let (length, columns) = (self.rows.end() + more + LANES, &self.rows.data);
+        let room = columns.ids.len() >= length
+            && (!listing.distances || columns.floats[0].len() >= length)
+            && (!listing.displacements || columns.floats[3].len() >= length);
         if !room {
             self.grow(length);
         }
@@ -58,7 +45,7 @@ impl ListWriter {
 
     #[cold]
     fn grow(&mut self, length: usize) {
-        self.columns.make_room(length);
+        self.rows.data.make_room(length);
     }
 
     /// Ends the list of a point; drops it if it has too many neighbours.
@@ -68,28 +55,27 @@ impl ListWriter {
             self.crowded = Some(self.crowded.map_or(id, |other| other.min(id)));
             end = begin;
         }
-        self.len = end;
         if listing.sorted {
-            self.sort(begin, listing);
+            self.sort(begin..end, listing);
         }
-        self.points.push(id);
-        self.ends.push(end);
+        self.rows.points.push(id);
+        self.rows.offsets.push(end);
     }
 
-    /// Sorts the list that begins at `begin` and ends the last by id.
-    fn sort(&mut self, begin: usize, listing: &Listing) {
-        let list = begin..self.len;
+    /// Sorts a list by id.
+    fn sort(&mut self, list: Range<usize>, listing: &Listing) {
+        let columns = &mut self.rows.data;
         if !listing.distances && !listing.displacements {
-            return self.columns.ids[list].sort_unstable();
+            return columns.ids[list].sort_unstable();
         }
         self.keys.clear();
-        let ids = self.columns.ids[list.clone()].iter();
+        let ids = columns.ids[list.clone()].iter();
         self.keys.extend((0..).zip(ids).map(|(index, &id)| u64::from(id) << 32 | index));
         self.keys.sort_unstable();
-        for (id, key) in self.columns.ids[list.clone()].iter_mut().zip(&self.keys) {
+        for (id, key) in columns.ids[list.clone()].iter_mut().zip(&self.keys) {
             *id = (key >> 32) as u32;
         }
-        for (requested, column) in self.columns.requested.into_iter().zip(&mut self.columns.floats) {
+        for (requested, column) in columns.requested.into_iter().zip(&mut columns.floats) {
             if requested {
                 self.column.clear();
                 self.column.extend_from_slice(&column[list.clone()]);

@@ -21,15 +21,14 @@
 //! Only what is *strictly* farther than the bound is excluded. [`periodic_box`] treats periodic axes.
 
 mod bulk;
-mod by_id;
 mod candidates;
 mod columns;
 mod coordinate;
 mod error;
 mod gathered_points;
 mod group;
-mod list_data;
 mod list_request;
+mod list_rows;
 mod list_writer;
 mod make;
 mod neighbor_lists;
@@ -38,6 +37,7 @@ mod prepare;
 mod query;
 mod radii;
 mod reach;
+mod reordering;
 mod row;
 mod row_moves;
 mod scheduling;

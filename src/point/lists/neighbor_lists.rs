@@ -1,9 +1,9 @@
 //! Neighbour lists one behind the other, in memory that is used again.
 
-use super::by_id::Reordering;
 use super::columns::Columns;
-use super::list_data::ListData;
+use super::list_rows::ListRows;
 use super::prepare::Prepared;
+use super::reordering::Reordering;
 use super::worker::Worker;
 use core::ops::Range;
 
@@ -26,10 +26,7 @@ use core::ops::Range;
 /// ```
 #[derive(Clone, Debug, Default)]
 pub struct NeighborLists {
-    pub(super) offsets: Vec<usize>,
-    pub(super) points: Vec<u32>,
-    /// Longer than what is in use, so that nothing is cleared from query to query.
-    pub(super) columns: Columns,
+    pub(super) rows: ListRows<Columns>,
     pub(super) reordering: Reordering<Columns>,
     pub(super) prepared: Prepared,
     pub(super) workers: Vec<Worker>,
@@ -38,7 +35,7 @@ pub struct NeighborLists {
 /// The lists and the columns that were requested; not the memory.
 impl PartialEq for NeighborLists {
     fn eq(&self, other: &NeighborLists) -> bool {
-        self.columns.requested == other.columns.requested
+        self.rows.data.requested == other.rows.data.requested
             && (self.offsets(), self.points(), self.ids()) == (other.offsets(), other.points(), other.ids())
             && self.distances_squared() == other.distances_squared()
             && self.displacements() == other.displacements()
@@ -63,40 +60,39 @@ impl NeighborLists {
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn clear(&mut self) {
-        self.offsets.clear();
-        self.points.clear();
+        self.rows.clear();
     }
 
     /// Number of lists: one for each point that exists at the time, or for each id with
     /// [`in_order`](super::ListQuery::in_order).
     pub fn len(&self) -> usize {
-        self.points.len()
+        self.rows.points.len()
     }
 
     /// Whether there is no list.
     pub fn is_empty(&self) -> bool {
-        self.points.is_empty()
+        self.rows.points.is_empty()
     }
 
     /// Where each list begins in the columns, and where the last one ends.
     pub fn offsets(&self) -> &[usize] {
-        if self.offsets.is_empty() { &[0] } else { &self.offsets }
+        self.rows.offsets()
     }
 
     /// The id of the point that each list belongs to: in the order of the tree, in which neighbours in space are close
     /// together; or 0, 1, 2, … with [`in_order`](super::ListQuery::in_order).
     pub fn points(&self) -> &[u32] {
-        &self.points
+        &self.rows.points
     }
 
     /// Number of neighbours in all lists.
     pub fn neighbors(&self) -> usize {
-        self.offsets.last().copied().unwrap_or(0)
+        self.rows.end()
     }
 
     /// The neighbours' ids, list after list.
     pub fn ids(&self) -> &[u32] {
-        &self.columns.ids[..self.neighbors()]
+        &self.rows.data.ids[..self.neighbors()]
     }
 
     /// The squared distance of each neighbour, as [`Neighbor`](crate::Neighbor) has it; empty unless requested with
@@ -112,7 +108,7 @@ impl NeighborLists {
     }
 
     fn column(&self, column: usize) -> &[f32] {
-        let Columns { floats, requested, .. } = &self.columns;
+        let Columns { floats, requested, .. } = &self.rows.data;
         if requested[column] { &floats[column][..self.neighbors()] } else { &[] }
     }
 
@@ -130,7 +126,7 @@ impl NeighborLists {
     /// # Panics
     /// If `row` is not less than [`NeighborLists::len`].
     pub fn range(&self, row: usize) -> Range<usize> {
-        self.offsets[row]..self.offsets[row + 1]
+        self.rows.offsets[row]..self.rows.offsets[row + 1]
     }
 
     /// The ids of list `row`.
@@ -138,22 +134,19 @@ impl NeighborLists {
     /// # Panics
     /// If `row` is not less than [`NeighborLists::len`].
     pub fn row(&self, row: usize) -> &[u32] {
-        &self.columns.ids[self.range(row)]
+        &self.rows.data.ids[self.range(row)]
     }
 
     /// The lists, each with the id of its point.
     pub fn iter(&self) -> impl ExactSizeIterator<Item = (u32, &[u32])> {
-        let rows = self.offsets.windows(2).map(|ends| &self.columns.ids[ends[0]..ends[1]]);
-        self.points.iter().copied().zip(rows)
+        (0..self.len()).map(move |row| (self.rows.points[row], self.row(row)))
     }
 
     /// Bytes allocated, for the lists and for making them.
     pub fn bytes(&self) -> usize {
         let workers: usize = self.workers.iter().map(Worker::bytes).sum();
-        self.offsets.capacity() * size_of::<usize>()
-            + self.points.capacity() * size_of::<u32>()
+        self.rows.bytes()
             + self.prepared.bytes()
-            + self.columns.bytes()
             + self.reordering.bytes()
             + self.workers.capacity() * size_of::<Worker>()
             + workers

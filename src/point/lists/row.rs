@@ -294,7 +294,7 @@ impl RowBuilder {
                 continue;
             }
             let point = point_of(own_rows, lane);
-            let (id, begin) = (member.points.id[lane], lists.len);
+            let (id, begin) = (member.points.id[lane], lists.rows.end());
             lists.reserve(vectors * LANES, listing);
             let own = s.splat_u(id);
             for (from, hits) in hits.iter_mut().enumerate() {
@@ -321,7 +321,7 @@ impl RowBuilder {
                 }
             }
             // Apart from the lists, the end stays in a register.
-            let Columns { ids: listed, floats, .. } = &mut lists.columns;
+            let Columns { ids: listed, floats, .. } = &mut lists.rows.data;
             let (listed, mut end) = (&mut listed[..], begin);
             for (from, &hits) in hits.iter().enumerate() {
                 s.store_compressed_u(s.load_u(&from_id[from]), hits, lanes_at_mut(listed, end));
@@ -364,14 +364,14 @@ impl RowBuilder {
             let radius = listing.radii.of(id);
             let within = Within::Radius(&listing.radii, radius, group.margin);
             let selected = self.selected.near(s, &self.boxes, (at, at), within);
-            let begin = lists.len;
+            let begin = lists.rows.end();
             lists.reserve(selected.len() * LANES, listing);
             let point = point_of(own_rows, lane);
             let own = s.splat_u(if listing.other_set && !ONCE { u32::MAX } else { id });
             let radius = s.splat(radius);
             let bound = squared_radii(s, radius);
             // Apart from the lists, the end stays in a register.
-            let Columns { ids: listed, floats, .. } = &mut lists.columns;
+            let Columns { ids: listed, floats, .. } = &mut lists.rows.data;
             let (listed, mut end) = (&mut listed[..], begin);
             for &index in selected {
                 let rows = C::of_block(candidates, index as usize).each_ref();

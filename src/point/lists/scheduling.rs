@@ -8,7 +8,7 @@
 //! further groups meanwhile. A thread waits only if all slots are made and not copied. Ranges depend on nothing but the
 //! lists before.
 
-use super::list_data::ListData;
+use super::list_rows::{ListData, ListRows};
 use crate::parallel::{self, lock};
 use core::ops::Range;
 use std::sync::{Mutex, PoisonError};
@@ -37,47 +37,35 @@ fn room_for(end: usize, done: usize, left: usize, made: impl ExactSizeIterator<I
     end + most + usual.saturating_mul(left).min(end.max(sum).saturating_mul(GROWTH))
 }
 
-/// The lists of a group as a worker has made them: the ids of their points, where each ends, and what is in them.
-pub(super) struct Made<'a, D> {
-    pub(super) points: &'a [u32],
-    pub(super) ends: &'a [usize],
-    pub(super) data: &'a D,
-}
-
-impl<D> Made<'_, D> {
-    fn len(&self) -> usize {
-        self.ends.last().copied().unwrap_or(0)
-    }
-}
-
-/// Makes the lists of so many groups in the memory of the workers, and appends them to others in the order of the groups: where
-/// each begins and the last ends, the ids of their points, and what is in them.
+/// Makes the lists of so many groups in the memory of the workers, where `made` finds those of a group, and appends them to others
+/// in the order of the groups.
 pub(super) fn append_in_order<W: Send, D: ListData>(
     groups: usize,
     workers: &mut [W],
-    (offsets, points, data): (&mut Vec<usize>, &mut Vec<u32>, &mut D),
+    lists: &mut ListRows<D>,
     make: impl Fn(usize, &mut W) + Sync,
-    made: impl Fn(&W) -> Made<'_, D> + Sync,
+    made: impl Fn(&W) -> &ListRows<D> + Sync,
 ) {
     let mut done = 0;
     while done < groups {
-        let end_of = |offsets: &[usize]| offsets.last().copied().unwrap_or(0);
+        let mut end = lists.end();
         done = {
-            let mut room = data.room(end_of(offsets));
+            let ListRows { offsets, points, data } = &mut *lists;
+            let mut room = data.room(end);
             let assign = |worker: &W| {
                 let made = made(worker);
-                let room = D::take(&mut room, made.len())?;
-                let begin = end_of(offsets);
-                points.extend_from_slice(made.points);
-                offsets.extend(made.ends.iter().map(|end| begin + end));
+                let room = D::take(&mut room, made.end())?;
+                points.extend_from_slice(&made.points);
+                offsets.extend(made.offsets[1..].iter().map(|of_group| end + of_group));
+                end += made.end();
                 Some(room)
             };
             let copy = |worker: &W, room: D::Room<'_>| made(worker).data.fill(room);
             in_order(done..groups, workers, &make, assign, copy)
         };
         if done < groups {
-            let made = workers.iter().map(|worker| made(worker).len());
-            data.make_room(room_for(end_of(offsets), done, groups - done, made));
+            let made = workers.iter().map(|worker| made(worker).end());
+            lists.data.make_room(room_for(lists.end(), done, groups - done, made));
         }
     }
 }

@@ -3,9 +3,9 @@
 use super::candidate_points::WIDTH;
 use super::encounter::Encounter;
 use crate::parallel;
-use crate::point::lists::by_id::Reordering;
 use crate::point::lists::error::ListError;
-use crate::point::lists::list_data::ListData;
+use crate::point::lists::list_rows::{ListData, ListRows};
+use crate::point::lists::reordering::Reordering;
 use crate::point::lists::row_moves::RowMoves;
 use crate::simd::huge_vec;
 
@@ -26,19 +26,18 @@ use crate::simd::huge_vec;
 /// lists.
 #[derive(Clone, Debug, Default)]
 pub struct EncounterLists {
-    /// Begin of each list, and the end of the last; empty if there never was one.
-    pub(super) offsets: Vec<usize>,
-    pub(super) points: Vec<u32>,
-    /// Longer than what is in use, so that nothing is cleared from query to query.
-    pub(super) encounters: Vec<Encounter>,
+    pub(super) rows: EncounterRows,
     /// Lists on their way, of one group of points each.
-    pub(super) shares: Vec<EncounterLists>,
+    pub(super) shares: Vec<EncounterRows>,
     reordering: Reordering<Vec<Encounter>>,
 }
 
+/// The lists themselves.
+pub(super) type EncounterRows = ListRows<Vec<Encounter>>;
+
 impl PartialEq for EncounterLists {
     fn eq(&self, other: &EncounterLists) -> bool {
-        self.offsets() == other.offsets() && self.points == other.points && self.encounters() == other.encounters()
+        (self.offsets(), self.points(), self.encounters()) == (other.offsets(), other.points(), other.encounters())
     }
 }
 
@@ -50,35 +49,33 @@ impl EncounterLists {
 
     /// Drops all lists and keeps the memory.
     pub fn clear(&mut self) {
-        self.points.clear();
-        self.offsets.clear();
-        self.offsets.push(0);
+        self.rows.clear();
     }
 
     /// Number of lists: one for each point that exists at any time of the interval, and possibly some that do not; or one for each
     /// id with [`in_order`](super::SweptQuery::in_order).
     pub fn len(&self) -> usize {
-        self.points.len()
+        self.rows.points.len()
     }
 
     /// Whether there is no list.
     pub fn is_empty(&self) -> bool {
-        self.points.is_empty()
+        self.rows.points.is_empty()
     }
 
     /// Where each list begins in [`encounters`](EncounterLists::encounters), and where the last one ends.
     pub fn offsets(&self) -> &[usize] {
-        if self.offsets.is_empty() { &[0] } else { &self.offsets }
+        self.rows.offsets()
     }
 
     /// The id of the point that each list belongs to.
     pub fn points(&self) -> &[u32] {
-        &self.points
+        &self.rows.points
     }
 
     /// All encounters, list after list.
     pub fn encounters(&self) -> &[Encounter] {
-        &self.encounters[..self.end()]
+        &self.rows.data[..self.rows.end()]
     }
 
     /// The encounters of list `row`.
@@ -98,24 +95,18 @@ impl EncounterLists {
     /// # Panics
     /// If `row` is not less than [`EncounterLists::len`].
     pub fn row(&self, row: usize) -> &[Encounter] {
-        &self.encounters[self.offsets[row]..self.offsets[row + 1]]
+        &self.rows.data[self.rows.offsets[row]..self.rows.offsets[row + 1]]
     }
 
     /// The lists, each with the id of its point.
     pub fn iter(&self) -> impl ExactSizeIterator<Item = (u32, &[Encounter])> {
-        let rows = self.offsets.windows(2).map(|ends| &self.encounters[ends[0]..ends[1]]);
-        self.points.iter().copied().zip(rows)
+        (0..self.len()).map(move |row| (self.rows.points[row], self.row(row)))
     }
 
     /// Bytes allocated, for the lists and for making them.
     pub fn bytes(&self) -> usize {
-        let shares: usize = self.shares.iter().map(EncounterLists::bytes).sum();
-        self.offsets.capacity() * size_of::<usize>()
-            + self.points.capacity() * size_of::<u32>()
-            + self.encounters.bytes()
-            + self.reordering.bytes()
-            + self.shares.capacity() * size_of::<EncounterLists>()
-            + shares
+        let shares: usize = self.shares.iter().map(EncounterRows::bytes).sum();
+        self.rows.bytes() + self.reordering.bytes() + self.shares.capacity() * size_of::<EncounterRows>() + shares
     }
 }
 
@@ -163,30 +154,15 @@ impl ListData for Vec<Encounter> {
 }
 
 impl EncounterLists {
-    /// Where the last list ends.
-    #[inline(always)]
-    pub(super) fn end(&self) -> usize {
-        self.offsets.last().map_or(0, |end| *end)
-    }
-
-    /// No lists yet, ready for the first.
-    pub(super) fn cleared() -> EncounterLists {
-        EncounterLists { offsets: vec![0], ..EncounterLists::default() }
-    }
-
     /// Brings the lists into the order of ids, of which there are so many.
     pub(super) fn reorder(&mut self, count: usize) -> Result<(), ListError> {
-        let done = self.reordering.reorder(count, (&mut self.offsets, &mut self.points, &mut self.encounters));
-        if done.is_err() {
-            self.clear();
-        }
-        done
+        self.reordering.reorder(count, &mut self.rows)
     }
 
     /// Sorts each list by id.
     pub(super) fn sort(&mut self) {
-        let end = self.end();
-        sort_rows(&self.offsets, &mut self.encounters[..end]);
+        let end = self.rows.end();
+        sort_rows(&self.rows.offsets, &mut self.rows.data[..end]);
     }
 }
 

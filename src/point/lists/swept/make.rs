@@ -3,12 +3,12 @@
 use super::candidate_points::{FourPoints, WIDTH};
 use super::coordinate::SweptCoordinate;
 use super::encounter::{Encounter, EncounterLanes, EncounterVisitor};
-use super::encounter_lists::EncounterLists;
+use super::encounter_lists::{EncounterLists, EncounterRows, grow};
 use super::merge::unite;
 use super::sweep::{Sweep, Worker};
 use crate::parallel;
 use crate::point::layout::over_interval::PointPath;
-use crate::point::lists::scheduling::{Made, append_in_order};
+use crate::point::lists::scheduling::append_in_order;
 
 /// Groups of points for each thread whose lists are on their way: few, because the lists of one are a few hundred kilobytes.
 const SHARES: usize = 2;
@@ -22,7 +22,7 @@ const MOST_WAITING: usize = 1 << 22;
 
 /// Lists in the making, which drop those with too many encounters.
 struct Maker {
-    lists: EncounterLists,
+    lists: EncounterRows,
     /// The greatest number of encounters of a point.
     most: usize,
     /// Whether points that meet nothing have a list. (Where the shutter is divided, nearly all lists of points at rest are empty.)
@@ -32,7 +32,9 @@ struct Maker {
 }
 
 impl Maker {
-    fn new(lists: EncounterLists, most: usize, empty: bool) -> Maker {
+    fn new(mut lists: EncounterRows, most: usize, empty: bool) -> Maker {
+        // What is left of the lists before says nothing about these.
+        lists.clear();
         Maker { lists, most, empty, crowded: None }
     }
 
@@ -69,17 +71,17 @@ impl EncounterVisitor for Maker {
 
     #[inline(always)]
     fn visit<C: SweptCoordinate>(&mut self, _own: &PointPath, others: &FourPoints<C>, encounters: &EncounterLanes) {
-        let EncounterLists { offsets, encounters: written, .. } = &mut self.lists;
+        let EncounterRows { offsets, data: written, .. } = &mut self.lists;
         let Some(end) = offsets.last_mut() else { return };
         if written.len() < *end + WIDTH {
-            super::encounter_lists::grow(written, *end + WIDTH);
+            grow(written, *end + WIDTH);
         }
         let to: &mut [Encounter; WIDTH] = (&mut written[*end..*end + WIDTH]).try_into().expect("four");
         *end += encounters.write(others, to);
     }
 
     fn end_of_several_images(&mut self) {
-        let EncounterLists { offsets, encounters, .. } = &mut self.lists;
+        let EncounterRows { offsets, data: encounters, .. } = &mut self.lists;
         if let [.., begin, end] = &mut offsets[..] {
             *end = *begin + unite(&mut encounters[*begin..*end]);
         }
@@ -90,36 +92,37 @@ impl EncounterVisitor for Maker {
 /// incomplete.
 pub(super) fn lists<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Sweep<'_, C>, most: usize) -> Option<u32> {
     if !sweep.ids_come_up_once() {
-        return merged(lists, sweep, most, MOST_WAITING);
+        return merged(&mut lists.rows, sweep, most, MOST_WAITING);
     }
     if parallel::threads() > 1 {
         return in_parallel(lists, sweep, most);
     }
-    let mut worker = Worker::new(Maker::new(core::mem::take(lists), most, true));
+    let mut worker = Worker::new(Maker::new(core::mem::take(&mut lists.rows), most, true));
     sweep.run_on_one_thread(&mut worker);
     worker.visitor.end_list();
-    *lists = worker.visitor.lists;
+    lists.rows = worker.visitor.lists;
     worker.visitor.crowded
 }
 
 /// Makes lists of which a point has several, and merges these: again and again, as soon as more than `most_waiting` encounters have
 /// come, and twice as many as all before. A pair may meet in thousands of time slices, and is not to be kept for each.
 fn merged<C: SweptCoordinate>(
-    lists: &mut EncounterLists,
+    lists: &mut EncounterRows,
     sweep: &Sweep<'_, C>,
     most: usize,
     most_waiting: usize,
 ) -> Option<u32> {
     // None of the lists of a point is longer than all together, unless several points have the same id.
     let most_of_one = if sweep.has_distinct_ids() { most } else { usize::MAX };
-    let too_long = |lists: &EncounterLists, most: usize| {
-        lists.iter().filter(|(_, list)| list.len() > most).map(|(id, _)| id).min()
+    let too_long = |lists: &EncounterRows, most: usize| {
+        let lists = lists.points.iter().zip(lists.offsets.windows(2));
+        lists.filter(|(_, ends)| ends[1] - ends[0] > most).map(|(&id, _)| id).min()
     };
     // Those of all slices so far that have been merged, and behind them those that have not.
-    let (mut parts, mut waiting, mut crowded) = (vec![EncounterLists::cleared()], 0, None);
+    let (mut parts, mut waiting, mut crowded) = (vec![EncounterRows::default()], 0, None);
     let (shares, at_once) = (sweep.shares(), SHARES_AT_ONCE * parallel::threads());
     for begin in (0..shares).step_by(at_once) {
-        let start = || Maker { crowded, ..Maker::new(EncounterLists::cleared(), most_of_one, false) };
+        let start = || Maker { crowded, ..Maker::new(EncounterRows::default(), most_of_one, false) };
         for mut maker in sweep.run_shares(begin..shares.min(begin + at_once), start) {
             maker.end_list();
             crowded = lowest(crowded, maker.crowded);
@@ -127,12 +130,12 @@ fn merged<C: SweptCoordinate>(
             parts.push(maker.lists);
         }
         if waiting > most_waiting.max(2 * parts[0].end()) {
-            let mut all = EncounterLists::cleared();
+            let mut all = EncounterRows::default();
             all.merge(&parts, Vec::new());
             // They are as long as all that a pair of ids has met in so far, and will not be shorter.
             crowded = lowest(crowded, too_long(&all, most));
-            all.encounters.truncate(all.end());
-            all.encounters.shrink_to_fit();
+            all.data.truncate(all.end());
+            all.data.shrink_to_fit();
             (parts, waiting) = (vec![all], 0);
         }
     }
@@ -148,20 +151,14 @@ fn lowest(a: Option<u32>, b: Option<u32>) -> Option<u32> {
 /// Makes lists on several threads.
 fn in_parallel<C: SweptCoordinate>(lists: &mut EncounterLists, sweep: &Sweep<'_, C>, most: usize) -> Option<u32> {
     let mut shares = core::mem::take(&mut lists.shares);
-    // What is left of the lists before says nothing about these.
-    shares.iter_mut().for_each(EncounterLists::clear);
-    shares.resize(SHARES * parallel::threads(), EncounterLists::cleared());
+    shares.resize(SHARES * parallel::threads(), EncounterRows::default());
     let mut workers: Vec<_> = shares.into_iter().map(|share| Worker::new(Maker::new(share, most, true))).collect();
     let make = |group: usize, worker: &mut Worker<Maker, C>| {
         worker.visitor.lists.clear();
         sweep.run_group(group, worker);
         worker.visitor.end_list();
     };
-    let EncounterLists { offsets, points, encounters, .. } = &mut *lists;
-    append_in_order(sweep.groups(), &mut workers, (offsets, points, encounters), make, |worker| {
-        let lists = &worker.visitor.lists;
-        Made { points: &lists.points, ends: &lists.offsets[1..], data: &lists.encounters }
-    });
+    append_in_order(sweep.groups(), &mut workers, &mut lists.rows, make, |worker| &worker.visitor.lists);
     let crowded = workers.iter().filter_map(|worker| worker.visitor.crowded).min();
     lists.shares = workers.into_iter().map(|worker| worker.visitor.lists).collect();
     crowded
@@ -188,7 +185,7 @@ mod tests {
         let sweep = Sweep::<f32>::new((&tree, None), [0.0, 1.0], 0.5f32.into(), [None; 2]);
         let run = |most: usize, most_waiting: usize| {
             let mut lists = EncounterLists::new();
-            let long = merged(&mut lists, &sweep, most, most_waiting);
+            let long = merged(&mut lists.rows, &sweep, most, most_waiting);
             (long, lists)
         };
         let [(_, at_once), (long, in_steps)] = [usize::MAX, 100].map(|most_waiting| run(usize::MAX, most_waiting));
@@ -215,12 +212,12 @@ mod tests {
         let tree = PointTree::build(&points, &PointParams::default()).unwrap();
         let sweep = Sweep::<f32>::new((&tree, None), [0.0, 1.0], 0.02f32.into(), [None; 2]);
         assert!(!sweep.ids_come_up_once());
-        let mut makers = sweep.run(|| Maker::new(EncounterLists::cleared(), usize::MAX, false));
+        let mut makers = sweep.run(|| Maker::new(EncounterRows::default(), usize::MAX, false));
         makers.iter_mut().for_each(Maker::end_list);
         let (mut kept, mut met) = (0, 0);
         for maker in &makers {
-            kept += maker.lists.len();
-            met += maker.lists.encounters().len();
+            kept += maker.lists.points.len();
+            met += maker.lists.end();
         }
         assert!(0 < kept && kept <= met && kept < 20 * SEGMENTS, "{kept} lists of {met} encounters");
         let lists = tree.neighbor_lists_swept(TimeInterval::FULL, 0.02).collect().unwrap();

@@ -5,9 +5,9 @@
 //! Each point is merged by itself, so little memory is needed beside the lists.
 
 use super::encounter::Encounter;
-use super::encounter_lists::EncounterLists;
+use super::encounter_lists::EncounterRows;
 use crate::parallel;
-use crate::point::lists::list_data::ListData;
+use crate::point::lists::list_rows::ListData;
 
 /// One of the lists of a point: its id, the share, and the number of the list in it.
 type Row = (u32, u32, u32);
@@ -15,13 +15,13 @@ type Row = (u32, u32, u32);
 /// Lists, or points, that one task does.
 const SHARE: usize = 256;
 
-impl EncounterLists {
+impl EncounterRows {
     /// One list for each of these points, and for all in the shares; one encounter for each pair; in the order of ids, in place of
     /// what the lists held. So the shares need no lists of points that meet nothing.
-    pub(super) fn merge(&mut self, shares: &[EncounterLists], mut ids: Vec<u32>) {
-        let mut rows: Vec<Row> = Vec::with_capacity(shares.iter().map(EncounterLists::len).sum());
+    pub(super) fn merge(&mut self, shares: &[EncounterRows], mut ids: Vec<u32>) {
+        let mut rows: Vec<Row> = Vec::with_capacity(shares.iter().map(|lists| lists.points.len()).sum());
         for (share, lists) in shares.iter().enumerate() {
-            rows.extend(lists.points().iter().enumerate().map(|(row, &id)| (id, share as u32, row as u32)));
+            rows.extend(lists.points.iter().enumerate().map(|(row, &id)| (id, share as u32, row as u32)));
         }
         sort(&mut rows);
         ids.extend(rows.chunk_by(|a, b| a.0 == b.0).map(|rows| rows[0].0));
@@ -41,16 +41,16 @@ impl EncounterLists {
             self.offsets.push(self.end() + length);
         }
         let end = self.end();
-        self.encounters.make_room(end);
+        self.data.make_room(end);
         let mut lengths = vec![0; points.len()];
         let all = Points { shares, rows: &points, ends: &self.offsets };
-        all.merge(&mut self.encounters[..end], &mut lengths);
+        all.merge(&mut self.data[..end], &mut lengths);
         // Lists that have become shorter move up.
         let mut end = 0;
         for (point, length) in lengths.into_iter().enumerate() {
             let begin = self.offsets[point];
             if begin != end {
-                self.encounters.copy_within(begin..begin + length, end);
+                self.data.copy_within(begin..begin + length, end);
             }
             self.offsets[point] = end;
             end += length;
@@ -61,9 +61,9 @@ impl EncounterLists {
     }
 }
 
-fn list<'a>(shares: &'a [EncounterLists], &(_, share, row): &Row) -> &'a [Encounter] {
+fn list<'a>(shares: &'a [EncounterRows], &(_, share, row): &Row) -> &'a [Encounter] {
     let (share, row) = (&shares[share as usize], row as usize);
-    &share.encounters()[share.offsets[row]..share.offsets[row + 1]]
+    &share.data[share.offsets[row]..share.offsets[row + 1]]
 }
 
 /// Sorts, halves at the same time.
@@ -80,7 +80,7 @@ fn sort(rows: &mut [Row]) {
 
 /// Points, the lists of each, and where each one's encounters end, the first entry being where the first one's begin.
 struct Points<'a> {
-    shares: &'a [EncounterLists],
+    shares: &'a [EncounterRows],
     rows: &'a [&'a [Row]],
     ends: &'a [usize],
 }

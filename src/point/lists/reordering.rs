@@ -1,7 +1,7 @@
 //! Lists in the order of ids instead of that of the tree.
 
 use super::error::ListError;
-use super::list_data::ListData;
+use super::list_rows::{ListData, ListRows};
 use super::row_moves::{ABSENT, RowMoves};
 
 /// Memory for bringing lists into the order of ids.
@@ -14,14 +14,13 @@ pub(super) struct Reordering<D> {
 }
 
 impl<D: ListData> Reordering<D> {
-    /// Brings lists into the order of `count` ids: where each begins and the last ends, the ids of their points, and what is in
-    /// them.
-    pub(super) fn reorder(
-        &mut self,
-        count: usize,
-        (offsets, points, data): (&mut Vec<usize>, &mut Vec<u32>, &mut D),
-    ) -> Result<(), ListError> {
-        rows_of_ids(points, count, &mut self.rows)?;
+    /// Brings lists into the order of `count` ids. After an error there are none.
+    pub(super) fn reorder(&mut self, count: usize, lists: &mut ListRows<D>) -> Result<(), ListError> {
+        if let Err(error) = rows_of_ids(&lists.points, count, &mut self.rows) {
+            lists.clear();
+            return Err(error);
+        }
+        let ListRows { offsets, points, data } = lists;
         let moves = RowMoves::new(&self.rows, offsets, &mut self.offsets);
         data.copy_rows(&moves, &mut self.data, offsets.last().copied().unwrap_or(0));
         core::mem::swap(data, &mut self.data);
