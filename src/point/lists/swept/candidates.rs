@@ -79,9 +79,10 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
         self.windows.clear();
     }
 
-    /// Adds the blocks of all images of a tree that the group can come within a radius of: as [`SweptCandidates::add`].
+    /// Adds the blocks of a tree, and of its images, that the group can come within a radius of during a window. Stops with `false`
+    /// once there are more blocks than `most`.
     #[inline(always)]
-    pub(super) fn add_images<S: Simd, T: BlockTree<Coordinate = C>>(
+    pub(super) fn add<S: Simd, T: BlockTree<Coordinate = C>>(
         &mut self,
         s: S,
         tree: &T,
@@ -90,6 +91,9 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
         criteria: &Criteria<'_>,
         most: usize,
     ) -> bool {
+        if !criteria.images.any() {
+            return self.add_image(s, tree, group, (window, behind), criteria, most);
+        }
         let (root, excess) = behind.node(tree.shape().root().1);
         let (lo, hi) = group.swept_root(s, tree, excess);
         let within = criteria.longest(criteria.own, root.iter().fold(0.0, |most, &radius| f32::max(most, radius)));
@@ -100,7 +104,7 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
             for y in ys.clone() {
                 for z in zs.clone() {
                     let window = window.at_image(criteria.images.shift([x, y, z]));
-                    if !self.add::<S, T, true>(s, tree, group, (window, behind), criteria, most) {
+                    if !self.add_image(s, tree, group, (window, behind), criteria, most) {
                         return false;
                     }
                 }
@@ -109,10 +113,9 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
         true
     }
 
-    /// Adds the blocks of a tree that the group can come within a radius of during `window`; if `IMAGES`, at the window's image.
-    /// Stops with `false` once there are more blocks than `most`.
+    /// The same of the window's image.
     #[inline(always)]
-    pub(super) fn add<S: Simd, T: BlockTree<Coordinate = C>, const IMAGES: bool>(
+    fn add_image<S: Simd, T: BlockTree<Coordinate = C>>(
         &mut self,
         s: S,
         tree: &T,
@@ -122,14 +125,14 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
         most: usize,
     ) -> bool {
         let phases = phases(tree, group.times);
-        let frame = if IMAGES { group.frame.of_image(window.shift) } else { group.frame };
+        let frame = group.frame.of_image(window.shift);
         let within = criteria.within(criteria.own);
         let early = greater(group.early, early(tree, phases, group.times[0]));
         self.open.clear();
         self.open.push(tree.shape().root());
         while let Some((level, node)) = self.open.pop() {
             let (reach, excess) = behind.node(node);
-            let (mut boxes, magnitude) = group.swept::<S, T, IMAGES>(s, tree, &frame, phases, (node, excess));
+            let (mut boxes, magnitude) = group.swept(s, tree, &frame, phases, (node, excess));
             boxes.reach = s.load(reach);
             let mut near = boxes.near(s, group.lo, group.hi, within) & active_lanes(tree, node, group.times);
             let (first, stride) = tree.shape().children(level, node);
@@ -145,7 +148,7 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
                 for lane in (0..LANES).filter(|lane| near >> lane & 1 != 0) {
                     number[lane] = self.blocks.len() as u32;
                     let points = tree.rows(first + lane * stride + part);
-                    let paths = RelativePaths::new::<C, IMAGES>(&points, phases, &frame);
+                    let paths = RelativePaths::new(&points, phases, &frame);
                     let mut slack = SLACK * magnitude[lane];
                     // A box beside one that is far away is coarse, and points of it may be much nearer than one of their block.
                     if slack > criteria.longest(criteria.own, reach[lane]) {

@@ -33,8 +33,6 @@ pub(super) trait SweptCoordinate: Copy + Default + Into<f64> + Send + Sync {
 
     /// The layers of a tree.
     fn layers(tree: &PointTree) -> Vec<SweptLayer<'_, Self>>;
-    /// A coordinate relative to the centre of a group. If `IMAGES`, the centre is that of an image of the group, in f32 as well.
-    fn relative<const IMAGES: bool>(x: f64, center: f64) -> f64;
     /// What the positions near one are measured from.
     fn center(x: f64) -> f64;
     /// The lengths of a periodic box, zero along axes that are not periodic.
@@ -78,10 +76,6 @@ impl SweptCoordinate for f32 {
             Layer::Double(_) => None,
         });
         layers.collect()
-    }
-    #[inline(always)]
-    fn relative<const IMAGES: bool>(x: f64, center: f64) -> f64 {
-        if IMAGES { x - center } else { x }
     }
     /// Zero loses no bits.
     fn center(_x: f64) -> f64 {
@@ -140,10 +134,6 @@ impl SweptCoordinate for f64 {
             Layer::Static(_) | Layer::Moving(_) | Layer::Kd(_) => None,
         });
         layers.collect()
-    }
-    #[inline(always)]
-    fn relative<const IMAGES: bool>(x: f64, center: f64) -> f64 {
-        x - center
     }
     fn center(x: f64) -> f64 {
         x

@@ -6,7 +6,8 @@ use crate::point::lists::candidates::Within;
 use crate::point::lists::radii::{Allowance, Margin, Radii, radius_of, squared_up};
 use crate::simd::{Lanes, Simd};
 
-/// The criteria of an encounter, the same for all points of a group.
+/// The criteria of an encounter, the same for all points of a group. (Those of a whole sweep have neither a greatest radius nor a
+/// first time.)
 #[derive(Clone, Copy)]
 pub(super) struct Criteria<'a> {
     pub(super) radii: Radii<'a>,

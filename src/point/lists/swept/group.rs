@@ -33,7 +33,7 @@ pub(super) fn early<T: BoxTree>(tree: &T, [first, last]: [f64; 2], time: f32) ->
 /// What positions are relative to: a place, and a displacement during the range of times, which is taken off everything.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Frame {
-    /// Of no account for f32.
+    /// Zero for f32, except of images.
     center: [f64; 3],
     drift: [f64; 3],
 }
@@ -59,11 +59,7 @@ pub(super) struct RelativePaths {
 impl RelativePaths {
     /// The motion of points between two phases of their segment.
     #[inline(always)]
-    pub(super) fn new<C: SweptCoordinate, const IMAGES: bool>(
-        points: &PathRows<C>,
-        phases: [f64; 2],
-        frame: &Frame,
-    ) -> RelativePaths {
+    pub(super) fn new<C: SweptCoordinate>(points: &PathRows<C>, phases: [f64; 2], frame: &Frame) -> RelativePaths {
         let mut paths = RelativePaths { start: [[f32::INFINITY; LANES]; 3], displacement: [[0.0; LANES]; 3] };
         for axis in 0..3 {
             let (center, drift) = (frame.center[axis], frame.drift[axis]);
@@ -71,8 +67,8 @@ impl RelativePaths {
                 let open: f64 = points.open[axis][lane].into();
                 let displacement = points.close[axis][lane].into() - open;
                 let (first, last) = (open + displacement * phases[0], open + displacement * phases[1]);
-                let from = C::relative::<IMAGES>(first, center) as f32;
-                let to = (C::relative::<IMAGES>(last, center) - drift) as f32;
+                let from = (first - center) as f32;
+                let to = ((last - center) - drift) as f32;
                 let exists = points.id[lane] != u32::MAX;
                 paths.start[axis][lane] = if exists { from } else { f32::INFINITY };
                 paths.displacement[axis][lane] = if exists { to - from } else { 0.0 };
@@ -108,7 +104,7 @@ pub(super) struct Block<C> {
 impl<C: SweptCoordinate> Block<C> {
     #[inline(always)]
     fn new(points: PathRows<C>, phases: [f64; 2], frame: &Frame) -> Block<C> {
-        let (paths, drift) = (RelativePaths::new::<C, false>(&points, phases, frame), frame.drift);
+        let (paths, drift) = (RelativePaths::new(&points, phases, frame), frame.drift);
         let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
         let mut magnitude = drift.iter().fold(0.0f64, |most, x| greater(most, x.abs()));
         for axis in 0..3 {
@@ -274,7 +270,7 @@ impl<C: SweptCoordinate> SweptGroup<C> {
     /// The boxes of a node, swept between two phases, in the group's frame or an image of it, and the magnitudes of what is in
     /// them. Each is wider by the excess of what is in it.
     #[inline(always)]
-    pub(super) fn swept<S: Simd, T: BoxTree, const IMAGES: bool>(
+    pub(super) fn swept<S: Simd, T: BoxTree>(
         &self,
         s: S,
         tree: &T,
@@ -289,8 +285,8 @@ impl<C: SweptCoordinate> SweptGroup<C> {
             for lane in 0..LANES {
                 let (begin, end) =
                     ([begin[0][axis][lane], begin[1][axis][lane]], [end[0][axis][lane], end[1][axis][lane]]);
-                let first = [C::relative::<IMAGES>(begin[0], center), C::relative::<IMAGES>(begin[1], center)];
-                let last = [C::relative::<IMAGES>(end[0], center), C::relative::<IMAGES>(end[1], center)];
+                let first = [begin[0] - center, begin[1] - center];
+                let last = [end[0] - center, end[1] - center];
                 let most = greater(greater(first[0].abs(), first[1].abs()), greater(last[0].abs(), last[1].abs()));
                 // Faces and positions may be much smaller than at a key; see `super` for why that needs nothing more.
                 let mut slack = most * SLACK + self.slack;
@@ -310,7 +306,7 @@ impl<C: SweptCoordinate> SweptGroup<C> {
     #[inline(always)]
     pub(super) fn swept_root<S: Simd, T: BoxTree>(&self, s: S, tree: &T, excess: &Lanes<f32>) -> ([f32; 3], [f32; 3]) {
         let root = tree.shape().root().1;
-        let (boxes, _) = self.swept::<S, T, true>(s, tree, &self.frame, phases(tree, self.times), (root, excess));
+        let (boxes, _) = self.swept(s, tree, &self.frame, phases(tree, self.times), (root, excess));
         let active = active_lanes(tree, root, self.times);
         let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
         let (mut lower, mut upper) = ([0.0; LANES], [0.0; LANES]);

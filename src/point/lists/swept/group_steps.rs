@@ -27,8 +27,8 @@ impl<C: SweptCoordinate, T: BlockTree<Coordinate = C>> Kernel for TakeGroup<'_, 
     }
 }
 
-/// See [`SweptCandidates::add`], and [`SweptCandidates::add_images`] if `IMAGES`.
-pub(super) struct AddCandidates<'a, T: BlockTree, const IMAGES: bool> {
+/// See [`SweptCandidates::add`].
+pub(super) struct AddCandidates<'a, T: BlockTree> {
     pub(super) candidates: &'a mut SweptCandidates<T::Coordinate>,
     pub(super) tree: &'a T,
     pub(super) group: &'a SweptGroup<T::Coordinate>,
@@ -37,21 +37,17 @@ pub(super) struct AddCandidates<'a, T: BlockTree, const IMAGES: bool> {
     pub(super) most: usize,
 }
 
-impl<C: SweptCoordinate, T: BlockTree<Coordinate = C>, const IMAGES: bool> Kernel for AddCandidates<'_, T, IMAGES> {
+impl<C: SweptCoordinate, T: BlockTree<Coordinate = C>> Kernel for AddCandidates<'_, T> {
     type Output = bool;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> bool {
         let AddCandidates { candidates, tree, group, window, criteria, most } = self;
-        if IMAGES {
-            candidates.add_images(s, tree, group, window, criteria, most)
-        } else {
-            candidates.add::<S, T, false>(s, tree, group, window, criteria, most)
-        }
+        candidates.add(s, tree, group, window, criteria, most)
     }
 }
 
 /// See [`PairFilter::visit`].
-pub(super) struct ShowBlock<'a, V, C: SweptCoordinate, const IMAGES: bool> {
+pub(super) struct ShowBlock<'a, V, C: SweptCoordinate> {
     pub(super) block: &'a Block<C>,
     pub(super) candidates: &'a SweptCandidates<C>,
     pub(super) criteria: &'a Criteria<'a>,
@@ -59,11 +55,11 @@ pub(super) struct ShowBlock<'a, V, C: SweptCoordinate, const IMAGES: bool> {
     pub(super) visitor: &'a mut V,
 }
 
-impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for ShowBlock<'_, V, C, IMAGES> {
+impl<V: EncounterVisitor, C: SweptCoordinate> Kernel for ShowBlock<'_, V, C> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let ShowBlock { block, candidates, criteria, filter, visitor } = self;
-        filter.visit::<S, V, C, IMAGES>(s, (block, candidates), criteria, visitor);
+        filter.visit(s, (block, candidates), criteria, visitor);
     }
 }

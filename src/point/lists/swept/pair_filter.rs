@@ -56,9 +56,9 @@ impl Default for PairFilter {
 const LANE: Lanes<u32> = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
 impl PairFilter {
-    /// Passes all encounters of the points of a block to a visitor; if `IMAGES`, candidates are images of points.
+    /// Passes all encounters of the points of a block to a visitor.
     #[inline(always)]
-    pub(super) fn visit<S: Simd, V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool>(
+    pub(super) fn visit<S: Simd, V: EncounterVisitor, C: SweptCoordinate>(
         &mut self,
         s: S,
         (block, candidates): (&Block<C>, &SweptCandidates<C>),
@@ -101,18 +101,20 @@ impl PairFilter {
             let (mut begin, mut image, mut several) = (0, None, false);
             for &(window, end) in &candidates.windows {
                 let before = hits[begin..count].partition_point(|&index| (index as usize) < end * LANES);
-                if IMAGES {
-                    if before == 0 {
-                        continue;
-                    }
-                    several |= image.is_some_and(|image| image != window.shift);
-                    image = Some(window.shift);
+                if before == 0 {
+                    continue;
                 }
+                several |= image.is_some_and(|image| image != window.shift);
+                image = Some(window.shift);
                 let hits = (&hits[begin..], before);
-                window.encounters::<S, V, C, IMAGES>(s, &own, &candidates.others, hits, criteria, visitor);
+                if window.shift == [0.0; 3] {
+                    window.encounters::<S, V, C, false>(s, &own, &candidates.others, hits, criteria, visitor);
+                } else {
+                    window.encounters::<S, V, C, true>(s, &own, &candidates.others, hits, criteria, visitor);
+                }
                 begin += before;
             }
-            if IMAGES && several {
+            if several {
                 visitor.end_of_several_images();
             }
         }

@@ -35,14 +35,11 @@ pub(super) struct Sweep<'a, C: SweptCoordinate> {
     /// Pairing and bottom node of each group.
     groups: Vec<(usize, usize)>,
     times: [f64; 2],
-    radii: Radii<'a>,
-    allowance: Allowance,
+    criteria: Criteria<'a>,
     /// For each slice the greatest radii of its points, where those of listed points count.
     reaches: Vec<Reach>,
     /// The greatest of these.
     most_reach: f32,
-    /// Whether each pair is in the list of the lower id only.
-    pairs_once: bool,
     /// The largest number of segments between keys, and the most by which displacements between two keys differ along an axis; that
     /// is of no account for f32.
     segments: usize,
@@ -51,13 +48,8 @@ pub(super) struct Sweep<'a, C: SweptCoordinate> {
     /// have on top.
     excess: f64,
     excesses: Vec<Reach>,
-    /// Pairs that are nearer than this at the first time are excluded.
-    excluded_within: Option<f64>,
     /// Whether each point is in one slice, once unless ids repeat.
     undivided: bool,
-    /// Whether some points do not exist throughout the shutter.
-    has_active_intervals: bool,
-    images: Images,
 }
 
 /// Groups that one task processes.
@@ -100,7 +92,17 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
             && own_once
             && layers.iter().all(|layer| layer.len() <= 1)
             && !slices.iter().any(SweptSlice::timed);
-        let has_active_intervals = slices.iter().any(|slice| slice.points().has_active_intervals());
+        let criteria = Criteria {
+            radii,
+            allowance: Allowance::default(),
+            own: 0.0,
+            pairs_once: false,
+            other_set: among.is_some(),
+            first_time: times[0],
+            excluded_within: None,
+            has_active_intervals: slices.iter().any(|slice| slice.points().has_active_intervals()),
+            images: Images::default(),
+        };
         let times = times.map(f64::from);
         let segments =
             slices.iter().filter_map(|slice| slice.segment).map(|(keys, _)| keys.max(2) - 1).max().unwrap_or(1);
@@ -121,21 +123,16 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
             pairings,
             groups,
             times,
-            radii,
-            allowance: Allowance::default(),
+            criteria,
             reaches,
             most_reach,
-            pairs_once: false,
-            excluded_within: None,
             undivided,
-            has_active_intervals,
-            images: Images::default(),
         }
     }
 
     /// With images in a periodic box.
     pub(super) fn in_box(mut self, images: Images) -> Sweep<'a, C> {
-        self.images = images;
+        self.criteria.images = images;
         if images.any() {
             // Where each point has an excess of its own, the length of the box comes on top.
             let of_points = if self.excesses.is_empty() { magnitude(&self.slices) } else { 0.0 };
@@ -169,12 +166,12 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
     /// compared, which is a little before the first time. Until then a pair moves by a share of what it moves in the range: along
     /// an axis, at most 2M' in the group, and 2M and the drift in the other block, less than 6 (M + M') altogether.
     pub(super) fn for_certificate(mut self, listed_within: f32) -> Sweep<'a, C> {
-        let magnitude = magnitude(&self.slices) + self.images.longest();
-        let segments = self.segments + usize::from(self.images.any());
-        self.allowance = C::rounding(segments, magnitude, self.motion);
-        let rounding = self.allowance.added_to(listed_within) - f64::from(listed_within);
+        let magnitude = magnitude(&self.slices) + self.criteria.images.longest();
+        let segments = self.segments + usize::from(self.criteria.images.any());
+        self.criteria.allowance = C::rounding(segments, magnitude, self.motion);
+        let rounding = self.criteria.allowance.added_to(listed_within) - f64::from(listed_within);
         // NaN for lists of all pairs, which counts as the greatest distance there is.
-        self.excluded_within = Some(f64::from(listed_within) - 2.0 * rounding);
+        self.criteria.excluded_within = Some(f64::from(listed_within) - 2.0 * rounding);
         self
     }
 
@@ -191,8 +188,9 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
     }
 
     /// With each pair in the list of the lower id only.
-    pub(super) fn pairs_once(self, pairs_once: bool) -> Sweep<'a, C> {
-        Sweep { pairs_once, ..self }
+    pub(super) fn pairs_once(mut self, pairs_once: bool) -> Sweep<'a, C> {
+        self.criteria.pairs_once = pairs_once;
+        self
     }
 
     /// Shows all points and their encounters to visitors, one for each share of the points, whose order is always the
@@ -257,11 +255,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
     }
 
     fn work<V: EncounterVisitor>(&self, groups: &[(usize, usize)], worker: &mut Worker<V, C>) {
-        if self.images.any() {
-            dispatch(self.tree.simd, Share::<_, _, true> { sweep: self, groups, worker });
-        } else {
-            dispatch(self.tree.simd, Share::<_, _, false> { sweep: self, groups, worker });
-        }
+        dispatch(self.tree.simd, Share { sweep: self, groups, worker });
     }
 
     /// The times during which points of two slices are compared. Slices of the same set are not in different segments.
@@ -313,15 +307,15 @@ impl<V, C: SweptCoordinate> Worker<V, C> {
     }
 }
 
-/// A share of the groups; with images of the other points if `IMAGES`.
-struct Share<'a, V, C: SweptCoordinate, const IMAGES: bool> {
+/// A share of the groups.
+struct Share<'a, V, C: SweptCoordinate> {
     sweep: &'a Sweep<'a, C>,
     groups: &'a [(usize, usize)],
     worker: &'a mut Worker<V, C>,
 }
 
 /// Adds all candidates of a group, of one pairing; see [`SweptCandidates::add`].
-struct AddAll<'a, C: SweptCoordinate, const IMAGES: bool> {
+struct AddAll<'a, C: SweptCoordinate> {
     sweep: &'a Sweep<'a, C>,
     pairing: &'a Pairing,
     group: &'a SweptGroup<C>,
@@ -330,7 +324,7 @@ struct AddAll<'a, C: SweptCoordinate, const IMAGES: bool> {
     most: usize,
 }
 
-impl<C: SweptCoordinate, const IMAGES: bool> Kernel for AddAll<'_, C, IMAGES> {
+impl<C: SweptCoordinate> Kernel for AddAll<'_, C> {
     type Output = bool;
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> bool {
@@ -344,12 +338,8 @@ impl<C: SweptCoordinate, const IMAGES: bool> Kernel for AddAll<'_, C, IMAGES> {
             let other = &sweep.slices[other];
             let (candidates, window) = (&mut *candidates, (sweep.window(slice, other), behind));
             let all = match other.tree {
-                SweptTree::Static(tree) => {
-                    s.call(AddCandidates::<_, IMAGES> { candidates, tree, group, window, criteria, most })
-                }
-                SweptTree::Moving(tree) => {
-                    s.call(AddCandidates::<_, IMAGES> { candidates, tree, group, window, criteria, most })
-                }
+                SweptTree::Static(tree) => s.call(AddCandidates { candidates, tree, group, window, criteria, most }),
+                SweptTree::Moving(tree) => s.call(AddCandidates { candidates, tree, group, window, criteria, most }),
             };
             if !all {
                 return false;
@@ -359,7 +349,7 @@ impl<C: SweptCoordinate, const IMAGES: bool> Kernel for AddAll<'_, C, IMAGES> {
     }
 }
 
-impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for Share<'_, V, C, IMAGES> {
+impl<V: EncounterVisitor, C: SweptCoordinate> Kernel for Share<'_, V, C> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
@@ -380,18 +370,9 @@ impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for Sha
                 continue;
             }
             let first_time = pairing.times[0];
-            let mut criteria = Criteria {
-                radii: sweep.radii,
-                allowance: sweep.allowance,
-                own: 0.0,
-                pairs_once: sweep.pairs_once,
-                other_set: sweep.among.is_some(),
-                first_time,
-                // It holds for positions at the first time of all only.
-                excluded_within: sweep.excluded_within.filter(|_| f64::from(first_time) == sweep.times[0]),
-                has_active_intervals: sweep.has_active_intervals,
-                images: sweep.images,
-            };
+            let mut criteria = Criteria { first_time, ..sweep.criteria };
+            // It holds for positions at the first time of all only.
+            criteria.excluded_within = criteria.excluded_within.filter(|_| f64::from(first_time) == sweep.times[0]);
             for block in &group.blocks {
                 criteria.own = criteria.own.max(criteria.greatest(&block.points.id));
             }
@@ -406,10 +387,10 @@ impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for Sha
             } else {
                 usize::MAX
             };
-            if s.call(AddAll::<_, IMAGES> { sweep, pairing, group, candidates, criteria: &criteria, most }) {
+            if s.call(AddAll { sweep, pairing, group, candidates, criteria: &criteria, most }) {
                 for block in &group.blocks {
                     if block.points.id.iter().any(|&id| visitor.wants(id)) {
-                        s.call(ShowBlock::<_, _, IMAGES> { block, candidates, criteria: &criteria, filter, visitor });
+                        s.call(ShowBlock { block, candidates, criteria: &criteria, filter, visitor });
                     }
                 }
                 continue;
@@ -425,8 +406,8 @@ impl<V: EncounterVisitor, C: SweptCoordinate, const IMAGES: bool> Kernel for Sha
                 let block = &alone.blocks[0];
                 criteria.own = criteria.greatest(&block.points.id);
                 let (criteria, most) = (&criteria, usize::MAX);
-                s.call(AddAll::<_, IMAGES> { sweep, pairing, group: alone, candidates, criteria, most });
-                s.call(ShowBlock::<_, _, IMAGES> { block, candidates, criteria, filter, visitor });
+                s.call(AddAll { sweep, pairing, group: alone, candidates, criteria, most });
+                s.call(ShowBlock { block, candidates, criteria, filter, visitor });
             }
         }
     }
