@@ -197,70 +197,49 @@ impl<K: Keep> PeriodicQuery<'_, K> {
 
     /// The same, with the caller's buffer for the result.
     pub fn nearest_n_into(self, k: usize, buffer: &mut NeighborBuffer) -> &[Neighbor] {
-        let repeats = self.search_nearest_n(k, buffer);
-        if repeats && !self.tree.distinct {
-            // Several points with one id may have been found instead of others.
-            self.approximate(0.0).search_different(k, buffer);
-        } else if repeats && self.query.is_approximate() {
-            // Two images may give the same farther point instead of two nearer ones.
-            self.approximate(0.0).search_nearest_n(k, buffer);
-        }
-        &buffer.found
-    }
-
-    /// Finds the `k` nearest points; returns whether two images may have found the same ones.
-    fn search_nearest_n(&self, k: usize, buffer: &mut NeighborBuffer) -> bool {
         let NeighborBuffer { candidates, found, images, of_image } = buffer;
         found.clear();
         if k == 0 {
-            return false;
+            return found;
         }
-        let (mut first, mut repeats) = (true, false);
-        self.in_order(images, |image| {
-            of_image.clear();
-            image.run(|query| compiled::nearest_n(query, k, candidates, of_image));
-            if core::mem::take(&mut first) {
-                core::mem::swap(found, of_image);
-            } else {
-                repeats |= self.images.may_repeat(image.query.bound);
-                found.append(of_image);
-                if repeats {
-                    keep_nearest(found);
-                }
-                sort(found);
-                found.truncate(k);
-            }
-            found.get(k - 1).map(|last| last.distance_squared)
-        });
-        repeats
-    }
-
-    /// Finds the `k` nearest ids: asks each image for so many points that there are `k` ids among them.
-    fn search_different(&self, k: usize, buffer: &mut NeighborBuffer) {
-        let NeighborBuffer { candidates, found, images, of_image } = buffer;
-        let mut points = k;
+        // How many points each image is asked for, and whether two images may have found the same ones.
+        let (mut query, mut points, mut repeats) = (self, k, false);
         loop {
-            points = points.saturating_mul(2);
             found.clear();
             // Up to which distance all points have been found.
-            let mut complete = f32::INFINITY;
-            self.in_order(images, |image| {
+            let (mut complete, mut first) = (f32::INFINITY, true);
+            query.in_order(images, |image| {
                 of_image.clear();
                 image.run(|query| compiled::nearest_n(query, points, candidates, of_image));
                 if let Some(last) = of_image.get(points - 1) {
                     complete = complete.min(last.distance_squared);
                 }
-                found.append(of_image);
-                keep_nearest(found);
-                sort(found);
-                found.truncate(k);
+                let only = core::mem::take(&mut first);
+                repeats |= !only && query.images.may_repeat(image.query.bound);
+                if only {
+                    core::mem::swap(found, of_image);
+                } else {
+                    found.append(of_image);
+                }
+                if repeats {
+                    keep_nearest(found);
+                }
+                if repeats || !only {
+                    sort(found);
+                    found.truncate(k);
+                }
                 found.get(k - 1).map(|last| last.distance_squared)
             });
-            // At that distance, points with lower ids may be missing.
-            let enough = found.get(k - 1).is_some_and(|last| last.distance_squared < complete);
-            if enough || complete == f32::INFINITY {
-                return;
+            // Several points with one id may have been found instead of others. At that distance, points with lower ids may be
+            // missing.
+            let last = found.get(k - 1).map_or(f32::INFINITY, |last| last.distance_squared);
+            let enough = query.tree.distinct || last < complete || complete == f32::INFINITY;
+            // In an approximate search, two images may give the same farther point instead of two nearer ones.
+            if !repeats || enough && !query.query.is_approximate() {
+                return found;
             }
+            points = if enough { points } else { points.saturating_mul(2) };
+            query = query.approximate(0.0);
         }
     }
 
