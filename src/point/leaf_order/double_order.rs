@@ -3,16 +3,13 @@
 //! An order may be found by rounded coordinates, because boxes are made around what is in them. So a range is ordered in f32,
 //! relative to its middle ([`super::rounded_order`]). Parts of it whose leaves are too small for that are ordered relative to
 //! their own middles. Where points are so close together, relative to the range, that rounding decides on which part they are in,
-//! the range is divided once in f64, and its halves are tried again.
+//! the range is divided once in f64, by position, and its halves are tried again.
 
 use super::rounded_order::{PointsToOrder, order_in_f32};
 use crate::parallel;
 use crate::point::leaf_order::complete_tree::{left_part, subtree, subtrees_of};
-use crate::point::leaf_order::motion_groups::{self, Displaced, MotionDivision};
-use crate::point::leaf_order::spread::spread;
 use crate::point::leaf_order::widest_axis::widest_axis;
 use crate::progress::Progress;
-use crate::simd::LANES;
 
 /// Ranges shorter than this are not divided among threads.
 const SHARE: usize = 1 << 14;
@@ -49,18 +46,11 @@ fn order_range<P: PointsToOrder>(
     if order_in_f32(numbers, leaf, (points, by_motion), progress, again) {
         return;
     }
-    let above_bottom = block == leaf * LANES;
-    let divided = if by_motion && above_bottom { divide_by_motion(numbers, block, points) } else { None };
-    let left = divided.unwrap_or_else(|| {
-        let (left, axis) = (left_part(count, block), widest_axis(count, |i| points.at(numbers[i]).to_array()));
-        select(numbers, left, |number| points.at(number)[axis]);
-        left
-    });
-    // Parts of a place without flows have none.
-    let points = (points, by_motion && (!above_bottom || divided.is_some()));
+    let (left, axis) = (left_part(count, block), widest_axis(count, |i| points.at(numbers[i]).to_array()));
+    select(numbers, left, |number| points.at(number)[axis]);
     let (low, high) = numbers.split_at_mut(left);
-    let mut low = || order_range(low, leaf, points, progress);
-    let mut high = || order_range(high, leaf, points, progress);
+    let mut low = || order_range(low, leaf, (points, by_motion), progress);
+    let mut high = || order_range(high, leaf, (points, by_motion), progress);
     if left < SHARE {
         low();
         high();
@@ -76,19 +66,11 @@ fn select(numbers: &mut [u32], count: usize, key: impl Fn(u32) -> f64) {
     numbers.iter_mut().zip(keys).for_each(|(to, (_, number))| *to = number);
 }
 
-/// Divides points by motion and returns how many are on the left; `None` if division by position is better.
-fn divide_by_motion(numbers: &mut [u32], block: usize, points: &impl PointsToOrder) -> Option<usize> {
-    let displaced = |number: u32| Displaced { at: points.at(number), by: points.displacement(number) };
-    let sample = (0..motion_groups::SAMPLE).map(|i| displaced(numbers[spread(i, numbers.len())]));
-    let division = MotionDivision::of(&sample.collect::<Vec<_>>(), numbers.len(), block)?;
-    select(numbers, division.left, |number| division.key(&displaced(number)));
-    Some(division.left)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::random::Random;
+    use crate::simd::LANES;
     use glam::DVec3;
 
     struct Set<'a>(&'a [DVec3]);
