@@ -5,7 +5,7 @@ use super::build::layer_request::{ChosenLayer, LayerRequest};
 use super::build::partition::Partition;
 use super::build::source::{Input, Source};
 use super::build::static_apart::static_apart;
-use super::build::time_slices::{double_layer, kd_layer, moving_layer, static_double_layer};
+use super::build::time_slices::{double_layer, kd_layer, moving_layer, static_double_layer, time_slices};
 use super::error::PointError;
 use super::layout::kd_points::KdPoints;
 use super::layout::static_tree::StaticTree;
@@ -168,73 +168,71 @@ impl PointTree {
             let expected = "one with at most 16384 time slices in all, those of each segment between keys";
             return Err(PointError::Parameter { name: "structure", expected });
         }
-        let (len, origin) = (source.len, source.origin);
-        let mut tree = PointTree::without_layers(len, origin, params.simd, source.ids_are_indices());
-        if source.is_double() {
-            tree.add_double(source, params, progress)?;
-            return Ok(tree);
+        if params.structure == PointStructure::Kd && source.is_double() {
+            let expected = "one without planes where positions are kept in f64 (or ask for `Precision::Single`)";
+            return Err(PointError::Parameter { name: "structure", expected });
         }
-        let partition = Partition::of(source);
+        let mut tree = PointTree::without_layers(source.len, source.origin, params.simd, source.ids_are_indices());
+        let (partition, len) = (Partition::of(source), source.len);
         let count = partition.static_count;
-        if count == len {
-            let layer = Layer::Static(source.static_tree(len, 0..len, progress));
-            tree.add(layer, PointLayerKind::Static, len, ALL_STATIC.into());
-            return Ok(tree);
+        let apart = || match params.structure {
+            PointStructure::Automatic if source.is_double() => count as f64 >= MIN_STATIC_SHARE * len as f64,
+            PointStructure::Automatic => static_apart(source, count, params.simd),
+            _ => false,
+        };
+        if count == len || apart() {
+            let progress = progress.rest(count as f64 / len.max(1) as f64);
+            let layer = if source.is_double() {
+                static_double_layer(source, partition.static_points(), &progress)
+            } else {
+                Layer::Static(source.static_tree(count, partition.static_points(), &progress))
+            };
+            let why = if count == len { ALL_STATIC.into() } else { partition.why() };
+            tree.add(layer, PointLayerKind::Static, count, in_precision(source, why));
         }
-        let separate = params.structure == PointStructure::Automatic && static_apart(source, count, params.simd);
-        if separate {
-            let progress = progress.subtask(count as f64 / len as f64);
-            let layer = Layer::Static(source.static_tree(count, partition.static_points(), &progress));
-            tree.add(layer, PointLayerKind::Static, count, partition.why());
-        }
-        let moving = if separate { partition.moving_points() } else { (0..len as u32).collect() };
-        if params.structure == PointStructure::Kd {
-            let layer = kd_layer(source, &moving, params.max_references, progress);
-            tree.add(layer, PointLayerKind::Kd, len, "as requested".into());
-        } else if let Some(time_slices) = params.structure.requested_slices() {
-            let layer = moving_layer(source, &moving, time_slices, progress);
-            tree.add(layer, PointLayerKind::Linear { time_slices }, len, "as requested".into());
-        } else {
-            let progress = progress.rest(1.0);
-            let chosen = moving_layers(request_for(source, &moving, params, &progress));
-            for ChosenLayer { layer, time_slices, points, why } in chosen {
-                tree.add(layer, PointLayerKind::Linear { time_slices }, points, why);
-            }
+        if count < len {
+            let all = tree.layers.is_empty();
+            let points = if all { (0..len as u32).collect() } else { partition.moving_points() };
+            tree.add_moving((source, &partition), &points, params, progress);
         }
         Ok(tree)
     }
 
-    /// Adds layers of points in f64: static ones, and moving ones.
-    fn add_double(&mut self, source: &Source, params: &PointParams, progress: &Progress) -> Result<(), PointError> {
-        if params.structure == PointStructure::Kd {
-            let expected = "one without planes where positions are kept in f64 (or ask for `Precision::Single`)";
-            return Err(PointError::Parameter { name: "structure", expected });
-        }
-        let (len, partition) = (source.len, Partition::of(source));
-        let count = partition.static_count;
-        let requested = params.structure.requested_slices();
-        let (time_slices, why) = match requested {
-            Some(time_slices) => (time_slices, "as requested; positions in f64".to_string()),
-            None if count == len => (1, String::new()),
+    /// Adds the layers of points that are not in a static one.
+    fn add_moving(
+        &mut self,
+        (source, partition): (&Source, &Partition),
+        points: &[u32],
+        params: &PointParams,
+        progress: &Progress,
+    ) {
+        let requested = in_precision(source, "as requested".into());
+        let (slices, why) = match params.structure.requested_slices() {
+            Some(slices) => (slices, requested),
+            None if params.structure == PointStructure::Kd => {
+                let layer = kd_layer(source, points, params.max_references, progress);
+                return self.add(layer, PointLayerKind::Kd, points.len(), requested);
+            }
+            None if source.is_double() => {
+                let (moving, planning) = (partition.moving_points(), progress.rest(PLANNING));
+                let (slices, why) = slices_for_all(request_for(source, &moving, params, &planning));
+                (slices, format!("{why}; trials used positions rounded to f32"))
+            }
             None => {
-                let (moving, planning) = (partition.moving_points(), progress.subtask(PLANNING));
-                let (time_slices, why) = slices_for_all(request_for(source, &moving, params, &planning));
-                (time_slices, format!("{why}; trials used positions rounded to f32"))
+                let progress = progress.rest(1.0);
+                for chosen in moving_layers(request_for(source, points, params, &progress)) {
+                    let ChosenLayer { layer, time_slices, points, why } = chosen;
+                    self.add(layer, PointLayerKind::Linear { time_slices }, points, why);
+                }
+                return;
             }
         };
-        let separate = count == len || count as f64 >= MIN_STATIC_SHARE * len as f64 && requested.is_none();
-        if separate {
-            let progress = progress.rest(count as f64 / len as f64);
-            let layer = static_double_layer(source, partition.static_points(), &progress);
-            let why = if count == len { ALL_STATIC.to_string() } else { partition.why() };
-            self.add(layer, PointLayerKind::Static, count, format!("{why}; positions in f64"));
-        }
-        if count < len {
-            let moving = if separate { partition.moving_points() } else { (0..len as u32).collect() };
-            let layer = double_layer(source, &moving, time_slices, progress);
-            self.add(layer, PointLayerKind::Linear { time_slices }, moving.len(), why);
-        }
-        Ok(())
+        let layer = if source.is_double() {
+            double_layer(source, points, slices, progress)
+        } else {
+            moving_layer(source, points, &time_slices(source.keys, slices), Vec::new(), progress)
+        };
+        self.add(layer, PointLayerKind::Linear { time_slices: slices }, points.len(), why);
     }
 
     pub(super) fn add(&mut self, layer: Layer, kind: PointLayerKind, points: usize, why: String) {
@@ -334,6 +332,11 @@ impl core::fmt::Debug for PointTree {
 /// The work of building a tree, in triangles: a static point takes less than an eighth of the time of one.
 pub(super) fn work_of<P: PointSet + ?Sized>(points: &P) -> usize {
     if points.keys() == 1 { points.len() / 8 } else { points.len() }
+}
+
+/// Why a structure was chosen, and what positions are kept in if that is f64.
+fn in_precision(source: &Source, why: String) -> String {
+    if source.is_double() { format!("{why}; positions in f64") } else { why }
 }
 
 /// What layers of some points of a set are built for.

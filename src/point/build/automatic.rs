@@ -41,7 +41,7 @@ pub(in crate::point) fn moving_layers(request: LayerRequest<'_>) -> Vec<ChosenLa
     // The linear tree of all points between the keys in the middle, once it is built.
     let mut ready = None;
     if trials.stay_together() {
-        let WithoutFast { tree, by_motion, .. } = linear_tree(source, points, trials.placed.take(), None, progress);
+        let WithoutFast { tree, by_motion, .. } = linear_tree(source, points, None, progress);
         let size = Excess::of_segment(&tree.leaves.blocks, simd);
         if size.is_small(points.len() * segments(source.keys)) && !by_motion {
             let layer = PartialLayer::linear(request, tree);
@@ -112,17 +112,13 @@ fn by_whole_trees(request: LayerRequest<'_>) -> Option<(PartialLayer<'_>, String
 /// Begins the cheapest layer for all points; returns it, its cost, and a description of the measurements. The linear tree of all
 /// points between the keys in the middle may be `ready`.
 fn one_layer<'a>(trials: &mut Trials<'a>, ready: Option<MovingTree>) -> (PartialLayer<'a>, f64, String) {
-    let (request @ LayerRequest { source, points, progress, .. }, placed) = (trials.request, trials.placed.take());
+    let request @ LayerRequest { source, points, progress, .. } = trials.request;
     let mut layer = match trials.best(false).slices {
         1 => {
-            let tree = ready.unwrap_or_else(|| linear_tree(source, points, placed, None, progress).tree);
+            let tree = ready.unwrap_or_else(|| linear_tree(source, points, None, progress).tree);
             PartialLayer::linear(request, tree)
         }
-        slices => {
-            // Other trees have no use for this memory.
-            drop(placed);
-            PartialLayer::new(request, slices)
-        }
+        slices => PartialLayer::new(request, slices),
     };
     let cost_of = |layer: &PartialLayer, trials: &Trials| layer.visits().cost() + trials.memory_cost(layer.per_segment);
     let mut cost = cost_of(&layer, trials);
@@ -145,7 +141,7 @@ fn one_layer<'a>(trials: &mut Trials<'a>, ready: Option<MovingTree>) -> (Partial
 fn split_fast(trials: &mut Trials) -> (Vec<u32>, Vec<u32>, MovingTree) {
     let LayerRequest { source, points, progress, .. } = trials.request;
     let leaf_size = Some(trials.leaf_size);
-    let WithoutFast { tree, fast, .. } = linear_tree(source, points, trials.placed.take(), leaf_size, progress);
+    let WithoutFast { tree, fast, .. } = linear_tree(source, points, leaf_size, progress);
     let mut is_fast = vec![false; source.len];
     fast.iter().for_each(|&point| is_fast[point as usize] = true);
     let slow = points.iter().copied().filter(|&point| !is_fast[point as usize]).collect();

@@ -25,7 +25,7 @@ pub(in crate::point) fn by_own_trees<'a>(request: LayerRequest<'a>) -> Option<(P
     if !source.all_persist() || !OWN_TREES.contains(&points.len()) {
         return None;
     }
-    let WithoutFast { tree, by_motion, .. } = linear_tree(source, points, None, None, progress);
+    let WithoutFast { tree, by_motion, .. } = linear_tree(source, points, None, progress);
     let by_position = by_motion.then(|| by_position(source, points));
     let leaves = by_position.as_ref().unwrap_or(&tree.leaves.blocks);
     let of_one = Excess::of_segment(leaves, simd);

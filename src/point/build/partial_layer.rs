@@ -2,13 +2,12 @@
 
 use super::cost::Visits;
 use super::layer_request::{ChosenLayer, LayerRequest};
-use super::slice_points::{points_of_slice, points_of_slices};
-use super::time_slices::{PROBABLE, time_slices, tree};
+use super::slice_points::points_of_slice;
+use super::time_slices::{PROBABLE, moving_layer, time_slices, tree};
 use crate::point::layout::moving_tree::{MovingTree, WithoutFast};
 use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::point::search::layers::Layer;
 use crate::progress::Progress;
-use std::borrow::Cow;
 
 /// A layer of which one tree is built, or two.
 pub(in crate::point) struct PartialLayer<'a> {
@@ -38,7 +37,8 @@ impl<'a> PartialLayer<'a> {
         let at = index_of(&slices, time);
         let existing = points_of_slice(source, points, &slices[at]);
         let progress = progress.rest(PROBABLE / slices.len() as f64);
-        let WithoutFast { tree, by_motion, .. } = tree(source, &existing, &slices[at], &mut Vec::new(), &progress);
+        let WithoutFast { tree, by_motion, .. } =
+            tree(source, &existing, &slices[at], None, &mut Vec::new(), &progress);
         let tree = Layer::Moving(vec![tree]);
         PartialLayer { request, per_segment, slices, at, tree, by_motion, other: None }
     }
@@ -82,17 +82,7 @@ impl<'a> PartialLayer<'a> {
                 ready.extend(trees.into_iter().map(|tree| (at, tree)));
             }
         }
-        let progress = progress.in_units(self.slices.len() - ready.len());
-        let existing = points_of_slices(source, points, &self.slices);
-        let mut more = Vec::new();
-        let tree_of = |(i, (slice, existing)): (usize, (&SegmentSlice, Cow<[u32]>))| match ready
-            .iter()
-            .position(|&(at, _)| at == i)
-        {
-            Some(place) => ready.swap_remove(place).1,
-            None => tree(source, &existing, slice, &mut more, &progress.subtask(1.0)).tree,
-        };
-        let layer = Layer::Moving(self.slices.iter().zip(existing).enumerate().map(tree_of).collect());
+        let layer = moving_layer(source, points, &self.slices, ready, progress);
         ChosenLayer { layer, time_slices, points: points.len(), why }
     }
 }

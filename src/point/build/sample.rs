@@ -8,15 +8,12 @@
 //! subset yields a box that holds the wanted share of all points. One pass over all points then finds those inside.
 
 use super::excess::leaves_of;
-use super::slice_points::SlicePoints;
 use super::source::Source;
 use super::time_slices::{middle_slice, time_slices_of};
 use crate::geometry::TimeInterval;
-use crate::point::layout::moving_tree::Placed;
 use crate::point::leaf_order::fast_points::Fast;
 use crate::point::leaf_order::motion_groups::Displaced;
 use crate::point::leaf_order::moving_reference::MovingReference;
-use crate::point::leaf_order::point_rows::PointRows;
 use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::point::leaf_order::spread::spread;
 use crate::point::leaf_order::widest_axis::widest_axis;
@@ -101,21 +98,8 @@ impl<'a> Sampler<'a> {
         Sampler { source, points, simd, drawn, wanted }
     }
 
-    /// All points where they are in the middle of the segment, if all persist.
-    pub(in crate::point) fn placed(&self) -> Option<Placed> {
-        let Sampler { source, points, .. } = *self;
-        let whole = &middle_slice(source.keys);
-        source.all_persist().then(|| Placed::new(&SlicePoints::<false>::new(source, points, whole), whole))
-    }
-
-    /// Samples for trees over `per_segment` time slices of a segment between two keys. Fast points are marked if `marked`. If there
-    /// is one slice, all points may be [`placed`](Sampler::placed).
-    pub(in crate::point) fn samples(
-        &self,
-        per_segment: usize,
-        placed: Option<&mut Placed>,
-        marked: bool,
-    ) -> Vec<Sample> {
+    /// Samples for trees over `per_segment` time slices of a segment between two keys. Fast points are marked if `marked`.
+    pub(in crate::point) fn samples(&self, per_segment: usize, marked: bool) -> Vec<Sample> {
         let (source, points) = (self.source, self.points);
         let whole = middle_slice(source.keys);
         let finer: Vec<SegmentSlice> = time_slices_of(whole.segment, source.keys, per_segment).collect();
@@ -124,13 +108,7 @@ impl<'a> Sampler<'a> {
         let mut inside: [Vec<u32>; SAMPLES] = Default::default();
         // If many points coincide, some of them suffice.
         let most = 2 * self.wanted as usize;
-        match placed {
-            Some(placed) => {
-                let rows = &placed.rows();
-                dispatch(self.simd, ScanPlaced { rows, count: points.len(), cells: &cells, inside: &mut inside, most });
-            }
-            None => dispatch(self.simd, Scan { source, points, cells: &cells, inside: &mut inside, most }),
-        }
+        dispatch(self.simd, Scan { source, points, cells: &cells, inside: &mut inside, most });
         let sample = |(slice, inside): (&SegmentSlice, &Vec<u32>)| {
             let mut references = source.references(&whole, inside.iter().map(|&i| i as usize), |i| i as u32);
             let (mut leaf_size, mut order) = (0.0, Vec::new());
@@ -245,30 +223,6 @@ impl Kernel for Scan<'_> {
     }
 }
 
-/// Finds the points in each cell at the same time, at most so many, among those at that time.
-struct ScanPlaced<'a> {
-    rows: &'a PointRows<'a>,
-    count: usize,
-    cells: &'a [Cell; SAMPLES],
-    inside: &'a mut [Vec<u32>; SAMPLES],
-    most: usize,
-}
-
-impl Kernel for ScanPlaced<'_> {
-    type Output = ();
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let ScanPlaced { rows, count, cells, inside, most } = self;
-        for begin in (0..count).step_by(LANES) {
-            let (at, numbers) = (rows.vector(s, begin).at, &rows.index[begin..]);
-            let exist = Mask::MAX >> (LANES - (count - begin).min(LANES));
-            for (cell, inside) in cells.iter().zip(inside.iter_mut()) {
-                cell.take(s, &at, exist, numbers, most, inside);
-            }
-        }
-    }
-}
-
 impl Cell {
     /// Adds those of sixteen points that exist and are inside, up to `most` in all.
     #[inline(always)]
@@ -304,10 +258,8 @@ mod tests {
             let source = Source::read(&points[..], Precision::Automatic).unwrap();
             let all: Vec<u32> = (0..n as u32).collect();
             let sampler = Sampler::new(&source, &all, SimdLevel::best());
-            let mut placed = sampler.placed();
-            assert_eq!(placed.is_some(), active == 0);
-            for (slices, placed) in [(1, None), (8, None), (1, placed.as_mut())] {
-                for sample in sampler.samples(slices, placed, false) {
+            for slices in [1, 8] {
+                for sample in sampler.samples(slices, false) {
                     let count = sample.references.len() as f32;
                     assert!(count >= (0.5 * sampler.wanted).min(n as f32), "{count} of {n}, not {}", sampler.wanted);
                     assert!(count <= 2.0 * sampler.wanted, "{count} of {n}, not {}", sampler.wanted);
@@ -332,6 +284,6 @@ mod tests {
         let source = Source::read(&points[..], Precision::Automatic).unwrap();
         let all: Vec<u32> = (0..points.len() as u32).collect();
         let sampler = Sampler::new(&source, &all, SimdLevel::best());
-        assert!(sampler.samples(2, None, true).iter().all(|s| s.references.len() == 2 * sampler.wanted as usize));
+        assert!(sampler.samples(2, true).iter().all(|s| s.references.len() == 2 * sampler.wanted as usize));
     }
 }

@@ -27,7 +27,7 @@ pub(in crate::point) fn static_apart(source: &Source, static_points: usize, simd
         let slice = middle_slice(source.keys);
         vec![leaves_by_position(&SlicePoints::<false>::new(source, &all, &slice), &slice)]
     } else {
-        Sampler::new(source, &all, simd).samples(1, None, true).iter().map(Sample::leaves).collect()
+        Sampler::new(source, &all, simd).samples(1, true).iter().map(Sample::leaves).collect()
     };
     let sizes = leaves.iter().map(|leaves| Excess::of_segment(leaves, simd).largest());
     sizes.sum::<f64>() > MAX_TOGETHER * leaves.len() as f64

@@ -5,7 +5,7 @@ use super::source::Source;
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::point::layout::double_tree::DoubleTree;
 use crate::point::layout::kd_points::KdPoints;
-use crate::point::layout::moving_tree::{MovingTree, Placed, WithoutFast};
+use crate::point::layout::moving_tree::{MovingTree, WithoutFast};
 use crate::point::leaf_order::segment_slice::{SegmentSlice, exact_phase, segments};
 use crate::point::search::layers::Layer;
 use crate::progress::Progress;
@@ -59,72 +59,64 @@ fn slices_between(
     })
 }
 
-/// The tree of points that all exist during a time slice. Trees that are built one after the other share the memory `more`. Once
-/// `progress` is cancelled, it is empty.
+/// The tree of points that all exist during a time slice; without fast ones, whose numbers in the set are returned, if the longest
+/// side of a leaf of usual size is given. Trees that are built one after the other share the memory `more`. Once `progress` is
+/// cancelled, it is empty.
 pub(in crate::point) fn tree(
     source: &Source,
     existing: &[u32],
     slice: &SegmentSlice,
+    without_fast: Option<f32>,
     more: &mut Vec<PointBlock>,
     progress: &Progress,
 ) -> WithoutFast {
-    tree_without_fast(source, existing, slice, (None, more), None, progress)
-}
-
-/// The same without fast points, if the longest side of a leaf of usual size is given, and their numbers in the set. Where all
-/// points persist, they may be `placed` already.
-fn tree_without_fast(
-    source: &Source,
-    existing: &[u32],
-    slice: &SegmentSlice,
-    (placed, more): (Option<Placed>, &mut Vec<PointBlock>),
-    leaf_size: Option<f32>,
-    progress: &Progress,
-) -> WithoutFast {
-    let (existing, placed) = if progress.cancelled() { (&[][..], None) } else { (existing, placed) };
+    let existing = if progress.cancelled() { &[] } else { existing };
     if source.all_persist() {
         let references = SlicePoints::<false>::new(source, existing, slice);
-        let placed = placed.unwrap_or_else(|| Placed::new(&references, slice));
-        return MovingTree::build_without_fast(&references, placed, *slice, leaf_size, more, progress);
+        return MovingTree::build_without_fast(&references, *slice, without_fast, more, progress);
     }
     let references = SlicePoints::<true>::new(source, existing, slice);
-    MovingTree::build_without_fast(&references, Placed::new(&references, slice), *slice, leaf_size, more, progress)
+    MovingTree::build_without_fast(&references, *slice, without_fast, more, progress)
 }
 
 /// The share in the rest of a build of trees that will probably be used, but may turn out to be one of several that are tried.
 pub(in crate::point) const PROBABLE: f64 = 0.9;
 
-/// The tree of one time slice between the keys in the middle; see [`tree_without_fast`].
+/// The tree of one time slice between the keys in the middle; see [`tree`].
 pub(in crate::point) fn linear_tree(
     source: &Source,
     points: &[u32],
-    placed: Option<Placed>,
-    leaf_size: Option<f32>,
+    without_fast: Option<f32>,
     progress: &Progress,
 ) -> WithoutFast {
     let slice = middle_slice(source.keys);
     let existing = points_of_slice(source, points, &slice);
     let progress = progress.rest(PROBABLE / segments(source.keys) as f64);
-    tree_without_fast(source, &existing, &slice, (placed, &mut Vec::new()), leaf_size, &progress)
+    tree(source, &existing, &slice, without_fast, &mut Vec::new(), &progress)
 }
 
-/// Builds a layer of some of the points: trees of boxes, so many side by side in time for each segment between keys.
+/// Builds a layer of some of the points: a tree of boxes for each of the time slices, which follow each other and together are the
+/// shutter. Some may be ready, each with the index of its slice.
 pub(in crate::point) fn moving_layer(
     source: &Source,
     points: &[u32],
-    per_segment: usize,
+    slices: &[SegmentSlice],
+    mut ready: Vec<(usize, MovingTree)>,
     progress: &Progress,
 ) -> Layer {
-    let slices = time_slices(source.keys, per_segment);
-    let (progress, mut more) = (progress.in_units(slices.len()), Vec::new());
-    let existing = points_of_slices(source, points, &slices);
-    let tree = |(slice, points): (&SegmentSlice, Cow<[u32]>)| {
-        tree(source, &points, slice, &mut more, &progress.subtask(1.0)).tree
+    let (progress, mut more) = (progress.in_units(slices.len() - ready.len()), Vec::new());
+    let existing = points_of_slices(source, points, slices);
+    let tree_of = |(i, (slice, existing)): (usize, (&SegmentSlice, Cow<[u32]>))| match ready
+        .iter()
+        .position(|&(at, _)| at == i)
+    {
+        Some(place) => ready.swap_remove(place).1,
+        None => tree(source, &existing, slice, None, &mut more, &progress.subtask(1.0)).tree,
     };
-    Layer::Moving(slices.iter().zip(existing).map(tree).collect())
+    Layer::Moving(slices.iter().zip(existing).enumerate().map(tree_of).collect())
 }
 
-/// Builds a layer of some of the points in f64, as [`moving_layer`].
+/// Builds a layer of some of the points in f64: trees of boxes, so many side by side in time for each segment between keys.
 pub(in crate::point) fn double_layer(
     source: &Source,
     points: &[u32],

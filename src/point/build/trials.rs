@@ -11,7 +11,7 @@ use super::excess::Excess;
 use super::layer_request::LayerRequest;
 use super::sample::{Sample, Sampler};
 use super::time_slices::time_slices_of;
-use crate::point::layout::moving_tree::{MovingTree, Placed};
+use crate::point::layout::moving_tree::MovingTree;
 use crate::point::layout::shape::Shape;
 use crate::point::leaf_order::motion_groups::{Displaced, MotionDivision, SAMPLE, cost_of_slices};
 use crate::point::leaf_order::moving_reference::MovingReference;
@@ -47,8 +47,6 @@ pub(in crate::point) struct Trials<'a> {
     pub(in crate::point) leaf_size: f32,
     /// Samples of one tree for all points.
     whole: Vec<Sample>,
-    /// All points where they are in the middle of the segment, for that tree; those of sets in which all persist.
-    pub(in crate::point) placed: Option<Placed>,
     /// The work of a search if all points rested. No number of time slices makes it less.
     at_rest: f64,
     /// The cost if the fast points had a layer of their own and rested; infinite unless they are few.
@@ -73,15 +71,14 @@ impl<'a> Trials<'a> {
         let LayerRequest { source, points, simd, progress, .. } = request;
         let _reported = progress.rest(TRIAL);
         let sampler = Sampler::new(source, points, simd);
-        let mut placed = sampler.placed();
-        let whole = sampler.samples(1, placed.as_mut(), true);
+        let whole = sampler.samples(1, true);
         let mut sizes: Vec<f32> = whole.iter().map(|sample| sample.leaf_size).collect();
         sizes.sort_by(f32::total_cmp);
         let leaf_size = sizes[sizes.len() / 2];
         let (all, at_rest, fast_at_rest) = (Vec::new(), 0.0, f64::INFINITY);
         let flows = whole.iter().map(least_with_flows).collect();
         let references = ReferenceCounts::of(source, points);
-        Trials { request, references, sampler, all, leaf_size, whole, placed, at_rest, fast_at_rest, flows }
+        Trials { request, references, sampler, all, leaf_size, whole, at_rest, fast_at_rest, flows }
     }
 
     /// Whether points of the samples that are close together stay together, so that nothing can cost much less than one tree.
@@ -132,7 +129,7 @@ impl<'a> Trials<'a> {
             if goes_on == [false; 2] || self.request.progress.cancelled() {
                 break;
             }
-            let samples = self.sampler.samples(slices, None, goes_on[1]);
+            let samples = self.sampler.samples(slices, goes_on[1]);
             if goes_on[0] {
                 let cost = self.add(&samples, slices, None);
                 if slices == guess && guess > 2 {
@@ -154,7 +151,7 @@ impl<'a> Trials<'a> {
         let limit = MAX_COST * self.expected(1, linear)(guess);
         let mut slices = if self.tried(guess).is_some_and(|cost| cost < limit) { guess / 2 } else { 1 };
         while slices > 1 && !self.request.progress.cancelled() {
-            let samples = self.sampler.samples(slices, None, false);
+            let samples = self.sampler.samples(slices, false);
             let cost = self.add(&samples, slices, None);
             slices = if cost * MAX_COST <= self.least() { slices / 2 } else { 1 };
         }
@@ -253,7 +250,7 @@ impl<'a> Trials<'a> {
             return None;
         }
         let predicted = self.tried(halved).unwrap_or_else(|| {
-            let samples = self.sampler.samples(halved, None, false);
+            let samples = self.sampler.samples(halved, false);
             self.add(&samples, halved, None)
         });
         // Samples did not see what makes this one expensive, so they may not see what makes the next one expensive either. Where

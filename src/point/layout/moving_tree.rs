@@ -42,26 +42,6 @@ pub(in crate::point) struct WithoutFast {
     pub(in crate::point) by_motion: bool,
 }
 
-/// References where they are in the middle of a time slice, in the memory that the leaves of their tree will have.
-pub(in crate::point) struct Placed {
-    blocks: Vec<MovingPointBlock>,
-    count: usize,
-}
-
-impl Placed {
-    pub(in crate::point) fn new<R: References + ?Sized>(references: &R, slice: &SegmentSlice) -> Placed {
-        let count = references.len();
-        let mut placed = Placed { blocks: MovingPointBlock::zeroed(count.div_ceil(LANES)), count };
-        take_positions(placed.rows(), references, slice.middle_phase());
-        placed
-    }
-
-    /// Their positions and numbers.
-    pub(in crate::point) fn rows(&mut self) -> PointRows<'_> {
-        PointRows::in_blocks(&mut self.blocks, self.count)
-    }
-}
-
 impl MovingTree {
     /// Builds the complete tree: each reference is in one leaf.
     pub(in crate::point) fn build<R: References + ?Sized>(
@@ -69,8 +49,7 @@ impl MovingTree {
         slice: SegmentSlice,
         progress: &Progress,
     ) -> MovingTree {
-        let placed = Placed::new(references, &slice);
-        MovingTree::build_without_fast(references, placed, slice, None, &mut Vec::new(), progress).tree
+        MovingTree::build_without_fast(references, slice, None, &mut Vec::new(), progress).tree
     }
 
     /// The same without references that are fast ([`fast_points`](crate::point::leaf_order::fast_points)), if the longest side of a
@@ -78,15 +57,16 @@ impl MovingTree {
     /// the other share the memory `more`.
     pub(in crate::point) fn build_without_fast<R: References + ?Sized>(
         references: &R,
-        placed: Placed,
         slice: SegmentSlice,
         without_fast: Option<f32>,
         more: &mut Vec<PointBlock>,
         progress: &Progress,
     ) -> WithoutFast {
         // Points are put in order in the memory of the blocks that they end up in, and as much besides as they need.
-        let Placed { mut blocks, count } = placed;
-        let from = PointRows::in_blocks(&mut blocks, count);
+        let count = references.len();
+        let mut blocks = MovingPointBlock::zeroed(count.div_ceil(LANES));
+        let mut from = PointRows::in_blocks(&mut blocks, count);
+        take_positions(from.borrow(), references, slice.middle_phase());
         let mut rows = PointRows::in_memory(more, count);
         let phases = (slice.phases[1] - slice.phases[0]) as f32;
         let displacements = |numbers: &[u32], to: &mut [[f32; 3]]| {

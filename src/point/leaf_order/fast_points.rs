@@ -247,15 +247,15 @@ mod tests {
     use super::super::moving_reference::MovingReference;
     use super::*;
     use crate::geometry::TimeInterval;
-    use crate::point::layout::moving_tree::{MovingTree, Placed, WithoutFast};
+    use crate::point::layout::moving_tree::{MovingTree, WithoutFast};
     use crate::point::layout::slice_tree::all_ids;
     use crate::random::Random;
 
     /// A tree without fast references, the numbers of those, and the numbers of what is in the tree, in ascending order.
     fn split(references: &[MovingReference], slice: &SegmentSlice) -> (MovingTree, Vec<u32>, Vec<u32>) {
         let leaf_size = Some(Fast::of(references, slice, slice.middle_phase()).leaf_size);
-        let (placed, progress) = (Placed::new(references, slice), Progress::new(None));
-        let built = MovingTree::build_without_fast(references, placed, *slice, leaf_size, &mut Vec::new(), &progress);
+        let progress = Progress::new(None);
+        let built = MovingTree::build_without_fast(references, *slice, leaf_size, &mut Vec::new(), &progress);
         let WithoutFast { tree, mut fast, .. } = built;
         let mut left: Vec<u32> = all_ids(&tree).collect();
         left.sort_unstable();
