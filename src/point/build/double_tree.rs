@@ -4,7 +4,7 @@ use super::fill_double_leaves::DoublePoints;
 use super::source::Source;
 use crate::geometry::TimeInterval;
 use crate::parallel;
-use crate::point::layout::double_box::{DoubleBox, DoubleNode, DoubleNodeRows, FULL};
+use crate::point::layout::double_box::{DoubleBox, DoubleNode, FULL};
 use crate::point::layout::double_tree::{DoubleBlock, DoubleTree, NO_POINTS};
 use crate::point::layout::lane_intervals::LaneIntervals;
 use crate::point::leaf_order::double_order::order;
@@ -12,9 +12,6 @@ use crate::point::leaf_order::order::ORDERING;
 use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::progress::Progress;
 use crate::simd::{LANES, huge_vec_of};
-
-/// Nodes that one thread writes at a time.
-const SHARE: usize = 256;
 
 impl DoubleTree {
     /// The tree of a time slice over some points of a set. Unless it `moves`, all points must be static
@@ -73,18 +70,17 @@ impl DoubleTree {
             let (begin, end) = (self.shape.begin[level], self.shape.begin[level + 1]);
             // Even a tree without points has a root.
             let children = |i: usize| &boxes[(i * LANES).min(boxes.len())..((i + 1) * LANES).min(boxes.len())];
-            let mut slopes = self.slopes.get_mut(begin..end).unwrap_or_default().chunks_mut(SHARE);
-            let mut times = self.node_times.get_mut(begin..end).unwrap_or_default().chunks_mut(SHARE);
-            let nodes = self.nodes[begin..end].chunks_mut(SHARE).enumerate();
-            let mut shares: Vec<_> = nodes.map(|(i, nodes)| (i * SHARE, nodes, slopes.next(), times.next())).collect();
-            let above = parallel::each(&mut shares, |(first, nodes, slopes, times)| {
-                let mut slopes = slopes.iter_mut().flat_map(|slopes| slopes.iter_mut());
-                let mut times = times.iter_mut().flat_map(|times| times.iter_mut());
-                let rows =
-                    nodes.iter_mut().map(|node| DoubleNodeRows { node, slopes: slopes.next(), times: times.next() });
-                (*first..).zip(rows).map(|(i, rows)| DoubleNode::over(children(i), FULL, rows)).collect::<Vec<_>>()
-            });
-            boxes = above.concat();
+            let above = parallel::map(end - begin, |i| DoubleNode::over(children(i), self.moves(), FULL));
+            for (node, rows) in (begin..).zip(&above) {
+                self.nodes[node] = rows.node;
+                if let Some(slopes) = self.slopes.get_mut(node) {
+                    *slopes = rows.slopes;
+                }
+                if let Some(times) = self.node_times.get_mut(node) {
+                    *times = rows.times;
+                }
+            }
+            boxes = above.iter().map(|rows| rows.hull).collect();
         }
     }
 }

@@ -36,12 +36,15 @@ pub(in crate::point) struct DoubleNode {
     pub(in crate::point) boxes: Boxes,
 }
 
-/// A node without children, to be filled: the displacements of its faces during the slice if they move, and the active intervals
-/// of its children if there are any.
-pub(in crate::point) struct DoubleNodeRows<'a> {
-    pub(in crate::point) node: &'a mut DoubleNode,
-    pub(in crate::point) slopes: Option<&'a mut Boxes>,
-    pub(in crate::point) times: Option<&'a mut LaneIntervals>,
+/// A node with all that a tree may hold of it.
+pub(in crate::point) struct DoubleNodeRows {
+    pub(in crate::point) node: DoubleNode,
+    /// The displacements of its faces during the slice.
+    pub(in crate::point) slopes: Boxes,
+    /// The active intervals of its children.
+    pub(in crate::point) times: LaneIntervals,
+    /// The box around it.
+    pub(in crate::point) hull: DoubleBox,
 }
 
 /// Faces are moved outward by at least this, so that squares in f32 may underflow (`super::double_tree`).
@@ -96,14 +99,13 @@ impl DoubleNode {
     /// The displacements of static boxes.
     pub(in crate::point) const STATIC: Boxes = Boxes { lo: [[0.0; LANES]; 3], hi: [[0.0; LANES]; 3] };
 
-    /// Fills a node over at most sixteen children, and returns the box around it.
-    pub(in crate::point) fn over(children: &[DoubleBox], padding: f64, to: DoubleNodeRows<'_>) -> DoubleBox {
-        let DoubleNodeRows { node, mut slopes, mut times } = to;
+    /// The node over at most sixteen children, whose faces move or not.
+    pub(in crate::point) fn over(children: &[DoubleBox], moves: bool, padding: f64) -> DoubleNodeRows {
         let hull = children.iter().fold(DoubleBox::NONE, DoubleBox::union);
+        let (mut node, mut slopes, mut times) = (DoubleNode::NONE, DoubleNode::STATIC, LaneIntervals::NEVER);
         if children.is_empty() {
-            return hull;
+            return DoubleNodeRows { node, slopes, times, hull };
         }
-        let moves = slopes.is_some();
         let begin = place_among(children, 0);
         let displacement = if moves { place_among(children, 1) - begin } else { DVec3::ZERO };
         let end = begin + displacement;
@@ -112,21 +114,17 @@ impl DoubleNode {
         (node.middle, node.displacement) = (begin.to_array(), displacement.to_array());
         let boxes = &mut node.boxes;
         for (lane, child) in children.iter().enumerate() {
-            if let Some(times) = &mut times {
-                [times.begin[lane], times.end[lane]] = child.times;
-            }
+            times.set(lane, child.times);
             for axis in 0..3 {
                 let relative = |ends: &[DVec3; 2]| [ends[0][axis] - begin[axis], ends[1][axis] - end[axis]];
                 let (lo, [hi, hi_at_end]) = (relative(&child.lo), relative(&child.hi));
                 let (lo, lo_slope) = below(lo, moves, UNIT * padding, slack);
                 let (hi, hi_slope) = below([-hi, -hi_at_end], moves, UNIT * padding, slack);
                 (boxes.lo[axis][lane], boxes.hi[axis][lane]) = (lo, -hi);
-                if let Some(slopes) = &mut slopes {
-                    (slopes.lo[axis][lane], slopes.hi[axis][lane]) = (lo_slope, -hi_slope);
-                }
+                (slopes.lo[axis][lane], slopes.hi[axis][lane]) = (lo_slope, -hi_slope);
             }
         }
-        hull
+        DoubleNodeRows { node, slopes, times, hull }
     }
 
     /// The centre at a fraction of the slice.
@@ -169,9 +167,7 @@ mod tests {
                 .collect();
             let boxes_below: Vec<DoubleBox> =
                 points.iter().map(|&ends| DoubleBox::of_point(ends, ends, [0.0, 1.0])).collect();
-            let (mut node, mut slopes) = (DoubleNode::NONE, DoubleNode::STATIC);
-            let to = DoubleNodeRows { node: &mut node, slopes: moves.then_some(&mut slopes), times: None };
-            DoubleNode::over(&boxes_below, padding, to);
+            let DoubleNodeRows { node, slopes, .. } = DoubleNode::over(&boxes_below, moves, padding);
             for step in 0..=8 {
                 let w = f64::from(step) / 8.0;
                 for (lane, [a, b]) in points.iter().enumerate() {

@@ -21,7 +21,7 @@
 use super::linear_face::UNIT;
 use super::moving_leaf::MovingLeaves;
 use super::moving_tree::MovingTree;
-use super::moving_view::{HasLeaves, TreeAtTime};
+use super::moving_view::TreeAtTime;
 use super::over_interval::{PointPath, all_lanes};
 use super::slice_tree::SliceTree;
 use super::static_tree::StaticTree;
@@ -156,7 +156,7 @@ impl KdPoints {
     /// The tree at a time, which lies in its slice.
     #[inline(always)]
     pub(in crate::point) fn at(&self, time: f32) -> KdPointsView<'_> {
-        TreeAtTime::new(self, &self.slice, time)
+        TreeAtTime::new(self, &self.leaves, &self.slice, time)
     }
 }
 
@@ -221,13 +221,6 @@ impl SliceTree for KdPoints {
         to.array(&self.nodes)?;
         to.array(&self.slack)?;
         self.leaves.encode(to)
-    }
-}
-
-impl HasLeaves for KdPoints {
-    #[inline(always)]
-    fn leaves(&self) -> &MovingLeaves {
-        &self.leaves
     }
 }
 

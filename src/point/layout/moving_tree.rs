@@ -8,7 +8,7 @@ use super::fill_moving_leaves::{MovingBottomNodes, OrderedReferences, fill};
 use super::lane_intervals::LaneIntervals;
 use super::linear_bounds::LinearBox;
 use super::moving_leaf::MovingLeaves;
-use super::moving_view::{HasLeaves, TreeAtTime};
+use super::moving_view::TreeAtTime;
 use super::over_interval::{BlockTree, BoxTree, PathRows, throughout};
 use super::shape::Shape;
 use super::slice_tree::SliceTree;
@@ -118,7 +118,7 @@ impl MovingTree {
     /// The tree at a time, which lies in its slice.
     #[inline(always)]
     pub(in crate::point) fn at<const TIMED: bool>(&self, time: f32) -> MovingView<'_, TIMED> {
-        TreeAtTime::new(self, &self.slice, time)
+        TreeAtTime::new(self, &self.leaves, &self.slice, time)
     }
 }
 
@@ -155,13 +155,6 @@ impl SliceTree for MovingTree {
         to.array(&self.nodes)?;
         to.array(&self.node_times)?;
         self.leaves.encode(to)
-    }
-}
-
-impl HasLeaves for MovingTree {
-    #[inline(always)]
-    fn leaves(&self) -> &MovingLeaves {
-        &self.leaves
     }
 }
 

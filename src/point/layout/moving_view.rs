@@ -7,15 +7,10 @@ use crate::point::leaf_order::segment_slice::{SegmentSlice, phase};
 use crate::simd::{Lanes, Simd};
 use glam::Vec3;
 
-/// A tree with blocks of moving points as leaves.
-pub(in crate::point) trait HasLeaves {
-    /// The blocks.
-    fn leaves(&self) -> &MovingLeaves;
-}
-
 /// A tree of moving points at a time; `TIMED` if not all references are active throughout.
 pub(in crate::point) struct TreeAtTime<'a, T, const TIMED: bool> {
     pub(in crate::point) tree: &'a T,
+    leaves: &'a MovingLeaves,
     pub(super) at: KeyTime,
     phase: f32,
     pub(in crate::point) time: f32,
@@ -29,16 +24,16 @@ impl<T, const TIMED: bool> Clone for TreeAtTime<'_, T, TIMED> {
 
 impl<T, const TIMED: bool> Copy for TreeAtTime<'_, T, TIMED> {}
 
-impl<'a, T: HasLeaves, const TIMED: bool> TreeAtTime<'a, T, TIMED> {
-    /// A view of a tree whose time slice contains the time.
+impl<'a, T, const TIMED: bool> TreeAtTime<'a, T, TIMED> {
+    /// A view of a tree with these leaves, whose time slice contains the time.
     #[inline(always)]
-    pub(in crate::point) fn new(tree: &'a T, slice: &SegmentSlice, time: f32) -> Self {
+    pub(in crate::point) fn new(tree: &'a T, leaves: &'a MovingLeaves, slice: &SegmentSlice, time: f32) -> Self {
         let at = KeyTime::new(time, slice.keys);
-        TreeAtTime { tree, at, phase: phase(at, slice.segment), time }
+        TreeAtTime { tree, leaves, at, phase: phase(at, slice.segment), time }
     }
 }
 
-impl<T: HasLeaves, const TIMED: bool> LeafView for TreeAtTime<'_, T, TIMED> {
+impl<T, const TIMED: bool> LeafView for TreeAtTime<'_, T, TIMED> {
     #[inline(always)]
     fn leaf_blocks(&self) -> usize {
         1
@@ -50,18 +45,18 @@ impl<T: HasLeaves, const TIMED: bool> LeafView for TreeAtTime<'_, T, TIMED> {
     }
     #[inline(always)]
     fn point_distances<S: Simd>(&self, s: S, target: &Target<S>, block: usize) -> S::F {
-        self.tree.leaves().distances::<S, TIMED>(s, self.at, target, block)
+        self.leaves.distances::<S, TIMED>(s, self.at, target, block)
     }
     #[inline(always)]
     fn prefetch_leaf(&self, block: usize) {
-        self.tree.leaves().prefetch(block);
+        self.leaves.prefetch(block);
     }
     #[inline(always)]
     fn leaf_bytes(&self) -> usize {
-        size_of_val(&self.tree.leaves().blocks[..])
+        size_of_val(&self.leaves.blocks[..])
     }
     #[inline(always)]
     fn ids(&self, block: usize) -> &Lanes<u32> {
-        self.tree.leaves().ids(block)
+        self.leaves.ids(block)
     }
 }

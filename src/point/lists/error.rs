@@ -1,6 +1,6 @@
 //! Errors of requests for neighbour lists.
 
-use crate::point::queries::images::MOST_EXTENT;
+use crate::point::queries::periodic::PeriodError;
 use core::fmt;
 
 /// Whose radius an error is about.
@@ -119,13 +119,7 @@ impl fmt::Display for ListError {
             ListError::FarFromPeriod { axis } => {
                 write!(f, "points are more than a million periods from zero along axis {axis}; move them into the box")
             }
-            ListError::Extent { axis } => {
-                write!(
-                    f,
-                    "points, at all keys, are more than {MOST_EXTENT} periods apart along axis {axis}: move them into one box, or \
-                     divide a step in which some go farther"
-                )
-            }
+            ListError::Extent { axis } => PeriodError::Extent { axis: *axis }.fmt(f),
             ListError::Query { query } => write!(f, "query {query} is not finite or its coordinates are too large"),
             ListError::TooManyQueries => {
                 f.write_str("there are more queries than ids; divide them into several requests")

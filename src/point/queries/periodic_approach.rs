@@ -66,29 +66,17 @@ impl PeriodicPoints<'_> {
             return None;
         }
         let images = self.images.of_path(displacement)?;
-        let search = |begin, most| {
+        let mut best: Option<Approach> = None;
+        images.in_order(from, f32::MAX, &mut Vec::new(), |begin, _| {
             // The displacement may be rounded: the caller's path remains as it is.
             let end = if begin == from { to } else { begin + displacement };
-            self.tree.approach_within([begin, end], interval, most, &keep)
-        };
-        let home = images.home(from);
-        let first = images.nearest(home);
-        let mut best = search(first.place, f64::INFINITY)?;
-        let most = |best: &Approach| equally_near(best.distance.into());
-        let mut others = Vec::new();
-        images.within(home, most(&best).powi(2), &mut others);
-        others.sort_unstable_by(|a, b| a.distance.total_cmp(&b.distance));
-        for image in others.iter().filter(|image| image.place != first.place) {
-            let most = most(&best);
-            if image.distance > most * most {
-                break;
-            }
-            if let Some(near) = search(image.place, most)
-                && near.key() < best.key()
-            {
-                best = near;
-            }
-        }
-        Some(best)
+            let most = |best: &Approach| equally_near(best.distance.into());
+            let near =
+                self.tree.approach_within([begin, end], interval, best.as_ref().map_or(f64::INFINITY, most), &keep);
+            best = near.into_iter().chain(best).min_by_key(Approach::key);
+            // Where the nearest image finds nothing, no other one is searched.
+            Some(best.as_ref().map_or(-1.0, |best| (most(best).powi(2) as f32).next_up()))
+        });
+        best
     }
 }
