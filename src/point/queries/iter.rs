@@ -17,13 +17,6 @@ use core::fmt;
 /// The search pauses once it has found this many points, until they are consumed: resuming it costs more than a node.
 const BATCH: usize = 64;
 
-/// The traversal state of a layer.
-#[allow(clippy::large_enum_variant)] // stored in place, so that iterating does not allocate
-enum LayerFront {
-    Boxes(Front),
-    Kd(KdFront),
-}
-
 /// Iterator over the points within the radius of a query; made by [`NeighborQuery::iter`].
 #[must_use = "an iterator does nothing until it is advanced"]
 pub struct WithinIter<'a, K> {
@@ -46,7 +39,9 @@ impl<K> fmt::Debug for WithinIter<'_, K> {
 struct Search<'a> {
     query: PreparedQuery<'a, KeepAll>,
     layer: usize,
-    front: Option<LayerFront>,
+    /// The traversal of the layer, of boxes or of planes, once it has begun.
+    boxes: Option<Front>,
+    planes: Option<KdFront>,
     /// The points found in the last bottom nodes, and how many of them were consumed.
     candidates: Candidates,
     next: usize,
@@ -71,7 +66,7 @@ impl<'a, K: Keep> NeighborQuery<'a, K> {
         if query.bound >= 0.0 && query.tree.is_double() {
             compiled::gather(&query.keeping(Allowed(None)), &mut candidates);
         }
-        let search = Search { query, layer, front: None, candidates, next: 0 };
+        let search = Search { query, layer, boxes: None, planes: None, candidates, next: 0 };
         WithinIter { search, keep: self.query.keep }
     }
 }
@@ -105,7 +100,7 @@ impl Search<'_> {
             let Some(layer) = self.query.tree.layers.get(self.layer) else { return false };
             if !dispatch(self.query.tree.simd, Step { search: self, layer }) {
                 self.layer += 1;
-                self.front = None;
+                (self.boxes, self.planes) = (None, None);
             }
         }
         true
@@ -136,29 +131,18 @@ impl Kernel for Step<'_, '_, '_> {
 
 #[inline(always)]
 fn steps<S: Simd, V: View>(s: S, search: &mut Search<'_>, view: &V) -> bool {
-    while search.candidates.count < BATCH {
-        if !step(s, search, view) {
-            return false;
-        }
-    }
-    true
-}
-
-#[inline(always)]
-fn step<S: Simd, V: View>(s: S, search: &mut Search<'_>, view: &V) -> bool {
-    let bound = s.splat(search.query.bound);
-    let target = view.target(s, search.query.point);
-    let front = match search.front.get_or_insert_with(|| LayerFront::Boxes(Front::begin(view))) {
-        LayerFront::Boxes(front) => front,
-        LayerFront::Kd(_) => return false,
-    };
-    let Some((node, mut lanes)) = front.next(s, view, &target, bound) else { return false };
+    let PreparedQuery { bound, point, .. } = search.query;
+    let (target, bound) = (view.target(s, point), s.splat(bound));
+    let front = search.boxes.get_or_insert_with(|| Front::begin(view));
     let mut sink = Gather { candidates: &mut search.candidates, keep: &KeepAll };
-    while lanes != 0 {
-        let leaf = view.first_block(node) + lanes.trailing_zeros() as usize * view.leaf_blocks();
-        lanes &= lanes - 1;
-        // A sink that never breaks.
-        let _ = search_blocks(s, view, &target, bound, leaf..leaf + view.leaf_blocks(), &mut sink);
+    while sink.candidates.count < BATCH {
+        let Some((node, mut lanes)) = front.next(s, view, &target, bound) else { return false };
+        while lanes != 0 {
+            let leaf = view.first_block(node) + lanes.trailing_zeros() as usize * view.leaf_blocks();
+            lanes &= lanes - 1;
+            // A sink that never breaks.
+            let _ = search_blocks(s, view, &target, bound, leaf..leaf + view.leaf_blocks(), &mut sink);
+        }
     }
     true
 }
@@ -166,10 +150,7 @@ fn step<S: Simd, V: View>(s: S, search: &mut Search<'_>, view: &V) -> bool {
 #[inline(always)]
 fn step_kd<S: Simd>(s: S, search: &mut Search<'_>, view: &KdPointsView<'_>) -> bool {
     let PreparedQuery { bound, point, .. } = search.query;
-    let front = match search.front.get_or_insert_with(|| LayerFront::Kd(KdFront::begin())) {
-        LayerFront::Kd(front) => front,
-        LayerFront::Boxes(_) => return false,
-    };
+    let front = search.planes.get_or_insert_with(KdFront::begin);
     let Some(blocks) = front.next(view, point, bound, || ()) else { return false };
     let mut sink = Gather { candidates: &mut search.candidates, keep: &KeepAll };
     // A sink that never breaks.
