@@ -3,7 +3,6 @@
 use super::build::time_slices::{double_time_slices, time_slices};
 use super::layout::double_file::DoubleRecord;
 use super::layout::kd_file::KdRecord;
-use super::layout::kd_points::KdPoints;
 use super::layout::moving_file::MovingRecord;
 use super::layout::slice_tree::SliceTree;
 use super::layout::static_file::StaticRecord;
@@ -197,7 +196,7 @@ impl LayerRecord {
             }
             Trees::Kd(records) => {
                 let trees = checked_trees(slices(records.len())?, records, KdRecord::checked)?;
-                require(points <= trees.iter().map(KdPoints::references).sum(), OTHER_POINTS)?;
+                require(points <= trees.iter().map(|tree| tree.references).sum(), OTHER_POINTS)?;
                 tree.add(Layer::Kd(trees), PointLayerKind::Kd, points, why);
             }
             Trees::Double(records) => {
@@ -226,7 +225,7 @@ fn checked_trees<R, T>(
 
 /// An error, unless each tree has at most all points, and all trees together have each point at least once.
 fn require_points<T: SliceTree>(points: usize, trees: &[T]) -> Result<(), FileError> {
-    let counts = || trees.iter().map(T::references);
+    let counts = || trees.iter().map(|tree| tree.size().references);
     require((counts().max().unwrap_or(0)..=counts().sum()).contains(&points), OTHER_POINTS)
 }
 

@@ -42,14 +42,15 @@ pub struct PointLayerStatistics {
 impl PointLayerStatistics {
     pub(super) fn of(layer: &Layer, kind: PointLayerKind, points: usize, why: String) -> Self {
         let trees = layer.trees();
+        let sizes: Vec<_> = trees.iter().map(|tree| tree.size()).collect();
         PointLayerStatistics {
             kind,
             points,
-            references: trees.iter().map(|tree| tree.references()).sum(),
-            nodes: trees.iter().map(|tree| tree.node_count()).sum(),
-            levels: trees.iter().map(|tree| tree.levels()).max().unwrap_or(0),
+            references: sizes.iter().map(|size| size.references).sum(),
+            nodes: sizes.iter().map(|size| size.nodes).sum(),
+            levels: sizes.iter().map(|size| size.levels).max().unwrap_or(0),
             keys: trees.first().map_or(1, |tree| tree.slice().keys),
-            bytes: trees.iter().map(|tree| tree.bytes()).sum(),
+            bytes: sizes.iter().map(|size| size.bytes).sum(),
             why,
         }
     }

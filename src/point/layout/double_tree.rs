@@ -18,7 +18,7 @@ use crate::file::{Encoder, FileError};
 use crate::point::layout::boxes::Boxes;
 use crate::point::layout::lane_intervals::LaneIntervals;
 use crate::point::layout::shape::Shape;
-use crate::point::layout::slice_tree::SliceTree;
+use crate::point::layout::slice_tree::{SliceTree, TreeSize};
 use crate::point::layout::view::{
     CoordinateView, DoubleRows, LeafView, Target, View, diagonal, magnitude, outside, rows,
 };
@@ -140,22 +140,14 @@ impl SliceTree for DoubleTree {
     fn slice(&self) -> SegmentSlice {
         self.slice
     }
-    fn references(&self) -> usize {
-        self.references
-    }
-    fn node_count(&self) -> usize {
-        self.nodes.len()
-    }
-    fn levels(&self) -> usize {
-        self.shape.levels
-    }
-    fn bytes(&self) -> usize {
-        self.nodes.capacity() * size_of::<DoubleNode>()
+    fn size(&self) -> TreeSize {
+        let bytes = self.nodes.capacity() * size_of::<DoubleNode>()
             + self.slopes.capacity() * size_of::<Boxes>()
             + self.blocks.capacity() * size_of::<DoubleBlock>()
             + self.ends.capacity() * size_of::<DoubleRows>()
             + (self.node_times.capacity() + self.block_times.capacity() + self.active.capacity())
-                * size_of::<LaneIntervals>()
+                * size_of::<LaneIntervals>();
+        TreeSize { references: self.references, nodes: self.nodes.len(), levels: self.shape.levels, bytes }
     }
     fn block_count(&self) -> usize {
         self.blocks.len()

@@ -23,7 +23,7 @@ use super::moving_leaf::MovingLeaves;
 use super::moving_tree::MovingTree;
 use super::moving_view::TreeAtTime;
 use super::over_interval::{PointPath, all_lanes};
-use super::slice_tree::SliceTree;
+use super::slice_tree::{SliceTree, TreeSize};
 use super::static_tree::StaticTree;
 use crate::file::{Encoder, FileError};
 use crate::geometry::{Aabb, Box3, KeyTime, Plane};
@@ -195,17 +195,10 @@ impl SliceTree for KdPoints {
     fn slice(&self) -> SegmentSlice {
         self.slice
     }
-    fn references(&self) -> usize {
-        self.references
-    }
-    fn node_count(&self) -> usize {
-        self.nodes.len() / 2
-    }
-    fn levels(&self) -> usize {
-        self.depth
-    }
-    fn bytes(&self) -> usize {
-        self.nodes.capacity() * size_of::<KdNode>() + self.slack.capacity() * size_of::<f32>() + self.leaves.bytes()
+    fn size(&self) -> TreeSize {
+        let of_nodes = self.nodes.capacity() * size_of::<KdNode>() + self.slack.capacity() * size_of::<f32>();
+        let (nodes, bytes) = (self.nodes.len() / 2, of_nodes + self.leaves.bytes());
+        TreeSize { references: self.references, nodes, levels: self.depth, bytes }
     }
     fn block_count(&self) -> usize {
         self.leaves.blocks.len()

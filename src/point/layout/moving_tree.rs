@@ -11,7 +11,7 @@ use super::moving_leaf::MovingLeaves;
 use super::moving_view::TreeAtTime;
 use super::over_interval::{BlockTree, BoxTree, PathRows, throughout};
 use super::shape::Shape;
-use super::slice_tree::SliceTree;
+use super::slice_tree::{SliceTree, TreeSize};
 use super::view::{CoordinateView, Target, View, diagonal, outside, rows};
 use crate::file::{Encoder, FileError};
 use crate::point::leaf_order::moving_reference::{MovingReference, References, take_positions};
@@ -127,19 +127,11 @@ impl SliceTree for MovingTree {
     fn slice(&self) -> SegmentSlice {
         self.slice
     }
-    fn references(&self) -> usize {
-        self.references
-    }
-    fn node_count(&self) -> usize {
-        self.nodes.len()
-    }
-    fn levels(&self) -> usize {
-        self.shape.levels
-    }
-    fn bytes(&self) -> usize {
-        self.nodes.capacity() * size_of::<LinearBoxes>()
+    fn size(&self) -> TreeSize {
+        let bytes = self.nodes.capacity() * size_of::<LinearBoxes>()
             + self.leaves.bytes()
-            + self.node_times.capacity() * size_of::<LaneIntervals>()
+            + self.node_times.capacity() * size_of::<LaneIntervals>();
+        TreeSize { references: self.references, nodes: self.nodes.len(), levels: self.shape.levels, bytes }
     }
     fn block_count(&self) -> usize {
         self.leaves.blocks.len()

@@ -4,18 +4,23 @@ use crate::file::{Encoder, FileError};
 use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::simd::Lanes;
 
+/// How large a tree is.
+pub(in crate::point) struct TreeSize {
+    pub(in crate::point) references: usize,
+    /// Nodes of sixteen boxes, or planes.
+    pub(in crate::point) nodes: usize,
+    /// Levels of nodes, or planes above the deepest leaf.
+    pub(in crate::point) levels: usize,
+    /// Bytes allocated.
+    pub(in crate::point) bytes: usize,
+}
+
 /// A tree over the points of a time slice, in blocks of sixteen.
 pub(in crate::point) trait SliceTree {
     /// The time slice that the tree covers.
     fn slice(&self) -> SegmentSlice;
-    /// Number of references.
-    fn references(&self) -> usize;
-    /// Number of nodes of sixteen boxes, or of planes.
-    fn node_count(&self) -> usize;
-    /// Levels of nodes, or planes above the deepest leaf.
-    fn levels(&self) -> usize;
-    /// Bytes allocated.
-    fn bytes(&self) -> usize;
+    /// How large it is.
+    fn size(&self) -> TreeSize;
     /// Number of blocks.
     fn block_count(&self) -> usize;
     /// The ids of a block, `u32::MAX` in lanes without a point.

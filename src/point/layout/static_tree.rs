@@ -9,7 +9,7 @@ use super::boxes::Boxes;
 use super::fill_leaves::{BottomNodes, BottomPoints, fill};
 use super::over_interval::{BlockTree, BoxTree, PathRows, throughout};
 use super::shape::Shape;
-use super::slice_tree::SliceTree;
+use super::slice_tree::{SliceTree, TreeSize};
 use super::view::{CoordinateView, LeafView, Target, View, diagonal, outside, rows, squared};
 use crate::file::{Encoder, FileError};
 use crate::limits::MAX_LEVELS;
@@ -170,17 +170,9 @@ impl SliceTree for StaticTree {
     fn slice(&self) -> SegmentSlice {
         SegmentSlice::AT_REST
     }
-    fn references(&self) -> usize {
-        self.references
-    }
-    fn node_count(&self) -> usize {
-        self.nodes.len()
-    }
-    fn levels(&self) -> usize {
-        self.shape.levels
-    }
-    fn bytes(&self) -> usize {
-        self.nodes.capacity() * size_of::<Boxes>() + self.blocks.capacity() * size_of::<PointBlock>()
+    fn size(&self) -> TreeSize {
+        let bytes = self.nodes.capacity() * size_of::<Boxes>() + self.blocks.capacity() * size_of::<PointBlock>();
+        TreeSize { references: self.references, nodes: self.nodes.len(), levels: self.shape.levels, bytes }
     }
     fn block_count(&self) -> usize {
         self.blocks.len()
