@@ -2,9 +2,8 @@
 
 use super::build::automatic::{moving_layers, slices_for_all};
 use super::build::layer_request::{ChosenLayer, LayerRequest};
-use super::build::partition::Partition;
 use super::build::source::{Input, Source};
-use super::build::static_apart::static_apart;
+use super::build::static_apart::{Partition, static_apart};
 use super::build::time_slices::{double_layer, kd_layer, moving_layer, static_double_layer, time_slices};
 use super::error::PointError;
 use super::layout::kd_points::KdPoints;

@@ -9,7 +9,6 @@ mod fill_double_leaves;
 pub(super) mod layer_request;
 mod own_trees;
 mod partial_layer;
-pub(super) mod partition;
 mod sample;
 mod slice_points;
 pub(super) mod source;

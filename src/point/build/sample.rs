@@ -8,6 +8,7 @@
 //! subset yields a box that holds the wanted share of all points. One pass over all points then finds those inside.
 
 use super::excess::leaves_of;
+use super::slice_points::references;
 use super::source::Source;
 use super::time_slices::{middle_slice, time_slices_of};
 use crate::geometry::TimeInterval;
@@ -110,7 +111,7 @@ impl<'a> Sampler<'a> {
         let most = 2 * self.wanted as usize;
         dispatch(self.simd, Scan { source, points, cells: &cells, inside: &mut inside, most });
         let sample = |(slice, inside): (&SegmentSlice, &Vec<u32>)| {
-            let mut references = source.references(&whole, inside.iter().map(|&i| i as usize), |i| i as u32);
+            let mut references = references(source, inside, &whole);
             let (mut leaf_size, mut order) = (0.0, Vec::new());
             if marked {
                 let fast = Fast::of(&references[..], &whole, slice.middle_phase());

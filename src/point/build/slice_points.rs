@@ -62,6 +62,13 @@ impl<const ACTIVE: bool> References for SlicePoints<'_, ACTIVE> {
     }
 }
 
+/// The references to some points of a set during a time slice, of those that exist then.
+pub(in crate::point) fn references(source: &Source, points: &[u32], slice: &SegmentSlice) -> Vec<MovingReference> {
+    let existing = points_of_slice(source, points, slice);
+    let of_slice = SlicePoints::<true>::new(source, &existing, slice);
+    existing.iter().map(|&point| of_slice.reference(point)).collect()
+}
+
 /// Of some points those that exist during a time slice.
 pub(in crate::point) fn points_of_slice<'a>(
     source: &Source,

@@ -5,9 +5,7 @@ use crate::limits::{MAX_COORDINATE, MAX_KEYS, MAX_POINT_COORDINATE};
 use crate::parallel::{self, CHUNK};
 use crate::point::error::PointError;
 use crate::point::layout::static_tree::StaticTree;
-use crate::point::leaf_order::moving_reference::MovingReference;
 use crate::point::leaf_order::point_rows::PointRows;
-use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::point::leaf_order::widest_axis::include;
 use crate::point::params::Precision;
 use crate::primitive::{DOUBLE, PointSet, SINGLE, kept_keys};
@@ -218,25 +216,6 @@ impl Source {
     ) -> StaticTree {
         let item = |i: usize| Item { at: self.at(i, 0), index: i as u32 };
         StaticTree::build(count, StaticTree::rows(count, select.map(item)), |i| self.id(i as usize), progress)
-    }
-
-    /// The references to some of the points during a time slice.
-    pub(in crate::point) fn references(
-        &self,
-        slice: &SegmentSlice,
-        select: impl Iterator<Item = usize>,
-        id: impl Fn(usize) -> u32,
-    ) -> Vec<MovingReference> {
-        let [earlier, later] = slice.ends();
-        // Room for all: what is not used is never touched.
-        let mut references = huge_vec(select.size_hint().1.unwrap_or(0));
-        references.extend(select.filter_map(|i| {
-            let active = self.active(i);
-            let interval = active.intersect(slice.interval)?;
-            let (open, close) = (self.at(i, earlier), self.at(i, later));
-            Some(MovingReference { open, close, interval, active, id: id(i), fast: false })
-        }));
-        references
     }
 }
 

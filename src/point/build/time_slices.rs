@@ -1,6 +1,6 @@
 //! The time slices of the shutter, and the trees and layers of moving points over them.
 
-use super::slice_points::{SlicePoints, points_of_slice, points_of_slices};
+use super::slice_points::{SlicePoints, points_of_slice, points_of_slices, references};
 use super::source::Source;
 use crate::geometry::{KeyTime, TimeInterval};
 use crate::point::layout::double_tree::DoubleTree;
@@ -148,8 +148,7 @@ pub(in crate::point) fn kd_layer(source: &Source, points: &[u32], most: f32, pro
     let progress = progress.in_units(slices.len());
     let tree = |slice: &SegmentSlice| {
         let points = if progress.cancelled() { &[] } else { points };
-        let references = source.references(slice, points.iter().map(|&i| i as usize), |i| source.id(i));
-        KdPoints::build(&references, *slice, most, &progress.subtask(1.0))
+        KdPoints::build(&references(source, points, slice), *slice, most, &progress.subtask(1.0))
     };
     Layer::Kd(slices.iter().map(tree).collect())
 }

@@ -33,7 +33,7 @@ impl Reach {
     }
 
     /// That of the points of a tree, of those that exist at a time if one is given.
-    pub(super) fn measure<T: BoxTree>(&mut self, tree: &T, time: Option<f32>, radii: &[f32]) {
+    pub(super) fn measure<T: BoxTree + ?Sized>(&mut self, tree: &T, time: Option<f32>, radii: &[f32]) {
         let mut missing: Option<u32> = None;
         self.measure_blocks(tree, |block| {
             let mut largest = 0.0f32;
@@ -53,7 +53,7 @@ impl Reach {
     }
 
     /// The largest of what each block of a tree has.
-    pub(super) fn measure_blocks<T: BoxTree>(&mut self, tree: &T, mut of_block: impl FnMut(usize) -> f32) {
+    pub(super) fn measure_blocks<T: BoxTree + ?Sized>(&mut self, tree: &T, mut of_block: impl FnMut(usize) -> f32) {
         let (level, node) = tree.shape().root();
         self.missing = None;
         self.nodes.clear();
@@ -62,7 +62,7 @@ impl Reach {
     }
 
     /// The largest below a node, of which that of each lane is written. As deep as the tree, at most nine levels.
-    fn largest_below<T: BoxTree>(
+    fn largest_below<T: BoxTree + ?Sized>(
         &mut self,
         tree: &T,
         (level, node): (usize, usize),

@@ -107,21 +107,15 @@ impl<C: SweptCoordinate> SweptSlice<'_, C> {
     /// The greatest radius below each lane of each node.
     pub(super) fn reach(&self, radii: &[f32]) -> Reach {
         let mut reach = Reach::default();
-        match self.tree {
-            SweptTree::Static(tree) => reach.measure(tree, None, radii),
-            SweptTree::Moving(tree) => reach.measure(tree, None, radii),
-        }
+        reach.measure(self.points(), None, radii);
         reach
     }
 
     /// The greatest magnitude of a coordinate at either key below each lane of each node, times a factor, rounded up.
     fn magnitudes(&self, factor: f64) -> Reach {
         let rounded = |magnitude: f64| ((magnitude * factor) as f32).next_up();
-        let mut reach = Reach::default();
-        match self.tree {
-            SweptTree::Static(tree) => reach.measure_blocks(tree, |block| rounded(tree.rows(block).magnitude())),
-            SweptTree::Moving(tree) => reach.measure_blocks(tree, |block| rounded(tree.rows(block).magnitude())),
-        }
+        let (mut reach, tree) = (Reach::default(), self.points());
+        reach.measure_blocks(tree, |block| rounded(tree.rows(block).magnitude()));
         reach
     }
 
