@@ -1,11 +1,12 @@
 //! Candidates: the boxes that a group of leaves can reach, and the points in them.
 
 use super::group::{BlockPoints, Group};
-use super::periodic_box::PeriodicBox;
+use super::list_request::Listing;
 use super::radii::{Margin, Radii, radius_of};
 use super::reach::Reach;
-use crate::point::layout::view::{CoordinateView, DoubleRows, Target, squared};
-use crate::simd::{LANES, Lanes, Mask, Simd, first_lanes, lanes_at, lanes_at_mut};
+use crate::point::layout::view::{CoordinateView, DoubleRows, squared};
+use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, first_lanes, lanes_at, lanes_at_mut};
+use glam::Vec3;
 
 /// Boxes in rows, each with the candidate it is around and how far the points in it reach.
 #[derive(Clone, Debug, Default)]
@@ -191,24 +192,29 @@ impl Candidates {
             lanes &= lanes - 1;
         }
     }
+}
 
-    /// Adds what the group can reach in a view, or what can reach the group. Stops with `false` once there are more blocks than
-    /// `most`.
+/// Adds what a group can reach in a view, or what can reach the group. Stops with `false` once there are more blocks than `most`.
+pub(super) struct AddCandidates<'a, V> {
+    pub(super) view: V,
+    pub(super) candidates: &'a mut Candidates,
+    pub(super) group: &'a Group,
+    pub(super) listing: &'a Listing<'a>,
+    pub(super) reach: Option<&'a Reach>,
+    pub(super) most: usize,
+}
+
+impl<V: CoordinateView> Kernel for AddCandidates<'_, V> {
+    type Output = bool;
     #[inline(always)]
-    pub(super) fn add<S: Simd, V: CoordinateView>(
-        &mut self,
-        s: S,
-        (view, target): (&V, &Target<S>),
-        group: &Group,
-        periodic_box: &PeriodicBox,
-        (radii, reach): (&Radii, Option<&Reach>),
-        most: usize,
-    ) -> bool {
+    fn run<S: Simd>(self, s: S) -> bool {
+        let AddCandidates { view, candidates, group, listing: Listing { radii, periodic_box, .. }, reach, most } = self;
+        let target = view.target(s, Vec3::ZERO);
         let within = Within::Radius(radii, group.radius, group.margin);
-        self.open.clear();
-        self.open.push(view.root());
-        while let Some((level, node)) = self.open.pop() {
-            let (lo, hi) = view.faces(s, target, node);
+        candidates.open.clear();
+        candidates.open.push(view.root());
+        while let Some((level, node)) = candidates.open.pop() {
+            let (lo, hi) = view.faces(s, &target, node);
             let mut boxes = BoxVector::<S> { lo, hi, reach: s.splat(0.0), candidate: s.splat_u(0) };
             let present = s.le(lo[0], hi[0]);
             if let Some(reach) = reach {
@@ -220,7 +226,7 @@ impl Candidates {
                 let images = BoxVector { lo: moved.lo, hi: moved.hi, ..boxes };
                 near = images.near(s, group.lo, group.hi, within) & present;
                 wrapped = near & moved.wrapped;
-                self.wrapped |= level == 0 && wrapped != 0;
+                candidates.wrapped |= level == 0 && wrapped != 0;
             } else {
                 near = boxes.near(s, group.lo, group.hi, within) & present;
                 wrapped = 0;
@@ -231,38 +237,38 @@ impl Candidates {
                     // The first lane is popped first.
                     let lane = Mask::BITS - 1 - near.leading_zeros();
                     near ^= 1 << lane;
-                    self.open.push((level - 1, first + lane as usize));
+                    candidates.open.push((level - 1, first + lane as usize));
                 }
                 continue;
             }
             let (first, stride) = (view.first_block(node), view.leaf_blocks());
             for part in 0..stride {
-                let base = self.blocks.len() as u32;
+                let base = candidates.blocks.len() as u32;
                 let mut number = [0; LANES];
                 let mut rest = near;
                 while rest != 0 {
                     let lane = rest.trailing_zeros() as usize;
                     rest &= rest - 1;
-                    number[lane] = self.blocks.len() as u32;
+                    number[lane] = candidates.blocks.len() as u32;
                     let block = first + lane * stride + part;
-                    let points = BlockPoints::of_block(s, view, target, block);
-                    self.double.extend(view.double_positions(s, block));
+                    let points = BlockPoints::of_block(s, &view, &target, block);
+                    candidates.double.extend(view.double_positions(s, block));
                     if let Some(others) = radii.others() {
                         let mut radii = [0.0; LANES];
                         for (radius, &id) in radii.iter_mut().zip(&points.id) {
                             *radius = radius_of(others, id);
                         }
-                        self.radii.push(radii);
+                        candidates.radii.push(radii);
                     }
-                    self.blocks.push(points);
+                    candidates.blocks.push(points);
                 }
-                debug_assert_eq!(self.blocks.len() as u32 - base, near.count_ones());
+                debug_assert_eq!(candidates.blocks.len() as u32 - base, near.count_ones());
                 if periodic_box.any {
-                    self.mark(base as usize, near, wrapped);
+                    candidates.mark(base as usize, near, wrapped);
                 }
-                self.boxes.push(s, &BoxVector { candidate: s.load_u(&number), ..boxes }, near);
+                candidates.boxes.push(s, &BoxVector { candidate: s.load_u(&number), ..boxes }, near);
             }
-            if self.blocks.len() > most {
+            if candidates.blocks.len() > most {
                 return false;
             }
         }

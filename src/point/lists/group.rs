@@ -2,7 +2,8 @@
 
 use super::radii::{Margin, Radii, radius_of};
 use crate::point::layout::view::{CoordinateView, DoubleRows, Target};
-use crate::simd::{LANES, Lanes, Simd};
+use crate::simd::{Kernel, LANES, Lanes, Simd};
+use glam::Vec3;
 
 /// Blocks of candidates for each point from which on scattered points are searched for one by one.
 ///
@@ -63,44 +64,49 @@ pub(super) struct Group {
     pub(super) margin: Margin,
 }
 
-impl Group {
-    pub(super) fn bytes(&self) -> usize {
-        self.members.capacity() * size_of::<Member>() + self.double.capacity() * size_of::<DoubleRows>()
-    }
+/// Takes the points below a bottom node.
+pub(super) struct TakeGroup<'a, V> {
+    pub(super) view: V,
+    pub(super) group: &'a mut Group,
+    pub(super) node: usize,
+    pub(super) radii: &'a Radii<'a>,
+}
 
-    /// Takes the points below bottom node `node`.
+impl<V: CoordinateView> Kernel for TakeGroup<'_, V> {
+    type Output = ();
     #[inline(always)]
-    pub(super) fn take<S: Simd, V: CoordinateView>(
-        &mut self,
-        s: S,
-        view: &V,
-        target: &Target<S>,
-        node: usize,
-        radii: &Radii,
-    ) {
-        self.members.clear();
-        self.double.clear();
-        (self.lo, self.hi, self.radius) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3], 0.0);
-        let mut lanes = view.present(s, target, node);
+    fn run<S: Simd>(self, s: S) {
+        let TakeGroup { view, group, node, radii } = self;
+        let target = view.target(s, Vec3::ZERO);
+        group.members.clear();
+        group.double.clear();
+        (group.lo, group.hi, group.radius) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3], 0.0);
+        let mut lanes = view.present(s, &target, node);
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize;
             lanes &= lanes - 1;
             let first = view.first_block(node) + lane * view.leaf_blocks();
             for block in first..first + view.leaf_blocks() {
-                let points = BlockPoints::of_block(s, view, target, block);
+                let points = BlockPoints::of_block(s, &view, &target, block);
                 if let Some(member) = Member::around(points, radii) {
                     for axis in 0..3 {
-                        self.lo[axis] = self.lo[axis].min(member.lo[axis]);
-                        self.hi[axis] = self.hi[axis].max(member.hi[axis]);
+                        group.lo[axis] = group.lo[axis].min(member.lo[axis]);
+                        group.hi[axis] = group.hi[axis].max(member.hi[axis]);
                     }
-                    self.radius = self.radius.max(member.radius);
-                    self.members.push(member);
-                    self.double.extend(view.double_positions(s, block));
+                    group.radius = group.radius.max(member.radius);
+                    group.members.push(member);
+                    group.double.extend(view.double_positions(s, block));
                 }
             }
         }
-        let size = (0..3).fold(0.0f32, |size, axis| size.max(self.lo[axis].abs()).max(self.hi[axis].abs()));
-        self.margin = if self.double.is_empty() { Margin::NONE } else { Margin::of_rounding(size) };
+        let size = (0..3).fold(0.0f32, |size, axis| size.max(group.lo[axis].abs()).max(group.hi[axis].abs()));
+        group.margin = if group.double.is_empty() { Margin::NONE } else { Margin::of_rounding(size) };
+    }
+}
+
+impl Group {
+    pub(super) fn bytes(&self) -> usize {
+        self.members.capacity() * size_of::<Member>() + self.double.capacity() * size_of::<DoubleRows>()
     }
 
     /// Whether the points are scattered: most of what is within reach of the box around them is within reach of none of them.

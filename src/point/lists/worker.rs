@@ -1,19 +1,16 @@
 //! What one thread does: the lists of a share of the groups.
 
-use super::candidates::Candidates;
-use super::group::{Group, MOST_BLOCKS};
-use super::list_request::{ListRequest, Listing};
+use super::candidates::{AddCandidates, Candidates};
+use super::group::{Group, MOST_BLOCKS, TakeGroup};
+use super::list_request::ListRequest;
 use super::list_writer::ListWriter;
 use super::prepare::Prepared;
-use super::radii::Radii;
-use super::reach::Reach;
 use super::row::{GroupLists, RowBuilder};
-use crate::point::layout::view::CoordinateView;
 use crate::point::search::layers::{LayerView, with_view};
 use crate::simd::{Kernel, LANES, Simd};
 use core::marker::PhantomData;
 use core::ops::Range;
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
 /// What one worker needs.
 #[derive(Clone, Debug, Default)]
@@ -43,43 +40,6 @@ pub(super) struct Share<'a> {
 }
 
 // The parts of the work on a group are functions of their own: each is much longer than a call.
-
-/// Takes the points below a bottom node.
-struct TakeGroup<'a, V> {
-    view: V,
-    group: &'a mut Group,
-    node: usize,
-    radii: &'a Radii<'a>,
-}
-
-impl<V: CoordinateView> Kernel for TakeGroup<'_, V> {
-    type Output = ();
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let TakeGroup { view, group, node, radii } = self;
-        group.take(s, &view, &view.target(s, Vec3::ZERO), node, radii);
-    }
-}
-
-/// Adds what a group can reach in a view, or what can reach the group; see [`Candidates::add`].
-struct AddCandidates<'a, V> {
-    view: V,
-    candidates: &'a mut Candidates,
-    group: &'a Group,
-    listing: &'a Listing<'a>,
-    reach: Option<&'a Reach>,
-    most: usize,
-}
-
-impl<V: CoordinateView> Kernel for AddCandidates<'_, V> {
-    type Output = bool;
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> bool {
-        let AddCandidates { view, candidates, group, listing, reach, most } = self;
-        let target = view.target(s, Vec3::ZERO);
-        candidates.add(s, (&view, &target), group, &listing.periodic_box, (&listing.radii, reach), most)
-    }
-}
 
 /// The lists of a group, whose positions are relative to `center` where they are in f64. None and `false` if it has more candidates
 /// than `most` blocks.

@@ -8,7 +8,7 @@ use super::window::Window;
 use crate::point::layout::over_interval::{BlockTree, active_lanes, greater};
 use crate::point::lists::candidates::{BoxRows, BoxVector};
 use crate::point::lists::radii::{Radii, squared_up};
-use crate::simd::{LANES, Lanes, Simd};
+use crate::simd::{Kernel, LANES, Lanes, Simd};
 
 /// What the radius of a pair is wider for squares that underflow: the nearest approach is not found where the square of a
 /// displacement is below the least normal f32, and is missed by up to the displacement then.
@@ -78,33 +78,41 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
         self.others.clear();
         self.windows.clear();
     }
+}
 
-    /// Adds the blocks of a tree, and of its images, that the group can come within a radius of during a window. Stops with `false`
-    /// once there are more blocks than `most`.
+/// Adds the blocks of a tree, and of its images, that a group can come within a radius of during a window. Stops with `false` once
+/// there are more blocks than `most`.
+pub(super) struct AddCandidates<'a, T: BlockTree> {
+    pub(super) candidates: &'a mut SweptCandidates<T::Coordinate>,
+    pub(super) tree: &'a T,
+    pub(super) group: &'a SweptGroup<T::Coordinate>,
+    pub(super) window: Window,
+    pub(super) behind: Behind<'a>,
+    pub(super) criteria: &'a Criteria<'a>,
+    pub(super) most: usize,
+}
+
+impl<C: SweptCoordinate, T: BlockTree<Coordinate = C>> Kernel for AddCandidates<'_, T> {
+    type Output = bool;
     #[inline(always)]
-    pub(super) fn add<S: Simd, T: BlockTree<Coordinate = C>>(
-        &mut self,
-        s: S,
-        tree: &T,
-        group: &SweptGroup<C>,
-        (window, behind): (Window, Behind<'_>),
-        criteria: &Criteria<'_>,
-        most: usize,
-    ) -> bool {
-        if !criteria.images.any() {
-            return self.add_image(s, tree, group, (window, behind), criteria, most);
+    fn run<S: Simd>(mut self, s: S) -> bool {
+        let AddCandidates { tree, group, window, behind, criteria, .. } = self;
+        let mut reached = [0..=0, 0..=0, 0..=0];
+        if criteria.images.any() {
+            let (root, excess) = behind.node(tree.shape().root().1);
+            let (lo, hi) = group.swept_root(s, tree, excess);
+            let within = criteria.longest(criteria.own, root.iter().fold(0.0, |most, &radius| f32::max(most, radius)));
+            for (axis, reached) in reached.iter_mut().enumerate() {
+                let own = [group.lo[axis], group.hi[axis]];
+                *reached = criteria.images.reached(axis, own, [lo[axis], hi[axis]], within);
+            }
         }
-        let (root, excess) = behind.node(tree.shape().root().1);
-        let (lo, hi) = group.swept_root(s, tree, excess);
-        let within = criteria.longest(criteria.own, root.iter().fold(0.0, |most, &radius| f32::max(most, radius)));
-        let along =
-            |axis: usize| criteria.images.reached(axis, [group.lo[axis], group.hi[axis]], [lo[axis], hi[axis]], within);
-        let (ys, zs) = (along(1), along(2));
-        for x in along(0) {
+        let [xs, ys, zs] = reached;
+        for x in xs {
             for y in ys.clone() {
                 for z in zs.clone() {
                     let window = window.at_image(criteria.images.shift([x, y, z]));
-                    if !self.add_image(s, tree, group, (window, behind), criteria, most) {
+                    if !self.add_image(s, window) {
                         return false;
                     }
                 }
@@ -112,25 +120,21 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
         }
         true
     }
+}
 
-    /// The same of the window's image.
+impl<C: SweptCoordinate, T: BlockTree<Coordinate = C>> AddCandidates<'_, T> {
+    /// Adds those of the window's image.
     #[inline(always)]
-    fn add_image<S: Simd, T: BlockTree<Coordinate = C>>(
-        &mut self,
-        s: S,
-        tree: &T,
-        group: &SweptGroup<C>,
-        (window, behind): (Window, Behind<'_>),
-        criteria: &Criteria<'_>,
-        most: usize,
-    ) -> bool {
+    fn add_image<S: Simd>(&mut self, s: S, window: Window) -> bool {
+        let AddCandidates { tree, group, behind, criteria, most, .. } = *self;
+        let candidates = &mut *self.candidates;
         let phases = phases(tree, group.times);
         let frame = group.frame.of_image(window.shift);
         let within = criteria.within(criteria.own);
         let early = greater(group.early, early(tree, phases, group.times[0]));
-        self.open.clear();
-        self.open.push(tree.shape().root());
-        while let Some((level, node)) = self.open.pop() {
+        candidates.open.clear();
+        candidates.open.push(tree.shape().root());
+        while let Some((level, node)) = candidates.open.pop() {
             let (reach, excess) = behind.node(node);
             let (mut boxes, magnitude) = group.swept(s, tree, &frame, phases, (node, excess));
             boxes.reach = s.load(reach);
@@ -138,7 +142,7 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
             let (first, stride) = tree.shape().children(level, node);
             if level > 0 {
                 while near != 0 {
-                    self.open.push((level - 1, first + near.trailing_zeros() as usize));
+                    candidates.open.push((level - 1, first + near.trailing_zeros() as usize));
                     near &= near - 1;
                 }
                 continue;
@@ -146,7 +150,7 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
             for part in 0..stride {
                 let mut number = [0; LANES];
                 for lane in (0..LANES).filter(|lane| near >> lane & 1 != 0) {
-                    number[lane] = self.blocks.len() as u32;
+                    number[lane] = candidates.blocks.len() as u32;
                     let points = tree.rows(first + lane * stride + part);
                     let paths = RelativePaths::new(&points, phases, &frame);
                     let mut slack = SLACK * magnitude[lane];
@@ -165,17 +169,17 @@ impl<C: SweptCoordinate> SweptCandidates<C> {
                     let exists =
                         |i: usize| points.begin[i] <= criteria.first_time && criteria.first_time < points.end[i];
                     let excluded_within = core::array::from_fn(|i| if exists(i) { excluded_within } else { -1.0 });
-                    self.others.push(&points, criteria.has_active_intervals);
+                    candidates.others.push(&points, criteria.has_active_intervals);
                     let (reach, wider) = (reach[lane], slack + UNDERFLOW);
-                    self.blocks.push(CandidateBlock { paths, bound, reach, slack: wider, excluded_within });
+                    candidates.blocks.push(CandidateBlock { paths, bound, reach, slack: wider, excluded_within });
                 }
-                self.boxes.push(s, &BoxVector { candidate: s.load_u(&number), ..boxes }, near);
+                candidates.boxes.push(s, &BoxVector { candidate: s.load_u(&number), ..boxes }, near);
             }
-            if self.blocks.len() > most {
+            if candidates.blocks.len() > most {
                 return false;
             }
         }
-        self.windows.push((window, self.blocks.len()));
+        candidates.windows.push((window, candidates.blocks.len()));
         true
     }
 }

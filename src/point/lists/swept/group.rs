@@ -6,7 +6,7 @@ use super::window::Segment;
 use crate::point::layout::over_interval::{BlockTree, BoxTree, PathRows, active_lanes, greater, lesser};
 use crate::point::layout::view::rows;
 use crate::point::lists::candidates::BoxVector;
-use crate::simd::{LANES, Lanes, Simd};
+use crate::simd::{Kernel, LANES, Lanes, Simd};
 
 /// 2^-24.
 const ROUNDING: f64 = 1.0 / 16_777_216.0;
@@ -160,11 +160,21 @@ pub(super) struct SweptGroup<C> {
     pub(super) slack: f64,
 }
 
-impl<C: SweptCoordinate> SweptGroup<C> {
-    /// Takes the points below bottom node `node` that are active during a range of times within the tree's own. The slack is wider
-    /// by [`SweptCoordinate::excess`].
+/// Takes the points below bottom node `node` that are active during a range of times within the tree's own. The slack is wider
+/// by [`SweptCoordinate::excess`].
+pub(super) struct TakeGroup<'a, T: BlockTree> {
+    pub(super) group: &'a mut SweptGroup<T::Coordinate>,
+    pub(super) tree: &'a T,
+    pub(super) node: usize,
+    pub(super) times: [f32; 2],
+    pub(super) excess: f64,
+}
+
+impl<C: SweptCoordinate, T: BlockTree<Coordinate = C>> Kernel for TakeGroup<'_, T> {
+    type Output = ();
     #[inline(always)]
-    pub(super) fn take<T: BlockTree<Coordinate = C>>(&mut self, tree: &T, node: usize, times: [f32; 2], excess: f64) {
+    fn run<S: Simd>(self, _: S) {
+        let TakeGroup { group, tree, node, times, excess } = self;
         let phases = phases(tree, times);
         let (first, stride) = tree.shape().children(0, node);
         let active = active_lanes(tree, node, times);
@@ -187,21 +197,24 @@ impl<C: SweptCoordinate> SweptGroup<C> {
         for (drift, row) in drift.iter_mut().zip(sum) {
             *drift = halved(row, |a, b| a + b) / count * (phases[1] - phases[0]);
         }
-        self.frame = Frame { center: tree.center(node, phases[0]), drift };
-        (self.times, self.phases, self.early) = (times, phases, early(tree, phases, times[0]));
-        self.blocks.clear();
-        (self.lo, self.hi, self.magnitude) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3], 0.0);
+        group.frame = Frame { center: tree.center(node, phases[0]), drift };
+        (group.times, group.phases, group.early) = (times, phases, early(tree, phases, times[0]));
+        group.blocks.clear();
+        (group.lo, group.hi, group.magnitude) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3], 0.0);
         for number in numbers {
-            let block = Block::new(tree.rows(number), phases, &self.frame);
+            let block = Block::new(tree.rows(number), phases, &group.frame);
             for axis in 0..3 {
-                (self.lo[axis], self.hi[axis]) = (self.lo[axis].min(block.lo[axis]), self.hi[axis].max(block.hi[axis]));
+                (group.lo[axis], group.hi[axis]) =
+                    (group.lo[axis].min(block.lo[axis]), group.hi[axis].max(block.hi[axis]));
             }
-            self.magnitude = greater(self.magnitude, block.magnitude);
-            self.blocks.push(block);
+            group.magnitude = greater(group.magnitude, block.magnitude);
+            group.blocks.push(block);
         }
-        self.slack = self.magnitude * SLACK + excess;
+        group.slack = group.magnitude * SLACK + excess;
     }
+}
 
+impl<C: SweptCoordinate> SweptGroup<C> {
     /// Whether the points are scattered, as [`crate::point::lists::group::Group::is_scattered`] has it, with the boxes around paths
     /// in place of points. `reach` is the largest radius of points that are listed.
     pub(super) fn is_scattered(&self, criteria: &Criteria<'_>, reach: f32) -> bool {

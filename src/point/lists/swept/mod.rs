@@ -77,7 +77,6 @@ mod evaluation;
 #[cfg(test)]
 mod far_points_tests;
 mod group;
-mod group_steps;
 mod images;
 mod make;
 mod merge;

@@ -10,7 +10,7 @@ use super::encounter::EncounterVisitor;
 use super::group::{Block, RelativePaths};
 use crate::point::layout::view::{rows, squared};
 use crate::point::lists::candidates::{Selection, write};
-use crate::simd::{LANES, Lanes, Mask, Simd, lanes_at, lanes_at_mut};
+use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, lanes_at, lanes_at_mut};
 
 /// Points that are gathered at most at once.
 const MOST: usize = 2048;
@@ -55,17 +55,20 @@ impl Default for PairFilter {
 /// Lane numbers.
 const LANE: Lanes<u32> = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
-impl PairFilter {
-    /// Passes all encounters of the points of a block to a visitor.
+/// Passes all encounters of the points of a block to a visitor.
+pub(super) struct ShowBlock<'a, V, C> {
+    pub(super) block: &'a Block<C>,
+    pub(super) candidates: &'a SweptCandidates<C>,
+    pub(super) criteria: &'a Criteria<'a>,
+    pub(super) filter: &'a mut PairFilter,
+    pub(super) visitor: &'a mut V,
+}
+
+impl<V: EncounterVisitor, C: SweptCoordinate> Kernel for ShowBlock<'_, V, C> {
+    type Output = ();
     #[inline(always)]
-    pub(super) fn visit<S: Simd, V: EncounterVisitor, C: SweptCoordinate>(
-        &mut self,
-        s: S,
-        (block, candidates): (&Block<C>, &SweptCandidates<C>),
-        criteria: &Criteria<'_>,
-        visitor: &mut V,
-    ) {
-        let PairFilter { selected, rows, hits } = self;
+    fn run<S: Simd>(self, s: S) {
+        let ShowBlock { block, candidates, criteria, filter: PairFilter { selected, rows, hits }, visitor } = self;
         let greatest = criteria.greatest(&block.points.id);
         let all = selected.near(s, &candidates.boxes, (block.lo, block.hi), criteria.within(greatest));
         let (shared, rest) =

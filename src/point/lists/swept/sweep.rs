@@ -1,13 +1,12 @@
 //! The search for all encounters of a set with itself or another one during an interval.
 
-use super::candidates::{Behind, SweptCandidates};
+use super::candidates::{AddCandidates, Behind, SweptCandidates};
 use super::coordinate::{SweptCoordinate, SweptLayer};
 use super::criteria::Criteria;
 use super::encounter::EncounterVisitor;
-use super::group::SweptGroup;
-use super::group_steps::{AddCandidates, ShowBlock, TakeGroup};
+use super::group::{SweptGroup, TakeGroup};
 use super::images::Images;
-use super::pair_filter::PairFilter;
+use super::pair_filter::{PairFilter, ShowBlock};
 use super::time_slices::{
     Pairing, SweptSlice, SweptTree, begins_with_a_slice, excesses, magnitude, pairings, time_slices_of,
 };
@@ -314,7 +313,7 @@ struct Share<'a, V, C: SweptCoordinate> {
     worker: &'a mut Worker<V, C>,
 }
 
-/// Adds all candidates of a group, of one pairing; see [`SweptCandidates::add`].
+/// Adds all candidates of a group, of one pairing; see [`AddCandidates`].
 struct AddAll<'a, C: SweptCoordinate> {
     sweep: &'a Sweep<'a, C>,
     pairing: &'a Pairing,
@@ -336,10 +335,14 @@ impl<C: SweptCoordinate> Kernel for AddAll<'_, C> {
             let excess = sweep.excesses.get(other).map_or(&[][..], |excess| &excess.nodes);
             let behind = Behind { reach, excess };
             let other = &sweep.slices[other];
-            let (candidates, window) = (&mut *candidates, (sweep.window(slice, other), behind));
+            let (candidates, window) = (&mut *candidates, sweep.window(slice, other));
             let all = match other.tree {
-                SweptTree::Static(tree) => s.call(AddCandidates { candidates, tree, group, window, criteria, most }),
-                SweptTree::Moving(tree) => s.call(AddCandidates { candidates, tree, group, window, criteria, most }),
+                SweptTree::Static(tree) => {
+                    s.call(AddCandidates { candidates, tree, group, window, behind, criteria, most })
+                }
+                SweptTree::Moving(tree) => {
+                    s.call(AddCandidates { candidates, tree, group, window, behind, criteria, most })
+                }
             };
             if !all {
                 return false;
