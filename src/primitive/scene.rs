@@ -53,62 +53,46 @@ impl From<MovingSphere> for Shape {
     }
 }
 
-impl Primitive for Shape {
-    fn bounds(&self, over: TimeInterval) -> LinearBounds {
+impl Shape {
+    fn as_primitive(&self) -> &dyn Primitive {
         match self {
-            Shape::Sphere(sphere) => sphere.bounds(over),
-            Shape::Custom(custom) => custom.bounds(over),
+            Shape::Sphere(sphere) => sphere,
+            Shape::Custom(custom) => &**custom,
         }
     }
+}
 
-    #[inline]
+impl Primitive for Shape {
+    fn bounds(&self, over: TimeInterval) -> LinearBounds {
+        self.as_primitive().bounds(over)
+    }
+
     fn intersect(&self, ray: &Ray) -> Option<Intersection> {
-        match self {
-            Shape::Sphere(sphere) => sphere.intersect(ray),
-            Shape::Custom(custom) => custom.intersect(ray),
-        }
+        self.as_primitive().intersect(ray)
     }
 
     fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
-        match self {
-            Shape::Sphere(sphere) => sphere.closest_point(point, time),
-            Shape::Custom(custom) => custom.closest_point(point, time),
-        }
+        self.as_primitive().closest_point(point, time)
     }
 
     fn active(&self) -> TimeInterval {
-        match self {
-            Shape::Sphere(sphere) => sphere.active,
-            Shape::Custom(custom) => custom.active(),
-        }
+        self.as_primitive().active()
     }
 
     fn mask(&self) -> u32 {
-        match self {
-            Shape::Sphere(sphere) => sphere.mask,
-            Shape::Custom(custom) => custom.mask(),
-        }
+        self.as_primitive().mask()
     }
 
     fn as_sphere(&self) -> Option<&MovingSphere> {
-        match self {
-            Shape::Sphere(sphere) => Some(sphere),
-            Shape::Custom(custom) => custom.as_sphere(),
-        }
+        self.as_primitive().as_sphere()
     }
 
     fn surface_normal(&self, ray: &Ray, hit: Intersection) -> Option<DVec3> {
-        match self {
-            Shape::Sphere(sphere) => sphere.surface_normal(ray, hit),
-            Shape::Custom(custom) => custom.surface_normal(ray, hit),
-        }
+        self.as_primitive().surface_normal(ray, hit)
     }
 
     fn point_at(&self, ray: &Ray, hit: Intersection, time: f32) -> Option<DVec3> {
-        match self {
-            Shape::Sphere(sphere) => sphere.point_at(ray, hit, time),
-            Shape::Custom(custom) => custom.point_at(ray, hit, time),
-        }
+        self.as_primitive().point_at(ray, hit, time)
     }
 
     fn merge_keys(&mut self) {
