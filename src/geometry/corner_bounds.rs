@@ -56,12 +56,6 @@ impl CornerBounds {
         0.5 * (b - a).cross(c - a).length()
     }
 
-    /// At the begin: half the area of the box around the triangle, and its own area.
-    #[inline(always)]
-    pub fn areas(&self) -> [f32; 2] {
-        [self.union().begin.half_area(), self.area()]
-    }
-
     /// The corners in the middle of the interval and of their boxes; exactly where they are if they do not move.
     #[inline(always)]
     pub fn middle(&self) -> [Vec3; 3] {

@@ -32,12 +32,6 @@ impl Window {
         }
     }
 
-    /// Whether a key is inside or around the interval.
-    #[inline(always)]
-    pub fn holds(&self, key: usize) -> bool {
-        self.inner.contains(&key) || self.around.contains(&key)
-    }
-
     /// The fraction of the interval at a key inside.
     #[inline(always)]
     pub fn fraction(&self, key: usize) -> f32 {

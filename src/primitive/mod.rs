@@ -14,7 +14,6 @@ mod shapes;
 mod sphere;
 mod sphere_primitive;
 mod triangles;
-mod vertex_tubes;
 
 pub(crate) use bounds::shared_vertices::Shared;
 pub(crate) use bounds::tubes::{FaceLanes, RowsOfKeys, at_corners, bounds_of_faces};
@@ -34,4 +33,3 @@ pub use shapes::Shapes;
 pub use sphere::MovingSphere;
 pub(crate) use sphere::SPHERE_ROUNDING;
 pub(crate) use triangles::triangle_set::Triangles;
-pub(crate) use vertex_tubes::VertexTubes;

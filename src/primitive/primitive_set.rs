@@ -3,7 +3,6 @@
 
 use super::key_window::Intervals;
 use super::sphere::MovingSphere;
-use super::vertex_tubes::VertexTubes;
 use crate::error::BuildError;
 use crate::geometry::{Box3, CornerBounds, Frame, LaneBounds, LinearBox3, TimeInterval};
 use crate::simd::LANES;
@@ -41,14 +40,8 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     /// Linear bounds over an interval. They contain all hits of the kernel, up to the rounding that grows with the ray's
     /// distance; the slack of traversals covers that.
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3;
-    /// What [`PrimitiveSet::lane_bounds`] can use if it is asked for the bounds of all of these primitives, in ascending order.
-    fn tubes(&self, ids: &[u32], over: TimeInterval) -> VertexTubes {
-        let _ = (ids, over);
-        VertexTubes::default()
-    }
-    /// The bounds of some primitives in ascending order; `tubes` are over the same interval.
-    fn lane_bounds(&self, ids: &[u32], over: TimeInterval, tubes: &VertexTubes, out: &mut [LaneBounds]) {
-        let _ = tubes;
+    /// The bounds of some primitives in ascending order.
+    fn lane_bounds(&self, ids: &[u32], over: TimeInterval, out: &mut [LaneBounds]) {
         for (&id, to) in ids.iter().zip(out) {
             *to = LaneBounds::of(&self.bounds(id, over));
         }
@@ -103,11 +96,6 @@ pub(crate) trait PrimitiveSet: Send + Sync {
     fn corner_bounds(&self, id: u32, over: TimeInterval) -> Option<CornerBounds> {
         let _ = (id, over);
         None
-    }
-    /// At the begin of an interval: half the area of the box around the corners of a triangle, and the area of the triangle itself;
-    /// `None` for a primitive that is not split.
-    fn areas(&self, id: u32, over: TimeInterval) -> Option<[f32; 2]> {
-        self.corner_bounds(id, over).map(|corners| corners.areas())
     }
     /// Prefetches the vertex indices of a primitive; the vertices themselves follow with
     /// [`PrimitiveSet::prefetch_vertices`]. A hint.

@@ -8,7 +8,6 @@ use super::primitive_set::{PrimitiveSet, include_each};
 use super::shapes::{Shapes, ShapesExtent, with_merged_keys};
 use super::sphere::MovingSphere;
 use super::triangles::triangle_set::Triangles;
-use super::vertex_tubes::VertexTubes;
 use crate::error::{BuildError, RefitError};
 use crate::geometry::{Box3, CornerBounds, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
 use crate::progress::Progress;
@@ -249,13 +248,9 @@ impl PrimitiveSet for Scene {
         }
     }
 
-    fn tubes(&self, ids: &[u32], over: TimeInterval) -> VertexTubes {
-        self.triangles.tubes(&ids[..ids.partition_point(|&id| id < self.first)], over)
-    }
-
-    fn lane_bounds(&self, ids: &[u32], over: TimeInterval, tubes: &VertexTubes, out: &mut [LaneBounds]) {
+    fn lane_bounds(&self, ids: &[u32], over: TimeInterval, out: &mut [LaneBounds]) {
         let triangles = ids.partition_point(|&id| id < self.first);
-        self.triangles.lane_bounds(&ids[..triangles], over, tubes, &mut out[..triangles]);
+        self.triangles.lane_bounds(&ids[..triangles], over, &mut out[..triangles]);
         for (&id, to) in ids[triangles..].iter().zip(&mut out[triangles..]) {
             *to = LaneBounds::of(&self.bounds(id, over));
         }
@@ -286,14 +281,6 @@ impl PrimitiveSet for Scene {
     fn corner_bounds(&self, id: u32, over: TimeInterval) -> Option<CornerBounds> {
         match self.shape(id) {
             None => self.triangles.corner_bounds(id, over),
-            Some(_) => None,
-        }
-    }
-
-    #[inline(always)]
-    fn areas(&self, id: u32, over: TimeInterval) -> Option<[f32; 2]> {
-        match self.shape(id) {
-            None => self.triangles.areas(id, over),
             Some(_) => None,
         }
     }

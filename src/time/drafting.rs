@@ -15,7 +15,7 @@ use crate::parallel;
 use crate::params::WideParams;
 use crate::primitive::PrimitiveSet;
 use crate::progress::Progress;
-use crate::simd::{fill, huge_vec};
+use crate::simd::huge_vec;
 use crate::tuning::presplit::{
     MAX_PRESPLIT_COST, MIN_AREA_RATIO, PRESPLIT_SAMPLE, PRESPLIT_SAMPLES, UNCERTAIN_PRESPLIT_COST,
 };
@@ -169,7 +169,7 @@ impl<'a, S: PrimitiveSet> Drafter<'a, S> {
         let most = if elongated { (ids.len() as f64 * f64::from(budget)) as usize + 1 } else { ids.len() };
         // Some more for reinsertion.
         let mut references = huge_vec(most + most / 16);
-        add_references(set, ids, over, &mut references, progress);
+        write_references(set, ids, over, &mut references, progress);
         let density = density.unwrap_or_else(|| SurfaceDensity::of(&references, ratio.unwrap_or(LEAST_AREA_RATIO)));
         let drafter = Drafter { set, primitives: ids.len(), slice, ratio, density };
         (drafter, references, elongated.then_some(budget))
@@ -266,9 +266,9 @@ fn area_ratio<S: PrimitiveSet>(set: &S, ids: &[u32], over: TimeInterval) -> Opti
     let (mut boxes, mut triangles) = (0.0, 0.0);
     // A sample of one or two thousand is enough.
     for &id in ids.iter().step_by(ids.len() / 2048 + 1) {
-        let Some([around, own]) = set.areas(id, over) else { continue };
-        boxes += f64::from(around);
-        triangles += f64::from(own);
+        let Some(corners) = set.corner_bounds(id, over) else { continue };
+        boxes += f64::from(corners.union().begin.half_area());
+        triangles += f64::from(corners.area());
     }
     (triangles > 0.0).then_some(boxes / triangles)
 }
@@ -279,37 +279,21 @@ const TOGETHER: usize = 256;
 /// Primitives between two reports of progress: a multiple of that. Not fitted: they take a few hundred microseconds.
 const REPORTED: usize = 16 * TOGETHER;
 
-/// Appends a reference for each of some primitives. Once `progress` is cancelled, some are missing or of nothing.
-fn add_references<S: PrimitiveSet>(
+/// Writes a reference for each of some primitives. Once `progress` is cancelled, some are of nothing.
+fn write_references<S: PrimitiveSet>(
     set: &S,
     ids: &[u32],
     over: TimeInterval,
     references: &mut Vec<Reference>,
     progress: &Progress,
 ) {
-    if !ids.is_sorted() {
-        return fill(references, ids.len(), |i| Reference::new(set.bounds(ids[i], over), ids[i]));
-    }
-    let tubes = set.tubes(ids, over);
     let progress = progress.in_units(ids.len());
     let write = |ids: &[u32], references: &mut [Reference]| {
         let mut bounds = [LaneBounds::EMPTY; TOGETHER];
-        set.lane_bounds(ids, over, &tubes, &mut bounds[..ids.len()]);
+        set.lane_bounds(ids, over, &mut bounds[..ids.len()]);
         Reference::write(ids, &bounds, references);
     };
-    let unset = Reference::new(LinearBox3::EMPTY, 0);
-    if parallel::threads() == 1 {
-        for ids in ids.chunks(REPORTED).take_while(|_| !progress.cancelled()) {
-            for ids in ids.chunks(TOGETHER) {
-                let first = references.len();
-                references.resize(first + ids.len(), unset);
-                write(ids, &mut references[first..]);
-            }
-            progress.finished(ids.len() as f64);
-        }
-        return;
-    }
-    references.resize(ids.len(), unset);
+    references.resize(ids.len(), Reference::new(LinearBox3::EMPTY, 0));
     let mut parts: Vec<_> = ids.chunks(REPORTED).zip(references.chunks_mut(REPORTED)).collect();
     parallel::each(&mut parts, |(ids, references)| {
         if !progress.cancelled() {

@@ -28,7 +28,6 @@ use crate::layout::tree_box::TreeBox;
 use crate::layout::wide_node::{ChildRef, Kind};
 use crate::layout::wide_tree::{BlockMasks, WideTree};
 use crate::params::{LazyParams, WideParams};
-use crate::primitive::VertexTubes;
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES};
 use crate::time::DraftParams;
@@ -72,9 +71,7 @@ impl LazyTree {
     /// Divides the primitives of a set into subtrees, and builds the tree above them.
     pub fn build<S: WideSource>(set: &S, params: &LazyParams, progress: &Progress) -> Result<LazyTree, BuildError> {
         let most = params.subtree.min(most_in_subtree(set)?);
-        let bounds = |ids: &[u32], out: &mut [LaneBounds]| {
-            set.lane_bounds(ids, TimeInterval::FULL, &VertexTubes::default(), out)
-        };
+        let bounds = |ids: &[u32], out: &mut [LaneBounds]| set.lane_bounds(ids, TimeInterval::FULL, out);
         let (binary, ids) = coarse_tree(set.len(), &bounds, most, &progress.subtask(DIVIDING));
         progress.check()?;
         // In preorder, the leaves are in the order of their primitives.
@@ -196,7 +193,7 @@ fn neighbours<S: WideSource>(set: &S, subtree: &[u32], around: u32) -> Vec<u32> 
     let mut ids = subtree.to_vec();
     ids.sort();
     let mut bounds = vec![LaneBounds::EMPTY; ids.len()];
-    set.lane_bounds(&ids, TimeInterval::FULL, &VertexTubes::default(), &mut bounds);
+    set.lane_bounds(&ids, TimeInterval::FULL, &mut bounds);
     let centre = |at: usize| bounds[at].centre().truncate();
     let middle = centre(ids.binary_search(&around).expect("the primitive is in the subtree"));
     let mut near: Vec<(f32, u32)> =

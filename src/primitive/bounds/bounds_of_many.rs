@@ -6,7 +6,6 @@ use crate::primitive::key_window::Intervals;
 use crate::primitive::mesh::mesh_index::MeshInfo;
 use crate::primitive::primitive_set::PrimitiveSet;
 use crate::primitive::triangles::triangle_set::Triangles;
-use crate::primitive::vertex_tubes::VertexTubes;
 use glam::Vec4;
 
 impl Triangles {
@@ -15,7 +14,6 @@ impl Triangles {
         &self,
         mut ids: &[u32],
         over: TimeInterval,
-        tubes: &VertexTubes,
         mut out: &mut [LaneBounds],
     ) {
         while let Some(&first) = ids.first() {
@@ -30,10 +28,7 @@ impl Triangles {
             (of_mesh, ids) = ids.split_at(own);
             let to;
             (to, out) = out.split_at_mut(own);
-            match tubes.of_mesh(mesh) {
-                Some(of) => self.bounds_of_tubes(of_mesh, self.meshes[mesh].keys, of, to),
-                None => self.lane_bounds_in_mesh(&self.meshes[mesh], of_mesh, over, to),
-            }
+            self.lane_bounds_in_mesh(&self.meshes[mesh], of_mesh, over, to);
         }
     }
 
@@ -133,7 +128,7 @@ mod tests {
             let ids: Vec<u32> = (first..set.len() as u32).step_by(step).collect();
             for over in [TimeInterval::FULL, time_slice(0, 4), time_slice(2, 4), time_slice(15, 16)] {
                 let mut out = vec![LaneBounds::EMPTY; ids.len()];
-                set.lane_bounds(&ids, over, &VertexTubes::default(), &mut out);
+                set.lane_bounds(&ids, over, &mut out);
                 for (&id, of) in ids.iter().zip(out) {
                     assert_eq!(of.bounds(), set.bounds(id, over), "{id}, {over:?}");
                 }

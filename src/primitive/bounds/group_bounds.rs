@@ -99,7 +99,7 @@ impl Kernel for Each<'_, '_, '_> {
         let Each { group: Group { of, corners, windows, slack }, out } = self;
         let rows = of.transposed(s);
         let faces = faces(s, &rows, &windows[0], s.load_u(&corners), slack);
-        for (to, &bounds) in out.iter_mut().zip(&lanes_of_faces(s, &faces, s.splat(0.0))) {
+        for (to, &bounds) in out.iter_mut().zip(&lanes_of_faces(s, &faces)) {
             s.store(bounds, &mut to.0);
         }
     }

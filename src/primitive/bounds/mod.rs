@@ -4,7 +4,6 @@ pub(super) mod bent_bounds;
 pub(super) mod bounds_of_many;
 pub(super) mod group_bounds;
 pub(super) mod keys_of_vertices;
-pub(super) mod mesh_tubes;
 pub(super) mod shared_vertices;
 pub(super) mod tubes;
 pub(super) mod vertex_slack;

@@ -7,7 +7,6 @@
 use super::bent_bounds::TUBE_ULPS;
 use crate::geometry::{Box3, KeyTime, LinearBox3, ULP};
 use crate::primitive::key_window::Window;
-use crate::primitive::vertex_tubes::SIZE;
 use crate::simd::{LANES, Lanes, Mask, Rows, Simd, transpose};
 use glam::Vec3;
 
@@ -135,26 +134,16 @@ impl<S: Simd> Tubes<S> {
         all
     }
 
-    /// The faces in the order of [`bounds_of_faces`].
-    #[inline(always)]
-    pub fn faces(&self) -> [S::F; 12] {
-        let mut all = [self.size; 12];
-        for (end, faces) in self.ends.iter().enumerate() {
-            for (axis, &[low, high]) in faces.iter().enumerate() {
-                (all[6 * end + axis], all[6 * end + 3 + axis]) = (low, high);
-            }
-        }
-        all
-    }
-
-    /// The padded faces of the triangles `present`; `slack` is that of vertices with a coordinate of 1, and `size` the largest
-    /// coordinate.
+    /// The padded faces of the triangles `present`, in the order of [`bounds_of_faces`]; `slack` is that of vertices with a
+    /// coordinate of 1, and `size` the largest coordinate.
     #[inline(always)]
     pub fn padded(&self, s: S, size: S::F, slack: f32, present: Mask) -> [S::F; 12] {
         let pad = size * s.splat(slack) * s.splat(2.0) + size * s.splat(TUBE_ULPS * ULP);
-        let mut all = self.faces();
-        for face in &mut all {
-            *face = *face + pad;
+        let mut all = [pad; 12];
+        for (end, faces) in self.ends.iter().enumerate() {
+            for (axis, &[low, high]) in faces.iter().enumerate() {
+                (all[6 * end + axis], all[6 * end + 3 + axis]) = (low + pad, high + pad);
+            }
         }
         let mut unmoved = present;
         for face in 0..6 {
@@ -173,12 +162,11 @@ impl<S: Simd> Tubes<S> {
     }
 }
 
-/// The same faces of each lane as `LaneBounds`, which have the negated size in the lane [`SIZE`].
+/// The same faces of each lane as `LaneBounds`.
 #[inline(always)]
-pub(in crate::primitive) fn lanes_of_faces<S: Simd>(s: S, faces: &[S::F; 12], size: S::F) -> [S::F; LANES] {
+pub(in crate::primitive) fn lanes_of_faces<S: Simd>(s: S, faces: &[S::F; 12]) -> [S::F; LANES] {
     let zero = s.splat(0.0);
     let mut all = [zero; LANES];
-    all[SIZE] = zero - size;
     for axis in 0..3 {
         all[axis] = zero - faces[axis];
         all[4 + axis] = zero - faces[6 + axis];

@@ -12,7 +12,6 @@ use crate::primitive::mesh::mesh_index::{MeshIndex, MeshInfo};
 use crate::primitive::mesh::precise_vertices::PreciseVertices;
 use crate::primitive::mesh::triangle_mesh::MeshExtent;
 use crate::primitive::primitive_set::{PrimitiveSet, include_each};
-use crate::primitive::vertex_tubes::VertexTubes;
 use crate::simd::{LANES, Lanes, as_coordinates, prefetch};
 use core::ops::Range;
 use glam::{DVec3, Vec3};
@@ -326,12 +325,8 @@ impl PrimitiveSet for Triangles {
         LinearBox3 { begin: bounds.begin.pad(rounding), end: bounds.end.pad(rounding) }
     }
 
-    fn tubes(&self, ids: &[u32], over: TimeInterval) -> VertexTubes {
-        self.tubes_of_meshes(ids, over)
-    }
-
-    fn lane_bounds(&self, ids: &[u32], over: TimeInterval, tubes: &VertexTubes, out: &mut [LaneBounds]) {
-        self.lane_bounds_of_meshes(ids, over, tubes, out);
+    fn lane_bounds(&self, ids: &[u32], over: TimeInterval, out: &mut [LaneBounds]) {
+        self.lane_bounds_of_meshes(ids, over, out);
     }
 
     fn include_bounds(&self, ids: &[u32], over: &mut Intervals<'_>, out: &mut [LinearBox3]) {
@@ -390,16 +385,6 @@ impl PrimitiveSet for Triangles {
         };
         bounds.slack += self.rounding(id, over);
         Some(bounds)
-    }
-
-    #[inline(always)]
-    fn areas(&self, id: u32, over: TimeInterval) -> Option<[f32; 2]> {
-        let keys = self.keys(id);
-        if keys > 2 {
-            return Some(self.tubes_of_corners(id, keys, over).areas());
-        }
-        let [[a, b, c], _] = self.ends(id, over);
-        Some([box_of([a, b, c]).half_area(), 0.5 * (b - a).cross(c - a).length()])
     }
 
     fn prefetch(&self, id: u32) {
