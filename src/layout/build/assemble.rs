@@ -2,8 +2,7 @@
 //!
 //! Each task is written into an arena of its own that stays in the cache. As soon as all tasks before it are in place
 //! it is appended, and the references in its nodes are relocated: the order is that of the tasks, whichever thread
-//! wrote them. A small arena whose blocks are in place is reused by the next task. A single thread writes most tasks
-//! straight into the final arena.
+//! wrote them. A small arena whose blocks are in place is reused by the next task.
 
 use crate::error::BuildError;
 use crate::layout::wide_node::{ChildRef, NODE_ROWS, children_mut};
@@ -57,22 +56,6 @@ struct InOrder<'a> {
 type Write<'a> = &'a (dyn Fn(usize, &mut Fragment) -> Result<(), BuildError> + Sync);
 
 impl InOrder<'_> {
-    /// Writes a task straight into the final arena, if its turn has come and there is room for more than is expected of it.
-    fn write(&mut self, task: usize, write: Write<'_>) -> Result<bool, BuildError> {
-        let size = f64::from(self.sizes[task]);
-        let expected = size * (self.words as f64 / self.placed.max(1.0));
-        if self.next != task || self.arena.room() < (expected * 1.5) as usize {
-            return Ok(false);
-        }
-        self.arena.align();
-        let before = self.arena.len();
-        self.tops.append(&mut write_at_end(self.arena, task, write)?);
-        self.words += self.arena.len() - before + LANES;
-        self.placed += size;
-        self.next += 1;
-        Ok(true)
-    }
-
     /// Appends all fragments whose turn has come. Children that are not `inside` a fragment are in the final arena
     /// already.
     fn put(&mut self, waiting: &Mutex<Waiting>, inside: &dyn Fn(ChildRef) -> bool) -> Result<(), BuildError> {
@@ -154,7 +137,6 @@ pub(crate) fn write_in_order(
     let in_order = InOrder { arena, sizes, further, next: 0, tops: Vec::with_capacity(n), words: 0, placed: 0.0 };
     let in_order = Mutex::new(in_order);
     let next = AtomicUsize::new(0);
-    let alone = parallel::threads() == 1;
     let threads = parallel::map(parallel::threads(), |_| {
         loop {
             let task = next.fetch_add(1, Ordering::Relaxed);
@@ -162,10 +144,6 @@ pub(crate) fn write_in_order(
                 return Ok(());
             }
             if !task.is_multiple_of(step) {
-                // One thread writes in order.
-                if alone && lock(&in_order).write(task, write)? {
-                    continue;
-                }
                 let spare = lock(&waiting).spare.pop();
                 let mut fragment = spare.unwrap_or_default();
                 write(task, &mut fragment)?;
