@@ -31,10 +31,10 @@ pub(crate) struct Collapse {
 
 /// The least costs of covering a subtree by at most 1, 2, … 16 children.
 #[derive(Clone, Copy)]
-struct Costs {
-    by_places: Lanes<f32>,
+pub(super) struct Costs {
+    pub by_places: Lanes<f32>,
     /// With more slots than this (at most sixteen) the cost does not decrease.
-    enough: usize,
+    pub enough: usize,
 }
 
 /// More subtrees than this hardly ever wait for their siblings.
@@ -119,13 +119,13 @@ impl Collapse {
 }
 
 /// The inputs of the decisions.
-struct Solver<'a, L> {
-    simd: SimdLevel,
+pub(super) struct Solver<'a, L> {
+    pub simd: SimdLevel,
     /// Predicts how often boxes are visited.
-    density: SurfaceDensity,
-    leaf_cost: L,
+    pub density: SurfaceDensity,
+    pub leaf_cost: L,
     /// In nodes.
-    progress: &'a Progress<'a>,
+    pub progress: &'a Progress<'a>,
 }
 
 impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Solver<'_, L> {
@@ -140,10 +140,14 @@ impl<L: Fn(&BinaryNode) -> Option<f32> + Sync> Solver<'_, L> {
                 || self.subtree(&nodes[1..right], left_low, one_low),
                 || self.subtree(&nodes[right..], left_high, one_high),
             );
-            let (own, children) = ((&mut left0[0], &mut one0[0]), (&low, &high));
-            return dispatch(self.simd, Join { solver: self, node: &nodes[0], own, children });
+            return self.join(&nodes[0], (&mut left0[0], &mut one0[0]), (&low, &high));
         }
         dispatch(self.simd, Sweep { solver: self, nodes, left, one })
+    }
+
+    /// Decides for a node above two solved subtrees.
+    pub fn join(&self, node: &BinaryNode, own: (&mut [u8; LANES], &mut f32), children: (&Costs, &Costs)) -> Costs {
+        dispatch(self.simd, Join { solver: self, node, own, children })
     }
 
     /// Decides for one node, given the costs of its halves.

@@ -1,11 +1,10 @@
 //! Replacing subtrees of a collapsed tree by separately built ones, which count as single children.
 
 use super::builder::BinaryNode;
-use super::collapse::Collapse;
-use super::costs::motion_factor;
+use super::collapse::{Collapse, Costs, Solver};
 use super::visits::SurfaceDensity;
-use crate::simd::{LANES, Lanes};
-use crate::tuning::wide::NODE_COST;
+use crate::progress::Progress;
+use crate::simd::{LANES, SimdLevel};
 
 /// A subtree that is one child of the wide node above it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,66 +21,47 @@ impl Collapse {
     /// `replaced` must be sorted by node; none may lie below another or be the root.
     pub fn replace_subtrees(&mut self, nodes: &[BinaryNode], density: SurfaceDensity, replaced: &[ReplacedSubtree]) {
         if !replaced.is_empty() {
-            self.decide_above(nodes, density, 0, replaced);
+            // No node above a replaced subtree is a leaf block.
+            let (leaf_cost, progress) = (|_: &BinaryNode| None, &Progress::new(None));
+            let solver = Solver { simd: SimdLevel::best(), density, leaf_cost, progress };
+            self.decide_above(&solver, nodes, 0, replaced);
         }
     }
 
-    /// Decides for a node above replaced subtrees, and returns the least costs of covering it by at most 1, 2, … 16
-    /// children. The recurrence is that of [`Collapse::new`]; the recursion is as deep as the binary tree.
-    fn decide_above(
+    /// Decides for a node above replaced subtrees. The recursion is as deep as the binary tree.
+    fn decide_above<L: Fn(&BinaryNode) -> Option<f32> + Sync>(
         &mut self,
+        solver: &Solver<'_, L>,
         nodes: &[BinaryNode],
-        density: SurfaceDensity,
         x: u32,
         replaced: &[ReplacedSubtree],
-    ) -> Lanes<f32> {
+    ) -> Costs {
         if let [ReplacedSubtree { node, cost }] = *replaced
             && node == x
         {
-            self.set(x, [0; LANES], cost);
-            return [cost; LANES];
+            (self.left[x as usize], self.one[x as usize]) = ([0; LANES], cost);
+            return Costs { by_places: [cost; LANES], enough: 1 };
         }
         let node = &nodes[x as usize];
         let (low, high) = (x + 1, x + node.right);
         let (below_low, below_high) = replaced.split_at(replaced.partition_point(|g| g.node < high));
         let mut side = |of: u32, replaced: &[ReplacedSubtree]| match replaced.is_empty() {
             true => self.costs(nodes, of),
-            false => self.decide_above(nodes, density, of, replaced),
+            false => self.decide_above(solver, nodes, of, replaced),
         };
         let (l, r) = (side(low, below_low), side(high, below_high));
-        let (mut best, mut share) = ([f32::INFINITY; LANES], [0; LANES]);
-        for places in 2..=LANES {
-            for left in 1..places {
-                let cost = l[left - 1] + r[places - left - 1];
-                if cost < best[places - 1] {
-                    (best[places - 1], share[places - 1]) = (cost, left as u8);
-                }
-            }
-        }
-        let one = NODE_COST * motion_factor(node.moving) * density.visits(&node.bounds) + best[LANES - 1];
-        // As one child it is a wide node, whose sixteen slots are divided.
-        share[0] = share[LANES - 1];
-        for places in 1..LANES {
-            if best[places] >= one {
-                share[places] = 0;
-            }
-        }
-        self.set(x, share, one);
-        best.map(|cost| cost.min(one))
-    }
-
-    fn set(&mut self, x: u32, left: [u8; LANES], one: f32) {
-        (self.left[x as usize], self.one[x as usize]) = (left, one);
+        solver.join(node, (&mut self.left[x as usize], &mut self.one[x as usize]), (&l, &r))
     }
 
     /// The least costs of covering a subtree, by the decisions made before.
-    fn costs(&self, nodes: &[BinaryNode], x: u32) -> Lanes<f32> {
+    fn costs(&self, nodes: &[BinaryNode], x: u32) -> Costs {
         let mut children = Vec::with_capacity(LANES);
-        core::array::from_fn(|i| {
+        let by_places = core::array::from_fn(|i| {
             children.clear();
             self.forest(nodes, x, i as u8 + 1, &mut children);
             children.iter().map(|child| self.cost(child.node)).sum()
-        })
+        });
+        Costs { by_places, enough: LANES }
     }
 }
 
@@ -92,8 +72,8 @@ mod tests {
     use crate::bvh::costs;
     use crate::bvh::reference::Reference;
     use crate::geometry::{Box3, LinearBox3};
-    use crate::progress::Progress;
     use crate::random::Random;
+    use crate::tuning::wide::NODE_COST;
     use glam::Vec3;
 
     const DENSITY: SurfaceDensity = SurfaceDensity(9.0);
