@@ -13,67 +13,66 @@ use super::tree::{InstanceOf, InstanceTree};
 use crate::geometry::Ray;
 use crate::layout::ChildRef;
 use crate::primitive::PrimitiveSet;
-use crate::ray::{Filter, Guards, Hit, LeafVisitor, ObjectTraversal, Observer, Offer, TreeRay};
+use crate::ray::{Filter, Guards, Hit, LeafVisitor, ObjectTraversal, Observer, Offer, RayTree, TreeRay};
 use crate::simd::{Simd, dispatch};
 use core::ops::ControlFlow;
 
-/// A query of all instances that a ray meets.
+/// A query of all instances that a ray meets, and what it has found.
 trait InstanceQuery {
     /// Whether instances are visited front to back.
     const ORDERED: bool;
+
     /// Queries the tree of an instance, whose path ends with this index, with a ray in its space that ends where no hit
     /// matters any more. Returns the ray's new end; `Break` ends the query.
-    fn query_instance(
+    fn query_tree(
         &mut self,
-        of: &InstanceOf,
+        tree: &RayTree,
         ray: &Ray,
         path: (InstancePath, u32),
         guards: &mut Guards<'_, InstanceHit>,
     ) -> ControlFlow<(), f32>;
+
+    /// The new end of a ray after some instances, whose trees may be any; `Break` ends the query.
+    fn end(&self, ray: &Ray) -> ControlFlow<(), f32>;
 }
+
+// In each query the usual case is inlined; all other cases are calls, which would spill the registers of the traversal.
 
 /// The closest hit; of several at the same `t` that of the lowest path, and of these the lowest primitive.
 struct ClosestInstance {
     best: Option<InstanceHit>,
 }
 
-impl ClosestInstance {
-    /// Takes a hit at `t`, which does not wait until the whole hit is copied. Returns `t`.
-    #[inline(always)]
-    fn offer(&mut self, t: f32, hit: Hit, path: InstancePath) -> f32 {
-        if self.best.is_none_or(|best| t < best.hit.t || t == best.hit.t && path < best.path) {
-            self.best = Some(InstanceHit { path, hit });
-        }
-        t
-    }
-}
-
 impl InstanceQuery for ClosestInstance {
     const ORDERED: bool = true;
 
     #[inline(always)]
-    fn query_instance(
+    fn query_tree(
         &mut self,
-        of: &InstanceOf,
+        tree: &RayTree,
         ray: &Ray,
         (path, id): (InstancePath, u32),
         guards: &mut Guards<'_, InstanceHit>,
     ) -> ControlFlow<(), f32> {
-        // The usual case is inlined here; all other cases are calls, which would spill the registers of the traversal.
-        let end = match of {
-            InstanceOf::Tree(tree) if guards.are_none() => {
-                let Some(hit) = tree.closest_hit_inside(ray) else { return ControlFlow::Continue(ray.t_max) };
-                self.offer(hit.t, hit, path.then(id))
-            }
-            _ => {
-                let Some(found) = of.closest_hit(ray, path.then(id), guards) else {
-                    return ControlFlow::Continue(ray.t_max);
-                };
-                self.offer(found.hit.t, found.hit, found.path)
-            }
-        };
-        ControlFlow::Continue(end)
+        let found =
+            if guards.are_none() { tree.closest_hit_inside(ray) } else { closest(tree, ray, path.then(id), guards) };
+        let Some(hit) = found else { return ControlFlow::Continue(ray.t_max) };
+        // Read first, so that it does not wait until the whole hit is copied.
+        let (t, path) = (hit.t, path.then(id));
+        if self.best.is_none_or(|best| t < best.hit.t || t == best.hit.t && path < best.path) {
+            self.best = Some(InstanceHit { path, hit });
+        }
+        ControlFlow::Continue(t)
     }
+
+    fn end(&self, ray: &Ray) -> ControlFlow<(), f32> {
+        ControlFlow::Continue(self.best.map_or(ray.t_max, |best| best.hit.t))
+    }
+}
+
+#[inline(never)]
+fn closest(tree: &RayTree, ray: &Ray, path: InstancePath, guards: &mut Guards<'_, InstanceHit>) -> Option<Hit> {
+    guards.inside(in_tree(path), |guards| tree.closest_hit_guarded(ray, guards))
 }
 
 /// Whether there is a hit.
@@ -85,20 +84,26 @@ impl InstanceQuery for AnyInstance {
     const ORDERED: bool = false;
 
     #[inline(always)]
-    fn query_instance(
+    fn query_tree(
         &mut self,
-        of: &InstanceOf,
+        tree: &RayTree,
         ray: &Ray,
         (path, id): (InstancePath, u32),
         guards: &mut Guards<'_, InstanceHit>,
     ) -> ControlFlow<(), f32> {
-        // As above.
-        self.found = match of {
-            InstanceOf::Tree(tree) if guards.are_none() => tree.any_hit_inside(ray),
-            _ => of.any_hit(ray, path.then(id), guards),
-        };
+        self.found = if guards.are_none() { tree.any_hit_inside(ray) } else { any(tree, ray, path.then(id), guards) };
+        self.end(ray)
+    }
+
+    #[inline(always)]
+    fn end(&self, ray: &Ray) -> ControlFlow<(), f32> {
         if self.found { ControlFlow::Break(()) } else { ControlFlow::Continue(ray.t_max) }
     }
+}
+
+#[inline(never)]
+fn any(tree: &RayTree, ray: &Ray, path: InstancePath, guards: &mut Guards<'_, InstanceHit>) -> bool {
+    guards.inside(in_tree(path), |guards| tree.any_hit_guarded(ray, guards))
 }
 
 /// Passes every hit to the visitor.
@@ -110,54 +115,23 @@ struct AllInstances<'a> {
 impl InstanceQuery for AllInstances<'_> {
     const ORDERED: bool = false;
 
-    #[inline(always)]
-    fn query_instance(
+    #[inline(never)]
+    fn query_tree(
         &mut self,
-        of: &InstanceOf,
+        tree: &RayTree,
         ray: &Ray,
         (path, id): (InstancePath, u32),
         guards: &mut Guards<'_, InstanceHit>,
     ) -> ControlFlow<(), f32> {
-        self.flow = of.all_hits(ray, path.then(id), guards, self.visitor);
+        let path = path.then(id);
+        let mut visitor = |hit| (self.visitor)(InstanceHit { path, hit });
+        self.flow = guards.inside(in_tree(path), |guards| tree.all_hits_guarded(ray, guards, &mut visitor));
+        self.end(ray)
+    }
+
+    fn end(&self, ray: &Ray) -> ControlFlow<(), f32> {
         self.flow?;
         ControlFlow::Continue(ray.t_max)
-    }
-}
-
-impl InstanceOf {
-    #[inline(never)]
-    fn closest_hit(&self, ray: &Ray, path: InstancePath, guards: &mut Guards<'_, InstanceHit>) -> Option<InstanceHit> {
-        match self {
-            InstanceOf::Instances(tree) => tree.closest(ray, path, guards),
-            InstanceOf::Tree(tree) => {
-                let hit = guards.inside(in_tree(path), |guards| tree.closest_hit_guarded(ray, guards))?;
-                Some(InstanceHit { path, hit })
-            }
-        }
-    }
-
-    #[inline(never)]
-    fn any_hit(&self, ray: &Ray, path: InstancePath, guards: &mut Guards<'_, InstanceHit>) -> bool {
-        match self {
-            InstanceOf::Instances(tree) => tree.any(ray, path, guards),
-            InstanceOf::Tree(tree) => guards.inside(in_tree(path), |guards| tree.any_hit_guarded(ray, guards)),
-        }
-    }
-
-    #[inline(never)]
-    fn all_hits(
-        &self,
-        ray: &Ray,
-        path: InstancePath,
-        guards: &mut Guards<'_, InstanceHit>,
-        visitor: &mut dyn FnMut(InstanceHit) -> ControlFlow<()>,
-    ) -> ControlFlow<()> {
-        match self {
-            InstanceOf::Instances(tree) => tree.all(ray, path, guards, visitor),
-            InstanceOf::Tree(tree) => guards.inside(in_tree(path), |guards| {
-                tree.all_hits_guarded(ray, guards, &mut |hit| visitor(InstanceHit { path, hit }))
-            }),
-        }
     }
 }
 
@@ -167,40 +141,42 @@ fn in_tree(path: InstancePath) -> impl Fn(&Offer) -> InstanceHit {
 }
 
 impl InstanceTree {
-    /// The closest hit; its path continues `path`.
-    pub(super) fn closest(
-        &self,
-        ray: &Ray,
-        path: InstancePath,
-        guards: &mut Guards<'_, InstanceHit>,
-    ) -> Option<InstanceHit> {
-        self.run(ray, path, guards, ClosestInstance { best: None }).best
+    /// The closest hit.
+    pub(super) fn closest(&self, ray: &Ray, mut guards: Guards<'_, InstanceHit>) -> Option<InstanceHit> {
+        let mut query = ClosestInstance { best: None };
+        self.run(ray, InstancePath::default(), &mut guards, &mut query);
+        query.best
     }
 
-    pub(super) fn any(&self, ray: &Ray, path: InstancePath, guards: &mut Guards<'_, InstanceHit>) -> bool {
-        self.run(ray, path, guards, AnyInstance { found: false }).found
+    /// Whether there is a hit.
+    pub(super) fn any(&self, ray: &Ray, mut guards: Guards<'_, InstanceHit>) -> bool {
+        let mut query = AnyInstance { found: false };
+        self.run(ray, InstancePath::default(), &mut guards, &mut query);
+        query.found
     }
 
+    /// Calls `visitor` with all hits until it breaks; returns its last return value.
     pub(super) fn all(
         &self,
         ray: &Ray,
-        path: InstancePath,
-        guards: &mut Guards<'_, InstanceHit>,
+        mut guards: Guards<'_, InstanceHit>,
         visitor: &mut dyn FnMut(InstanceHit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
-        self.run(ray, path, guards, AllInstances { visitor, flow: ControlFlow::Continue(()) }).flow
+        let mut query = AllInstances { visitor, flow: ControlFlow::Continue(()) };
+        self.run(ray, InstancePath::default(), &mut guards, &mut query);
+        query.flow
     }
 
-    /// Runs a query over all instances that matter.
+    /// Runs a query over all instances that matter, whose paths continue `path`.
     fn run<Q: InstanceQuery>(
         &self,
         ray: &Ray,
         path: InstancePath,
         guards: &mut Guards<'_, InstanceHit>,
-        query: Q,
-    ) -> Q {
+        query: &mut Q,
+    ) {
         if self.wide.root == ChildRef::NOTHING {
-            return query;
+            return;
         }
         let (set, trees) = (&self.placements, &self.trees[..]);
         let (mut tree_ray, regular) = TreeRay::of(ray, set.frame(), f32::INFINITY);
@@ -208,16 +184,28 @@ impl InstanceTree {
             set.recompute(&mut tree_ray);
         }
         if tree_ray.has_empty_range() {
-            return query;
+            return;
         }
-        let mut visitor = InstanceVisitor { set, trees, local: *ray, path, guards, query };
+        let visitor = &mut InstanceVisitor { set, trees, local: *ray, path, guards, query };
         let (tree, tree_ray) = (&self.wide, &tree_ray);
         if Q::ORDERED {
-            dispatch(self.simd, ObjectTraversal::<true, _> { tree, ray, tree_ray, visitor: &mut visitor });
+            dispatch(self.simd, ObjectTraversal::<true, _> { tree, ray, tree_ray, visitor });
         } else {
-            dispatch(self.simd, ObjectTraversal::<false, _> { tree, ray, tree_ray, visitor: &mut visitor });
+            dispatch(self.simd, ObjectTraversal::<false, _> { tree, ray, tree_ray, visitor });
         }
-        visitor.query
+    }
+
+    /// The same where this tree is placed itself; returns the ray's new end.
+    #[inline(never)]
+    fn run_inside<Q: InstanceQuery>(
+        &self,
+        ray: &Ray,
+        path: InstancePath,
+        guards: &mut Guards<'_, InstanceHit>,
+        query: &mut Q,
+    ) -> ControlFlow<(), f32> {
+        self.run(ray, path, guards, query);
+        query.end(ray)
     }
 }
 
@@ -230,7 +218,7 @@ struct InstanceVisitor<'a, 'b, Q> {
     local: Ray,
     path: InstancePath,
     guards: &'a mut Guards<'b, InstanceHit>,
-    query: Q,
+    query: &'a mut Q,
 }
 
 impl<Q: InstanceQuery> LeafVisitor for InstanceVisitor<'_, '_, Q> {
@@ -266,6 +254,9 @@ impl<Q: InstanceQuery> LeafVisitor for InstanceVisitor<'_, '_, Q> {
         if local.t_max != ray.t_max {
             local.t_max = ray.t_max;
         }
-        query.query_instance(&trees[one.tree as usize], local, (path, id), guards)
+        match &trees[one.tree as usize] {
+            InstanceOf::Tree(tree) => query.query_tree(tree, local, (path, id), guards),
+            InstanceOf::Instances(tree) => tree.run_inside(local, path.then(id), guards, &mut **query),
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! The public ray queries of [`InstanceTree`].
 
-use super::hit::{InstanceHit, InstancePath};
+use super::hit::InstanceHit;
 use super::tree::InstanceTree;
 use crate::geometry::Ray;
 use crate::ray::{Guards, Observer, answer_each};
@@ -24,7 +24,7 @@ impl InstanceTree {
     /// # Ok::<(), mbkd::InstanceError>(())
     /// ```
     pub fn closest_hit(&self, ray: &Ray) -> Option<InstanceHit> {
-        self.closest(ray, InstancePath::default(), &mut Guards::none())
+        self.closest(ray, Guards::none())
     }
 
     /// Whether the ray hits anything. Stops at the first hit found.
@@ -42,7 +42,7 @@ impl InstanceTree {
     /// # Ok::<(), mbkd::InstanceError>(())
     /// ```
     pub fn any_hit(&self, ray: &Ray) -> bool {
-        self.any(ray, InstancePath::default(), &mut Guards::none())
+        self.any(ray, Guards::none())
     }
 
     /// Calls `visitor` with every primitive of every instance that the ray hits, each once (with its closest hit), in
@@ -68,7 +68,7 @@ impl InstanceTree {
     /// # Ok::<(), mbkd::InstanceError>(())
     /// ```
     pub fn all_hits(&self, ray: &Ray, mut visitor: impl FnMut(InstanceHit) -> ControlFlow<()>) -> ControlFlow<()> {
-        self.all(ray, InstancePath::default(), &mut Guards::none(), &mut visitor)
+        self.all(ray, Guards::none(), &mut visitor)
     }
 
     /// [`InstanceTree::closest_hit`] in instances whose [mask](super::Instance::with_mask) shares a bit with `mask`, on meshes and
@@ -87,13 +87,13 @@ impl InstanceTree {
     /// # Ok::<(), mbkd::InstanceError>(())
     /// ```
     pub fn closest_hit_masked(&self, ray: &Ray, mask: u32) -> Option<InstanceHit> {
-        self.closest(ray, InstancePath::default(), &mut Guards::masked(mask))
+        self.closest(ray, Guards::masked(mask))
     }
 
     /// [`InstanceTree::any_hit`] with a mask, as that of [`InstanceTree::closest_hit_masked`]. It is faster than
     /// [`InstanceTree::any_hit_filtered`]: where a hit is certain, its position is not computed.
     pub fn any_hit_masked(&self, ray: &Ray, mask: u32) -> bool {
-        self.any(ray, InstancePath::default(), &mut Guards::masked(mask))
+        self.any(ray, Guards::masked(mask))
     }
 
     /// [`InstanceTree::all_hits`] with a mask, as that of [`InstanceTree::closest_hit_masked`].
@@ -122,7 +122,7 @@ impl InstanceTree {
         mask: u32,
         mut visitor: impl FnMut(InstanceHit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
-        self.all(ray, InstancePath::default(), &mut Guards::masked(mask), &mut visitor)
+        self.all(ray, Guards::masked(mask), &mut visitor)
     }
 
     /// [`InstanceTree::closest_hit`] among the hits for which `accept` returns true, in instances whose
@@ -149,12 +149,12 @@ impl InstanceTree {
         mask: u32,
         accept: impl Fn(&InstanceHit) -> bool,
     ) -> Option<InstanceHit> {
-        self.closest(ray, InstancePath::default(), &mut Guards::filtered(mask, &accept))
+        self.closest(ray, Guards::filtered(mask, &accept))
     }
 
     /// [`InstanceTree::any_hit`] among the hits that pass the mask and the filter.
     pub fn any_hit_filtered(&self, ray: &Ray, mask: u32, accept: impl Fn(&InstanceHit) -> bool) -> bool {
-        self.any(ray, InstancePath::default(), &mut Guards::filtered(mask, &accept))
+        self.any(ray, Guards::filtered(mask, &accept))
     }
 
     /// [`InstanceTree::all_hits`] among the hits that pass the mask and the filter.
@@ -165,18 +165,18 @@ impl InstanceTree {
         accept: impl Fn(&InstanceHit) -> bool,
         mut visitor: impl FnMut(InstanceHit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
-        self.all(ray, InstancePath::default(), &mut Guards::filtered(mask, &accept), &mut visitor)
+        self.all(ray, Guards::filtered(mask, &accept), &mut visitor)
     }
 
     /// [`InstanceTree::closest_hit`], reporting each step to `observer`: nodes and leaves of the tree over instances (a
     /// leaf is an instance) and of the placed trees.
     pub fn closest_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> Option<InstanceHit> {
-        self.closest(ray, InstancePath::default(), &mut Guards::observed(observer))
+        self.closest(ray, Guards::observed(observer))
     }
 
     /// [`InstanceTree::any_hit`], reporting each step to `observer`.
     pub fn any_hit_observed(&self, ray: &Ray, observer: &mut impl Observer) -> bool {
-        self.any(ray, InstancePath::default(), &mut Guards::observed(observer))
+        self.any(ray, Guards::observed(observer))
     }
 
     /// [`InstanceTree::all_hits`], reporting each step to `observer`.
@@ -205,7 +205,7 @@ impl InstanceTree {
         observer: &mut impl Observer,
         mut visitor: impl FnMut(InstanceHit) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
-        self.all(ray, InstancePath::default(), &mut Guards::observed(observer), &mut visitor)
+        self.all(ray, Guards::observed(observer), &mut visitor)
     }
 
     /// [`InstanceTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
