@@ -12,7 +12,7 @@ use crate::layout::leaf::source::{MovedLeaf, bounds_of};
 use crate::layout::wide_node::{CORNER_ROWS, Kind, Sizes, VERTEX_ROWS};
 use crate::primitive::{FaceLanes, RowsOfKeys, Shared, Triangles, Window, at_corners, bounds_of_faces};
 use crate::simd::{
-    Kernel, LANES, Lanes, Rows, Simd, SimdLevel, as_floats, dispatch, first_lanes, greatest_of_each, lanes_of,
+    Kernel, LANES, Lanes, Simd, SimdLevel, as_floats, dispatch, first_lanes, greatest_of_each, lanes_of,
 };
 
 /// The bounds of the triangles in a block over an interval, and the sizes at all of its keys ([`Sizes::word`]).
@@ -24,59 +24,61 @@ pub(in crate::layout) struct Measured {
 impl Triangles {
     /// Measures a block that begins at `words[0]` and has the coordinates of this set.
     pub(in crate::layout) fn measured(&self, words: &[u32], of: MovedLeaf<'_>) -> Measured {
-        let in_rows = self.measured_rows::<true>(words, of);
+        if of.leaf.kind() == Kind::OtherLeaf {
+            let sizes = KeyedLeaf::of(words, of.leaf.len()).sizes(words, of.level);
+            return Measured { bounds: self.row_bounds(words, of), sizes };
+        }
+        let measured = self.measured_linear(words, of);
         if of.ids.iter().any(|&id| self.is_precise(id)) {
             // Their bounds are larger by their rounding.
-            return Measured { bounds: bounds_of(self, of.ids, of.over), ..in_rows };
+            return Measured { bounds: bounds_of(self, of.ids, of.over), ..measured };
         }
-        in_rows
+        measured
     }
 
     /// The bounds alone.
     pub(in crate::layout) fn row_bounds(&self, words: &[u32], of: MovedLeaf<'_>) -> LinearBox3 {
-        match of.ids.iter().any(|&id| self.is_precise(id)) {
-            true => bounds_of(self, of.ids, of.over),
-            false => self.measured_rows::<false>(words, of).bounds,
+        if of.ids.iter().any(|&id| self.is_precise(id)) {
+            return bounds_of(self, of.ids, of.over);
+        }
+        match of.leaf.kind() {
+            Kind::OtherLeaf => self.bent_row_bounds(words, of),
+            _ => self.measured_linear(words, of).bounds,
         }
     }
 
-    /// Without `SIZED`, the sizes are not those of all keys.
-    fn measured_rows<const SIZED: bool>(&self, words: &[u32], of: MovedLeaf<'_>) -> Measured {
-        let MovedLeaf { leaf, ids, over, level } = of;
-        let n = leaf.len();
+    /// For triangles with at most two keys.
+    fn measured_linear(&self, words: &[u32], MovedLeaf { leaf, ids, over, level }: MovedLeaf<'_>) -> Measured {
+        let width = leaf.len();
         let (shared, keys) = match leaf.kind() {
             Kind::StaticLeaf => (false, 1),
             Kind::SharedStaticLeaf => (true, 1),
             Kind::SharedLeaf => (true, 2),
-            Kind::OtherLeaf => return self.measured_keys::<SIZED>(words, of),
             _ => (false, 2),
         };
-        let rows = keys * if shared { VERTEX_ROWS } else { CORNER_ROWS };
-        let numbers = if shared { lanes_of(&words[rows * n..], ids.len()) } else { [0; LANES] };
-        let rows = Rows::new(as_floats(words), n, rows);
+        let rows = if shared { VERTEX_ROWS } else { CORNER_ROWS };
+        let numbers = if shared { lanes_of(&words[keys * rows * width..], ids.len()) } else { [0; LANES] };
+        let rows = RowsOfKeys { words: as_floats(words), first: 0, keys, width, rows };
         let triangles = InRows { rows, shared, numbers, count: ids.len() };
-        measured_of(dispatch(level, Linear { triangles, keys, strides: &self.strides(ids), over }))
+        let greatest = dispatch(level, Linear { triangles, strides: &self.strides(ids), over });
+        Measured { bounds: bounds_of_faces(&greatest), sizes: Sizes::word_of(greatest[SIZE], greatest[EXTENT]) }
     }
 
-    /// For triangles with more than two keys.
-    fn measured_keys<const SIZED: bool>(&self, words: &[u32], of: MovedLeaf<'_>) -> Measured {
-        let MovedLeaf { ids, over, level, .. } = of;
-        let leaf = KeyedLeaf::of(words, of.leaf.len());
+    /// The bounds of triangles with more than two keys.
+    fn bent_row_bounds(&self, words: &[u32], MovedLeaf { leaf, ids, over, level }: MovedLeaf<'_>) -> LinearBox3 {
+        let leaf = KeyedLeaf::of(words, leaf.len());
         let keys = leaf.segments + 1;
-        let window = Window::new(over, keys);
-        let (numbers, slack) = (leaf.numbers(words), Triangles::slack(keys, 1.0));
-        let corners = leaf.corners(&numbers);
-        let held = leaf.first..leaf.first + leaf.keys;
+        let (window, slack) = (Window::new(over, keys), Triangles::slack(keys, 1.0));
+        let triangles = leaf.triangles(words);
         if ![window.begin.segment, window.end.segment].iter().all(|&segment| leaf.holds([segment; 2])) {
             // The block of a time slice lacks a key next to it, since only roundings of its boxes reach there.
-            let sizes = if SIZED { leaf.sizes(words, level) } else { 0 };
             let (around, words) = self.around(words, &leaf, ids, &window, level);
-            let rows = around.rows_of_keys(&words);
-            let bent = Bent::<false> { rows, corners, window, beyond: &[0.0; LANES], slack };
-            return Measured { sizes, ..measured_of(dispatch(level, bent)) };
+            let triangles = InRows { rows: around.rows_of_keys(&words), ..triangles };
+            let bent = Bent { triangles, window, beyond: &[0.0; LANES], slack };
+            return bounds_of_faces(&dispatch(level, bent));
         }
         // The largest coordinates at the keys around the interval that the block does not hold.
-        let mut beyond = [0.0f32; LANES];
+        let (mut beyond, held) = ([0.0f32; LANES], leaf.first..leaf.first + leaf.keys);
         for key in window.around.clone().filter(|key| !held.contains(key)) {
             for (size, &id) in beyond.iter_mut().zip(ids) {
                 for corner in self.corners_at_key(id, key) {
@@ -84,8 +86,7 @@ impl Triangles {
                 }
             }
         }
-        let rows = leaf.rows_of_keys(words);
-        measured_of(dispatch(level, Bent::<SIZED> { rows, corners, window, beyond: &beyond, slack }))
+        bounds_of_faces(&dispatch(level, Bent { triangles, window, beyond: &beyond, slack }))
     }
 
     /// A block of the same triangles with all keys within and around an interval, of which only the rows are written.
@@ -109,19 +110,13 @@ impl Triangles {
 impl KeyedLeaf {
     /// The sizes of the block at all of its keys ([`Sizes::word`]).
     pub(in crate::layout) fn sizes(&self, words: &[u32], level: SimdLevel) -> u32 {
-        let numbers = self.numbers(words);
-        let [size, extent] =
-            dispatch(level, SizesOf { rows: self.rows_of_keys(words), corners: self.corners(&numbers) });
+        let [size, extent] = dispatch(level, SizesOf(self.triangles(words)));
         Sizes::word_of(size, extent)
     }
 
-    /// The lanes of the corners of each triangle, if vertices are shared.
-    fn numbers(&self, words: &[u32]) -> Lanes<u32> {
-        if self.shared { lanes_of(&words[self.vertices()..], self.count) } else { [0; LANES] }
-    }
-
-    fn corners<'a>(&self, numbers: &'a Lanes<u32>) -> Corners<'a> {
-        Corners { shared: self.shared, numbers, count: self.count }
+    fn triangles<'a>(&self, words: &'a [u32]) -> InRows<'a> {
+        let numbers = if self.shared { lanes_of(&words[self.vertices()..], self.count) } else { [0; LANES] };
+        InRows { rows: self.rows_of_keys(words), shared: self.shared, numbers, count: self.count }
     }
 
     fn rows_of_keys<'a>(&self, words: &'a [u32]) -> RowsOfKeys<'a> {
@@ -131,20 +126,17 @@ impl KeyedLeaf {
     }
 }
 
-/// The results from the greatest of each.
-fn measured_of(greatest: Lanes<f32>) -> Measured {
-    Measured { bounds: bounds_of_faces(&greatest), sizes: Sizes::word_of(greatest[SIZE], greatest[EXTENT]) }
-}
-
 /// Behind the twelve faces: the largest coordinate, and the largest extent.
 const SIZE: usize = 12;
 const EXTENT: usize = 13;
 
-/// The rows of the triangles at one key or two.
+/// The triangles of a block in rows.
 struct InRows<'a> {
-    rows: Rows<'a>,
+    rows: RowsOfKeys<'a>,
+    /// Whether the rows are of vertices. Then these are the lanes of the corners of each triangle, four bits for each.
     shared: bool,
     numbers: Lanes<u32>,
+    /// Number of triangles.
     count: usize,
 }
 
@@ -152,9 +144,10 @@ impl InRows<'_> {
     /// One coordinate of the three corners at a key.
     #[inline(always)]
     fn corners<S: Simd>(&self, s: S, key: usize, axis: usize) -> [S::F; 3] {
+        let rows = self.rows.at(key);
         match self.shared {
-            true => at_corners(s, s.load_row(&self.rows, VERTEX_ROWS * key + axis), s.load_u(&self.numbers)),
-            false => s.load_thirds(&self.rows, CORNER_ROWS * key + axis),
+            true => at_corners(s, s.load_row(&rows, axis), s.load_u(&self.numbers)),
+            false => s.load_thirds(&rows, axis),
         }
     }
 }
@@ -182,7 +175,6 @@ fn extent<S: Simd>(s: S, faces: &FaceLanes<S>) -> S::F {
 /// Triangles that move linearly or are static.
 struct Linear<'a> {
     triangles: InRows<'a>,
-    keys: usize,
     /// Static triangles have 0.
     strides: &'a Lanes<u32>,
     over: TimeInterval,
@@ -193,8 +185,8 @@ impl Kernel for Linear<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Lanes<f32> {
-        let Linear { triangles, keys, strides, over } = self;
-        let zero = s.splat(0.0);
+        let Linear { triangles, strides, over } = self;
+        let (zero, keys) = (s.splat(0.0), triangles.rows.keys);
         let mut at = [[[zero; 2]; 3]; 2];
         // At the ends of the interval, if those are not keys.
         let mut ends = [[[zero; 2]; 3]; 2];
@@ -254,11 +246,9 @@ fn greatest<S: Simd>(s: S, faces: &[S::F; 12], [size, extent]: [S::F; 2], count:
     to
 }
 
-/// Triangles with more than two keys; unless `SIZED`, their sizes at all keys are not needed.
-struct Bent<'a, const SIZED: bool> {
-    /// The rows of all keys.
-    rows: RowsOfKeys<'a>,
-    corners: Corners<'a>,
+/// The bounds of triangles with more than two keys.
+struct Bent<'a> {
+    triangles: InRows<'a>,
     window: Window,
     /// The largest coordinate of each triangle at keys that are not in the block.
     beyond: &'a Lanes<f32>,
@@ -266,80 +256,46 @@ struct Bent<'a, const SIZED: bool> {
     slack: f32,
 }
 
-/// The corners of triangles, which rows have.
-#[derive(Clone, Copy)]
-struct Corners<'a> {
-    /// Whether the rows are of vertices. Then these are their lanes, four bits for each corner.
-    shared: bool,
-    numbers: &'a Lanes<u32>,
-    /// Number of triangles.
-    count: usize,
-}
-
-impl<const SIZED: bool> Kernel for Bent<'_, SIZED> {
+impl Kernel for Bent<'_> {
     type Output = Lanes<f32>;
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Lanes<f32> {
-        let Bent { rows, corners, window, beyond, slack } = self;
-        let mut triangles = rows.tubes(s, &window, 0);
-        if corners.shared {
-            triangles = triangles.of_triangles(s, s.load_u(corners.numbers));
+        let Bent { triangles: InRows { rows, shared, numbers, count }, window, beyond, slack } = self;
+        let mut tubes = rows.tubes(s, &window, 0);
+        if shared {
+            tubes = tubes.of_triangles(s, s.load_u(&numbers));
         } else {
-            triangles.unite(s, &rows.tubes(s, &window, 3));
-            triangles.unite(s, &rows.tubes(s, &window, 6));
+            tubes.unite(s, &rows.tubes(s, &window, 3));
+            tubes.unite(s, &rows.tubes(s, &window, 6));
         }
-        let size = s.max(triangles.size, s.load(beyond));
-        let faces = triangles.padded(s, size, slack, first_lanes(corners.count));
-        let [others, extents] = match SIZED {
-            true => sizes(s, &rows, corners, Some(&window)),
-            false => [s.splat(0.0); 2],
-        };
-        greatest(s, &faces, [s.max(others, triangles.size), extents], corners.count)
+        let size = s.max(tubes.size, s.load(beyond));
+        let faces = tubes.padded(s, size, slack, first_lanes(count));
+        greatest(s, &faces, [size; 2], count)
     }
 }
 
 /// The largest coordinate and the largest extent of triangles with more than two keys.
-struct SizesOf<'a> {
-    rows: RowsOfKeys<'a>,
-    corners: Corners<'a>,
-}
+struct SizesOf<'a>(InRows<'a>);
 
 impl Kernel for SizesOf<'_> {
     type Output = [f32; 2];
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> [f32; 2] {
-        let sizes = sizes(s, &self.rows, self.corners, None);
-        let greatest = greatest(s, &[sizes[0]; 12], sizes, self.corners.count);
-        [greatest[SIZE], greatest[EXTENT]]
-    }
-}
-
-/// The largest coordinate of each triangle at the keys that are not around the window, if there is one, and the largest
-/// extent at all keys.
-#[inline(always)]
-fn sizes<S: Simd>(s: S, of: &RowsOfKeys<'_>, corners: Corners<'_>, window: Option<&Window>) -> [S::F; 2] {
-    let zero = s.splat(0.0);
-    let numbers = s.load_u(corners.numbers);
-    let (mut size, mut extents) = (zero, zero);
-    for key in of.first..of.first + of.keys {
-        let rows = of.at(key);
-        let within = window.is_some_and(|window| window.holds(key));
-        for axis in 0..3 {
-            let [a, b, c] = match corners.shared {
-                true => at_corners(s, s.load_row(&rows, axis), numbers),
-                false => s.load_thirds(&rows, axis),
-            };
-            let (low, high) = (s.min(s.min(a, b), c), s.max(s.max(a, b), c));
-            // The second one of equal numbers, so that zeros stay positive.
-            extents = s.max(high - low, extents);
-            if !within {
-                size = s.max(s.max(high, zero - low), size);
+        let triangles = self.0;
+        let (mut size, mut extents) = (s.splat(0.0), s.splat(0.0));
+        for key in triangles.rows.first..triangles.rows.first + triangles.rows.keys {
+            for axis in 0..3 {
+                let [low, high] = faces_of(s, triangles.corners(s, key, axis));
+                // The second one of equal numbers, so that zeros stay positive.
+                extents = s.max(high + low, extents);
+                size = s.max(s.max(high, low), size);
             }
         }
+        let greatest = greatest(s, &[size; 12], [size, extents], triangles.count);
+        [greatest[SIZE], greatest[EXTENT]]
     }
-    [size, extents]
 }
 
 #[cfg(test)]
