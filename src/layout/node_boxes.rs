@@ -11,7 +11,7 @@
 
 use super::wide_node::Kind;
 use crate::geometry::{Box3, KERNEL_ULPS, LinearBox3, TimeInterval, ULP};
-use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch, greatest_of_each, lanes_at_mut};
+use crate::simd::{Kernel, LANES, Lanes, Mask, Simd, SimdLevel, dispatch, lanes_at_mut};
 use glam::Vec3;
 
 /// By how many times the rounding of the query a face is moved.
@@ -25,15 +25,6 @@ pub(super) const NOWHERE: f32 = 1e30;
 pub(super) struct BoxRows {
     rows: [Lanes<f32>; 12],
     present: Mask,
-}
-
-/// What [`BoxRows::measured`] finds.
-pub(super) struct MeasuredBoxes {
-    /// The mean half area of each box ([`crate::bvh::mean_half_area`]).
-    pub areas: Lanes<f32>,
-    /// The boxes that do not move.
-    pub still: Mask,
-    pub all: LinearBox3,
 }
 
 impl BoxRows {
@@ -55,54 +46,6 @@ impl BoxRows {
     pub fn write(&self, words: &mut [u32], kind: Kind, lanes: Mask, over: TimeInterval, level: SimdLevel) {
         dispatch(level, Write { boxes: self, words, moving: kind == Kind::Node, lanes, over, roundings: ROUNDINGS });
     }
-
-    /// Areas and the union of the boxes.
-    pub fn measured(&self, level: SimdLevel) -> MeasuredBoxes {
-        dispatch(level, Measure(self))
-    }
-}
-
-/// See [`BoxRows::measured`].
-struct Measure<'a>(&'a BoxRows);
-
-impl Kernel for Measure<'_> {
-    type Output = MeasuredBoxes;
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> MeasuredBoxes {
-        let BoxRows { rows, present } = self.0;
-        let (zero, least) = (s.splat(0.0), s.splat(f32::NEG_INFINITY));
-        let mut greatest = [least; LANES];
-        let (mut still, mut sizes) = (*present, [[zero; 3]; 2]);
-        for axis in 0..3 {
-            for end in 0..2 {
-                let (low, high) = (s.load(&rows[6 * end + axis]), s.load(&rows[6 * end + 3 + axis]));
-                sizes[end][axis] = s.max(high - low, zero);
-                // Lower bounds are negated, so that all results are maxima.
-                greatest[6 * end + axis] = s.select(*present, zero - low, least);
-                greatest[6 * end + 3 + axis] = s.select(*present, high, least);
-            }
-            for row in [axis, axis + 3] {
-                still &= s.eq(s.load(&rows[row]), s.load(&rows[row + 6]));
-            }
-        }
-        let [begin, end] = sizes;
-        let both = [begin[0] + end[0], begin[1] + end[1], begin[2] + end[2]];
-        let mean = (half_area::<S>(begin) + half_area::<S>(end) + half_area::<S>(both)) * s.splat(1.0 / 6.0);
-        let [mut areas, mut of_all] = [[0.0; LANES]; 2];
-        s.store(mean, &mut areas);
-        s.store(greatest_of_each(s, greatest), &mut of_all);
-        let corner = |i: usize| Vec3::new(of_all[i], of_all[i + 1], of_all[i + 2]);
-        // Not the negative, which would be a negative zero.
-        let state = |i: usize| Box3 { min: Vec3::ZERO - corner(i), max: corner(i + 3) };
-        MeasuredBoxes { areas, still, all: LinearBox3 { begin: state(0), end: state(6) } }
-    }
-}
-
-/// Half the areas of boxes with these sides.
-#[inline(always)]
-fn half_area<S: Simd>([x, y, z]: [S::F; 3]) -> S::F {
-    x * y + y * z + z * x
 }
 
 /// See [`BoxRows::write`].
@@ -253,7 +196,6 @@ fn next_down<S: Simd>(s: S, x: S::F) -> S::F {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bvh::mean_half_area;
     use crate::layout::wide_node::NODE_ROWS;
     use crate::random::Random;
 
@@ -330,13 +272,6 @@ mod tests {
                         assert_eq!(found, [low[0], low[1], high[0], high[1]], "{level}, {:?}", boxes.get(lane));
                     }
                 }
-                let measured = rows.measured(level);
-                for (lane, b) in boxes.iter().enumerate() {
-                    assert_eq!(measured.areas[lane], mean_half_area(b), "{level}");
-                    assert_eq!(measured.still >> lane & 1 == 1, b.begin == b.end, "{level}");
-                }
-                assert_eq!(measured.all, boxes.iter().fold(LinearBox3::EMPTY, |all, b| all.union(*b)), "{level}");
-                assert!(u32::from(measured.still) >> boxes.len() == 0);
             }
         }
     }

@@ -15,7 +15,7 @@ use crate::geometry::{LinearBox3, TimeInterval};
 use crate::layout::node_boxes::BoxRows;
 use crate::layout::wide_node::{Kind, NODE_ROWS, STATIC_NODE_ROWS};
 use crate::primitive::PrimitiveSet;
-use crate::simd::{LANES, Mask, Rows, SimdLevel, first_lanes};
+use crate::simd::{LANES, Mask, Rows, SimdLevel};
 
 /// The word behind the ids, where [`SphereLeaf`](super::spheres::SphereLeaf) has a number of keys.
 pub(in crate::layout) const STILL: u32 = u32::MAX;
@@ -80,10 +80,13 @@ pub(in crate::layout) struct Boxed {
 
 impl Boxed {
     pub fn new<S: PrimitiveSet + ?Sized>(set: &S, ids: &[u32], over: TimeInterval) -> Boxed {
-        let mut rows = BoxRows::NONE;
-        ids.iter().enumerate().for_each(|(lane, &id)| rows.set(lane, &set.bounds(id, over)));
-        let still = rows.measured(SimdLevel::best()).still;
-        Boxed { rows, over, of: ListBoxes::new(ids.len(), still != first_lanes(ids.len())) }
+        let (mut rows, mut moving) = (BoxRows::NONE, false);
+        for (lane, &id) in ids.iter().enumerate() {
+            let bounds = set.bounds(id, over);
+            moving |= bounds.begin != bounds.end;
+            rows.set(lane, &bounds);
+        }
+        Boxed { rows, over, of: ListBoxes::new(ids.len(), moving) }
     }
 
     /// Writes the header and the boxes behind the ids of a block that begins at `words[0]`.

@@ -17,7 +17,7 @@ use crate::bvh::{leaf_cost, mean_half_area, motion_factor};
 use crate::geometry::{Aabb, Box3, LinearBounds, LinearBox3, TimeInterval, ULP};
 use crate::layout::leaf::ids::ids_of_leaf;
 use crate::layout::leaf::source::{MovedLeaf, WideSource};
-use crate::layout::node_boxes::{BoxRows, MeasuredBoxes, read_box};
+use crate::layout::node_boxes::{BoxRows, read_box};
 use crate::layout::wide_node::{ChildRef, Kind, node_rows};
 use crate::layout::wide_tree::WideTree;
 use crate::parallel;
@@ -270,19 +270,19 @@ impl<S: WideSource> Pass<'_, S> {
         place.done.visited += 1;
         let kind = at.kind();
         let children = lanes_at(place.block(at), (node_rows(kind) - 1) * LANES).map(ChildRef);
-        let (mut boxes, mut visits) = (BoxRows::NONE, [0.0f64; LANES]);
+        let (mut boxes, mut all) = (BoxRows::NONE, LinearBox3::EMPTY);
         let (mut cost, mut changed): (f64, Mask) = (0.0, 0);
         self.in_order(place, &children, |place, lane, held| {
             let child = children[lane];
+            let mut visit = 0.0;
             let bounds = if child.kind().is_leaf() {
-                let (bounds, visit) = self.leaf(place, child, held, over);
-                visits[lane] = visit;
-                bounds
+                let leaf = self.leaf(place, child, held, over);
+                visit = leaf.1;
+                leaf.0
             } else {
-                let Refitted { bounds, cost: below } =
-                    self.known(child).unwrap_or_else(|| self.node(place, child, over));
-                cost += below;
-                bounds
+                let below = self.known(child).unwrap_or_else(|| self.node(place, child, over));
+                cost += below.cost;
+                below.bounds
             };
             let bounds = match bounds {
                 Some(bounds) => {
@@ -293,14 +293,12 @@ impl<S: WideSource> Pass<'_, S> {
                 }
                 None => read_box(place.block(at), kind, lane, over),
             };
+            cost += visit * f64::from(motion_factor(bounds.begin != bounds.end) * mean_half_area(&bounds));
+            all = all.union(bounds);
             boxes.set(lane, &bounds);
         });
         if changed != 0 {
             boxes.write(place.block_mut(at), kind, changed, over, self.level);
-        }
-        let MeasuredBoxes { areas, still, all } = boxes.measured(self.level);
-        for lane in 0..LANES {
-            cost += visits[lane] * f64::from(motion_factor(still >> lane & 1 == 0) * areas[lane]);
         }
         place.done.nodes += usize::from(changed != 0);
         cost += f64::from(NODE_COST * motion_factor(kind == Kind::Node)) * area(&all);
