@@ -21,7 +21,7 @@ use super::traversal::interleave::Interleaved;
 use super::traversal::intersect::RaySource;
 use super::traversal::lazy::answer_lazily;
 use super::traversal::query::{
-    AllHits, AnyHit, ClosestHit, QueryArgs, QueryCall, RayQuery, UnorderedHits, WideTreeQuery, WideTreeQueryInto,
+    AllHits, AnyHit, ClosestHit, QueryArgs, QueryCall, RayQuery, WideTreeQuery, WideTreeQueryInto,
 };
 use super::traversal::stream::Streams;
 use super::{Everything, Hit, Observer, Ray, Visible};
@@ -225,10 +225,10 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
         let observer = &mut ();
         on.answer_plain(
             || {
-                let query = AllHits { visitor, repeats: on.layout.repeats() };
+                let query = AllHits { visitor: Some(visitor), repeats: on.layout.repeats() };
                 QueryCall(query, QueryArgs { set: on.geometry, ray, filter: &Everything, observer })
             },
-            |AllHits { visitor, .. }| Queries::guarded_all(on, ray, Guards::none(), visitor),
+            |query| on.answer(query, ray, Guards::none()),
         )
     }
 
@@ -246,7 +246,7 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
     }
 
     fn guarded_any(on: Target<'_, G>, ray: &Ray, guards: Guards<'_, Offer>) -> bool {
-        on.answer(UnorderedHits::Any(AnyHit), ray, guards).is_break()
+        on.answer(AllHits { visitor: None, repeats: false }, ray, guards).is_break()
     }
 
     fn guarded_all(
@@ -255,7 +255,7 @@ impl<G: RaySource + ClosestPointSource> Queries<G> {
         guards: Guards<'_, Offer>,
         visitor: HitVisitor<'_>,
     ) -> ControlFlow<()> {
-        on.answer(UnorderedHits::All(AllHits { visitor, repeats: on.layout.repeats() }), ray, guards)
+        on.answer(AllHits { visitor: Some(visitor), repeats: on.layout.repeats() }, ray, guards)
     }
 
     fn each_closest(on: Target<'_, G>, task: Task<'_, Option<Hit>>) {

@@ -176,23 +176,26 @@ impl Collect for Any {
 /// The caller's function that is called with each hit.
 pub(in crate::ray) type HitVisitor<'a> = &'a mut dyn FnMut(Hit) -> ControlFlow<()>;
 
-/// Passes every primitive that is hit to a visitor, once.
+/// Passes every primitive that is hit to a visitor, once. Without a visitor, stops at the first hit.
 pub(crate) struct All<'a> {
     t_max: f32,
     reach: f32,
-    visitor: HitVisitor<'a>,
+    visitor: Option<HitVisitor<'a>>,
+    /// Whether the position of a hit does not matter: there is no visitor, and the filter accepts every hit.
+    anywhere: bool,
     /// The primitives that were passed on; `None` if each is found once.
     passed: Option<Passed>,
-    /// The last return value of the visitor.
+    /// The last return value of the visitor; without one, `Break` once there is a hit.
     pub flow: ControlFlow<()>,
 }
 
 impl<'a> All<'a> {
-    /// `repeats` tells whether a primitive may be found in several leaves.
-    pub fn new(ray: &TreeRay, visitor: HitVisitor<'a>, repeats: bool) -> All<'a> {
+    /// `all` tells whether the filter accepts every hit, `repeats` whether a primitive may be found in several leaves.
+    pub fn new(ray: &TreeRay, visitor: Option<HitVisitor<'a>>, all: bool, repeats: bool) -> All<'a> {
         All {
             t_max: ray.t_max(),
             reach: ray.end,
+            anywhere: all && visitor.is_none(),
             visitor,
             passed: repeats.then(Passed::new),
             flow: ControlFlow::Continue(()),
@@ -232,6 +235,7 @@ impl Passed {
 
 impl Collect for All<'_> {
     const ORDERED: bool = false;
+    const ANYWHERE: bool = true;
 
     #[inline(always)]
     fn limit(&self) -> f32 {
@@ -245,8 +249,12 @@ impl Collect for All<'_> {
 
     #[inline(always)]
     fn take(&mut self, found: Found, set: &impl PrimitiveSet) -> bool {
+        let Some(visitor) = &mut self.visitor else {
+            self.found();
+            return true;
+        };
         if self.passed.as_mut().is_none_or(|passed| passed.first_time(found.id)) {
-            self.flow = (self.visitor)(found.answer(set));
+            self.flow = visitor(found.answer(set));
         }
         self.flow.is_break()
     }
@@ -260,71 +268,14 @@ impl Collect for All<'_> {
     fn is_final(&self) -> bool {
         self.flow.is_break()
     }
-}
 
-/// [`Any`] or [`All`], chosen at run time.
-pub(crate) enum Unordered<'a> {
-    Any(Any),
-    All(All<'a>),
-}
-
-impl Collect for Unordered<'_> {
-    const ORDERED: bool = false;
-    const ANYWHERE: bool = true;
-
-    #[inline(always)]
-    fn limit(&self) -> f32 {
-        match self {
-            Unordered::Any(any) => any.limit(),
-            Unordered::All(all) => all.limit(),
-        }
-    }
-
-    #[inline(always)]
-    fn reach(&self) -> f32 {
-        match self {
-            Unordered::Any(any) => any.reach(),
-            Unordered::All(all) => all.reach(),
-        }
-    }
-
-    #[inline(always)]
-    fn take(&mut self, found: Found, set: &impl PrimitiveSet) -> bool {
-        match self {
-            Unordered::Any(any) => any.take(found, set),
-            Unordered::All(all) => all.take(found, set),
-        }
-    }
-
-    #[inline(always)]
-    fn move_on(&mut self, ray: &TreeRay) {
-        match self {
-            Unordered::Any(any) => any.move_on(ray),
-            Unordered::All(all) => all.move_on(ray),
-        }
-    }
-
-    #[inline(always)]
-    fn is_final(&self) -> bool {
-        match self {
-            Unordered::Any(any) => any.is_final(),
-            Unordered::All(all) => all.is_final(),
-        }
-    }
-
-    /// The position of each of all hits matters.
     #[inline(always)]
     fn certain(&self, ray: &TreeRay) -> f32 {
-        match self {
-            Unordered::Any(any) => any.certain(ray),
-            Unordered::All(_) => f32::NEG_INFINITY,
-        }
+        if self.anywhere { ray.certain_end() } else { f32::NEG_INFINITY }
     }
 
     #[inline(always)]
     fn found(&mut self) {
-        if let Unordered::Any(any) = self {
-            any.found();
-        }
+        self.flow = ControlFlow::Break(());
     }
 }

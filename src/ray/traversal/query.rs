@@ -1,6 +1,6 @@
 //! The three kinds of ray queries, independent of the layout.
 
-use super::collect::{All, Any, Closest, Collect, HitVisitor, Unordered};
+use super::collect::{All, Any, Closest, Collect, HitVisitor};
 use super::intersect::RaySource;
 use super::ray_layout::RayLayout;
 use super::wide_traversal::Wide;
@@ -71,50 +71,27 @@ impl RayQuery for AnyHit {
     }
 }
 
-/// All hits, for a visitor.
+/// All hits, for a visitor; without one, whether there is a hit. (What is not worth compiling for [`AnyHit`] as well.)
 pub(crate) struct AllHits<'a> {
-    pub visitor: HitVisitor<'a>,
+    pub visitor: Option<HitVisitor<'a>>,
     /// Whether a ray may find a primitive in several leaves.
     pub repeats: bool,
 }
 
 impl<'a> RayQuery for AllHits<'a> {
+    /// `Break` if the visitor returned it; without one, if there is a hit.
     type Answer = ControlFlow<()>;
     const NOTHING: ControlFlow<()> = ControlFlow::Continue(());
     type Collect = All<'a>;
 
     #[inline(always)]
-    fn collect(self, ray: &TreeRay, _: bool) -> All<'a> {
-        All::new(ray, self.visitor, self.repeats || ray.in_pieces)
+    fn collect(self, ray: &TreeRay, all: bool) -> All<'a> {
+        All::new(ray, self.visitor, all, self.repeats || ray.in_pieces)
     }
 
     #[inline(always)]
     fn answer(collect: All<'a>, _: &impl RaySource) -> ControlFlow<()> {
         collect.flow
-    }
-}
-
-/// Any hit or all hits: code that is not worth compiling for each of them is compiled for both together.
-pub(crate) enum UnorderedHits<'a> {
-    Any(AnyHit),
-    All(AllHits<'a>),
-}
-
-impl<'a> RayQuery for UnorderedHits<'a> {
-    /// `Break` if there is any hit, or the visitor returned it.
-    type Answer = ControlFlow<()>;
-    const NOTHING: ControlFlow<()> = ControlFlow::Continue(());
-    type Collect = Unordered<'a>;
-
-    fn collect(self, ray: &TreeRay, all: bool) -> Unordered<'a> {
-        match self {
-            UnorderedHits::Any(query) => Unordered::Any(query.collect(ray, all)),
-            UnorderedHits::All(query) => Unordered::All(query.collect(ray, all)),
-        }
-    }
-
-    fn answer(collect: Unordered<'a>, _: &impl RaySource) -> ControlFlow<()> {
-        if collect.is_final() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 }
 
