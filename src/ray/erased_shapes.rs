@@ -156,28 +156,18 @@ fn lay_out_erased(
 
 impl<P: Primitive> Compiled for Shapes<P> {
     const QUERIES: Queries<Shapes<P>> = Queries {
-        closest: |on, ray| (queries().closest)(on.with_geometry(&ErasedShapes::of(on.geometry)), ray),
-        closest_guarded: |on, ray, guards| {
-            (queries().closest_guarded)(on.with_geometry(&ErasedShapes::of(on.geometry)), ray, guards)
-        },
-        any: |on, ray| (queries().any)(on.with_geometry(&ErasedShapes::of(on.geometry)), ray),
-        any_guarded: |on, ray, guards| {
-            (queries().any_guarded)(on.with_geometry(&ErasedShapes::of(on.geometry)), ray, guards)
-        },
-        closest_point: |on, query| (queries().closest_point)(on.with_geometry(&ErasedShapes::of(on.geometry)), query),
-        closest_point_guarded: |on, query, guards| {
-            (queries().closest_point_guarded)(on.with_geometry(&ErasedShapes::of(on.geometry)), query, guards)
-        },
-        all: |on, ray, visitor| (queries().all)(on.with_geometry(&ErasedShapes::of(on.geometry)), ray, visitor),
-        all_guarded: |on, ray, guards, visitor| {
-            (queries().all_guarded)(on.with_geometry(&ErasedShapes::of(on.geometry)), ray, guards, visitor)
-        },
-        singly_closest: |on, task| (queries().singly_closest)(on.with_geometry(&ErasedShapes::of(on.geometry)), task),
-        interleaved_closest: |on, task| {
-            (queries().interleaved_closest)(on.with_geometry(&ErasedShapes::of(on.geometry)), task)
-        },
-        streams_closest: |on, task| (queries().streams_closest)(on.with_geometry(&ErasedShapes::of(on.geometry)), task),
-        streams_any: |on, task| (queries().streams_any)(on.with_geometry(&ErasedShapes::of(on.geometry)), task),
+        closest: |on, ray| on.erased(|of, on| (of.closest)(on, ray)),
+        closest_guarded: |on, ray, guards| on.erased(|of, on| (of.closest_guarded)(on, ray, guards)),
+        any: |on, ray| on.erased(|of, on| (of.any)(on, ray)),
+        any_guarded: |on, ray, guards| on.erased(|of, on| (of.any_guarded)(on, ray, guards)),
+        closest_point: |on, query| on.erased(|of, on| (of.closest_point)(on, query)),
+        closest_point_guarded: |on, query, guards| on.erased(|of, on| (of.closest_point_guarded)(on, query, guards)),
+        all: |on, ray, visitor| on.erased(|of, on| (of.all)(on, ray, visitor)),
+        all_guarded: |on, ray, guards, visitor| on.erased(|of, on| (of.all_guarded)(on, ray, guards, visitor)),
+        singly_closest: |on, task| on.erased(|of, on| (of.singly_closest)(on, task)),
+        interleaved_closest: |on, task| on.erased(|of, on| (of.interleaved_closest)(on, task)),
+        streams_closest: |on, task| on.erased(|of, on| (of.streams_closest)(on, task)),
+        streams_any: |on, task| on.erased(|of, on| (of.streams_any)(on, task)),
     };
 
     fn lay_out(&mut self, params: &BuildParams, progress: &Progress) -> Result<(Layout, Statistics), BuildError> {
@@ -191,12 +181,11 @@ impl<P: Primitive> Compiled for Shapes<P> {
     }
 }
 
-impl<'a, P> Target<'a, Shapes<P>> {
-    /// The same layout, with the type of its primitives erased.
-    fn with_geometry<'b>(self, erased: &'b ErasedShapes<'b>) -> Target<'b, ErasedShapes<'b>>
-    where
-        'a: 'b,
-    {
-        Target { layout: self.layout, geometry: erased, outline: self.outline, simd: self.simd }
+impl<P: Primitive> Target<'_, Shapes<P>> {
+    /// Asks a query of the same layout, with the type of its primitives erased.
+    #[inline(always)]
+    fn erased<R>(self, ask: impl for<'a> FnOnce(&Queries<ErasedShapes<'a>>, Target<'a, ErasedShapes<'a>>) -> R) -> R {
+        let geometry = &ErasedShapes::of(self.geometry);
+        ask(queries(), Target { layout: self.layout, geometry, outline: self.outline, simd: self.simd })
     }
 }
