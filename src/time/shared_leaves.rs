@@ -2,9 +2,9 @@
 
 use super::draft::Draft;
 use super::slice_bounds::include_slice_bounds;
-use super::time_slice::{TimeSlice, time_slice};
+use super::time_slice::TimeSlice;
 use crate::bvh::{BinaryNode, BinaryTree, Collapse, Reference, SurfaceDensity, build_binary, leaf_cost};
-use crate::geometry::{Box3, LinearBox3, TimeInterval};
+use crate::geometry::{LinearBox3, TimeInterval};
 use crate::parallel;
 use crate::primitive::{Intervals, PrimitiveSet};
 use crate::progress::Progress;
@@ -38,38 +38,16 @@ impl SharedLeaves {
         progress: &Progress,
     ) -> SharedLeaves {
         let leaves = draft.collapse.leaves(&draft.binary, of);
-        // The boxes at the beginning of each slice, where they are needed.
-        let needed = |i: usize| i > 0 && (slices.contains(&i) || slices.contains(&(i - 1)));
-        let of_bounds = progress.subtask(BOUNDS);
-        let of_bounds = of_bounds.in_units((0..count).filter(|&i| needed(i)).count());
-        let boundary = |i: usize| {
-            if !needed(i) || progress.cancelled() {
-                return Some(Vec::new());
-            }
-            let boxes = boundary(set, draft, &leaves, i, count)?;
-            of_bounds.finished(1.0);
-            Some(boxes)
-        };
-        let boundaries: Option<Vec<Vec<Box3>>> = (0..count).map(boundary).collect();
-        let of_count: Vec<TimeSlice> = slices.iter().map(|&index| TimeSlice { index, of: count }).collect();
-        let over: Vec<TimeInterval> = of_count.iter().map(|slice| slice.interval()).collect();
-        let in_slices =
-            if boundaries.is_none() { bounds_in(set, draft, &leaves, &of_count, &of_bounds) } else { Vec::new() };
-        drop(of_bounds);
+        let slices: Vec<TimeSlice> = slices.iter().map(|&index| TimeSlice { index, of: count }).collect();
+        let in_slices = bounds_in(set, draft, &leaves, &slices, &progress.subtask(BOUNDS));
         if progress.cancelled() {
             return SharedLeaves { leaves, trees: Vec::new() };
         }
         let share = progress.rest(1.0);
         let trees = parallel::map(slices.len(), |nth| {
-            let (slice, over) = (slices[nth], over[nth]);
-            let bounds = |i: usize| match &boundaries {
-                Some(boundaries) => LinearBox3 {
-                    begin: if slice == 0 { leaves[i].bounds.begin } else { boundaries[slice][i] },
-                    end: if slice + 1 == count { leaves[i].bounds.end } else { boundaries[slice + 1][i] },
-                },
-                None => in_slices[i * slices.len() + nth],
-            };
-            SliceTree::build(&leaves, over, draft.density, bounds, &share.subtask(1.0 / slices.len() as f64))
+            let bounds = |i: usize| in_slices[i * slices.len() + nth];
+            let share = share.subtask(1.0 / slices.len() as f64);
+            SliceTree::build(&leaves, slices[nth].interval(), draft.density, bounds, &share)
         });
         SharedLeaves { leaves, trees }
     }
@@ -115,38 +93,6 @@ fn bounds_in<S: PrimitiveSet>(
         progress.finished(leaves.len() as f64);
     });
     all
-}
-
-/// The boxes of the leaf blocks at the beginning of time slice `i`; `None` if a block's motion between such times is
-/// not linear.
-///
-/// Corners move on lines up to their slack, so linear interpolation between the boxes at both ends of a slice bounds
-/// them at all its times. The slice before ends slightly later than this one begins: the boxes hold the corners at both
-/// times.
-fn boundary<S: PrimitiveSet>(
-    set: &S,
-    draft: &Draft,
-    leaves: &[BinaryNode],
-    i: usize,
-    count: usize,
-) -> Option<Vec<Box3>> {
-    let over = time_slice(i, count).intersect(time_slice(i - 1, count))?;
-    if draft.presplit
-        || set.bent()
-        || !set.always_active()
-        || set.corner_bounds(draft.references.first()?.id(), over).is_none()
-    {
-        return None;
-    }
-    let mut boxes = huge_vec(leaves.len());
-    fill(&mut boxes, leaves.len(), |i| {
-        draft.prefetch(set, leaves, i, over);
-        draft.references(&leaves[i]).iter().fold(Box3::EMPTY, |b, r| {
-            let Some(bounds) = set.corner_bounds(r.id(), over) else { return b };
-            b.union(bounds.union().swept().pad(bounds.slack))
-        })
-    });
-    Some(boxes)
 }
 
 impl SliceTree {

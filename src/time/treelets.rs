@@ -7,10 +7,10 @@
 //! So is what comes and goes, since what exists for half of the shutter may exist in both halves.
 
 use super::draft::Draft;
-use super::slice_bounds::{include_slice_bounds, slice_bounds};
+use super::slice_bounds::include_slice_bounds;
 use super::time_slice::TimeSlice;
 use crate::bvh::{Reference, mean_half_area};
-use crate::geometry::{LinearBox3, TimeInterval};
+use crate::geometry::LinearBox3;
 use crate::limits::MAX_TIME_SLICES;
 use crate::parallel;
 use crate::primitive::{Intervals, PrimitiveSet};
@@ -55,14 +55,9 @@ fn area_in_slices<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32) -> f32 {
     if !draft.changes(set, x) {
         return 1.0;
     }
-    let mut areas = [0.0; 2];
-    let halves = [0, 1].map(|index| TimeSlice { index, of: 2 });
-    let (halves, times) = (halves.map(TimeSlice::interval), halves.map(TimeSlice::query_times));
-    let mut over = Intervals::new(&halves);
-    add_areas(draft, x, &mut |of| in_halves(set, draft, of, (&mut over, &times)), &mut areas);
     let whole = whole_area(draft, x);
     let relative = |area: f32| if whole > 0.0 { (area / whole).min(1.0) } else { 1.0 };
-    let halves = relative(0.5 * (areas[0] + areas[1]));
+    let halves = relative(mean_area_in(set, draft, x, [0, 1].map(|index| TimeSlice { index, of: 2 })));
     let first = draft.references(&draft.binary[x as usize]).first();
     // With three keys both halves are straight.
     let bent = first.is_some_and(|r| set.leaf_kind(r.id()) > 3);
@@ -72,16 +67,21 @@ fn area_in_slices<S: PrimitiveSet>(set: &S, draft: &Draft, x: u32) -> f32 {
     let index = |i: usize| (2 * i + 1) * MAX_TIME_SLICES / (2 * SHORT_SLICES);
     let slices: [TimeSlice; SHORT_SLICES] =
         core::array::from_fn(|i| TimeSlice { index: index(i), of: MAX_TIME_SLICES });
-    let (slices, times) = (slices.map(TimeSlice::interval), slices.map(TimeSlice::query_times));
-    let mut areas = [0.0; SHORT_SLICES];
-    let mut over = Intervals::new(&slices);
-    let mut in_slices = |of: &[Reference]| {
-        let mut boxes = [LinearBox3::EMPTY; SHORT_SLICES];
+    relative(mean_area_in(set, draft, x, slices)).min(halves)
+}
+
+/// The sum of the areas of the boxes of a small subtree when made for a time slice, in the mean over some.
+fn mean_area_in<S: PrimitiveSet, const N: usize>(set: &S, draft: &Draft, x: u32, slices: [TimeSlice; N]) -> f32 {
+    let (over, times) = (slices.map(TimeSlice::interval), slices.map(TimeSlice::query_times));
+    let mut over = Intervals::new(&over);
+    let mut bounds = |of: &[Reference]| {
+        let mut boxes = [LinearBox3::EMPTY; N];
         include_slice_bounds(set, of, draft, (&mut over, &times), &mut boxes);
         boxes
     };
-    add_areas(draft, x, &mut in_slices, &mut areas);
-    relative(areas.iter().sum::<f32>() / SHORT_SLICES as f32).min(halves)
+    let mut areas = [0.0; N];
+    add_areas(draft, x, &mut bounds, &mut areas);
+    areas.iter().sum::<f32>() / N as f32
 }
 
 /// The sum of the areas of the boxes of a subtree.
@@ -109,27 +109,6 @@ fn add_areas<const N: usize>(
         *area += mean_half_area(bounds);
     }
     boxes
-}
-
-/// The bounds of references of one kind for both halves of the shutter. Linear motion of what always exists has one box at
-/// mid-shutter for both.
-fn in_halves<S: PrimitiveSet>(
-    set: &S,
-    draft: &Draft,
-    of: &[Reference],
-    (over, times): (&mut Intervals<'_>, &[TimeInterval]),
-) -> [LinearBox3; 2] {
-    let mut halves = [LinearBox3::EMPTY; 2];
-    if !set.always_active() || of.first().is_some_and(|r| set.leaf_kind(r.id()) != 0) {
-        include_slice_bounds(set, of, draft, (over, times), &mut halves);
-        return halves;
-    }
-    for r in of {
-        let (LinearBox3 { begin, end }, middle) = (r.bounds(), slice_bounds(set, r, draft, over.over[0]).end);
-        halves[0] = halves[0].union(LinearBox3 { begin, end: middle });
-        halves[1] = halves[1].union(LinearBox3 { begin: middle, end });
-    }
-    halves
 }
 
 /// A small subtree in the middle of the cost of what changes below a node, and the share of the cost that changes. (Where both
