@@ -1,20 +1,13 @@
 //! Accuracy of trees: small objects in large scenes, outliers, far origins, ranges, all magnitudes.
 
-use crate::common::{Random, closed_sphere, difference, random_ray, soup, variants};
+use crate::common::{Random, closed_sphere, difference, mapped, random_ray, soup, variants};
 use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    Aabb, BuildParams, ClosestPointQuery, Counters, Hit, KdParams, Keys, MovingSphere, Ray, RayTree, TreePrimitive,
+    Aabb, BuildParams, ClosestPointQuery, Counters, Hit, KdParams, MovingSphere, Ray, RayTree, TreePrimitive,
     TriangleMesh, Visitor,
 };
-
-/// The mesh with each coordinate changed by `f`.
-fn mapped(mesh: &TriangleMesh, f: impl Fn(Vec3) -> Vec3) -> TriangleMesh {
-    let Keys::F32(keys) = &mesh.keys else { unreachable!() };
-    let keys: Vec<Vec<Vec3>> = keys.iter().map(|key| key.iter().map(|&p| f(p)).collect()).collect();
-    TriangleMesh { keys: keys.into(), ..mesh.clone() }
-}
 
 /// A large triangle at height `y`.
 fn ground(size: f32, y: f32) -> TriangleMesh {

@@ -1,12 +1,12 @@
 //! Meshes and shapes that exist for a part of the shutter: trees leave them out of the time slices in which they do not exist,
 //! and the answers stay those of brute force.
 
-use crate::common::{Random, bits, closed_sphere, difference, divided, random_ray, soup};
+use crate::common::{Random, bits, closed_sphere, difference, divided, mapped, random_ray, saved, soup};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DAffine3, DVec3, Vec3};
 use mbkd::{
-    BuildParams, ClosestPointQuery, Counters, Division, Instance, InstanceTree, Intersection, Keys, LazyParams,
-    LinearBounds, MovingSphere, Primitive, Ray, RayTree, RefitError, Shape, TimeInterval, TriangleMesh, WideParams,
+    BuildParams, ClosestPointQuery, Counters, Division, Instance, InstanceTree, Intersection, LazyParams, LinearBounds,
+    MovingSphere, Primitive, Ray, RayTree, RefitError, Shape, TimeInterval, TriangleMesh, WideParams,
 };
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -58,9 +58,7 @@ fn meshes(count: usize, length: f32, seed: u64) -> Vec<TriangleMesh> {
 
 /// A smaller mesh elsewhere.
 fn moved(mesh: &TriangleMesh, by: Vec3) -> TriangleMesh {
-    let Keys::F32(keys) = &mesh.keys else { panic!("f32") };
-    let keys: Vec<Vec<Vec3>> = keys.iter().map(|key| key.iter().map(|&p| p * 0.3 + by).collect()).collect();
-    TriangleMesh { keys: keys.into(), ..mesh.clone() }
+    mapped(mesh, |p| p * 0.3 + by)
 }
 
 fn shapes(count: usize) -> Vec<Shape> {
@@ -124,10 +122,7 @@ fn trees_from_files_answer_alike() {
     let meshes = meshes(30, 0.2, 4);
     for params in params() {
         let Ok(tree) = RayTree::of_scene(&meshes, Vec::new(), &params) else { panic!("a tree") };
-        let mut bytes = Vec::new();
-        if tree.write_to(&mut bytes).is_err() {
-            continue;
-        }
+        let Ok(bytes) = saved(&tree) else { continue };
         let read = RayTree::read_from(&mut bytes.as_slice()).unwrap();
         assert_eq!(read.validate(), Ok(()), "{params:?}");
         for ray in rays(&meshes, 300) {
@@ -254,8 +249,7 @@ fn statistics_say_what_time_slices_leave_out() {
     assert_eq!(build(&always, &divided(SharedLeaves(4))).statistics().left_out, 0.0);
 
     let tree = build(&in_quarters(2), &divided(SeparateTrees(4)));
-    let mut bytes = Vec::new();
-    tree.write_to(&mut bytes).unwrap();
+    let bytes = saved(&tree).unwrap();
     assert_eq!(RayTree::read_from(&mut bytes.as_slice()).unwrap().statistics(), tree.statistics());
 
     // Two subtrees for each mesh, at least, of which each divides the shutter by itself.
@@ -284,11 +278,7 @@ fn refits_keep_to_the_intervals_of_the_build_where_something_was_left_out() {
                 .iter()
                 .enumerate()
                 .map(|(i, mesh)| if (i + frame) % 2 == 0 { mesh.clone() } else { shorter(mesh) })
-                .map(|mesh| {
-                    let Keys::F32(keys) = &mesh.keys else { panic!("f32") };
-                    let keys: Vec<Vec<Vec3>> = keys.iter().map(|key| key.iter().map(|&p| p + by).collect()).collect();
-                    TriangleMesh { keys: keys.into(), ..mesh }
-                })
+                .map(|mesh| mapped(&mesh, |p| p + by))
                 .collect();
             tree.refit(&now).unwrap();
             assert_eq!(tree.validate(), Ok(()), "{params:?}");

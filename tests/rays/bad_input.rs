@@ -1,6 +1,6 @@
 //! Bad and hostile input: a typed error with the cause and the place, or a documented harmless answer.
 
-use crate::common::{Random, difference, divided, grid, random_ray, soup, variants};
+use crate::common::{Random, difference, divided, grid, mapped_to_f64, random_ray, soup, variants};
 use core::ops::ControlFlow;
 use core::sync::atomic::{AtomicU32, Ordering};
 use mbkd::baseline::BruteForce;
@@ -192,9 +192,7 @@ fn flat_scenes() {
 fn huge_tiny_and_far_away() {
     for (scale, away) in [(1e-30, 0.0), (1e-12, 1.0), (1e6, 1e12), (1e28, 0.0), (1.0, 1e9)] {
         let mesh = soup(200, 2, 0.3, 0.5, 2);
-        let mbkd::Keys::F32(keys) = &mesh.keys else { unreachable!() };
-        let place = |p: Vec3| p.as_dvec3() * scale + DVec3::splat(away);
-        let keys: Vec<Vec<DVec3>> = keys.iter().map(|key| key.iter().map(|&p| place(p)).collect()).collect();
+        let keys = mapped_to_f64(&mesh, |p| p * scale + DVec3::splat(away));
         let mesh = TriangleMesh::new(mesh.indices.clone(), keys);
         let oracle = BruteForce::new(std::slice::from_ref(&mesh)).unwrap();
         for params in variants() {

@@ -1,12 +1,12 @@
 //! Clones of trees: they answer alike, and what becomes of one does not change the other.
 
 use crate::brute_force::Brick;
-use crate::common::{Random, closed_sphere, difference, divided, random_ray, soup};
+use crate::common::{Random, closed_sphere, difference, divided, mapped, mapped_to_f64, random_ray, soup};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DAffine3, DVec3, Vec3};
 use mbkd::{
-    BuildParams, Division, Instance, InstanceTree, Keys, LazyParams, MovingSphere, RayTree, Shape, Statistics,
-    TimeInterval, TriangleMesh, WideParams,
+    BuildParams, Division, Instance, InstanceTree, LazyParams, MovingSphere, RayTree, Shape, Statistics, TimeInterval,
+    TriangleMesh, WideParams,
 };
 use std::sync::Arc;
 
@@ -18,12 +18,9 @@ fn meshes(shift: f32) -> Vec<TriangleMesh> {
         soup(20, 2, 0.3, 0.1, 4),
     ];
     for mesh in &mut meshes {
-        let Keys::F32(keys) = &mut mesh.keys else { panic!("f32") };
-        keys.iter_mut().flatten().for_each(|p| *p += Vec3::new(shift, 0.0, 0.0));
+        *mesh = mapped(mesh, |p| p + Vec3::X * shift);
     }
-    let Keys::F32(keys) = &meshes[3].keys else { panic!("f32") };
-    let fine: Vec<Vec<DVec3>> =
-        keys.iter().map(|key| key.iter().map(|p| p.as_dvec3() * (1.0 + 1e-12)).collect()).collect();
+    let fine = mapped_to_f64(&meshes[3], |p| p * (1.0 + 1e-12));
     meshes[3] = TriangleMesh::new(meshes[3].indices.clone(), fine).precise();
     meshes
 }

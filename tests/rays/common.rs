@@ -9,8 +9,8 @@ pub use crate::scene::Random;
 pub use blob::Blob;
 use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
-use mbkd::glam::Vec3;
-use mbkd::{BuildParams, Division, Geometry, Hit, KdParams, LazyParams, Ray, RayTree, TriangleMesh, WideParams};
+use mbkd::glam::{DVec3, Vec3};
+use mbkd::{BuildParams, Division, Geometry, Hit, KdParams, Keys, LazyParams, Ray, RayTree, TriangleMesh, WideParams};
 
 /// Every policy under test, and the paper's policy in all its variants.
 pub fn variants() -> Vec<BuildParams> {
@@ -49,6 +49,25 @@ pub fn soup(n: usize, keys: usize, size: f32, motion: f32, seed: u64) -> Triangl
     }
     let indices = (0..n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
     TriangleMesh::new(indices, positions)
+}
+
+/// A mesh in f32 with each of its positions mapped.
+pub fn mapped(mesh: &TriangleMesh, mut map: impl FnMut(Vec3) -> Vec3) -> TriangleMesh {
+    let Keys::F32(keys) = &mesh.keys else { panic!("f32") };
+    let keys: Vec<Vec<Vec3>> = keys.iter().map(|key| key.iter().map(|&p| map(p)).collect()).collect();
+    TriangleMesh { keys: keys.into(), ..mesh.clone() }
+}
+
+/// The keys of a mesh in f32, with each position mapped to one in f64.
+pub fn mapped_to_f64(mesh: &TriangleMesh, mut map: impl FnMut(DVec3) -> DVec3) -> Vec<Vec<DVec3>> {
+    let Keys::F32(keys) = &mesh.keys else { panic!("f32") };
+    keys.iter().map(|key| key.iter().map(|p| map(p.as_dvec3())).collect()).collect()
+}
+
+/// The bytes of a tree's file.
+pub fn saved(tree: &RayTree) -> Result<Vec<u8>, mbkd::FileError> {
+    let mut bytes = Vec::new();
+    tree.write_to(&mut bytes).map(|()| bytes)
 }
 
 /// A ray from around the scene (half-size `reach` about the origin) to somewhere in it.

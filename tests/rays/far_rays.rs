@@ -1,6 +1,6 @@
 //! Rays that begin far from small objects and near something large: they are traversed in pieces.
 
-use super::common::{Random, all_hits, closed_sphere, difference, soup};
+use super::common::{Random, all_hits, closed_sphere, difference, saved, soup};
 use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DAffine3, DVec3, Vec3};
@@ -87,9 +87,7 @@ fn far_rays_near_something_large_test_as_few_triangles_as_near_ones() {
         let mut tree = RayTree::build(&meshes(keys, wobble), &BuildParams::default()).unwrap();
         for loaded in [false, true] {
             if loaded {
-                let mut file = Vec::new();
-                tree.write_to(&mut file).unwrap();
-                tree = RayTree::read_from(&mut &file[..]).unwrap();
+                tree = RayTree::read_from(&mut &saved(&tree).unwrap()[..]).unwrap();
             }
             let work = |away: f64| {
                 let (mut random, mut counts) = (Random(8), [Counters::default(); 2]);

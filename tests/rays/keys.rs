@@ -1,6 +1,6 @@
 //! Meshes with many keys: merging of keys, and answers against brute force.
 
-use super::common::{Random, closed_sphere, difference, divided, soup, variants};
+use super::common::{Random, closed_sphere, difference, divided, mapped, soup, variants};
 use crate::scene;
 use mbkd::baseline::{BruteForce, TriangleTests};
 use mbkd::glam::{DVec3, Quat, Vec3};
@@ -328,12 +328,7 @@ fn few_fast_triangles_of_different_numbers_of_keys_beside_many_others() {
     for seed in 0..8 {
         for few in [2, 6, 20] {
             let slow = soup(1100, 2, 0.01, 1e-3, seed);
-            let fast = |keys: usize| {
-                let mut mesh = soup(few, keys, 0.2, 3.0, seed + keys as u64);
-                let Keys::F32(at) = &mut mesh.keys else { panic!("f32") };
-                at.iter_mut().flatten().for_each(|p| *p += Vec3::X * 20.0);
-                mesh
-            };
+            let fast = |keys: usize| mapped(&soup(few, keys, 0.2, 3.0, seed + keys as u64), |p| p + Vec3::X * 20.0);
             let meshes = [slow, fast(2), fast(5)];
             let tree = equals_brute_force(&meshes, &BuildParams::default(), 200);
             assert_eq!(tree.statistics().primitives, 1100 + 2 * few);

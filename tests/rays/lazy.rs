@@ -1,14 +1,13 @@
 //! Lazy trees: only subtrees that queries enter are built, each once, and answers do not depend on it.
 
-use crate::common::{Random, all_hits, difference, random_ray, soup};
+use crate::common::{Random, all_hits, difference, mapped, random_ray, soup};
 use core::ops::ControlFlow;
 use core::sync::atomic::{AtomicUsize, Ordering};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DAffine3, DVec3, Vec3};
 use mbkd::{
-    BuildError, BuildParams, ClosestPointQuery, Division, FileError, Instance, InstanceTree, Intersection, Keys,
-    LazyParams, LinearBounds, MovingSphere, Primitive, Ray, RayTree, RefitError, Shape, TimeInterval, TriangleMesh,
-    WideParams,
+    BuildError, BuildParams, ClosestPointQuery, Division, FileError, Instance, InstanceTree, Intersection, LazyParams,
+    LinearBounds, MovingSphere, Primitive, Ray, RayTree, RefitError, Shape, TimeInterval, TriangleMesh, WideParams,
 };
 use std::sync::Arc;
 
@@ -175,10 +174,8 @@ impl Primitive for Counted<'_> {
 #[test]
 fn rays_do_not_build_what_their_mask_hides() {
     let near = soup(2000, 2, 0.1, 0.1, 11);
-    let behind = soup(2000, 1, 0.1, 0.0, 12);
-    let Keys::F32(keys) = &behind.keys else { unreachable!() };
-    let positions = keys[0].iter().map(|&p| p + Vec3::X * 20.0).collect();
-    let meshes = [near.with_mask(0b01), TriangleMesh::fixed(behind.indices.clone(), positions).with_mask(0b10)];
+    let behind = mapped(&soup(2000, 1, 0.1, 0.0, 12), |p| p + Vec3::X * 20.0);
+    let meshes = [near.with_mask(0b01), behind.with_mask(0b10)];
     let oracle = BruteForce::new(&meshes).unwrap();
     let trees: [RayTree; 3] = core::array::from_fn(|_| RayTree::build(&meshes, &lazy(100)).unwrap());
     let mut random = Random(14);

@@ -1,6 +1,6 @@
 //! Meshes with f64 positions: every answer is that of brute force over them, and hits that f32 would lose are found.
 
-use crate::common::{Random, difference, divided, soup, variants};
+use crate::common::{Random, difference, divided, saved, soup, variants};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DAffine3, DVec3, Vec3};
 use mbkd::{
@@ -218,12 +218,9 @@ fn files_keep_every_bit() {
     for (name, size, meshes) in scenes() {
         for params in [BuildParams::default(), BuildParams::paper(), BuildParams::kd(KdParams::classic())] {
             let tree = RayTree::of_scene(&meshes, shapes(name), &params).unwrap();
-            let mut bytes = Vec::new();
-            tree.write_to(&mut bytes).unwrap();
+            let bytes = saved(&tree).unwrap();
             let again = RayTree::read_from(&mut bytes.as_slice()).unwrap();
-            let mut same = Vec::new();
-            again.write_to(&mut same).unwrap();
-            assert!(bytes == same, "{name}, {params:?}");
+            assert!(bytes == saved(&again).unwrap(), "{name}, {params:?}");
             assert_eq!(again.validate(), Ok(()));
             let mut random = Random(5);
             for _ in 0..300 {
@@ -321,11 +318,6 @@ fn meshes_in_f32_are_what_they_were() {
         let precise = meshes.clone().map(TriangleMesh::precise);
         assert!(saved(&RayTree::build(&precise, &params).unwrap()).unwrap() == bytes, "{params:?}");
     }
-}
-
-fn saved(tree: &RayTree) -> Result<Vec<u8>, mbkd::FileError> {
-    let mut bytes = Vec::new();
-    tree.write_to(&mut bytes).map(|()| bytes)
 }
 
 /// Corners in leaf blocks are rounded at their keys and in between, so the boxes of flat triangles there are beside the triangles.

@@ -1,7 +1,7 @@
 //! Refitted trees against brute force over the new positions, frame by frame.
 
 use crate::brute_force::Brick;
-use crate::common::{Random, closed_sphere, difference, divided, random_ray, soup};
+use crate::common::{Random, closed_sphere, difference, divided, mapped, random_ray, saved, soup};
 use crate::scene;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
@@ -19,10 +19,7 @@ fn params() -> Vec<BuildParams> {
 
 /// A mesh whose vertices went elsewhere: each its own way, and all of them.
 fn moved(mesh: &TriangleMesh, jitter: f32, by: Vec3, grown: f32, random: &mut Random) -> TriangleMesh {
-    let Keys::F32(keys) = &mesh.keys else { panic!("f32") };
-    let mut to = |p: &Vec3| *p * grown + by + random.vec() * jitter;
-    let keys: Vec<Vec<Vec3>> = keys.iter().map(|key| key.iter().map(&mut to).collect()).collect();
-    TriangleMesh { keys: keys.into(), ..mesh.clone() }
+    mapped(mesh, |p| p * grown + by + random.vec() * jitter)
 }
 
 /// Checks that a tree is valid and answers like brute force over these meshes.
@@ -279,8 +276,7 @@ fn incompatible_meshes_are_rejected_and_change_nothing() {
 
     let mut planes = RayTree::build(&before, &BuildParams::kd(KdParams::default())).unwrap();
     assert_eq!(planes.refit(&before), Err(RefitError::Policy));
-    let mut bytes = Vec::new();
-    tree.write_to(&mut bytes).unwrap();
+    let bytes = saved(&tree).unwrap();
     let mut read = RayTree::read_from(&mut bytes.as_slice()).unwrap();
     assert_eq!(read.refit(&before), Err(RefitError::FromFile));
     let mut nothing = RayTree::build(&[], &BuildParams::default()).unwrap();

@@ -1,7 +1,7 @@
 //! Refits that are told which meshes moved: the tree is that of a refit to all meshes, and what stays is not read.
 
 use crate::brute_force::Brick;
-use crate::common::{Random, closed_sphere, difference, divided, random_ray, soup};
+use crate::common::{Random, closed_sphere, difference, divided, random_ray, saved, soup};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
@@ -56,12 +56,6 @@ fn shapes() -> Vec<Shape> {
     shapes
 }
 
-fn bytes(tree: &RayTree) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    tree.write_to(&mut bytes).unwrap();
-    bytes
-}
-
 #[test]
 fn a_tree_that_is_told_what_moved_is_that_of_a_refit_to_all_meshes() {
     let divisions = [Division::Automatic, Division::Whole, Division::SharedLeaves(4), Division::SeparateTrees(3)];
@@ -101,7 +95,7 @@ fn a_tree_that_is_told_what_moved_is_that_of_a_refit_to_all_meshes() {
             assert!((refit.cost / to_all.cost - 1.0).abs() < 1e-4, "{what}: {refit:?}, {to_all:?}");
             assert!(refit.nodes > 0 || chosen.is_empty(), "{what}");
             assert_eq!(told.validate(), Ok(()), "{what}");
-            assert!(with_shapes || bytes(&told) == bytes(&all), "{what}");
+            assert!(with_shapes || saved(&told).unwrap() == saved(&all).unwrap(), "{what}");
             let oracle = BruteForce::of_scene(&now, given()).unwrap();
             for _ in 0..60 {
                 let ray = random_ray(&mut random, 1.5);
@@ -163,12 +157,12 @@ fn a_refit_of_nothing_leaves_the_tree_as_it_is() {
     for division in [Division::Whole, Division::SharedLeaves(8), Division::SharedLeaves(3), Division::SeparateTrees(3)]
     {
         let mut tree = RayTree::build(&now, &divided(division)).unwrap();
-        let before = bytes(&tree);
+        let before = saved(&tree).unwrap();
         for moved in [&[][..], &[0], &[1], &[]] {
             let refit = tree.refit_moved(&now, moved).unwrap();
             assert_eq!((refit.nodes, refit.leaves), (0, 0), "{division:?}, {moved:?}");
             assert!((refit.cost - 1.0).abs() < 1e-6, "{division:?}, {moved:?}: {refit:?}");
-            assert!(bytes(&tree) == before, "{division:?}, {moved:?}");
+            assert!(saved(&tree).unwrap() == before, "{division:?}, {moved:?}");
         }
     }
 }
@@ -203,7 +197,7 @@ fn what_stays_is_not_read_but_for_what_shares_a_leaf_block_with_what_moves() {
     let pair = vec![apart(3), apart(4), closed_sphere(20, 1, 0.01, 1)];
     let mut tree = RayTree::build(&pair, &BuildParams::default()).unwrap();
     tree.refit(&pair).unwrap();
-    let before = bytes(&tree);
+    let before = saved(&tree).unwrap();
     let no_vertices = TriangleMesh { keys: vec![Vec::<Vec3>::new()].into(), ..pair[0].clone() };
     let no_keys = TriangleMesh { keys: Vec::<Vec<Vec3>>::new().into(), ..pair[0].clone() };
     let cases = [
@@ -214,7 +208,7 @@ fn what_stays_is_not_read_but_for_what_shares_a_leaf_block_with_what_moves() {
     for (bad, error) in cases {
         let given = [bad, moved(&pair[1], 0.1, &mut random), pair[2].clone()];
         assert_eq!(tree.refit_moved(&given, &[1]), Err(RefitError::Input(error)));
-        assert!(bytes(&tree) == before);
+        assert!(saved(&tree).unwrap() == before);
     }
 }
 
@@ -223,7 +217,7 @@ fn incompatible_meshes_are_rejected_and_change_nothing() {
     let now = meshes(100);
     let mut tree = RayTree::build(&now, &BuildParams::default()).unwrap();
     tree.refit(&now).unwrap();
-    let before = bytes(&tree);
+    let before = saved(&tree).unwrap();
     let with = |i: usize, mesh: TriangleMesh| {
         let mut meshes = now.clone();
         meshes[i] = mesh;
@@ -248,7 +242,7 @@ fn incompatible_meshes_are_rejected_and_change_nothing() {
     ];
     for (meshes, moved, error) in cases {
         assert_eq!(tree.refit_moved(&meshes, &[moved]), Err(error));
-        assert!(bytes(&tree) == before);
+        assert!(saved(&tree).unwrap() == before);
     }
     assert_eq!(tree.refit_moved(&now, &[now.len()]), Err(RefitError::NoMesh { mesh: now.len(), meshes: now.len() }));
 

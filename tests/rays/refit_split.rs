@@ -1,6 +1,6 @@
 //! Refits of trees whose long triangles were split before the build: they stay split wherever they move.
 
-use crate::common::{Random, difference};
+use crate::common::{Random, difference, mapped};
 use crate::scene;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{Mat3, Vec3};
@@ -24,13 +24,6 @@ fn needles(count: usize, keys: usize, seed: u64) -> TriangleMesh {
         }
     }
     TriangleMesh::new((0..count as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(), at)
-}
-
-/// The mesh, with every vertex elsewhere.
-fn moved(mesh: &TriangleMesh, to: &mut dyn FnMut(Vec3) -> Vec3) -> TriangleMesh {
-    let Keys::F32(keys) = &mesh.keys else { panic!("f32") };
-    let keys: Vec<Vec<Vec3>> = keys.iter().map(|key| key.iter().map(|&p| to(p)).collect()).collect();
-    TriangleMesh { keys: keys.into(), ..mesh.clone() }
 }
 
 /// A ray through a point of a triangle, often one on an edge.
@@ -83,7 +76,7 @@ fn refitted_trees_of_split_triangles_find_every_hit_and_stay_good() {
                 &mut |p| p * Vec3::new(3.0, 0.5, -1.0),
             ];
             for (motion, to) in motions.into_iter().enumerate() {
-                let now = moved(&first, to);
+                let now = mapped(&first, to);
                 let given = [as_asked(&now)];
                 let refit = tree.refit(&given).unwrap();
                 assert_eq!(tree.validate(), Ok(()), "{what}");
@@ -115,7 +108,7 @@ fn parts_are_found_where_triangles_exist_whose_intervals_end_where_slices_do() {
         assert!(tree.statistics().references > 1300, "{}", tree.statistics().references);
         let mut random = Random(5);
         for by in [0.01, 3.0] {
-            let now: Vec<TriangleMesh> = meshes.iter().map(|mesh| moved(mesh, &mut |p| p * 1.1 + by)).collect();
+            let now: Vec<TriangleMesh> = meshes.iter().map(|mesh| mapped(mesh, |p| p * 1.1 + by)).collect();
             tree.refit(&now).unwrap();
             let oracle = BruteForce::new(&now).unwrap();
             for i in 0..1500 {
@@ -135,8 +128,7 @@ fn needles_of_a_scene_stay_split() {
     let refit = tree.refit(&first.meshes).unwrap();
     assert_eq!((refit.nodes, refit.leaves, refit.skipped, refit.cost), (0, 0, 0, 1.0));
     let mut random = Random(2);
-    let now: Vec<TriangleMesh> =
-        first.meshes.iter().map(|mesh| moved(mesh, &mut |p| p + random.vec() * 1e-4)).collect();
+    let now: Vec<TriangleMesh> = first.meshes.iter().map(|mesh| mapped(mesh, |p| p + random.vec() * 1e-4)).collect();
     let refit = tree.refit(&now).unwrap();
     assert!(refit.cost < 1.12, "{refit:?}");
     let oracle = BruteForce::new(&now).unwrap();

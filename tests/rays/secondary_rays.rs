@@ -1,6 +1,6 @@
 //! Secondary rays do not hit the surface that they leave, and begin right at it.
 
-use super::common::{Blob, Random, soup};
+use super::common::{Blob, Random, mapped_to_f64, soup};
 use core::ops::ControlFlow;
 use mbkd::glam::{DAffine3, DQuat, DVec3, Vec3};
 use mbkd::{
@@ -40,8 +40,7 @@ fn hits(tree: &RayTree, ray: &Ray, of: &Hit) -> bool {
 
 /// Moved and scaled copies of a mesh's keys.
 fn placed(mesh: &TriangleMesh, by: f64, to: DVec3, kind: usize) -> TriangleMesh {
-    let mbkd::Keys::F32(keys) = &mesh.keys else { panic!("f32 keys") };
-    let wide: Vec<Vec<DVec3>> = keys.iter().map(|key| key.iter().map(|p| p.as_dvec3() * by + to).collect()).collect();
+    let wide = mapped_to_f64(mesh, |p| p * by + to);
     let narrow: Vec<Vec<Vec3>> = wide.iter().map(|key| key.iter().map(|p| p.as_vec3()).collect()).collect();
     match kind {
         0 => TriangleMesh::new(mesh.indices.to_vec(), narrow),

@@ -1,6 +1,6 @@
 //! Spheres, of which rays are tested against many at a time, equal brute force over single ones.
 
-use crate::common::{Blob, Random, difference, divided, variants};
+use crate::common::{Blob, Random, difference, divided, saved, variants};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DQuat, DVec3, Vec3};
 use mbkd::{
@@ -106,8 +106,7 @@ fn all_answers_equal_brute_force() {
             for (ray, found) in rays.iter().zip(&found) {
                 assert_eq!(*found, oracle.closest_hit(ray), "{kind:?}, {params:?}");
             }
-            let mut bytes = Vec::new();
-            if tree.write_to(&mut bytes).is_ok() {
+            if let Ok(bytes) = saved(&tree) {
                 let again = RayTree::read_from(&mut bytes.as_slice()).unwrap();
                 assert!(rays.iter().all(|ray| again.closest_hit(ray) == oracle.closest_hit(ray)), "{kind:?}");
                 from_files += 1;

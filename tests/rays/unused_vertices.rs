@@ -1,14 +1,8 @@
 //! Vertices that no triangle has change nothing but the memory of a mesh.
 
-use super::common::{Random, bits, soup, variants};
+use super::common::{Random, bits, mapped_to_f64, soup, variants};
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{BuildParams, ClosestPointQuery, Hit, Keys, LazyParams, Ray, RayTree, TriangleMesh, WideParams};
-
-/// The keys of a mesh in f64, moved and scaled.
-fn placed(mesh: &TriangleMesh, size: f64, at: DVec3) -> Vec<Vec<DVec3>> {
-    let Keys::F32(keys) = &mesh.keys else { panic!("f32 keys") };
-    keys.iter().map(|key| key.iter().map(|p| p.as_dvec3() * size + at).collect()).collect()
-}
+use mbkd::{BuildParams, ClosestPointQuery, Hit, LazyParams, Ray, RayTree, TriangleMesh, WideParams};
 
 /// A mesh of one of the kinds of keys, with `unused` vertices behind its own.
 fn mesh_of(like: &TriangleMesh, mut keys: Vec<Vec<DVec3>>, unused: &[DVec3], kind: usize) -> TriangleMesh {
@@ -38,8 +32,9 @@ fn scenes_are_the_same_with_and_without_unused_vertices() {
         let unused = [DVec3::splat(far), DVec3::new(-far, 0.0, 3.0)];
         let keys = [1, 2, 5][round / 4 % 3];
         let frames = [0, 1].map(|seed| soup(count, keys, 0.4, 0.2, 2 * round as u64 + seed));
-        let [with, without] = [&unused[..], &[]]
-            .map(|unused| frames.each_ref().map(|frame| vec![mesh_of(frame, placed(frame, size, at), unused, kind)]));
+        let [with, without] = [&unused[..], &[]].map(|unused| {
+            frames.each_ref().map(|frame| vec![mesh_of(frame, mapped_to_f64(frame, |p| p * size + at), unused, kind)])
+        });
         let params = &policies[round % policies.len()];
         let mut trees = [&with, &without].map(|meshes| RayTree::build(&meshes[0], params).unwrap());
         for frame in 0..2 {
