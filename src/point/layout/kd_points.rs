@@ -319,7 +319,8 @@ mod tests {
             let size = bounds.max - bounds.min;
             assert!(size.x < 2.5 && size.y < 2.1e-4 && size.z < 5.002, "{keys} keys: {size}");
             let root = Aabb { min: tree.root.min.into(), max: tree.root.max.into() };
-            for point in all_lanes(0..tree.leaves.blocks.len()).filter_map(|(b, lane)| tree.leaves.point_path(b, lane))
+            for point in
+                all_lanes(0..tree.leaves.blocks.len()).filter_map(|(b, lane)| tree.leaves.paths(b).point_path(lane))
             {
                 for step in 0..=64 {
                     let [begin, end] = [slice.interval.begin(), slice.interval.end()];
