@@ -72,6 +72,17 @@ impl<C: Copy + Into<f64>> PathRows<C> {
         (0..LANES).filter_map(|lane| self.point_path(lane))
     }
 
+    /// The most by which a displacement between the keys differs from another one along an axis.
+    pub(in crate::point) fn motion(&self, displacement: impl Fn(C, C) -> f64, from: [f64; 3]) -> f64 {
+        let mut most = 0.0;
+        for ((open, close), from) in self.open.iter().zip(&self.close).zip(from) {
+            for lane in (0..LANES).filter(|&lane| self.id[lane] != u32::MAX) {
+                most = greater(most, (displacement(open[lane], close[lane]) - from).abs());
+            }
+        }
+        most
+    }
+
     /// One of the points.
     #[inline(always)]
     pub(in crate::point) fn point_path(&self, lane: usize) -> Option<PointPath> {

@@ -54,3 +54,27 @@ fn points_far_from_the_others_cost_little() {
     check(1e12, &double);
     check(1e16, &double);
 }
+
+/// Three points that are far from all others and fast: in f32 each pair of their groups was evaluated in f64, in f64 each pair of
+/// the set.
+#[test]
+fn fast_points_cost_little() {
+    let mut random = Random(10);
+    let mut place = |by: f64| DVec3::from_array(core::array::from_fn(|_| f64::from(random.signed()) * by));
+    let set: Vec<[DVec3; 2]> = (0..4000).map(|_| [place(1.0), place(0.01)]).collect();
+    let single = |set: &[[DVec3; 2]]| evaluated::<Vec3, f32>(set, DVec3::as_vec3);
+    let double = |set: &[[DVec3; 2]]| evaluated::<DVec3, f64>(set, |p| p);
+    let check = |fast: f64, evaluated: &dyn Fn(&[[DVec3; 2]]) -> [usize; 2]| {
+        let mut spread = set.clone();
+        for i in [70, 1900, 3100] {
+            spread[i] = [set[i][0] * fast, set[i][1] * 100.0 * fast];
+        }
+        let ([found, fours], [of_all, fours_of_all]) = (evaluated(&spread), evaluated(&set));
+        let what = format!("{fast:e}: {found} of {of_all} found, {fours} instead of {fours_of_all} evaluations");
+        assert!(found <= of_all && found + 50 > of_all, "{what}");
+        assert!(fours < 4 * fours_of_all + 20 * set.len(), "{what}");
+    };
+    check(1e6, &single);
+    check(1e6, &double);
+    check(1e8, &double);
+}

@@ -131,18 +131,20 @@ impl<C: SweptCoordinate> Block<C> {
     }
 }
 
-/// All lanes taken together, halves at a time.
-#[inline(always)]
-fn halved<T: Copy>(mut lanes: Lanes<T>, f: impl Fn(T, T) -> T) -> T {
-    for half in [8, 4, 2, 1] {
-        for lane in 0..half {
-            lanes[lane] = f(lanes[lane], lanes[lane + half]);
-        }
+/// The median of the means of lanes, of those that have something; zero if none has. Unlike the mean of all, it is that of most
+/// points where a few are much faster.
+fn median_of_means(sum: Lanes<f64>, count: Lanes<f64>) -> f64 {
+    let (mut means, mut lanes) = ([0.0; LANES], 0);
+    for (sum, count) in sum.into_iter().zip(count).filter(|&(_, count)| count > 0.0) {
+        means[lanes] = sum / count;
+        lanes += 1;
     }
-    lanes[0]
+    let means = &mut means[..lanes];
+    means.sort_unstable_by(f64::total_cmp);
+    means.get(lanes / 2).copied().unwrap_or(0.0)
 }
 
-/// The blocks below a bottom node, and their mean displacement, which is subtracted from all positions.
+/// The blocks below a bottom node, and the displacement of most of their points, which is subtracted from all positions.
 #[derive(Default)]
 pub(super) struct SweptGroup<C> {
     pub(super) blocks: Vec<Block<C>>,
@@ -192,11 +194,7 @@ impl<C: SweptCoordinate, T: BlockTree<Coordinate = C>> Kernel for TakeGroup<'_, 
                 }
             }
         }
-        let count = greater(halved(count, |a, b| a + b), 1.0);
-        let mut drift = [0.0; 3];
-        for (drift, row) in drift.iter_mut().zip(sum) {
-            *drift = halved(row, |a, b| a + b) / count * (phases[1] - phases[0]);
-        }
+        let drift = sum.map(|sum| median_of_means(sum, count) * (phases[1] - phases[0]));
         group.frame = Frame { center: tree.center(node, phases[0]), drift };
         (group.times, group.phases, group.early) = (times, phases, early(tree, phases, times[0]));
         group.blocks.clear();
@@ -247,13 +245,14 @@ impl<C: SweptCoordinate> SweptGroup<C> {
     }
 
     /// Becomes a group of one point, of a block of another group; `false` where that has none in the lane. Everything is measured
-    /// from the point and relative to its motion. The slack is wider by [`SweptCoordinate::excess`]: one for all, and what it has
-    /// of the magnitude of a point's coordinates.
+    /// from the point and relative to its motion. The slack is wider by [`SweptCoordinate::excess`]: one for all, and that of a
+    /// point.
     pub(super) fn take_one(
         &mut self,
         of: &SweptGroup<C>,
         (block, lane): (usize, usize),
-        (excess, of_magnitude): (f64, f64),
+        excess: f64,
+        own_excess: impl Fn(&PathRows<C>) -> f64,
     ) -> bool {
         let mut points = of.blocks[block].points;
         if points.id[lane] == u32::MAX {
@@ -271,10 +270,7 @@ impl<C: SweptCoordinate> SweptGroup<C> {
         (self.times, self.phases, self.early) = (of.times, of.phases, of.early);
         let alone = Block::new(points, of.phases, &self.frame);
         (self.lo, self.hi, self.magnitude) = (alone.lo, alone.hi, alone.magnitude);
-        self.slack = self.magnitude * SLACK + excess;
-        if of_magnitude > 0.0 {
-            self.slack += of_magnitude * alone.points.magnitude();
-        }
+        self.slack = self.magnitude * SLACK + excess + own_excess(&alone.points);
         self.blocks.clear();
         self.blocks.push(alone);
         true

@@ -58,9 +58,10 @@
 //!   |v|, which is at most 2^-23 R: the two move differently by at most R along each axis. (That is not relative to what they move
 //!   in the slice, which may be much shorter than the segment.)
 //!
-//! The excess is 64(n + 1)εA + 2^-22 R. Of a pair, A is at most the sum of what it is for either point; so the first term counts
-//! for the points of a group, and again for those in a box or block that it is compared with. A point far from the others makes
-//! coarse what is tested together with it, and nothing else.
+//! The excess is 64(n + 1)εA + 2^-22 R. Of a pair, A is at most the sum of what it is for either point, and R at most the sum of
+//! what the displacement of either differs from any third. So where the excess is something beside the radius, it counts for the
+//! points of a group, and again for those in a box or block that it is compared with. A point that is far from the others, or
+//! faster, makes coarse what is tested together with it, and nothing else.
 //!
 //! Beyond the ends of a slice its faces go on along their lines, so that the hull argument holds for the wider range of times. The
 //! points of a slice that have left the hull there are farther from the middle than M by less than 2^-7 M and 2^-22 R, of which f32

@@ -8,7 +8,7 @@ use super::group::{SweptGroup, TakeGroup};
 use super::images::Images;
 use super::pair_filter::{PairFilter, ShowBlock};
 use super::time_slices::{
-    Pairing, SweptSlice, SweptTree, begins_with_a_slice, excesses, magnitude, pairings, time_slices_of,
+    OwnExcess, Pairing, SweptSlice, SweptTree, begins_with_a_slice, excesses, magnitude, pairings, time_slices_of,
 };
 use super::window::{Segment, Window};
 use crate::parallel;
@@ -43,9 +43,9 @@ pub(super) struct Sweep<'a, C: SweptCoordinate> {
     /// is of no account for f32.
     segments: usize,
     motion: f64,
-    /// See [`SweptCoordinate::excess`]: for all points, and for each slice, where that depends on the points, what those of a node
-    /// have on top.
+    /// See [`SweptCoordinate::excess`]: for all points, or else, in each slice, for those of a node.
     excess: f64,
+    own_excess: Option<OwnExcess>,
     excesses: Vec<Reach>,
     /// Whether each point is in one slice, once unless ids repeat.
     undivided: bool,
@@ -108,7 +108,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         let motion = relative_motion(&slices);
         let reach = |radii: &[f32]| parallel::map(slices.len(), |i| slices[i].reach(radii));
         let reaches = radii.others().map_or_else(Vec::new, reach);
-        let (excess, excesses) = excesses(&slices, segments, motion, || radii.least());
+        let (excess, own_excess, excesses) = excesses(&slices, segments, motion, || radii.least());
         let most_reach = reaches.iter().fold(0.0, |most: f32, reach| most.max(reach.most));
         Sweep {
             tree,
@@ -117,6 +117,7 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
             segments,
             motion,
             excess,
+            own_excess,
             excesses,
             slices,
             pairings,
@@ -134,9 +135,9 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         self.criteria.images = images;
         if images.any() {
             // Where each point has an excess of its own, the length of the box comes on top.
-            let of_points = if self.excesses.is_empty() { magnitude(&self.slices) } else { 0.0 };
-            let magnitude = || of_points + images.longest();
-            self.excess = f64::excess(self.segments, magnitude, self.motion);
+            let of_points = if self.own_excess.is_some() { [0.0; 2] } else { [magnitude(&self.slices), self.motion] };
+            let [magnitude, motion] = of_points;
+            self.excess = f64::excess(self.segments, || magnitude + images.longest(), motion);
         }
         self
     }
@@ -399,11 +400,8 @@ impl<V: EncounterVisitor, C: SweptCoordinate> Kernel for Share<'_, V, C> {
                 continue;
             }
             for lane in 0..lanes {
-                let of_magnitude = match sweep.excesses[..] {
-                    [] => 0.0,
-                    _ => (sweep.segments + 1) as f64 * C::OF_MAGNITUDE,
-                };
-                if !alone.take_one(group, (lane / LANES, lane % LANES), (sweep.excess, of_magnitude)) {
+                let own_excess = |points: &_| sweep.own_excess.map_or(0.0, |own| own.of(points));
+                if !alone.take_one(group, (lane / LANES, lane % LANES), sweep.excess, own_excess) {
                     continue;
                 }
                 let block = &alone.blocks[0];

@@ -26,7 +26,7 @@
 use super::coordinate::{SweptCoordinate, SweptLayer};
 use super::window::Segment;
 use crate::parallel;
-use crate::point::layout::over_interval::{BlockTree, bottom_nodes};
+use crate::point::layout::over_interval::{BlockTree, PathRows, bottom_nodes};
 use crate::point::layout::slice_tree::{SliceTree, slices_during};
 use crate::point::leaf_order::segment_slice::SegmentSlice;
 use crate::point::lists::reach::Reach;
@@ -64,20 +64,53 @@ pub(super) struct Pairing {
 /// Excesses beyond this part of the least radius are measured for each node of a tree.
 const NOTICED: f64 = 1.0 / 1024.0;
 
-/// See [`SweptCoordinate::excess`]: for all points, and for each slice, what those of a node have on top, unless that is nothing
-/// beside the `least` radius and counts for all.
+/// See [`SweptCoordinate::excess`]: what all points have, if that is nothing beside the `least` radius, else for each slice what
+/// those of a node have.
 pub(super) fn excesses<C: SweptCoordinate>(
     slices: &[SweptSlice<'_, C>],
     segments: usize,
     motion: f64,
     least: impl FnOnce() -> f32,
-) -> (f64, Vec<Reach>) {
-    let (without, of_all) = (C::excess(segments, || 0.0, motion), C::excess(segments, || magnitude(slices), motion));
-    if of_all <= without || of_all - without <= NOTICED * f64::from(least()) {
-        return (of_all, Vec::new());
+) -> (f64, Option<OwnExcess>, Vec<Reach>) {
+    let of_all = C::excess(segments, || magnitude(slices), motion);
+    if of_all <= 0.0 || of_all <= NOTICED * f64::from(least()) {
+        return (of_all, None, Vec::new());
     }
-    let factor = (segments + 1) as f64 * C::OF_MAGNITUDE;
-    (without, parallel::map(slices.len(), |i| slices[i].magnitudes(factor)))
+    let own = OwnExcess { segments, usual: usual_displacement(slices) };
+    (0.0, Some(own), parallel::map(slices.len(), |i| slices[i].excesses(&own)))
+}
+
+/// The [`SweptCoordinate::excess`] of points by themselves: that of a pair is at most the sum.
+#[derive(Clone, Copy)]
+pub(super) struct OwnExcess {
+    segments: usize,
+    /// Two points differ in their motion by at most the sum of what either differs from this. Which displacement it is does not
+    /// matter, but it should be that of most points.
+    usual: [f64; 3],
+}
+
+impl OwnExcess {
+    /// The greatest excess of some points.
+    pub(super) fn of<C: SweptCoordinate>(&self, points: &PathRows<C>) -> f64 {
+        C::excess(self.segments, || points.magnitude(), points.motion(C::displacement, self.usual))
+    }
+}
+
+/// The displacement between two keys that is in the middle along each axis, of one point of each block.
+fn usual_displacement<C: SweptCoordinate>(slices: &[SweptSlice<'_, C>]) -> [f64; 3] {
+    let trees = || slices.iter().map(SweptSlice::points);
+    let first = |tree: &dyn BlockTree<Coordinate = C>, block: usize, axis: usize| {
+        let points = tree.rows(block);
+        (points.id[0] != u32::MAX).then(|| C::displacement(points.open[axis][0], points.close[axis][0]))
+    };
+    core::array::from_fn(|axis| {
+        let of_tree = |tree: &dyn BlockTree<Coordinate = C>| -> Vec<f64> {
+            (0..tree.block_count()).filter_map(|block| first(tree, block, axis)).collect()
+        };
+        let mut all: Vec<f64> = trees().flat_map(of_tree).collect();
+        let middle = all.len() / 2;
+        if all.is_empty() { 0.0 } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 }
+    })
 }
 
 /// The largest magnitude of a coordinate. (Looked for only where it counts: it takes a look at every point.)
@@ -111,11 +144,11 @@ impl<C: SweptCoordinate> SweptSlice<'_, C> {
         reach
     }
 
-    /// The greatest magnitude of a coordinate at either key below each lane of each node, times a factor, rounded up.
-    fn magnitudes(&self, factor: f64) -> Reach {
-        let rounded = |magnitude: f64| ((magnitude * factor) as f32).next_up();
+    /// The greatest excess of the points below each lane of each node, rounded up.
+    fn excesses(&self, own: &OwnExcess) -> Reach {
+        let rounded = |excess: f64| (excess as f32).next_up();
         let (mut reach, tree) = (Reach::default(), self.points());
-        reach.measure_blocks(tree, |block| rounded(tree.rows(block).magnitude()));
+        reach.measure_blocks(tree, |block| rounded(own.of(&tree.rows(block))));
         reach
     }
 
