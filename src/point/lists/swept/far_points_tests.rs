@@ -78,3 +78,17 @@ fn fast_points_cost_little() {
     check(1e6, &double);
     check(1e8, &double);
 }
+
+/// While a point with two keys passes half of its displacement, one with three keys passes all of its own, which is as long.
+#[test]
+fn equal_displacements_between_different_keys_are_relative_motion() {
+    let tree = |keys: &[&[DVec3]]| {
+        PointTree::build(&PointArrays { keys, active: &[], ids: &[] }, &PointParams::default()).unwrap()
+    };
+    let [start, bend] = [DVec3::splat(0.1), DVec3::new(1.1, 0.1 + 1e-6, 0.1)];
+    let slow = tree(&[&[start], &[start + DVec3::X]]);
+    let fast = tree(&[&[start], &[bend], &[start + 2.0 * DVec3::X]]);
+    let motion = |own, among| Sweep::<f64>::new((own, among), [0.0, 1.0], 0.1.into(), [None; 2]).motion;
+    assert!(motion(&slow, Some(&fast)) >= 0.5 && motion(&fast, Some(&slow)) >= 0.5);
+    assert!(motion(&slow, None) == 0.0 && motion(&fast, None) < 1e-5);
+}

@@ -46,7 +46,8 @@
 //! **Points in f64** are culled by the same tests in f32, relative to a place in the middle of the group ([`coordinate`]). Then M
 //! and M' count from there, and do not cover what f64 rounds. So radii and hulls are wider by
 //! [`SweptCoordinate::excess`](coordinate::SweptCoordinate::excess) as well. Let ε = 2^-53, A the largest coordinate of a point at
-//! a key, n the number of segments, and R the most by which displacements between two keys differ along an axis.
+//! a key, n the number of segments, and R the most by which displacements between two keys differ along an axis
+//! (those of two sets with different keys, or any parts of them: while two points are compared, each may pass a part of its own).
 //! - A position is `a + (b − a) s`. That makes 5εA. Taking off the place and the drift, each at most 2A away, makes 6εA more in the
 //!   tests, but none where a pair is decided. Faces are computed in f64 as well, from a centre and a face relative to it, and have
 //!   4εA in place of 5: they hold the exact positions for all phases of a slice (`point/layout/double_box.rs`).

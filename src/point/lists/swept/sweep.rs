@@ -42,7 +42,7 @@ pub(super) struct Sweep<'a, C: SweptCoordinate> {
     /// The largest number of segments between keys, and the most by which displacements between two keys differ along an axis; that
     /// is of no account for f32.
     segments: usize,
-    motion: f64,
+    pub(super) motion: f64,
     /// See [`SweptCoordinate::excess`]: for all points, or else, in each slice, for those of a node.
     excess: f64,
     own_excess: Option<OwnExcess>,
@@ -64,7 +64,8 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
     ) -> Sweep<'a, C> {
         let (own_layers, other_layers) = (C::layers(tree), among.map(C::layers));
         let keys = [tree.keys(), among.unwrap_or(tree).keys()];
-        let divided = keys.map(|count| (keys[0] != keys[1] && count > 2).then_some(count));
+        let same_keys = keys[0] == keys[1];
+        let divided = keys.map(|count| (!same_keys && count > 2).then_some(count));
         let of_any = || own_layers.iter().chain(other_layers.iter().flatten());
         let begins = of_any().any(|layer| begins_with_a_slice(layer, times[1]));
         let mut slices = Vec::new();
@@ -105,10 +106,10 @@ impl<'a, C: SweptCoordinate> Sweep<'a, C> {
         let times = times.map(f64::from);
         let segments =
             slices.iter().filter_map(|slice| slice.segment).map(|(keys, _)| keys.max(2) - 1).max().unwrap_or(1);
-        let motion = relative_motion(&slices);
+        let motion = relative_motion(&slices, same_keys);
         let reach = |radii: &[f32]| parallel::map(slices.len(), |i| slices[i].reach(radii));
         let reaches = radii.others().map_or_else(Vec::new, reach);
-        let (excess, own_excess, excesses) = excesses(&slices, segments, motion, || radii.least());
+        let (excess, own_excess, excesses) = excesses(&slices, segments, (motion, same_keys), || radii.least());
         let most_reach = reaches.iter().fold(0.0, |most: f32, reach| most.max(reach.most));
         Sweep {
             tree,
@@ -274,9 +275,10 @@ fn ids_of<C: SweptCoordinate>(slices: &[SweptSlice<'_, C>]) -> impl Iterator<Ite
     slices.chunk_by(SweptSlice::has_same_points).map(|slices| slices[0].ids())
 }
 
-/// The most by which displacements differ along an axis.
-fn relative_motion<C: SweptCoordinate>(slices: &[SweptSlice<'_, C>]) -> f64 {
-    let (mut lo, mut hi) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+/// The most by which displacements differ along an axis. Points of two sets with different keys pass only a part of theirs while
+/// they are compared: so there it is the most by which any parts of displacements differ.
+fn relative_motion<C: SweptCoordinate>(slices: &[SweptSlice<'_, C>], same_keys: bool) -> f64 {
+    let [mut lo, mut hi] = if same_keys { [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]] } else { [[0.0; 3]; 2] };
     for [least, most] in slices.iter().map(|slice| slice.points().displacements()) {
         for axis in 0..3 {
             (lo[axis], hi[axis]) = (lesser(lo[axis], least[axis]), greater(hi[axis], most[axis]));

@@ -65,18 +65,20 @@ pub(super) struct Pairing {
 const NOTICED: f64 = 1.0 / 1024.0;
 
 /// See [`SweptCoordinate::excess`]: what all points have, if that is nothing beside the `least` radius, else for each slice what
-/// those of a node have.
+/// those of a node have. `motion` is the most by which displacements differ, and whether all sets have the same keys.
 pub(super) fn excesses<C: SweptCoordinate>(
     slices: &[SweptSlice<'_, C>],
     segments: usize,
-    motion: f64,
+    (motion, same_keys): (f64, bool),
     least: impl FnOnce() -> f32,
 ) -> (f64, Option<OwnExcess>, Vec<Reach>) {
     let of_all = C::excess(segments, || magnitude(slices), motion);
     if of_all <= 0.0 || of_all <= NOTICED * f64::from(least()) {
         return (of_all, None, Vec::new());
     }
-    let own = OwnExcess { segments, usual: usual_displacement(slices) };
+    // Where keys differ, two points pass any parts of their displacements in the same time, which differ by less than the sum.
+    let usual = if same_keys { usual_displacement(slices) } else { [0.0; 3] };
+    let own = OwnExcess { segments, usual };
     (0.0, Some(own), parallel::map(slices.len(), |i| slices[i].excesses(&own)))
 }
 
