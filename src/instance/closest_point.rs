@@ -9,7 +9,7 @@
 use super::hit::{InstancePath, InstancePoint};
 use super::tree::{InstanceOf, InstanceTree};
 use crate::geometry::Placement;
-use crate::layout::ChildRef;
+use crate::layout::{ChildRef, WideTree};
 use crate::primitive::PrimitiveSet;
 use crate::ray::{
     ClosestPointQuery, Filter, Guards, LeafSearch, NearestFirst, Observer, PlacedQuery, QueryInTree, answer_each,
@@ -178,7 +178,8 @@ impl LeafSearch for InInstances<'_, '_> {
 
     #[inline]
     fn hides(&self, block: ChildRef) -> bool {
-        self.of.wide.masks.hide(block, self.guards.visible.mask())
+        let WideTree { masks, intervals, .. } = &self.of.wide;
+        masks.hide(block, self.guards.visible.mask()) || intervals.exclude(block, self.query.query.time)
     }
 
     #[inline]

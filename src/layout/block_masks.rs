@@ -2,8 +2,7 @@
 
 use super::leaf::source::WideSource;
 use super::wide_node::ChildRef;
-use super::wide_tree::{BlockMasks, WideTree};
-use crate::simd::LANES;
+use super::wide_tree::{BlockIntervals, BlockMasks, WideTree};
 
 impl BlockMasks {
     /// The masks of a tree over a set, whose leaf blocks hold the primitives `ids`.
@@ -17,31 +16,18 @@ impl BlockMasks {
         if masks.iter().all(|&mask| mask == first) {
             return BlockMasks { all: first, common: first, by_line: Vec::new() };
         }
-        let mut by_line = vec![0; tree.arena.ints().len() / LANES];
-        // Parents before children; leaf blocks at once, since several nodes may share them.
-        let (mut nodes, mut stack) = (Vec::new(), vec![tree.root]);
-        stack.retain(|&root| root != ChildRef::NOTHING);
-        while let Some(at) = stack.pop() {
-            if at.kind().is_leaf() {
-                let ids = ids(at).unwrap_or_default();
-                by_line[at.at() / LANES] = ids.iter().fold(0, |all, &id| all | set.mask(id));
-                continue;
-            }
-            nodes.push(at);
-            stack.extend(tree.children(at));
-        }
-        for &node in nodes.iter().rev() {
-            by_line[node.at() / LANES] = tree.children(node).fold(0, |all, child| all | by_line[child.at() / LANES]);
-        }
+        let of_leaf = |leaf| ids(leaf).unwrap_or_default().iter().fold(0, |all, &id| all | set.mask(id));
+        let by_line = tree.unions(0, of_leaf, |one, other| one | other);
         let all = masks.iter().fold(0, |all, mask| all | mask);
         BlockMasks { all, common: masks.iter().fold(u32::MAX, |common, mask| common & mask), by_line }
     }
 }
 
 impl WideTree {
-    /// Finds the masks of all blocks, of a new tree or where those of the set have changed.
-    pub(crate) fn find_masks<S: WideSource>(&mut self, set: &S) {
+    /// Finds the masks of all blocks, and when something in them exists, of a new tree or where that of the set has changed.
+    pub(crate) fn summarize_blocks<S: WideSource>(&mut self, set: &S) {
         self.masks = BlockMasks::of(self, set, |leaf| self.ids(leaf));
+        self.intervals = BlockIntervals::of(self, set, |leaf| self.ids(leaf));
     }
 }
 
@@ -91,7 +77,7 @@ mod tests {
             assert!(unions.contains(&0b111) && unions.iter().any(|&union| union != 0b111));
             // As in a refit to other masks.
             let (other, _) = built(&[0b1000, 0b1000, 0b1000], division, false);
-            tree.find_masks(&other);
+            tree.summarize_blocks(&other);
             assert_eq!((tree.masks.union(tree.root), tree.masks.bytes()), (0b1000, 0));
         }
     }

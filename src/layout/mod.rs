@@ -14,6 +14,7 @@
 //!   triangle are found there (`corners.rs`).
 //! - `refit` gives a tree new positions; `check` checks finished trees, and those that were read from files.
 
+mod block_intervals;
 mod block_masks;
 mod build;
 mod check;

@@ -159,7 +159,10 @@ impl WideTree {
             time_nodes,
             cost: 1.0,
             bytes: self.arena.bytes(),
-            primitive_bytes: set.bytes() + self.blocks.capacity() * size_of::<u32>() + self.masks.bytes(),
+            primitive_bytes: set.bytes()
+                + self.blocks.capacity() * size_of::<u32>()
+                + self.masks.bytes()
+                + self.intervals.bytes(),
             ..Statistics::default()
         }
     }

@@ -37,7 +37,7 @@ impl WideTree {
         (self.counts, self.blocks) = self.check(set)?;
         self.near = self.fine_within();
         self.arena.compact();
-        self.find_masks(set);
+        self.summarize_blocks(set);
         let held: Vec<u32> =
             (0..set.len() as u32).step_by(set.len() / 1024 + 1).filter(|&id| !set.is_listed(id)).collect();
         self.keyed_rows = KeyedRows::of(set, &held, self.slices);

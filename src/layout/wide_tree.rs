@@ -30,6 +30,8 @@ pub(crate) struct WideTree {
     pub(crate) blocks: Vec<u32>,
     /// Which visibility masks are in a block.
     pub(crate) masks: BlockMasks,
+    /// When something in a block exists.
+    pub(crate) intervals: BlockIntervals,
     pub(crate) counts: Counts,
 }
 
@@ -85,7 +87,52 @@ impl BlockMasks {
     }
 }
 
+/// For each block of a tree the least interval that holds the active intervals of all primitives in it.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct BlockIntervals {
+    /// By the first cache line of a block; empty if all primitives exist throughout the shutter.
+    pub(super) by_line: Vec<TimeInterval>,
+}
+
+impl BlockIntervals {
+    /// Whether nothing in a block exists at a time.
+    #[inline(always)]
+    pub fn exclude(&self, block: ChildRef, time: f32) -> bool {
+        self.by_line.get(block.at() / LANES).is_some_and(|active| !active.contains(time))
+    }
+
+    pub fn bytes(&self) -> usize {
+        self.by_line.capacity() * size_of::<TimeInterval>()
+    }
+}
+
 impl WideTree {
+    /// For each block, by its first cache line, the union of what all leaf blocks below it have. `nothing` is that of no blocks.
+    pub(super) fn unions<T: Copy>(
+        &self,
+        nothing: T,
+        of_leaf: impl Fn(ChildRef) -> T,
+        unite: impl Fn(T, T) -> T,
+    ) -> Vec<T> {
+        let mut by_line = vec![nothing; self.arena.ints().len() / LANES];
+        // Parents before children; leaf blocks at once, since several nodes may share them.
+        let (mut nodes, mut stack) = (Vec::new(), vec![self.root]);
+        stack.retain(|&root| root != ChildRef::NOTHING);
+        while let Some(at) = stack.pop() {
+            if at.kind().is_leaf() {
+                by_line[at.at() / LANES] = of_leaf(at);
+                continue;
+            }
+            nodes.push(at);
+            stack.extend(self.children(at));
+        }
+        for &node in nodes.iter().rev() {
+            let below = self.children(node).fold(nothing, |all, child| unite(all, by_line[child.at() / LANES]));
+            by_line[node.at() / LANES] = below;
+        }
+        by_line
+    }
+
     /// A tree without nodes, whose blocks are lists of ids from word `lists` on.
     pub(super) fn empty(lists: usize) -> WideTree {
         WideTree {
@@ -100,6 +147,7 @@ impl WideTree {
             near: f32::INFINITY,
             blocks: Vec::new(),
             masks: BlockMasks::UNKNOWN,
+            intervals: BlockIntervals::default(),
             counts: Counts::default(),
         }
     }

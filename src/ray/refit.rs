@@ -43,24 +43,29 @@ impl Refit {
     pub const WORN: f64 = 1.5;
 }
 
+/// Which queries see what: the masks of a set and, unless everything exists throughout the shutter, its active intervals.
+fn seen<G: Geometry>(set: &G) -> (Vec<u32>, Vec<TimeInterval>) {
+    (set.masks(), if set.always_active() { Vec::new() } else { set.active_intervals() })
+}
+
 impl<G: Geometry> RayTree<G> {
     /// Refits the tree to another geometry with the same primitives.
     fn refit_to(&mut self, geometry: G, moved: Moved) -> Result<Refit, RefitError> {
         // If the tree space changed, all coordinates did.
         let moved = if self.geometry.frame().maps_as(geometry.frame()) { moved } else { Moved::All };
-        let masks_differ = self.geometry.masks() != geometry.masks();
+        let seen_differ = seen(&self.geometry) != seen(&geometry);
         let bounds = if self.plan.is_none() { self.linear_bounds() } else { None };
         let first = bounds.map(|bounds| BuiltPlace::new(&bounds));
         self.geometry = geometry;
-        self.rewrite(&moved, masks_differ, first)
+        self.rewrite(&moved, seen_differ, first)
     }
 
     /// Rewrites the tree for a geometry that has changed; `place` is where the tree was if this is its first refit.
-    fn rewrite(&mut self, moved: &Moved, masks_differ: bool, place: Option<BuiltPlace>) -> Result<Refit, RefitError> {
+    fn rewrite(&mut self, moved: &Moved, seen_differ: bool, place: Option<BuiltPlace>) -> Result<Refit, RefitError> {
         let Layout::Wide(tree) = &mut self.layout else { return Err(RefitError::Policy) };
         let (done, of_root) = tree.refit(&self.geometry, moved, &mut self.plan);
-        if masks_differ {
-            tree.find_masks(&self.geometry);
+        if seen_differ {
+            tree.summarize_blocks(&self.geometry);
         }
         self.geometry.release_build_data();
         let blocks = tree.counts.nodes + tree.counts.leaves;
@@ -255,12 +260,12 @@ impl RayTree {
         // If most vertices are needed, it is faster to read all.
         let Some(most) = (self.geometry.len() / 2).checked_sub(of_moved) else { return Ok(None) };
         let Some(beside) = tree.beside(&self.geometry, flags, plan, most) else { return Ok(None) };
-        let masks = self.geometry.masks();
+        let before = seen(&self.geometry);
         if !self.geometry.move_meshes(meshes, flags, &beside)? {
             return Ok(None);
         }
-        let masks_differ = masks != self.geometry.masks();
-        self.rewrite(moved, masks_differ, None).map(Some)
+        let seen_differ = before != seen(&self.geometry);
+        self.rewrite(moved, seen_differ, None).map(Some)
     }
 }
 

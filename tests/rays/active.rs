@@ -458,3 +458,42 @@ fn a_tree_asks_each_primitive_once_for_its_interval() {
     let hits = [0.25, 0.75].map(|time| tree.any_hit(&Ray::new(Vec3::new(1.9, 0.0, 9.0), Vec3::NEG_Z).at_time(time)));
     assert_eq!(hits, [true, false]);
 }
+
+/// Hundreds of meshes that each exist for half of the shutter, and closest points shortly after it opens, when few of them do:
+/// nearly every leaf block was visited.
+#[test]
+fn closest_points_pass_by_what_does_not_exist() {
+    let mut random = Random(41);
+    let mut flock: Vec<TriangleMesh> = (0..400)
+        .map(|_| {
+            let (place, begin) = (random.vec(), random.unit() * 0.5);
+            let key = |random: &mut Random| (0..48).map(|_| place + random.vec() * 0.02).collect::<Vec<_>>();
+            let keys = vec![key(&mut random), key(&mut random)];
+            let active = TimeInterval::new(begin, begin + 0.5).unwrap();
+            TriangleMesh::new((0..16).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(), keys).with_active(active)
+        })
+        .collect();
+    // Some are there all the time that is asked for.
+    flock[0].active = TimeInterval::new(0.0, 0.5).unwrap();
+    let lazy = BuildParams::lazy(LazyParams { subtree: 200, ..LazyParams::default() });
+    let mut trees = [BuildParams::default(), lazy].map(|params| RayTree::build(&flock, &params).unwrap());
+    let brute = BruteForce::new(&flock).unwrap();
+    let mut steps = |tree: &RayTree, brute: &BruteForce, time: f32| {
+        let mut work = Counters::default();
+        for _ in 0..100 {
+            let query = ClosestPointQuery::new(random.vec(), time);
+            assert_eq!(tree.closest_point_observed(&query, &mut work), brute.closest_point(&query));
+        }
+        work.steps() / 100
+    };
+    for tree in &trees {
+        let found = steps(tree, &brute, 0.01);
+        assert!(found < 50, "{found} steps, {}", tree.statistics());
+    }
+    // A refit to other intervals finds out what exists when.
+    let middle = TimeInterval::new(0.49, 0.5).unwrap();
+    flock[1..].iter_mut().for_each(|mesh| mesh.active = if mesh.active.contains(0.49) { middle } else { mesh.active });
+    trees[0].refit(&flock).unwrap();
+    let found = steps(&trees[0], &BruteForce::new(&flock).unwrap(), 0.45);
+    assert!(found < 50, "{found} steps, {}", trees[0].statistics());
+}

@@ -26,7 +26,7 @@ use crate::layout::leaf::source::WideSource;
 use crate::layout::statistics::Statistics;
 use crate::layout::tree_box::TreeBox;
 use crate::layout::wide_node::{ChildRef, Kind};
-use crate::layout::wide_tree::{BlockMasks, WideTree};
+use crate::layout::wide_tree::{BlockIntervals, BlockMasks, WideTree};
 use crate::params::{LazyParams, WideParams};
 use crate::progress::Progress;
 use crate::simd::{Arena, LANES};
@@ -81,6 +81,7 @@ impl LazyTree {
         let groups = groups(&binary, GROUP * most);
         let mut tree = LazyTree { top, ids, subtrees, groups, params: params.wide };
         tree.top.masks = BlockMasks::of(&tree.top, set, |leaf| Some(tree.primitives(tree.below(leaf))));
+        tree.top.intervals = BlockIntervals::of(&tree.top, set, |leaf| Some(tree.primitives(tree.below(leaf))));
         Ok(tree)
     }
 

@@ -54,7 +54,7 @@ impl WideTree {
         progress.check()?;
         (tree.counts, tree.blocks) = tree.index_leaves(set);
         tree.near = tree.fine_within();
-        tree.find_masks(set);
+        tree.summarize_blocks(set);
         if tree.leaves_out {
             tree.existing = set.active_intervals();
         } else if !set.always_active() {
@@ -99,7 +99,7 @@ impl WideTree {
                 built => built?,
             };
             tree.counts = tree.counted(set);
-            tree.find_masks(set);
+            tree.summarize_blocks(set);
             Ok(tree)
         })
     }

@@ -131,10 +131,10 @@ impl<G: PrimitiveSet, F: Filter<ClosestPoint>> Best<'_, G, F> {
         self.set.exists_at(id, self.query.time) && self.filter.sees(|| self.set.mask(id))
     }
 
-    /// Whether the mask of the query hides everything in a block.
+    /// Whether the mask of the query hides everything in a block, or nothing in it exists at the time.
     #[inline(always)]
     pub fn hides(&self, tree: &WideTree, block: ChildRef) -> bool {
-        tree.masks.hide(block, self.filter.mask())
+        tree.masks.hide(block, self.filter.mask()) || tree.intervals.exclude(block, self.query.time)
     }
 
     fn answer(&self, Candidate { distance, point, u, v }: Candidate, id: u32) -> ClosestPoint {

@@ -12,7 +12,7 @@ use core::ops::ControlFlow;
 pub(crate) trait LeafSearch {
     /// The greatest distance of a point that can still improve the answer.
     fn limit(&self) -> f32;
-    /// Whether everything in a block is hidden from the query.
+    /// Whether everything in a block is hidden from the query, or does not exist at its time.
     fn hides(&self, block: ChildRef) -> bool;
     /// A node is about to be tested.
     fn node(&mut self);
