@@ -8,9 +8,7 @@
 
 use clap::Parser;
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{
-    BuildError, BuildParams, Counters, Division, Keys, MovingSphere, Ray, RayTree, Shape, TriangleMesh, WideParams,
-};
+use mbkd::{BuildError, BuildParams, Counters, Division, Keys, MovingSphere, Ray, RayTree, TriangleMesh, WideParams};
 use mbkd_evidence::options;
 use mbkd_evidence::timing::{median, on_one_thread, timed};
 use mbkd_scenes as scene;
@@ -161,7 +159,7 @@ struct Tree {
 
 impl Tree {
     fn build(of: &Content, whole: bool) -> Result<(RayTree, f64), BuildError> {
-        let shapes = of.spheres.iter().cloned().map(Shape::from).collect();
+        let shapes = of.spheres.clone();
         let division = if whole { Division::Whole } else { Division::Automatic };
         let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
         let (tree, seconds) = timed(|| RayTree::of_scene(&of.meshes, shapes, &params));

@@ -4,7 +4,7 @@
 //! `cargo run --release --example next_frame`
 
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{BuildParams, MovingSphere, Ray, RayTree, Shape, TimeInterval, TriangleMesh};
+use mbkd::{BuildParams, MovingSphere, Ray, RayTree, TimeInterval, TriangleMesh};
 
 /// Which rays see a thing: those of the camera, and those that look for the lamp.
 const CAMERA: u32 = 0b01;
@@ -35,7 +35,7 @@ fn meshes(frame: usize) -> Result<[TriangleMesh; 2], mbkd::IntervalError> {
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let lamp = || -> Vec<Shape> { vec![MovingSphere::fixed(LAMP, 0.1).with_mask(SHADOW).into()] };
+    let lamp = || vec![MovingSphere::fixed(LAMP, 0.1).with_mask(SHADOW)];
     let params = BuildParams::default();
     let mut tree = RayTree::of_scene(&meshes(0)?, lamp(), &params)?;
     println!("{}", tree.statistics());

@@ -19,7 +19,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let card = TriangleMesh::new(vec![[0, 1, 2], [0, 2, 3]], (0..5).map(card).collect::<Vec<_>>());
     let ball = MovingSphere::new(vec![(DVec3::new(0.4, 0.0, 0.0), 0.6), (DVec3::new(1.6, 0.0, 0.0), 0.6)]);
-    let tree = RayTree::of_scene(&[card], vec![ball.into()], &BuildParams::default())?;
+    let tree = RayTree::of_scene(&[card], vec![ball], &BuildParams::default())?;
 
     // All rays in one batch, parallel to each other, each at its own time.
     let ray = |i: usize| {

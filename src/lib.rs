@@ -121,11 +121,10 @@ pub use point::{
 };
 pub use primitive::{
     Intersection, Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive,
-    PrimitiveError, Scene, Shape, Shapes, SurfacePoint, TriangleMesh, check_primitive,
+    PrimitiveError, Shape, SurfacePoint, TriangleMesh, check_primitive,
 };
 pub use ray::{
-    ClosestPoint, ClosestPointQuery, Counters, Geometry, Hit, Observer, RayTree, Refit, SurfaceInteraction,
-    TreePrimitive,
+    ClosestPoint, ClosestPointQuery, Counters, Hit, Observer, RayTree, Refit, SurfaceInteraction, TreePrimitive,
 };
 pub use simd::SimdLevel;
 pub use traverse::Visitor;

@@ -5,5 +5,5 @@ pub use crate::geometry::{Aabb, LinearBounds, TimeInterval};
 pub use crate::limits::{MAX_COORDINATE, MAX_POINT_COORDINATE};
 pub use crate::primitive::{
     Intersection, Keys, MovingPoint, MovingSphere, PointArrays, PointColumns, PointSet, Position, Primitive,
-    PrimitiveError, Scene, Shape, Shapes, SurfacePoint, TriangleMesh, check_primitive,
+    PrimitiveError, Shape, SurfacePoint, TriangleMesh, check_primitive,
 };

@@ -92,7 +92,7 @@ fn one(options: &Options, embree: &Embree, count: usize, kind: &Kind, isa: Isa) 
     let build_ours = || {
         let shapes = shapes.clone();
         let start = Instant::now();
-        let tree = on_one_thread(|| RayTree::of_primitives(shapes, &BuildParams::default()));
+        let tree = on_one_thread(|| RayTree::of_scene(&[], shapes, &BuildParams::default()));
         Ok((start.elapsed().as_secs_f64(), tree.map_err(|e: BuildError| e.to_string())?.with_simd(level)))
     };
     let build_theirs = || {

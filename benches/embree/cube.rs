@@ -3,7 +3,7 @@
 use crate::ffi::{Device, EmbreeRay, EmbreeScene};
 use crate::options::{Isa, Options};
 use mbkd::glam::Vec3;
-use mbkd::{Geometry, Ray, RayTree, SimdLevel};
+use mbkd::{Ray, RayTree, SimdLevel};
 use mbkd_evidence::timing::median;
 use mbkd_evidence::turns::{Checksum, in_turns};
 use rand::rngs::StdRng;
@@ -68,10 +68,10 @@ pub fn last_of<T>(runs: u32, build: impl Fn() -> Result<(f64, T), String>) -> Re
 }
 
 /// A row of the table but for its name. Each side is its time of building and its tree; `bytes` are ours.
-pub fn row<G: Geometry>(
+pub fn row(
     options: &Options,
     random: &mut StdRng,
-    (our_build, tree): (f64, RayTree<G>),
+    (our_build, tree): (f64, RayTree),
     (their_build, theirs): (f64, EmbreeScene<'_>),
     (bytes, device): (usize, &Device<'_>),
 ) -> String {

@@ -4,7 +4,7 @@ use crate::cube::{self, Kind, last_of, vec};
 use crate::ffi::{Embree, Quality};
 use crate::options::{Isa, Options};
 use mbkd::glam::DVec3;
-use mbkd::{BuildError, BuildParams, MovingSphere, RayTree, Shape};
+use mbkd::{BuildError, BuildParams, MovingSphere, RayTree};
 use mbkd_evidence::timing::on_one_thread;
 use rand::RngExt;
 use rand::rngs::StdRng;
@@ -43,19 +43,19 @@ fn spheres(random: &mut StdRng, count: usize, kind: &Kind) -> Vec<Vec<[f32; 4]>>
 fn one(options: &Options, embree: &Embree, count: usize, kind: &Kind, isa: Isa) -> Result<String, String> {
     let mut random = cube::random();
     let keys = spheres(&mut random, count, kind);
-    let shape = |i: usize| {
+    let sphere = |i: usize| {
         let key = |key: &Vec<[f32; 4]>| {
             let [x, y, z, radius] = key[i].map(f64::from);
             (DVec3::new(x, y, z), radius)
         };
-        Shape::from(MovingSphere::new(keys.iter().map(key).collect()))
+        MovingSphere::new(keys.iter().map(key).collect())
     };
     let (level, config) = cube::level_and_config(isa)?;
     let device = embree.device(config)?;
     let build_ours = || {
-        let shapes: Vec<Shape> = (0..count).map(shape).collect();
+        let spheres: Vec<MovingSphere> = (0..count).map(sphere).collect();
         let start = Instant::now();
-        let tree = on_one_thread(|| RayTree::of_scene(&[], shapes, &BuildParams::default()));
+        let tree = on_one_thread(|| RayTree::of_scene(&[], spheres, &BuildParams::default()));
         Ok((start.elapsed().as_secs_f64(), tree.map_err(|e: BuildError| e.to_string())?.with_simd(level)))
     };
     let build_theirs = || {

@@ -2,7 +2,7 @@
 
 use crate::arrays::{Places, Positions, interval_of, intervals, rows, slice};
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{Keys, MovingSphere, Shape, TimeInterval, TriangleMesh};
+use mbkd::{Keys, MovingSphere, TimeInterval, TriangleMesh};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -48,7 +48,7 @@ fn mesh((i, (keys, faces, active, mask, keep_keys, precise)): (usize, &MeshArray
 }
 
 /// Makes spheres of the library.
-pub fn spheres((centers, radii, active, masks): &SphereArrays<'_>) -> PyResult<Vec<Shape>> {
+pub fn spheres((centers, radii, active, masks): &SphereArrays<'_>) -> PyResult<Vec<MovingSphere>> {
     let centers = centers.iter().map(rows).collect::<PyResult<Vec<_>>>()?;
     let radii = radii.iter().map(slice).collect::<PyResult<Vec<_>>>()?;
     let count = centers.first().map_or(0, |key| key.len());
@@ -64,7 +64,7 @@ pub fn spheres((centers, radii, active, masks): &SphereArrays<'_>) -> PyResult<V
         let keys = centers.iter().zip(&radii).map(|(centers, radii)| (DVec3::from(centers[i]), radii[i])).collect();
         let active = active.as_ref().map_or(TimeInterval::FULL, |active| active[i]);
         let mask = masks.map_or(u32::MAX, |masks| masks[i]);
-        Shape::from(MovingSphere::new(keys).with_active(active).with_mask(mask))
+        MovingSphere::new(keys).with_active(active).with_mask(mask)
     };
     Ok((0..count).map(sphere).collect())
 }

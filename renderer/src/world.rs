@@ -6,7 +6,7 @@ use crate::materials::Surface;
 use crate::sampling::Sampler;
 use crate::stage::{LEVELS, Things};
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{BuildError, BuildParams, Hit, MovingSphere, Observer, Ray, RayTree, Shape, Statistics};
+use mbkd::{BuildError, BuildParams, Hit, MovingSphere, Observer, Ray, RayTree, Statistics};
 use mbkd_scenes::FlakeSphere;
 use std::f32::consts::PI;
 
@@ -132,6 +132,6 @@ impl World {
     }
 }
 
-fn moving(sphere: &FlakeSphere) -> Shape {
-    MovingSphere::new(sphere.centers.map(|center| (center.as_dvec3(), f64::from(sphere.radius))).into()).into()
+fn moving(sphere: &FlakeSphere) -> MovingSphere {
+    MovingSphere::new(sphere.centers.map(|center| (center.as_dvec3(), f64::from(sphere.radius))).into())
 }

@@ -2,9 +2,9 @@
 
 use super::spheres::Spheres;
 use crate::error::BuildError;
-use crate::primitive::{Primitive, Scene, Shape, Shapes, TriangleMesh};
+use crate::primitive::{Primitive, PrimitiveSet, Scene, TriangleMesh, no_shapes};
 use crate::ray::{
-    ClosestPoint, ClosestPointQuery, Everything, Filter, Geometry, Hit, PlacedQuery, Ray, Sheared, TreeRay, Visible,
+    ClosestPoint, ClosestPointQuery, Everything, Filter, Hit, PlacedQuery, Ray, Sheared, TreeRay, Visible,
     closest_point_of_all,
 };
 use core::fmt;
@@ -23,14 +23,14 @@ use core::fmt;
 /// assert_eq!(tree.closest_hit(&ray), BruteForce::new(&meshes)?.closest_hit(&ray));
 /// # Ok::<(), mbkd::BuildError>(())
 /// ```
-pub struct BruteForce<G = Scene> {
-    geometry: G,
+pub struct BruteForce {
+    scene: Scene,
     spheres: Spheres,
 }
 
-impl<G: fmt::Debug> fmt::Debug for BruteForce<G> {
+impl fmt::Debug for BruteForce {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("BruteForce").field("geometry", &self.geometry).finish_non_exhaustive()
+        f.debug_struct("BruteForce").field("scene", &self.scene).finish_non_exhaustive()
     }
 }
 
@@ -40,7 +40,7 @@ impl BruteForce {
     /// # Errors
     /// An invalid mesh, as [`RayTree::build`](crate::RayTree::build) reports it.
     pub fn new(meshes: &[TriangleMesh]) -> Result<BruteForce, BuildError> {
-        BruteForce::of_scene(meshes, Vec::new())
+        Ok(BruteForce::over(Scene::new(meshes, no_shapes())?))
     }
 
     /// Brute force over meshes and other shapes.
@@ -48,37 +48,25 @@ impl BruteForce {
     /// # Errors
     /// As [`RayTree::of_scene`](crate::RayTree::of_scene) reports them. (A tree may ask a shape for its bounds over other parts of
     /// the shutter as well, and refuse it for those.)
-    pub fn of_scene(meshes: &[TriangleMesh], shapes: Vec<Shape>) -> Result<BruteForce, BuildError> {
-        Ok(BruteForce::over(Scene::new(meshes, shapes)?))
+    pub fn of_scene<P: Primitive + 'static>(meshes: &[TriangleMesh], shapes: Vec<P>) -> Result<BruteForce, BuildError> {
+        Ok(BruteForce::over(Scene::new(meshes, Box::new(shapes))?))
     }
-}
 
-impl<P: Primitive> BruteForce<Shapes<P>> {
-    /// Brute force over custom primitives.
-    ///
-    /// # Errors
-    /// As [`RayTree::of_primitives`](crate::RayTree::of_primitives) reports them.
-    pub fn of_primitives(primitives: Vec<P>) -> Result<BruteForce<Shapes<P>>, BuildError> {
-        Ok(BruteForce::over(Shapes::new(primitives)?))
-    }
-}
-
-impl<G: Geometry> BruteForce<G> {
-    fn over(geometry: G) -> BruteForce<G> {
-        let boxes = (0..geometry.len() as u32).map(|id| geometry.bounds(id, geometry.active(id)).swept());
-        BruteForce { spheres: boxes.collect(), geometry }
+    fn over(scene: Scene) -> BruteForce {
+        let boxes = (0..scene.len() as u32).map(|id| scene.bounds(id, scene.active(id)).swept());
+        BruteForce { spheres: boxes.collect(), scene }
     }
 
     /// All accepted hits in the order of ids.
     fn visit(&self, ray: &Ray, filter: &impl Filter, mut visitor: impl FnMut(Hit)) {
-        let Some(ray) = TreeRay::new(ray, self.geometry.frame()) else { return };
+        let Some(ray) = TreeRay::new(ray, self.scene.frame()) else { return };
         let sheared = Sheared::new(&ray);
         self.spheres.near(&ray, |id| {
-            if self.geometry.active(id).contains(ray.time())
-                && filter.sees(|| self.geometry.mask(id))
-                && let Some(hit) = self.geometry.intersect(id, &ray, &sheared)
+            if self.scene.active(id).contains(ray.time())
+                && filter.sees(|| self.scene.mask(id))
+                && let Some(hit) = self.scene.intersect(id, &ray, &sheared)
             {
-                let hit = hit.answer(self.geometry.mesh_and_primitive(id));
+                let hit = hit.answer(self.scene.mesh_and_primitive(id));
                 if filter.accepts(|| (0, hit)) {
                     visitor(hit);
                 }
@@ -126,7 +114,7 @@ impl<G: Geometry> BruteForce<G> {
         query: &PlacedQuery,
         filter: &impl Filter<ClosestPoint>,
     ) -> Option<ClosestPoint> {
-        closest_point_of_all(&self.geometry, query, filter)
+        closest_point_of_all(&self.scene, query, filter)
     }
 
     /// As [`RayTree::closest_point_filtered`](crate::RayTree::closest_point_filtered).

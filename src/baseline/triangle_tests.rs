@@ -2,8 +2,8 @@
 
 use crate::error::BuildError;
 use crate::geometry::{Aabb, Box3, KERNEL_ULPS, LinearBounds, TimeInterval, ULP};
-use crate::primitive::{PrimitiveSet, Scene, TriangleMesh};
-use crate::ray::{Geometry, Hit, Ray, Sheared, TreeRay};
+use crate::primitive::{PrimitiveSet, Scene, TriangleMesh, no_shapes};
+use crate::ray::{Hit, Ray, Sheared, TreeRay};
 use glam::{Vec3, Vec3A};
 
 /// Tests triangles one by one, exactly as [`RayTree`](crate::RayTree) and [`BruteForce`](super::BruteForce) do.
@@ -46,7 +46,7 @@ impl TriangleTests {
     /// # Errors
     /// An invalid mesh, as [`RayTree::build`](crate::RayTree::build) reports it.
     pub fn new(meshes: &[TriangleMesh]) -> Result<TriangleTests, BuildError> {
-        Ok(TriangleTests { scene: Scene::new(meshes, Vec::new())? })
+        Ok(TriangleTests { scene: Scene::new(meshes, no_shapes())? })
     }
 
     /// Number of triangles.
@@ -118,9 +118,9 @@ impl TriangleTests {
 }
 
 #[inline(always)]
-fn test<G: Geometry>(geometry: &G, index: u32, ray: &PreparedRay, limit: f32) -> Option<Hit> {
-    let hit = geometry.intersect(index, &ray.ray, &ray.sheared)?;
-    (hit.t <= limit).then(|| hit.answer(geometry.mesh_and_primitive(index)))
+fn test(scene: &Scene, index: u32, ray: &PreparedRay, limit: f32) -> Option<Hit> {
+    let hit = scene.intersect(index, &ray.ray, &ray.sheared)?;
+    (hit.t <= limit).then(|| hit.answer(scene.mesh_and_primitive(index)))
 }
 
 /// A ray in tree space, for [`TriangleTests::hit`] and for slab tests: a point of it is `origin + direction * distance`, where the

@@ -57,21 +57,22 @@ pub enum FileError {
         /// The condition that does not hold.
         what: &'static str,
     },
-    /// A file cannot hold a custom primitive of a scene.
-    CustomShape {
-        /// Its index among the shapes.
-        shape: usize,
+    /// The tree has custom primitives, which are not in the file:
+    /// [`RayTree::load_with_shapes`](crate::RayTree::load_with_shapes) takes them.
+    CustomShapes {
+        /// Their number.
+        custom: usize,
     },
     /// A lazy tree ([`Policy::Lazy`](crate::Policy::Lazy)) cannot be written: most of it is not built yet. A tree of another policy
     /// over the same scene gives the same answers.
     Lazy,
-    /// The primitives passed to loading are not those that the tree was built of.
-    OtherPrimitives {
+    /// The shapes passed to loading are not those that the tree was built of.
+    OtherShapes {
         /// The property that differs.
         what: &'static str,
     },
-    /// The primitives passed to loading would be rejected by a build.
-    Primitives(BuildError),
+    /// The shapes passed to loading would be rejected by a build.
+    Shapes(BuildError),
     /// What is wrong with a file that was given by its path.
     At {
         /// The path as it was given.
@@ -118,16 +119,19 @@ impl fmt::Display for FileError {
                 write!(f, "the file is damaged: its checksum is {found:016x}, not {expected:016x}")
             }
             FileError::Broken { what } => write!(f, "the file does not hold a valid tree: {what}"),
-            FileError::CustomShape { shape } => {
-                write!(f, "shape {shape} is a custom primitive, which a file cannot hold; only spheres can be saved")
+            FileError::CustomShapes { custom } => {
+                write!(
+                    f,
+                    "{custom} of the shapes are custom primitives, which are not in the file: load it with all shapes"
+                )
             }
             FileError::Lazy => {
                 f.write_str("a lazy tree cannot be written to a file: build the same scene with another policy")
             }
-            FileError::OtherPrimitives { what } => {
-                write!(f, "these are not the primitives that the tree was built of: {what}")
+            FileError::OtherShapes { what } => {
+                write!(f, "these are not the shapes that the tree was built of: {what} differ")
             }
-            FileError::Primitives(error) => write!(f, "a primitive is rejected: {error}"),
+            FileError::Shapes(error) => write!(f, "a shape is rejected: {error}"),
             FileError::At { path, error } => write!(f, "{}: {error}", path.display()),
         }
     }

@@ -9,7 +9,7 @@ use super::record::Record;
 const MAGIC: [u8; 8] = *b"mbkd\r\n\x1a\n";
 
 /// The version of the format that is written, and the only one that can be read.
-const VERSION: u32 = 9;
+const VERSION: u32 = 10;
 
 /// Bytes of the header.
 pub(super) const HEADER: usize = 32;
@@ -20,23 +20,20 @@ const CHECKSUM_AT: usize = 24;
 /// The kind of tree in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum FileKind {
-    /// A `RayTree` over meshes and spheres.
-    Scene = 1,
-    /// A `RayTree` over custom primitives, which are not in the file.
-    Primitives = 2,
+    /// A `RayTree`.
+    Rays = 1,
     /// A `PointTree`.
-    Points = 3,
+    Points = 2,
 }
 
 impl FileKind {
     fn of(number: u32) -> Option<FileKind> {
-        [FileKind::Scene, FileKind::Primitives, FileKind::Points].into_iter().find(|&kind| kind as u32 == number)
+        [FileKind::Rays, FileKind::Points].into_iter().find(|&kind| kind as u32 == number)
     }
 
     fn name(self) -> &'static str {
         match self {
-            FileKind::Scene => "a ray tree of a scene",
-            FileKind::Primitives => "a ray tree of custom primitives",
+            FileKind::Rays => "a ray tree",
             FileKind::Points => "a point tree",
         }
     }

@@ -56,9 +56,9 @@ mod tests {
 
     fn read_again(frame: &Frame) -> Result<Frame, FileError> {
         let mut bytes = Vec::new();
-        write(&mut bytes, FileKind::Scene, |to| frame.encode(to))?;
+        write(&mut bytes, FileKind::Rays, |to| frame.encode(to))?;
         let mut source = &bytes[..];
-        Decoder::begin(&mut source, FileKind::Scene, None)?.whole(Frame::decode, Ok)
+        Decoder::begin(&mut source, FileKind::Rays, None)?.whole(Frame::decode, Ok)
     }
 
     #[test]

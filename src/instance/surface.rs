@@ -4,7 +4,6 @@ use super::distortion::{abs, row_sums};
 use super::hit::InstanceHit;
 use super::tree::{InstanceOf, InstanceTree};
 use crate::geometry::Ray;
-use crate::primitive::Shape;
 use crate::ray::{Hit, OF_COORDINATE, SurfaceInteraction};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
@@ -52,7 +51,7 @@ impl InstanceTree {
     /// use mbkd::glam::{DAffine3, DVec3, Vec3};
     /// use mbkd::{BuildParams, Instance, InstanceTree, MovingSphere, Ray, RayTree, WideParams};
     /// let ball = MovingSphere::fixed(DVec3::ZERO, 1.0);
-    /// let ball = Arc::new(RayTree::of_scene(&[], vec![ball.into()], &BuildParams::default())?);
+    /// let ball = Arc::new(RayTree::of_scene(&[], vec![ball], &BuildParams::default())?);
     /// let flat = DAffine3::from_scale(DVec3::new(2.0, 2.0, 1.0));
     /// let tree = InstanceTree::build(vec![Instance::new(ball, flat)], &WideParams::default())?;
     /// let ray = Ray::new(Vec3::new(1.2, 0.0, 9.0), Vec3::NEG_Z);
@@ -74,7 +73,7 @@ impl InstanceTree {
     /// use mbkd::glam::{DAffine3, DVec3, Vec3};
     /// use mbkd::{BuildParams, Instance, InstanceTree, MovingSphere, Ray, RayTree, WideParams};
     /// let ball = MovingSphere::fixed(DVec3::ZERO, 1.0);
-    /// let ball = Arc::new(RayTree::of_scene(&[], vec![ball.into()], &BuildParams::default())?);
+    /// let ball = Arc::new(RayTree::of_scene(&[], vec![ball], &BuildParams::default())?);
     /// let above = DAffine3::from_translation(DVec3::Z * 3.0);
     /// let tree = InstanceTree::build(vec![Instance::new(ball, above)], &WideParams::default())?;
     /// let ray = Ray::new(Vec3::new(0.0, 0.0, 9.0), Vec3::NEG_Z);
@@ -85,7 +84,7 @@ impl InstanceTree {
     /// ```
     pub fn interaction(&self, ray: &Ray, hit: &InstanceHit) -> SurfaceInteraction {
         self.interaction_in(ray, &hit.path, &hit.hit)
-            .unwrap_or_else(|| SurfaceInteraction::with_shape(None::<&Shape>, ray, &hit.hit))
+            .unwrap_or_else(|| SurfaceInteraction::with_shape(None, ray, &hit.hit))
     }
 
     /// Where the point of the surface that `ray` hit is at another time of the shutter, as the instance places it then: for motion

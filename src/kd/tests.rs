@@ -8,7 +8,7 @@ use super::sah::{Bounds, BoxReference};
 use super::trajectories::{PointReference, Trajectories, Trajectory, build_kd_over_points};
 use crate::geometry::{LinearBox3, Plane, TimeInterval};
 use crate::params::KdParams;
-use crate::primitive::{MovingSphere, PrimitiveSet, Shapes};
+use crate::primitive::{MovingSphere, PrimitiveSet, Scene};
 use crate::progress::Progress;
 use crate::random::Random;
 use glam::Vec3;
@@ -17,7 +17,7 @@ use std::collections::BTreeSet;
 const POINTS: Trajectories = Trajectories { segments: 1, segment: 0, middle: 0.5 };
 
 /// Points that move within the cube, every third active for a part of the shutter only, and the same as spheres.
-fn both_kinds(count: usize) -> (Vec<PointReference>, Shapes<MovingSphere>) {
+fn both_kinds(count: usize) -> (Vec<PointReference>, Scene) {
     let mut random = Random(17);
     let paths: Vec<[Vec3; 2]> = (0..count)
         .map(|i| {
@@ -33,7 +33,7 @@ fn both_kinds(count: usize) -> (Vec<PointReference>, Shapes<MovingSphere>) {
     let sphere = |(i, keys): (usize, &[Vec3; 2])| {
         MovingSphere::new(keys.map(|p| (p.as_dvec3(), 0.0)).to_vec()).with_active(active(i))
     };
-    let spheres = Shapes::new(paths.iter().enumerate().map(sphere).collect()).unwrap();
+    let spheres = Scene::new(&[], Box::new(paths.iter().enumerate().map(sphere).collect::<Vec<_>>())).unwrap();
     let frame = spheres.frame();
     let point = |(i, keys): (usize, &[Vec3; 2])| {
         let [open, close] = keys.map(|p| frame.point(p.as_dvec3()).to_array());
@@ -75,7 +75,7 @@ impl Compared {
         node: usize,
         cell: LinearBox3,
         points: References<Trajectory>,
-        (spheres, boxes): (&Primitives<'_, Shapes<MovingSphere>>, References<Bounds>),
+        (spheres, boxes): (&Primitives<'_, Scene>, References<Bounds>),
     ) {
         let KdView::Inner { plane, right } = tree.nodes[node].view() else {
             self.counts[0] += points.len();

@@ -48,8 +48,8 @@ mod tests {
     fn built(masks: &[u32], division: Division, balls: bool) -> (Scene, WideTree) {
         let mut random = Random(11);
         let meshes: Vec<TriangleMesh> = masks.iter().map(|&mask| soup(&mut random, mask)).collect();
-        let balls = if balls { vec![MovingSphere::fixed(DVec3::ZERO, 0.1).into()] } else { Vec::new() };
-        let set = Scene::new(&meshes, balls).expect("a scene");
+        let balls = if balls { vec![MovingSphere::fixed(DVec3::ZERO, 0.1)] } else { Vec::new() };
+        let set = Scene::new(&meshes, Box::new(balls)).expect("a scene");
         let params = WideParams { division, ..WideParams::default() };
         let tree = WideTree::build(&set, &params, &Progress::new(None)).expect("a tree");
         (set, tree)

@@ -49,7 +49,7 @@ use glam::DVec3;
 ///         (inside && in_range).then_some(Intersection { t: t as f32, u: p.x as f32, v: p.y as f32 })
 ///     }
 /// }
-/// let tree = RayTree::of_primitives(vec![Lift], &BuildParams::default())?;
+/// let tree = RayTree::of_scene(&[], vec![Lift], &BuildParams::default())?;
 /// let ray = Ray::new(DVec3::new(0.5, 0.5, 3.0), Vec3::NEG_Z).at_time(0.25);
 /// assert_eq!(tree.closest_hit(&ray).unwrap().t, 2.75);
 /// # Ok::<(), mbkd::BuildError>(())
@@ -99,7 +99,8 @@ pub trait Primitive: Send + Sync {
     ///         0b10
     ///     }
     /// }
-    /// let tree = RayTree::of_primitives(vec![Lamp(MovingSphere::fixed(DVec3::ZERO, 1.0))], &BuildParams::default())?;
+    /// let lamp = Lamp(MovingSphere::fixed(DVec3::ZERO, 1.0));
+    /// let tree = RayTree::of_scene(&[], vec![lamp], &BuildParams::default())?;
     /// let ray = Ray::new(Vec3::new(0.0, 0.0, 5.0), Vec3::NEG_Z);
     /// assert!(tree.any_hit(&ray) && tree.any_hit_masked(&ray, 0b10) && !tree.any_hit_masked(&ray, 0b01));
     /// # Ok::<(), mbkd::BuildError>(())
@@ -118,8 +119,8 @@ pub trait Primitive: Send + Sync {
     /// use mbkd::glam::{DVec3, Vec3};
     /// use mbkd::{BuildParams, Intersection, LinearBounds, MovingSphere, Primitive, Ray, RayTree, TimeInterval};
     ///
-    /// /// A ball with a color.
-    /// struct Ball(MovingSphere, [u8; 3]);
+    /// /// A ball that only camera rays see.
+    /// struct Ball(MovingSphere);
     /// impl Primitive for Ball {
     ///     fn bounds(&self, over: TimeInterval) -> LinearBounds {
     ///         self.0.bounds(over)
@@ -127,14 +128,18 @@ pub trait Primitive: Send + Sync {
     ///     fn intersect(&self, ray: &Ray) -> Option<Intersection> {
     ///         self.0.intersect(ray)
     ///     }
+    ///     fn mask(&self) -> u32 {
+    ///         0b01
+    ///     }
     ///     fn as_sphere(&self) -> Option<&MovingSphere> {
     ///         Some(&self.0)
     ///     }
     /// }
-    /// let balls = (0..9).map(|i| Ball(MovingSphere::fixed(DVec3::X * f64::from(i) * 3.0, 1.0), [i, 0, 0]));
-    /// let tree = RayTree::of_primitives(balls.collect(), &BuildParams::default())?;
-    /// let hit = tree.closest_hit(&Ray::new(Vec3::new(6.0, 0.0, 5.0), Vec3::NEG_Z)).unwrap();
-    /// assert_eq!((hit.t, tree.primitives()[hit.primitive as usize].1), (4.0, [2, 0, 0]));
+    /// let balls = (0..9).map(|i| Ball(MovingSphere::fixed(DVec3::X * f64::from(i) * 3.0, 1.0)));
+    /// let tree = RayTree::of_scene(&[], balls.collect(), &BuildParams::default())?;
+    /// let ray = Ray::new(Vec3::new(6.0, 0.0, 5.0), Vec3::NEG_Z);
+    /// assert_eq!(tree.closest_hit_masked(&ray, 0b01).map(|hit| (hit.primitive, hit.t)), Some((2, 4.0)));
+    /// assert!(!tree.any_hit_masked(&ray, 0b10));
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     fn as_sphere(&self) -> Option<&MovingSphere> {
@@ -150,7 +155,7 @@ pub trait Primitive: Send + Sync {
     ///
     /// ```
     /// use mbkd::glam::{DVec3, Vec3};
-    /// use mbkd::{Aabb, BuildParams, Intersection, LinearBounds, Primitive, Ray, RayTree, Shape, TimeInterval};
+    /// use mbkd::{Aabb, BuildParams, Intersection, LinearBounds, Primitive, Ray, RayTree, TimeInterval};
     ///
     /// /// The plane z = 0, as far as 1 from the origin along x and y.
     /// struct Tile;
@@ -168,7 +173,7 @@ pub trait Primitive: Send + Sync {
     ///         Some(DVec3::Z)
     ///     }
     /// }
-    /// let tree = RayTree::of_scene(&[], vec![Shape::custom(Tile)], &BuildParams::default())?;
+    /// let tree = RayTree::of_scene(&[], vec![Tile], &BuildParams::default())?;
     /// let ray = Ray::new(Vec3::new(-0.3, 0.2, 0.9), Vec3::new(0.3, 0.1, -0.7));
     /// let hit = tree.closest_hit(&ray).unwrap();
     /// assert_eq!(tree.surface_normal(&ray, &hit), Vec3::Z);
@@ -208,7 +213,7 @@ pub trait Primitive: Send + Sync {
     ///         Some(DVec3::new(f64::from(hit.u + time), hit.v.into(), 0.0))
     ///     }
     /// }
-    /// let tree = RayTree::of_primitives(vec![Tile], &BuildParams::default())?;
+    /// let tree = RayTree::of_scene(&[], vec![Tile], &BuildParams::default())?;
     /// let ray = Ray::new(Vec3::new(0.5, 0.25, 2.0), Vec3::NEG_Z).at_time(0.5);
     /// let hit = tree.closest_hit(&ray).unwrap();
     /// assert_eq!(tree.point_at(&ray, &hit, 1.0), Some(DVec3::new(1.0, 0.25, 0.0)));

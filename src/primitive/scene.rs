@@ -1,114 +1,25 @@
 //! Scenes of meshes, spheres and custom primitives.
 
-use super::custom::Primitive;
-use super::intersection::{Intersection, SurfacePoint};
 use super::key_window::Intervals;
 use super::mesh::triangle_mesh::TriangleMesh;
 use super::primitive_set::{PrimitiveSet, include_each};
-use super::shapes::{Shapes, ShapesExtent, with_merged_keys};
+use super::shape_list::ShapeList;
+use super::shapes::{Shapes, ShapesExtent};
 use super::sphere::MovingSphere;
 use super::triangles::triangle_set::Triangles;
 use crate::error::{BuildError, RefitError};
-use crate::geometry::{Box3, CornerBounds, Frame, LaneBounds, LinearBounds, LinearBox3, Ray, TimeInterval};
+use crate::geometry::{Box3, CornerBounds, Frame, LaneBounds, LinearBox3, TimeInterval};
 use crate::progress::Progress;
 use core::fmt;
-use glam::DVec3;
 use std::sync::Arc;
-
-/// A shape that shares a tree with meshes ([`RayTree::of_scene`](crate::RayTree::of_scene)).
-///
-/// ```
-/// use mbkd::{MovingSphere, Shape, glam::DVec3};
-/// let ball: Shape = MovingSphere::fixed(DVec3::ZERO, 1.0).into();
-/// let custom = Shape::custom(MovingSphere::fixed(DVec3::X, 1.0)); // or a type of yours
-/// assert!(matches!((ball, custom), (Shape::Sphere(_), Shape::Custom(_))));
-/// ```
-pub enum Shape {
-    /// A moving sphere.
-    Sphere(MovingSphere),
-    /// A custom primitive.
-    Custom(Box<dyn Primitive>),
-}
-
-impl fmt::Debug for Shape {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Shape::Sphere(sphere) => f.debug_tuple("Sphere").field(sphere).finish(),
-            Shape::Custom(_) => f.debug_tuple("Custom").finish_non_exhaustive(),
-        }
-    }
-}
-
-impl Shape {
-    /// A custom primitive: any type that implements [`Primitive`].
-    pub fn custom(primitive: impl Primitive + 'static) -> Shape {
-        Shape::Custom(Box::new(primitive))
-    }
-}
-
-impl From<MovingSphere> for Shape {
-    fn from(sphere: MovingSphere) -> Shape {
-        Shape::Sphere(sphere)
-    }
-}
-
-impl Shape {
-    fn as_primitive(&self) -> &dyn Primitive {
-        match self {
-            Shape::Sphere(sphere) => sphere,
-            Shape::Custom(custom) => &**custom,
-        }
-    }
-}
-
-impl Primitive for Shape {
-    fn bounds(&self, over: TimeInterval) -> LinearBounds {
-        self.as_primitive().bounds(over)
-    }
-
-    fn intersect(&self, ray: &Ray) -> Option<Intersection> {
-        self.as_primitive().intersect(ray)
-    }
-
-    fn closest_point(&self, point: DVec3, time: f32) -> Option<SurfacePoint> {
-        self.as_primitive().closest_point(point, time)
-    }
-
-    fn active(&self) -> TimeInterval {
-        self.as_primitive().active()
-    }
-
-    fn mask(&self) -> u32 {
-        self.as_primitive().mask()
-    }
-
-    fn as_sphere(&self) -> Option<&MovingSphere> {
-        self.as_primitive().as_sphere()
-    }
-
-    fn surface_normal(&self, ray: &Ray, hit: Intersection) -> Option<DVec3> {
-        self.as_primitive().surface_normal(ray, hit)
-    }
-
-    fn point_at(&self, ray: &Ray, hit: Intersection, time: f32) -> Option<DVec3> {
-        self.as_primitive().point_at(ray, hit, time)
-    }
-
-    fn merge_keys(&mut self) {
-        match self {
-            Shape::Sphere(sphere) => sphere.merge_keys(),
-            Shape::Custom(custom) => custom.merge_keys(),
-        }
-    }
-}
 
 /// Triangle meshes and other shapes in one tree space, as a [`RayTree`](crate::RayTree) holds them.
 ///
 /// The ids of triangles come first, so that the lowest id is the lowest (mesh, primitive).
 #[derive(Clone)]
-pub struct Scene {
+pub(crate) struct Scene {
     pub(crate) triangles: Triangles,
-    pub(crate) shapes: Shapes<Shape>,
+    pub(crate) shapes: Shapes,
     /// Number of triangles: the id of the first shape.
     first: u32,
     /// Number of meshes: the mesh index of shapes.
@@ -126,37 +37,41 @@ impl fmt::Debug for Scene {
 
 /// Shapes that a refit puts in the place of others, after checking their bounds.
 pub(crate) struct OtherShapes {
-    shapes: Arc<Vec<Shape>>,
+    shapes: Arc<dyn ShapeList>,
     extent: ShapesExtent,
 }
 
 impl OtherShapes {
     /// The active intervals of the shapes.
     pub(crate) fn active(&self) -> impl Iterator<Item = TimeInterval> {
-        (0..self.shapes.len()).map(|shape| self.extent.active(shape))
+        (0..self.shapes.count()).map(|shape| self.extent.active(shape))
     }
 }
 
 impl Scene {
     /// Checks all primitives and maps them to one tree space.
-    pub(crate) fn new(meshes: &[TriangleMesh], shapes: Vec<Shape>) -> Result<Scene, BuildError> {
+    pub(crate) fn new(meshes: &[TriangleMesh], shapes: Box<dyn ShapeList>) -> Result<Scene, BuildError> {
         Scene::read(meshes, shapes, &Progress::new(None))
     }
 
     /// The same as a part of a build.
-    pub(crate) fn read(meshes: &[TriangleMesh], shapes: Vec<Shape>, progress: &Progress) -> Result<Scene, BuildError> {
-        let shapes = with_merged_keys(shapes);
-        let all = shapes.len() + meshes.iter().map(TriangleMesh::len).sum::<usize>();
-        let extent = ShapesExtent::of(&shapes, &progress.subtask(shapes.len() as f64 / all.max(1) as f64))?;
+    pub(crate) fn read(
+        meshes: &[TriangleMesh],
+        mut shapes: Box<dyn ShapeList>,
+        progress: &Progress,
+    ) -> Result<Scene, BuildError> {
+        shapes.merge_keys();
+        let all = shapes.count() + meshes.iter().map(TriangleMesh::len).sum::<usize>();
+        let extent = ShapesExtent::of(&*shapes, &progress.subtask(shapes.count() as f64 / all.max(1) as f64))?;
         let triangles = Triangles::with_bounds(meshes, extent.swept, &progress.rest(1.0))?;
         Scene::of(triangles, shapes.into(), extent)
     }
 
     /// Other shapes for this scene, if they are valid and as many.
-    pub(crate) fn other_shapes(&self, shapes: Vec<Shape>) -> Result<OtherShapes, RefitError> {
-        let shapes = with_merged_keys(shapes);
-        let extent = ShapesExtent::of(&shapes, &Progress::new(None))?;
-        let (expected, found) = (self.shapes.len(), shapes.len());
+    pub(crate) fn other_shapes(&self, mut shapes: Box<dyn ShapeList>) -> Result<OtherShapes, RefitError> {
+        shapes.merge_keys();
+        let extent = ShapesExtent::of(&*shapes, &Progress::new(None))?;
+        let (expected, found) = (self.shapes.len(), shapes.count());
         if found != expected {
             return Err(RefitError::Shapes { expected, found });
         }
@@ -165,10 +80,12 @@ impl Scene {
 
     /// The same scene with other positions of the meshes and, if given, other shapes.
     pub(crate) fn again(&self, meshes: &[TriangleMesh], other: Option<OtherShapes>) -> Result<Scene, RefitError> {
-        let swept = other.as_ref().map_or(self.shapes.swept(), |other| other.extent.swept);
+        let swept = other.as_ref().map_or(self.shapes.extent().swept, |other| other.extent.swept);
         let triangles = self.triangles.with_positions(meshes, swept)?;
-        let OtherShapes { shapes, extent } =
-            other.unwrap_or_else(|| OtherShapes { extent: self.shapes.extent(), shapes: self.shapes.shared() });
+        let OtherShapes { shapes, extent } = other.unwrap_or_else(|| OtherShapes {
+            extent: self.shapes.extent().clone(),
+            shapes: self.shapes.list().clone(),
+        });
         Ok(Scene::of(triangles, shapes, extent)?)
     }
 
@@ -180,7 +97,7 @@ impl Scene {
         moved: &[bool],
         beside: &[u32],
     ) -> Result<bool, RefitError> {
-        let stays = self.triangles.move_meshes(meshes, moved, beside, self.shapes.swept())?;
+        let stays = self.triangles.move_meshes(meshes, moved, beside, self.shapes.extent().swept)?;
         if stays {
             self.shapes.set_frame(*self.triangles.frame());
             self.always_active = self.triangles.always_active() && self.shapes.always_active();
@@ -188,13 +105,13 @@ impl Scene {
         Ok(stays)
     }
 
-    fn of(triangles: Triangles, shapes: Arc<Vec<Shape>>, extent: ShapesExtent) -> Result<Scene, BuildError> {
+    fn of(triangles: Triangles, shapes: Arc<dyn ShapeList>, extent: ShapesExtent) -> Result<Scene, BuildError> {
         let shapes = Shapes::within(shapes, extent, *triangles.frame());
         Scene::of_sets(triangles, shapes)
     }
 
     /// A scene of triangles and shapes that are in one tree space already.
-    pub(super) fn of_sets(triangles: Triangles, shapes: Shapes<Shape>) -> Result<Scene, BuildError> {
+    pub(super) fn of_sets(triangles: Triangles, shapes: Shapes) -> Result<Scene, BuildError> {
         let found = triangles.len() + shapes.len();
         if found >= u32::MAX as usize {
             return Err(BuildError::TooManyPrimitives { found });

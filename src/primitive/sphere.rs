@@ -23,7 +23,7 @@ pub(crate) const SPHERE_ROUNDING: f64 = 1e-9;
 /// use mbkd::glam::{DVec3, Vec3};
 /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree};
 /// let ball = MovingSphere::new(vec![(DVec3::ZERO, 1.0), (DVec3::new(0.0, 0.0, 4.0), 2.0)]);
-/// let tree = RayTree::of_primitives(vec![ball], &BuildParams::default())?;
+/// let tree = RayTree::of_scene(&[], vec![ball], &BuildParams::default())?;
 /// let hit = tree.closest_hit(&Ray::new(DVec3::new(0.0, 0.0, 10.0), Vec3::NEG_Z).at_time(0.5)).unwrap();
 /// assert_eq!(hit.t, 6.5); // the center is at 2 and the radius 1.5
 /// # Ok::<(), mbkd::BuildError>(())
@@ -147,12 +147,12 @@ impl MovingSphere {
     ///
     /// ```
     /// use mbkd::glam::{DVec3, Vec3};
-    /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree, Shape};
+    /// use mbkd::{BuildParams, MovingSphere, Primitive, Ray, RayTree};
     /// let ball = MovingSphere::new(vec![(DVec3::ZERO, 1.0), (DVec3::X, 1.0)]);
-    /// let tree = RayTree::of_scene(&[], vec![ball.into()], &BuildParams::default())?;
+    /// let tree = RayTree::of_scene(&[], vec![ball], &BuildParams::default())?;
     /// let ray = Ray::new(Vec3::new(0.5, 0.0, 9.0), Vec3::NEG_Z).at_time(0.5);
     /// let hit = tree.closest_hit(&ray).unwrap();
-    /// let Shape::Sphere(hit_ball) = &tree.shapes()[hit.primitive as usize] else { unreachable!() };
+    /// let hit_ball = tree.shape(hit.primitive).and_then(|shape| shape.as_sphere()).unwrap();
     /// assert_eq!(hit_ball.normal(ray.point(hit.t), ray.time), Vec3::Z);
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```

@@ -1,9 +1,10 @@
 //! Boxes around all that a tree holds.
 
-use super::ray_tree::{Geometry, RayTree};
+use super::ray_tree::RayTree;
 use crate::geometry::{Aabb, LinearBounds};
+use crate::primitive::PrimitiveSet;
 
-impl<G: Geometry> RayTree<G> {
+impl RayTree {
     /// A box around all primitives over the shutter, in most trees slightly enlarged for rounding; `None` if there are none. Motion
     /// of meshes outside of their active intervals may count as well; that of shapes does not. Takes constant time.
     ///
@@ -38,7 +39,7 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn linear_bounds(&self) -> Option<LinearBounds> {
-        (self.geometry.len() > 0).then(|| self.own_bounds())
+        (self.scene.len() > 0).then(|| self.own_bounds())
     }
 
     /// Linear bounds of all primitives over the shutter, in world space, as wide as the boxes of queries.

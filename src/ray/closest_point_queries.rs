@@ -5,9 +5,9 @@ use super::closest_point::closest_search::ClosestPoint;
 use super::closest_point::point_query::{ClosestPointQuery, PlacedQuery};
 use super::guards::Guards;
 use super::observer::Observer;
-use super::ray_tree::{Geometry, RayTree};
+use super::ray_tree::RayTree;
 
-impl<G: Geometry> RayTree<G> {
+impl RayTree {
     /// The closest point on any primitive of the tree to a point at a time of the shutter, if it is no farther than the query's
     /// greatest distance. The answer has its distance, its position and its primitive. Ties at the same distance (as
     /// an f32) go to the lowest (mesh, primitive).
@@ -40,7 +40,7 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn closest_point(&self, query: &ClosestPointQuery) -> Option<ClosestPoint> {
-        (self.queries.closest_point)(self.target(), &(*query).into())
+        self.target().closest_point(&(*query).into())
     }
 
     /// [`RayTree::closest_point`] among the points for which `accept` returns true, on meshes and shapes whose
@@ -119,8 +119,8 @@ impl<G: Geometry> RayTree<G> {
         guards: Guards<'_, ClosestPoint>,
     ) -> Option<ClosestPoint> {
         if self.can_do_without(&guards) {
-            return (self.queries.closest_point)(self.target(), query);
+            return self.target().closest_point(query);
         }
-        (self.queries.closest_point_guarded)(self.target(), query, guards)
+        self.target().closest_point_guarded(query, guards)
     }
 }

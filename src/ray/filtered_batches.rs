@@ -7,10 +7,10 @@ use super::closest_point::closest_search::ClosestPoint;
 use super::closest_point::point_query::ClosestPointQuery;
 use super::filter::Visible;
 use super::hit::Hit;
-use super::ray_tree::{Geometry, InBatch, RayTree};
+use super::ray_tree::{InBatch, RayTree};
 use crate::geometry::Ray;
 
-impl<G: Geometry> RayTree<G> {
+impl RayTree {
     /// [`RayTree::closest_hit_masked`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order.
     ///
     /// ```

@@ -4,12 +4,12 @@ use super::filter::{Offer, Seen};
 use super::guards::Guards;
 use super::hit::Hit;
 use super::observer::Observer;
-use super::ray_tree::{Geometry, RayTree};
+use super::ray_tree::RayTree;
 use super::traversal::collect::HitVisitor;
 use crate::geometry::Ray;
 use core::ops::ControlFlow;
 
-impl<G: Geometry> RayTree<G> {
+impl RayTree {
     /// [`RayTree::closest_hit`] among the hits for which `accept` returns true, on meshes and shapes whose mask
     /// ([`TriangleMesh::mask`](crate::TriangleMesh::mask), [`MovingSphere::mask`](crate::MovingSphere::mask),
     /// [`Primitive::mask`](crate::Primitive::mask)) shares a bit with `mask`. Blocks of the tree in which `mask` hides everything
@@ -131,14 +131,14 @@ impl<G: Geometry> RayTree<G> {
         if self.can_do_without(&guards) {
             return self.closest_hit(ray);
         }
-        (self.queries.closest_guarded)(self.target(), ray, guards)
+        self.target().closest_guarded(ray, guards)
     }
 
     pub(crate) fn any_hit_guarded(&self, ray: &Ray, guards: Guards<'_, Offer>) -> bool {
         if self.can_do_without(&guards) {
             return self.any_hit(ray);
         }
-        (self.queries.any_guarded)(self.target(), ray, guards)
+        self.target().any_guarded(ray, guards)
     }
 
     pub(crate) fn all_hits_guarded(
@@ -148,9 +148,9 @@ impl<G: Geometry> RayTree<G> {
         visitor: HitVisitor<'_>,
     ) -> ControlFlow<()> {
         if self.can_do_without(&guards) {
-            return (self.queries.all)(self.target(), ray, visitor);
+            return self.target().all(ray, visitor);
         }
-        (self.queries.all_guarded)(self.target(), ray, guards, visitor)
+        self.target().all_guarded(ray, guards, visitor)
     }
 
     /// Whether queries with these guards are answered as those without, which are faster.

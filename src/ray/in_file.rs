@@ -1,11 +1,11 @@
 //! Ray trees in files.
 
-use super::compiled::Layout;
-use super::ray_tree::{Geometry, RayTree};
+use super::layout::Layout;
+use super::ray_tree::RayTree;
 use crate::file::{self, Decoder, Encoder, FileError, FileKind, broken};
 use crate::kd::KdTree;
 use crate::layout::WideTree;
-use crate::primitive::{Primitive, SceneRecord, Shapes, ShapesRecord};
+use crate::primitive::{Primitive, PrimitiveSet, Scene, SceneRecord, ShapeList};
 use std::io::{Read, Write};
 use std::path::Path;
 
@@ -43,33 +43,31 @@ impl Layout {
     }
 }
 
-impl<G: Geometry> RayTree<G> {
+impl RayTree {
     /// The tree of a layout over its primitives, if the layout passes the checks that queries rely on.
-    fn checked(geometry: G, layout: Layout) -> Result<RayTree<G>, FileError> {
+    fn checked(scene: Scene, layout: Layout) -> Result<RayTree, FileError> {
         let (layout, statistics) = match layout {
             Layout::Wide(tree) => {
-                let tree = tree.checked(&geometry)?;
-                let statistics = tree.statistics(&geometry);
+                let tree = tree.checked(&scene)?;
+                let statistics = tree.statistics(&scene);
                 (Layout::Wide(tree), statistics)
             }
             Layout::Kd(tree) => {
-                let tree = tree.checked(geometry.len())?;
-                let statistics = tree.statistics(&geometry);
+                let tree = tree.checked(scene.len())?;
+                let statistics = tree.statistics(&scene);
                 (Layout::Kd(tree), statistics)
             }
             Layout::Lazy(_) => return Err(FileError::Lazy),
         };
-        Ok(RayTree::assemble(geometry, layout, statistics, true))
+        Ok(RayTree::assemble(scene, layout, statistics, true))
     }
-}
 
-impl<G: Geometry> RayTree<G> {
     /// Writes the tree: meshes, spheres and layout, about as many bytes as [`statistics`](RayTree::statistics) reports
     /// for memory. The bytes are the same on every machine and for any number of threads of the build. `docs/files.md`
     /// describes them.
     ///
-    /// Of a tree of custom primitives ([`RayTree::of_primitives`]) it writes their number, bounds and times, and the layout, since
-    /// only the caller knows their type: [`RayTree::read_primitives_from`] reads it.
+    /// Of custom primitives, whose type only the caller knows, it writes their number, masks, active intervals and common bounds:
+    /// [`RayTree::read_with_shapes_from`] reads a tree that has some.
     ///
     /// ```
     /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -84,16 +82,15 @@ impl<G: Geometry> RayTree<G> {
     /// ```
     ///
     /// # Errors
-    /// [`FileError::CustomShape`] if a scene has a custom primitive, [`FileError::Lazy`] for a lazy tree, and
-    /// errors of the sink.
+    /// [`FileError::Lazy`] for a lazy tree, and errors of the sink.
     pub fn write_to(&self, sink: &mut impl Write) -> Result<(), FileError> {
         self.encode(sink)
     }
 
     fn encode(&self, sink: &mut dyn Write) -> Result<(), FileError> {
         self.layout.can_be_written()?;
-        file::write(sink, G::FILE, |to| {
-            self.geometry.write(to)?;
+        file::write(sink, FileKind::Rays, |to| {
+            self.scene.encode(to)?;
             self.layout.encode(to)
         })
     }
@@ -106,9 +103,7 @@ impl<G: Geometry> RayTree<G> {
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FileError> {
         file::save(path.as_ref(), |sink| self.encode(sink))
     }
-}
 
-impl RayTree {
     /// Reads a tree that [`RayTree::write_to`] wrote, and no byte more. The tree gives the same answers as the written
     /// one, bit for bit, on any machine. Queries run on the widest instruction set of this machine.
     ///
@@ -116,19 +111,23 @@ impl RayTree {
     /// place, and the tree is traversed once to check it.
     ///
     /// # Errors
-    /// A [`FileError`] that names the fault. The checksum detects damage. A forged file is rejected if a query could fail
-    /// on it; otherwise the answers are arbitrary.
+    /// A [`FileError`] that names the fault; [`FileError::CustomShapes`] for a tree with custom primitives. The checksum detects
+    /// damage. A forged file is rejected if a query could fail on it; otherwise the answers are arbitrary.
     pub fn read_from(source: &mut impl Read) -> Result<RayTree, FileError> {
-        Self::decode(source, None)
+        Self::decode(source, None, None)
     }
 
-    fn decode(source: &mut dyn Read, length: Option<u64>) -> Result<RayTree, FileError> {
+    fn decode(
+        source: &mut dyn Read,
+        length: Option<u64>,
+        shapes: Option<Box<dyn ShapeList>>,
+    ) -> Result<RayTree, FileError> {
         let raw = |from: &mut Decoder<'_>| Ok((SceneRecord::decode(from)?, Layout::decode(from)?));
-        Decoder::begin(source, FileKind::Scene, length)?.whole(raw, |(scene, layout)| {
+        Decoder::begin(source, FileKind::Rays, length)?.whole(raw, |(scene, layout)| {
             let scene = match &layout {
                 // Each triangle is in at least one leaf block.
-                Layout::Wide(tree) => scene.checked(tree.arena.len(), true)?,
-                Layout::Kd(_) | Layout::Lazy(_) => scene.checked(usize::MAX, false)?,
+                Layout::Wide(tree) => scene.checked((tree.arena.len(), true), shapes)?,
+                Layout::Kd(_) | Layout::Lazy(_) => scene.checked((usize::MAX, false), shapes)?,
             };
             RayTree::checked(scene, layout)
         })
@@ -146,56 +145,56 @@ impl RayTree {
     /// # Errors
     /// As [`RayTree::read_from`], with the path ([`FileError::At`]).
     pub fn load(path: impl AsRef<Path>) -> Result<RayTree, FileError> {
-        file::load(path.as_ref(), Self::decode)
+        file::load(path.as_ref(), |source, length| Self::decode(source, length, None))
     }
-}
 
-impl<P: Primitive> RayTree<Shapes<P>> {
-    /// Reads a tree of custom primitives; `primitives` have to be those that it was built of, in the same order.
+    /// [`RayTree::read_from`] for a tree with custom primitives. `shapes` have to be those that the tree was built of
+    /// ([`RayTree::of_scene`]) or refitted to, spheres included, in the same order.
     ///
     /// ```
-    /// use mbkd::{BuildParams, FileError, MovingSphere, RayTree, glam::DVec3};
-    /// let ball = |x: f64| MovingSphere::fixed(DVec3::X * x, 1.0);
-    /// let tree = RayTree::of_primitives(vec![ball(0.0), ball(5.0)], &BuildParams::default())?;
+    /// use mbkd::{BuildParams, FileError, MovingSphere, RayTree, Shape, glam::DVec3};
+    /// // They stand for primitives of a type of yours.
+    /// let shapes = |x: f64| Vec::from([0.0, x].map(|x| Shape::custom(MovingSphere::fixed(DVec3::X * x, 1.0))));
+    /// let tree = RayTree::of_scene(&[], shapes(5.0), &BuildParams::default())?;
     /// let mut bytes = Vec::new();
     /// tree.write_to(&mut bytes)?;
-    /// let again = RayTree::read_primitives_from(&mut bytes.as_slice(), tree.primitives().to_vec())?;
+    /// let again = RayTree::read_with_shapes_from(&mut bytes.as_slice(), shapes(5.0))?;
     /// assert_eq!(again.statistics().primitives, 2);
-    /// let other = RayTree::read_primitives_from(&mut bytes.as_slice(), vec![ball(0.0), ball(6.0)]);
-    /// assert!(matches!(other, Err(FileError::OtherPrimitives { .. })));
+    /// let other = RayTree::read_with_shapes_from(&mut bytes.as_slice(), shapes(6.0));
+    /// assert!(matches!(other, Err(FileError::OtherShapes { .. })));
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     ///
     /// # Errors
-    /// As [`RayTree::read_from`], [`FileError::Primitives`] as [`RayTree::of_primitives`], and
-    /// [`FileError::OtherPrimitives`] if number, bounds or times of the primitives are not those of the file. (Other
-    /// differences cannot be detected: answers are then arbitrary.)
-    pub fn read_primitives_from(source: &mut impl Read, primitives: Vec<P>) -> Result<RayTree<Shapes<P>>, FileError> {
-        Self::decode(source, None, primitives)
+    /// As [`RayTree::read_from`], [`FileError::Shapes`] as [`RayTree::of_scene`], and [`FileError::OtherShapes`] if the spheres, or
+    /// the number, masks, active intervals or common bounds of the shapes are not those of the file. (Other differences between
+    /// custom primitives cannot be detected: answers are then arbitrary.)
+    pub fn read_with_shapes_from<P: Primitive + 'static>(
+        source: &mut impl Read,
+        shapes: Vec<P>,
+    ) -> Result<RayTree, FileError> {
+        Self::decode(source, None, Some(Box::new(shapes)))
     }
 
-    fn decode(source: &mut dyn Read, length: Option<u64>, primitives: Vec<P>) -> Result<RayTree<Shapes<P>>, FileError> {
-        let raw = |from: &mut Decoder<'_>| Ok((ShapesRecord::decode(from)?, Layout::decode(from)?));
-        Decoder::begin(source, FileKind::Primitives, length)?
-            .whole(raw, |(shapes, layout)| RayTree::checked(shapes.checked(primitives)?, layout))
-    }
-
-    /// [`RayTree::read_primitives_from`] a file that holds nothing else. Faster, since the length of a file is known beforehand.
+    /// [`RayTree::read_with_shapes_from`] a file that holds nothing else. Faster, since the length of a file is known beforehand.
     ///
     /// ```
-    /// use mbkd::{BuildParams, MovingSphere, RayTree, glam::DVec3};
-    /// let balls = vec![MovingSphere::fixed(DVec3::ZERO, 1.0), MovingSphere::fixed(DVec3::X * 5.0, 1.0)];
-    /// let path = std::env::temp_dir().join(format!("mbkd-balls-{}.tree", std::process::id()));
-    /// RayTree::of_primitives(balls.clone(), &BuildParams::default())?.save(&path)?;
-    /// let again = RayTree::load_primitives(&path, balls)?;
+    /// use mbkd::{BuildParams, MovingSphere, RayTree, Shape, glam::DVec3};
+    /// let shapes = || Vec::from([0.0, 5.0].map(|x| Shape::custom(MovingSphere::fixed(DVec3::X * x, 1.0))));
+    /// let path = std::env::temp_dir().join(format!("mbkd-shapes-{}.tree", std::process::id()));
+    /// RayTree::of_scene(&[], shapes(), &BuildParams::default())?.save(&path)?;
+    /// let again = RayTree::load_with_shapes(&path, shapes())?;
     /// assert_eq!(again.statistics().primitives, 2);
     /// std::fs::remove_file(&path)?;
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     ///
     /// # Errors
-    /// As [`RayTree::read_primitives_from`], with the path ([`FileError::At`]).
-    pub fn load_primitives(path: impl AsRef<Path>, primitives: Vec<P>) -> Result<RayTree<Shapes<P>>, FileError> {
-        file::load(path.as_ref(), |source, length| Self::decode(source, length, primitives))
+    /// As [`RayTree::read_with_shapes_from`], with the path ([`FileError::At`]).
+    pub fn load_with_shapes<P: Primitive + 'static>(
+        path: impl AsRef<Path>,
+        shapes: Vec<P>,
+    ) -> Result<RayTree, FileError> {
+        file::load(path.as_ref(), |source, length| Self::decode(source, length, Some(Box::new(shapes))))
     }
 }

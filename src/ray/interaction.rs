@@ -95,7 +95,7 @@ impl SurfaceInteraction {
     }
 
     /// With a shape, or with what is not known.
-    pub(crate) fn with_shape(shape: Option<&impl Primitive>, ray: &Ray, hit: &Hit) -> SurfaceInteraction {
+    pub(crate) fn with_shape(shape: Option<&dyn Primitive>, ray: &Ray, hit: &Hit) -> SurfaceInteraction {
         let (normal, time) = (shape.and_then(|shape| normal_of_shape(shape, ray, hit)), ray.time);
         if let (Some(sphere), Some(away)) = (shape.and_then(Primitive::as_sphere), normal) {
             let (center, radius) = sphere.at(time);
@@ -117,7 +117,7 @@ impl SurfaceInteraction {
 }
 
 /// The unit normal of a shape that was hit, outwards; `None` if it is not known.
-fn normal_of_shape(shape: &impl Primitive, ray: &Ray, hit: &Hit) -> Option<DVec3> {
+fn normal_of_shape(shape: &dyn Primitive, ray: &Ray, hit: &Hit) -> Option<DVec3> {
     let met = Intersection { t: hit.t, u: hit.u, v: hit.v };
     match shape.as_sphere() {
         Some(sphere) => sphere.surface_normal(ray, met),

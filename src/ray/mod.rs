@@ -1,8 +1,7 @@
 //! Ray trees: rays against moving geometry, each ray at its own time.
 //!
 //! - **Builds**: [`RayTree::build`] takes triangle meshes, [`RayTree::of_scene`] meshes, spheres and custom primitives
-//!   ([`Primitive`](crate::Primitive)) together, [`RayTree::of_primitives`] primitives of one type. [`BuildParams`] selects the
-//!   tree.
+//!   ([`Primitive`](crate::Primitive)) together. [`BuildParams`] selects the tree.
 //! - **Queries**: [`RayTree::closest_hit`], [`RayTree::any_hit`] and [`RayTree::all_hits`] answer one [`Ray`], the first two in
 //!   their plural forms many. [`RayTree::closest_point`] finds the nearest surface.
 //! - **The next frame**: [`RayTree::refit`].
@@ -18,7 +17,7 @@
 // | `kernel` | the arithmetic of one ray, against boxes and triangles |
 // | `traversal` | traversals of the layouts by single rays and batches |
 // | `closest_point` | the same for closest points |
-// | `compiled`, `erased_shapes` | all queries, compiled once in this crate |
+// | `layout`, `queries` | the layouts, and all queries of them, compiled once in this crate |
 // | `ray_tree`, `refit`, `in_file` | `RayTree`: builds and single queries, refits, files |
 // | `batch_order`, `filtered_queries`, `filtered_batches`, `closest_point_queries`, `visit` | its other queries |
 // | `bounds`, `surface` | boxes around all; corners, normals and points of what was hit |
@@ -27,8 +26,6 @@ mod batch_order;
 mod bounds;
 mod closest_point;
 mod closest_point_queries;
-mod compiled;
-mod erased_shapes;
 mod filter;
 mod filtered_batches;
 mod filtered_queries;
@@ -37,7 +34,9 @@ mod hit;
 mod in_file;
 mod interaction;
 mod kernel;
+mod layout;
 mod observer;
+mod queries;
 mod ray_tree;
 mod refit;
 mod surface;
@@ -70,7 +69,7 @@ pub(crate) use kernel::outline::{INNER_ULPS, Outline};
 pub(crate) use kernel::shear::Sheared;
 pub(crate) use kernel::tree_ray::TreeRay;
 pub use observer::{Counters, Observer};
-pub use ray_tree::{Geometry, RayTree};
+pub use ray_tree::RayTree;
 pub use refit::Refit;
 pub(crate) use traversal::object_traversal::{LeafVisitor, ObjectTraversal};
 pub use visit::TreePrimitive;

@@ -1,8 +1,9 @@
 //! The tree that answers ray queries: primitives and one layout over them.
 
-use super::compiled::{Batched, Compiled, Layout, Queries, Target};
 use super::filter::{Offer, Visible};
 use super::kernel::outline::Outline;
+use super::layout::Layout;
+use super::queries::{Batched, Target};
 use super::traversal::batch::Task;
 use super::{Hit, Indices, Ray, Space, answer_in_order};
 use crate::error::BuildError;
@@ -10,31 +11,18 @@ use crate::geometry::Frame;
 use crate::layout::{RefitPlan, Statistics, TreeBox, ValidationError};
 use crate::parallel;
 use crate::params::BuildParams;
-use crate::primitive::{Primitive, Scene, Shape, Shapes, TriangleMesh};
+use crate::primitive::{Primitive, PrimitiveSet, Scene, ShapeList, TriangleMesh, no_shapes};
 use crate::progress::{Callback, Progress};
 use crate::simd::SimdLevel;
 use crate::tuning::wide::CACHED;
 use core::ops::ControlFlow;
 
-/// The contents of a [`RayTree`]: [`Scene`] or [`Shapes`]. Sealed; a bound for code that is generic over both.
-///
-/// ```
-/// use mbkd::{Geometry, Ray, RayTree};
-/// fn in_shadow<G: Geometry>(tree: &RayTree<G>, ray: &Ray) -> bool {
-///     tree.any_hit(ray)
-/// }
-/// ```
-#[allow(private_bounds)] // that is what seals it
-pub trait Geometry: Compiled {}
-
-impl<S: Compiled> Geometry for S {}
-
 /// An acceleration structure over moving primitives, for ray queries and closest-point queries at any time of the shutter.
 ///
-/// It is built once, over triangle meshes ([`RayTree::build`]), over custom primitives ([`RayTree::of_primitives`]), or over
-/// meshes, spheres and custom primitives together ([`RayTree::of_scene`]). Queries take `&self` and may run on any number of
-/// threads. Every answer equals that of testing all primitives one by one
-/// ([`BruteForce`](crate::baseline::BruteForce)), bit for bit. It does not depend on the parameters of the build.
+/// It is built once, over triangle meshes ([`RayTree::build`]), or over meshes, spheres and custom primitives
+/// ([`RayTree::of_scene`]). Queries take `&self` and may run on any number of threads. Every answer equals that of testing all
+/// primitives one by one ([`BruteForce`](crate::baseline::BruteForce)), bit for bit. It does not depend on the parameters of the
+/// build.
 ///
 /// ```
 /// use mbkd::{BuildParams, Ray, RayTree, TriangleMesh, glam::Vec3};
@@ -51,8 +39,8 @@ impl<S: Compiled> Geometry for S {}
 /// A clone is a tree of its own: it copies everything but spheres and custom primitives, which both trees share. So one of them may
 /// be refitted for the next frame while the other still answers.
 #[derive(Clone)]
-pub struct RayTree<G = Scene> {
-    pub(super) geometry: G,
+pub struct RayTree {
+    pub(super) scene: Scene,
     pub(super) layout: Layout,
     /// Which rays miss everything.
     pub(super) outline: Outline,
@@ -62,13 +50,12 @@ pub struct RayTree<G = Scene> {
     /// The refit plan; `None` before the first refit.
     pub(super) plan: Option<Box<RefitPlan>>,
     pub(super) simd: SimdLevel,
-    pub(super) queries: Queries<G>,
 }
 
 /// The mask of a batch and its filter, which gets the index of a hit's ray.
 pub(super) type InBatch<'a> = Option<Visible<&'a (dyn Fn(usize, &Hit) -> bool + Sync)>>;
 
-impl<G: Geometry> core::fmt::Debug for RayTree<G> {
+impl core::fmt::Debug for RayTree {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         // What is known without visiting the tree.
         let layout = match &self.layout {
@@ -77,29 +64,20 @@ impl<G: Geometry> core::fmt::Debug for RayTree<G> {
             Layout::Lazy(_) => "lazy",
         };
         let mut tree = f.debug_struct("RayTree");
-        tree.field("primitives", &self.geometry.len()).field("layout", &layout).finish_non_exhaustive()
+        tree.field("primitives", &self.scene.len()).field("layout", &layout).finish_non_exhaustive()
     }
 }
 
-impl<G: Geometry> RayTree<G> {
-    fn of(mut geometry: G, params: &BuildParams, progress: &Progress) -> Result<RayTree<G>, BuildError> {
-        let (layout, statistics) = geometry.lay_out(params, &progress.rest(1.0))?;
-        geometry.input_error()?;
-        if progress.complete() {
-            return Err(BuildError::Cancelled);
-        }
-        Ok(RayTree::assemble(geometry, layout, statistics, false))
-    }
-
+impl RayTree {
     /// The tree of a layout over its primitives.
-    pub(super) fn assemble(geometry: G, layout: Layout, statistics: Statistics, from_file: bool) -> RayTree<G> {
-        let (simd, queries, outline) = (SimdLevel::best(), G::QUERIES, layout.outline(geometry.frame()));
-        RayTree { geometry, layout, outline, statistics, from_file, plan: None, simd, queries }
+    pub(super) fn assemble(scene: Scene, layout: Layout, statistics: Statistics, from_file: bool) -> RayTree {
+        let (simd, outline) = (SimdLevel::best(), layout.outline(scene.frame()));
+        RayTree { scene, layout, outline, statistics, from_file, plan: None, simd }
     }
 
     /// Number of primitives.
     pub fn len(&self) -> usize {
-        self.geometry.len()
+        self.scene.len()
     }
 
     /// Whether there are no primitives.
@@ -108,8 +86,8 @@ impl<G: Geometry> RayTree<G> {
     }
 
     /// The tree in the form that queries take.
-    pub(super) fn target(&self) -> Target<'_, G> {
-        Target { layout: &self.layout, geometry: &self.geometry, outline: Some(&self.outline), simd: self.simd }
+    pub(super) fn target(&self) -> Target<'_> {
+        Target { layout: &self.layout, scene: &self.scene, outline: Some(&self.outline), simd: self.simd }
     }
 
     /// The closest hit of a ray: the hit with the least `t`. Ties go to the lowest (mesh, primitive).
@@ -124,7 +102,7 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
-        (self.queries.closest)(self.target(), ray)
+        self.target().closest(ray)
     }
 
     /// Whether the ray hits anything (occlusion). The search stops at the first hit found.
@@ -139,17 +117,17 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn any_hit(&self, ray: &Ray) -> bool {
-        (self.queries.any)(self.target(), ray)
+        self.target().any(ray)
     }
 
     /// [`RayTree::closest_hit`] of a ray that does not miss the [outline](RayTree::outline).
     pub(crate) fn closest_hit_inside(&self, ray: &Ray) -> Option<Hit> {
-        (self.queries.closest)(Target { outline: None, ..self.target() }, ray)
+        Target { outline: None, ..self.target() }.closest(ray)
     }
 
     /// [`RayTree::any_hit`] of a ray that does not miss the [outline](RayTree::outline).
     pub(crate) fn any_hit_inside(&self, ray: &Ray) -> bool {
-        (self.queries.any)(Target { outline: None, ..self.target() }, ray)
+        Target { outline: None, ..self.target() }.any(ray)
     }
 
     /// Calls `visitor` with every primitive that the ray hits, until it breaks. Each primitive is reported once, with its
@@ -171,7 +149,7 @@ impl<G: Geometry> RayTree<G> {
     /// # Ok::<(), mbkd::BuildError>(())
     /// ```
     pub fn all_hits(&self, ray: &Ray, mut visitor: impl FnMut(Hit) -> ControlFlow<()>) -> ControlFlow<()> {
-        (self.queries.all)(self.target(), ray, &mut visitor)
+        self.target().all(ray, &mut visitor)
     }
 
     /// [`RayTree::closest_hit`] for many rays, in parallel. `hits` is cleared and gets one answer per ray, in order. If
@@ -216,14 +194,13 @@ impl<G: Geometry> RayTree<G> {
 
     /// The closest hits that pass the mask and the filter.
     pub(super) fn closest_batch(&self, rays: &[Ray], visible: InBatch<'_>, hits: &mut Vec<Option<Hit>>) {
-        let queries = &self.queries;
-        let incoherent = if self.interleaving_pays() { queries.interleaved_closest } else { queries.singly_closest };
-        self.batch(rays, visible, hits, [queries.streams_closest, incoherent]);
+        let incoherent = if self.interleaving_pays() { Target::closest_interleaved } else { Target::closest_singly };
+        self.batch(rays, visible, hits, [Target::closest_in_streams, incoherent]);
     }
 
     /// Whether there are hits that pass the mask and the filter.
     pub(super) fn any_batch(&self, rays: &[Ray], visible: InBatch<'_>, hits: &mut Vec<bool>) {
-        self.batch(rays, visible, hits, [self.queries.streams_any; 2]);
+        self.batch(rays, visible, hits, [Target::any_in_streams; 2]);
     }
 
     /// Interleaving pays for the closest hit in trees that move, are larger than the caches and have a temporal split (measured;
@@ -234,22 +211,22 @@ impl<G: Geometry> RayTree<G> {
     }
 
     /// Answers a batch: rays of similar direction by `together`, others by `incoherent`.
-    fn batch<R: Copy + Default + Send>(
-        &self,
+    fn batch<'a, R: Copy + Default + Send>(
+        &'a self,
         rays: &[Ray],
         visible: InBatch<'_>,
         answers: &mut Vec<R>,
-        [together, incoherent]: [Batched<G, R>; 2],
+        [together, incoherent]: [Batched<'a, R>; 2],
     ) {
         answers.clear();
         answers.resize(rays.len(), R::default());
         let space = match &self.layout {
             Layout::Wide(tree) => {
                 let cached = self.statistics.bytes <= CACHED;
-                Space::new(self.geometry.frame().bounds, tree.time_slices(), cached)
+                Space::new(self.scene.frame().bounds, tree.time_slices(), cached)
             }
             // These trees are queried ray by ray, in the caller's order.
-            Layout::Kd(_) | Layout::Lazy(_) => Space::new(self.geometry.frame().bounds, 1, true),
+            Layout::Kd(_) | Layout::Lazy(_) => Space::new(self.scene.frame().bounds, 1, true),
         };
         let fill = |coherent: bool, indices: Indices<'_>, rays: &[Ray], answers: &mut [R]| {
             let by = if coherent { together } else { incoherent };
@@ -279,9 +256,9 @@ impl<G: Geometry> RayTree<G> {
     /// The first violation found, which is a defect of this crate.
     pub fn validate(&self) -> Result<(), ValidationError> {
         match &self.layout {
-            Layout::Kd(tree) => tree.validate(&self.geometry),
-            Layout::Wide(tree) => tree.validate(&self.geometry),
-            Layout::Lazy(tree) => tree.validate(&self.geometry),
+            Layout::Kd(tree) => tree.validate(&self.scene),
+            Layout::Wide(tree) => tree.validate(&self.scene),
+            Layout::Lazy(tree) => tree.validate(&self.scene),
         }
     }
 
@@ -306,8 +283,8 @@ impl<G: Geometry> RayTree<G> {
             return;
         }
         match &self.layout {
-            Layout::Wide(tree) => tree.boxes(time, *self.geometry.frame(), 1, &mut |b, _| visitor(b)),
-            Layout::Lazy(tree) => tree.boxes(time, *self.geometry.frame(), &mut visitor),
+            Layout::Wide(tree) => tree.boxes(time, *self.scene.frame(), 1, &mut |b, _| visitor(b)),
+            Layout::Lazy(tree) => tree.boxes(time, *self.scene.frame(), &mut visitor),
             Layout::Kd(_) => {}
         }
     }
@@ -319,12 +296,12 @@ impl<G: Geometry> RayTree<G> {
 
     /// The map between world and tree space.
     pub(crate) fn frame(&self) -> &Frame {
-        self.geometry.frame()
+        self.scene.frame()
     }
 
     /// Selects another instruction set of this CPU for queries, for tests and measurements. Answers do not change. The
     /// default is the widest instruction set available.
-    pub fn with_simd(self, simd: SimdLevel) -> RayTree<G> {
+    pub fn with_simd(self, simd: SimdLevel) -> RayTree {
         RayTree { simd, ..self }
     }
 
@@ -332,8 +309,8 @@ impl<G: Geometry> RayTree<G> {
     /// call visits every subtree, and all leaf blocks of a tree with temporal splits of what exists for a part of the shutter.
     pub fn statistics(&self) -> Statistics {
         match &self.layout {
-            Layout::Lazy(tree) => tree.statistics(&self.geometry),
-            Layout::Wide(tree) => Statistics { left_out: tree.left_out(&self.geometry), ..self.statistics },
+            Layout::Lazy(tree) => tree.statistics(&self.scene),
+            Layout::Wide(tree) => Statistics { left_out: tree.left_out(&self.scene), ..self.statistics },
             Layout::Kd(_) => self.statistics,
         }
     }
@@ -353,14 +330,15 @@ impl RayTree {
     /// A [`BuildError`] that names the invalid mesh or parameter. An empty tree is valid, and no ray hits anything.
     /// Degenerate triangles are kept. Those with two equal corners are never hit; others only by rays that meet their line.
     pub fn build(meshes: &[TriangleMesh], params: &BuildParams) -> Result<RayTree, BuildError> {
-        RayTree::of_scene(meshes, Vec::new(), params)
+        of_scene(meshes, no_shapes(), params, None)
     }
 
-    /// Builds a tree of triangle meshes, spheres and custom primitives together. A [`Hit`] on one of `shapes` has the
-    /// number of meshes as its [`mesh`](Hit::mesh), and the index into `shapes` as its [`primitive`](Hit::primitive).
-    /// If `shapes` is empty, this is [`RayTree::build`].
+    /// Builds a tree of triangle meshes and shapes: spheres, custom primitives, or several types of them as
+    /// [`Shape`](crate::Shape)s. A [`Hit`] on one of `shapes` has the number of meshes as its [`mesh`](Hit::mesh), and the index
+    /// into `shapes` as its [`primitive`](Hit::primitive). Without shapes, this is [`RayTree::build`].
     ///
-    /// Triangles and shapes are in separate subtrees below common nodes.
+    /// Triangles and shapes are in separate subtrees below common nodes. A list of one custom type is traversed faster than one of
+    /// `Shape`s, whose custom primitives are scattered over memory.
     ///
     /// ```
     /// use mbkd::glam::{DVec3, Vec3};
@@ -369,7 +347,7 @@ impl RayTree {
     /// let floor = TriangleMesh::fixed(vec![[0, 1, 2]], floor);
     /// // A ball that rolls by.
     /// let ball = MovingSphere::new(vec![(DVec3::new(-2.0, 0.0, 1.0), 1.0), (DVec3::new(2.0, 0.0, 1.0), 1.0)]);
-    /// let tree = RayTree::of_scene(&[floor], vec![ball.into()], &BuildParams::default())?;
+    /// let tree = RayTree::of_scene(&[floor], vec![ball], &BuildParams::default())?;
     /// let down = Ray::new(Vec3::new(0.0, 0.0, 5.0), Vec3::NEG_Z);
     /// let what = |time| tree.closest_hit(&down.at_time(time)).map(|hit| (hit.mesh, hit.primitive, hit.t));
     /// assert_eq!(what(0.0), Some((0, 0, 5.0))); // the floor
@@ -378,9 +356,13 @@ impl RayTree {
     /// ```
     ///
     /// # Errors
-    /// As [`RayTree::build`] and [`RayTree::of_primitives`].
-    pub fn of_scene(meshes: &[TriangleMesh], shapes: Vec<Shape>, params: &BuildParams) -> Result<RayTree, BuildError> {
-        of_scene(meshes, shapes, params, None)
+    /// As [`RayTree::build`]; [`BuildError::BadBounds`] for a shape whose bounds are not finite.
+    pub fn of_scene<P: Primitive + 'static>(
+        meshes: &[TriangleMesh],
+        shapes: Vec<P>,
+        params: &BuildParams,
+    ) -> Result<RayTree, BuildError> {
+        of_scene(meshes, Box::new(shapes), params, None)
     }
 
     /// [`RayTree::build`] that calls `progress` from time to time with the finished fraction (above 0, and at the end 1), from any
@@ -407,54 +389,20 @@ impl RayTree {
         params: &BuildParams,
         progress: Callback<'_>,
     ) -> Result<RayTree, BuildError> {
-        of_scene(meshes, Vec::new(), params, Some(progress))
+        of_scene(meshes, no_shapes(), params, Some(progress))
     }
 
     /// [`RayTree::of_scene`] that calls `progress` as [`RayTree::build_with_progress`] does.
     ///
     /// # Errors
     /// As [`RayTree::of_scene`]; [`BuildError::Cancelled`] if `progress` broke.
-    pub fn of_scene_with_progress(
+    pub fn of_scene_with_progress<P: Primitive + 'static>(
         meshes: &[TriangleMesh],
-        shapes: Vec<Shape>,
+        shapes: Vec<P>,
         params: &BuildParams,
         progress: Callback<'_>,
     ) -> Result<RayTree, BuildError> {
-        of_scene(meshes, shapes, params, Some(progress))
-    }
-
-    /// The shapes that were given to the build or the last refit, without the keys that were dropped ([`Primitive::merge_keys`]).
-    pub fn shapes(&self) -> &[Shape] {
-        self.geometry.shapes.shapes()
-    }
-}
-
-impl<P: Primitive> RayTree<Shapes<P>> {
-    /// Builds a tree of custom primitives. A hit's [`primitive`](Hit::primitive) is the index into `primitives`, and its
-    /// mesh is 0. The cost is that of [`RayTree::build`].
-    ///
-    /// # Errors
-    /// [`BuildError::BadBounds`] for a primitive whose bounds are not finite; an error for parameters out of range.
-    pub fn of_primitives(primitives: Vec<P>, params: &BuildParams) -> Result<RayTree<Shapes<P>>, BuildError> {
-        of_primitives(primitives, params, None)
-    }
-
-    /// [`RayTree::of_primitives`] that calls `progress` as [`RayTree::build_with_progress`] does.
-    ///
-    /// # Errors
-    /// As [`RayTree::of_primitives`]; [`BuildError::Cancelled`] if `progress` broke.
-    pub fn of_primitives_with_progress(
-        primitives: Vec<P>,
-        params: &BuildParams,
-        progress: Callback<'_>,
-    ) -> Result<RayTree<Shapes<P>>, BuildError> {
-        of_primitives(primitives, params, Some(progress))
-    }
-
-    /// The primitives that were given to the build or the last refit, without the keys that were dropped
-    /// ([`Primitive::merge_keys`]).
-    pub fn primitives(&self) -> &[P] {
-        self.geometry.shapes()
+        of_scene(meshes, Box::new(shapes), params, Some(progress))
     }
 }
 
@@ -464,30 +412,21 @@ const READING: f64 = 0.05;
 /// A tree of a scene, on one thread if it is small.
 fn of_scene(
     meshes: &[TriangleMesh],
-    shapes: Vec<Shape>,
+    shapes: Box<dyn ShapeList>,
     params: &BuildParams,
     progress: Option<Callback<'_>>,
 ) -> Result<RayTree, BuildError> {
     params.validate()?;
-    let primitives = shapes.len() + meshes.iter().map(TriangleMesh::len).sum::<usize>();
+    let primitives = shapes.count() + meshes.iter().map(TriangleMesh::len).sum::<usize>();
     parallel::entered(primitives, || {
         let progress = Progress::new(progress);
-        let scene = Scene::read(meshes, shapes, &progress.subtask(READING))?;
-        RayTree::of(scene, params, &progress)
-    })
-}
-
-/// A tree of custom primitives, on one thread if there are few.
-fn of_primitives<P: Primitive>(
-    primitives: Vec<P>,
-    params: &BuildParams,
-    progress: Option<Callback<'_>>,
-) -> Result<RayTree<Shapes<P>>, BuildError> {
-    params.validate()?;
-    parallel::entered(primitives.len(), || {
-        let progress = Progress::new(progress);
-        let shapes = Shapes::read(primitives, &progress.subtask(READING))?;
-        RayTree::of(shapes, params, &progress)
+        let mut scene = Scene::read(meshes, shapes, &progress.subtask(READING))?;
+        let (layout, statistics) = Layout::build(&mut scene, params, &progress.rest(1.0))?;
+        scene.input_error()?;
+        if progress.complete() {
+            return Err(BuildError::Cancelled);
+        }
+        Ok(RayTree::assemble(scene, layout, statistics, false))
     })
 }
 
@@ -538,9 +477,9 @@ mod tests {
                 for visible in [None, Some(Visible { mask: 1, accept: Some(&accept as _) })] {
                     let (mut hits, mut of_streams, mut shadows) =
                         (vec![None; count], vec![None; count], vec![false; count]);
-                    (tree.queries.interleaved_closest)(tree.target(), Task { rays, answers: &mut hits, visible });
-                    (tree.queries.streams_closest)(tree.target(), Task { rays, answers: &mut of_streams, visible });
-                    (tree.queries.streams_any)(tree.target(), Task { rays, answers: &mut shadows, visible });
+                    tree.target().closest_interleaved(Task { rays, answers: &mut hits, visible });
+                    tree.target().closest_in_streams(Task { rays, answers: &mut of_streams, visible });
+                    tree.target().any_in_streams(Task { rays, answers: &mut shadows, visible });
                     for (i, ray) in rays.iter().enumerate() {
                         let hit = match visible {
                             None => tree.closest_hit(ray),

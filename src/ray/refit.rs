@@ -1,12 +1,12 @@
 //! Refitting: the same tree over primitives at other positions, as in the next frame of an animation.
 
-use super::compiled::Layout;
-use super::{Geometry, RayTree};
+use super::RayTree;
+use super::layout::Layout;
 use crate::error::RefitError;
 use crate::geometry::TimeInterval;
-use crate::layout::{BuiltPlace, Moved};
+use crate::layout::{BuiltPlace, Moved, WideSource};
 use crate::parallel;
-use crate::primitive::{OtherShapes, Primitive, PrimitiveSet, Shape, Shapes, TriangleMesh};
+use crate::primitive::{OtherShapes, Primitive, PrimitiveSet, Scene, ShapeList, TriangleMesh};
 
 /// The result of a refit ([`RayTree::refit`]): the work done, and the quality of the tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,36 +43,36 @@ impl Refit {
     pub const WORN: f64 = 1.5;
 }
 
-/// Which queries see what: the masks of a set and, unless everything exists throughout the shutter, its active intervals.
-fn seen<G: Geometry>(set: &G) -> (Vec<u32>, Vec<TimeInterval>) {
-    (set.masks(), if set.always_active() { Vec::new() } else { set.active_intervals() })
+/// Which queries see what: the masks of a scene and, unless everything exists throughout the shutter, its active intervals.
+fn seen(scene: &Scene) -> (Vec<u32>, Vec<TimeInterval>) {
+    (scene.masks(), if scene.always_active() { Vec::new() } else { scene.active_intervals() })
 }
 
-impl<G: Geometry> RayTree<G> {
-    /// Refits the tree to another geometry with the same primitives.
-    fn refit_to(&mut self, geometry: G, moved: Moved) -> Result<Refit, RefitError> {
+impl RayTree {
+    /// Refits the tree to another scene with the same primitives.
+    fn refit_to(&mut self, scene: Scene, moved: Moved) -> Result<Refit, RefitError> {
         // If the tree space changed, all coordinates did.
-        let moved = if self.geometry.frame().maps_as(geometry.frame()) { moved } else { Moved::All };
-        let seen_differ = seen(&self.geometry) != seen(&geometry);
+        let moved = if self.scene.frame().maps_as(scene.frame()) { moved } else { Moved::All };
+        let seen_differ = seen(&self.scene) != seen(&scene);
         let bounds = if self.plan.is_none() { self.linear_bounds() } else { None };
         let first = bounds.map(|bounds| BuiltPlace::new(&bounds));
-        self.geometry = geometry;
+        self.scene = scene;
         self.rewrite(&moved, seen_differ, first)
     }
 
-    /// Rewrites the tree for a geometry that has changed; `place` is where the tree was if this is its first refit.
+    /// Rewrites the tree for a scene that has changed; `place` is where the tree was if this is its first refit.
     fn rewrite(&mut self, moved: &Moved, seen_differ: bool, place: Option<BuiltPlace>) -> Result<Refit, RefitError> {
         let Layout::Wide(tree) = &mut self.layout else { return Err(RefitError::Policy) };
-        let (done, of_root) = tree.refit(&self.geometry, moved, &mut self.plan);
+        let (done, of_root) = tree.refit(&self.scene, moved, &mut self.plan);
         if seen_differ {
-            tree.summarize_blocks(&self.geometry);
+            tree.summarize_blocks(&self.scene);
         }
-        self.geometry.release_build_data();
+        self.scene.release_build_data();
         let blocks = tree.counts.nodes + tree.counts.leaves;
         let cost = of_root.max(self.cost_in_place(place));
-        self.outline = self.layout.outline(self.geometry.frame());
+        self.outline = self.layout.outline(self.scene.frame());
         self.statistics.cost = cost;
-        self.geometry.input_error()?;
+        self.scene.input_error()?;
         let (nodes, leaves) = (done.nodes, done.leaves);
         Ok(Refit { nodes, leaves, kept: done.visited - nodes - leaves, skipped: blocks - done.visited, cost })
     }
@@ -81,7 +81,7 @@ impl<G: Geometry> RayTree<G> {
     fn cost_in_place(&mut self, first: Option<BuiltPlace>) -> f64 {
         let (Layout::Wide(tree), Some(plan)) = (&self.layout, &mut self.plan) else { return 0.0 };
         plan.place = plan.place.or(first);
-        let frame = self.geometry.frame();
+        let frame = self.scene.frame();
         let (Some(place), Some(bounds)) = (plan.place, tree.linear_bounds(frame)) else { return 0.0 };
         if !place.is_outgrown(&bounds) {
             return 0.0;
@@ -180,9 +180,9 @@ impl RayTree {
     ///
     /// ```
     /// use mbkd::glam::{DVec3, Vec3};
-    /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree, Shape, TriangleMesh};
+    /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree, TriangleMesh};
     /// let floor = [TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::NEG_ONE, Vec3::X, Vec3::Y])];
-    /// let ball = |z: f64| vec![Shape::from(MovingSphere::fixed(DVec3::new(0.0, 0.0, z), 1.0))];
+    /// let ball = |z: f64| vec![MovingSphere::fixed(DVec3::new(0.0, 0.0, z), 1.0)];
     /// let mut tree = RayTree::of_scene(&floor, ball(2.0), &BuildParams::default())?;
     /// tree.refit_moved_with_shapes(&floor, &[], ball(3.0)).unwrap();
     /// assert_eq!(tree.closest_hit(&Ray::new(Vec3::new(0.0, 0.0, 9.0), Vec3::NEG_Z)).unwrap().t, 5.0);
@@ -191,13 +191,13 @@ impl RayTree {
     ///
     /// # Errors
     /// As [`RayTree::refit_moved`] and [`RayTree::refit_with_shapes`].
-    pub fn refit_moved_with_shapes(
+    pub fn refit_moved_with_shapes<P: Primitive + 'static>(
         &mut self,
         meshes: &[TriangleMesh],
         moved: &[usize],
-        shapes: Vec<Shape>,
+        shapes: Vec<P>,
     ) -> Result<Refit, RefitError> {
-        self.refit_scene(meshes, Some(shapes), Moved::Some(moved_flags(meshes, moved, true)?))
+        self.refit_scene(meshes, Some(Box::new(shapes)), Moved::Some(moved_flags(meshes, moved, true)?))
     }
 
     /// [`RayTree::refit`] of a tree with spheres and custom primitives, as many as before ([`RayTree::of_scene`]). After an error,
@@ -208,8 +208,8 @@ impl RayTree {
     ///
     /// ```
     /// use mbkd::glam::{DVec3, Vec3};
-    /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree, Shape};
-    /// let ball = |z: f64| vec![Shape::from(MovingSphere::fixed(DVec3::new(0.0, 0.0, z), 1.0))];
+    /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree};
+    /// let ball = |z: f64| vec![MovingSphere::fixed(DVec3::new(0.0, 0.0, z), 1.0)];
     /// let mut tree = RayTree::of_scene(&[], ball(0.0), &BuildParams::default())?;
     /// tree.refit_with_shapes(&[], ball(3.0)).unwrap();
     /// assert_eq!(tree.closest_hit(&Ray::new(Vec3::new(0.0, 0.0, 9.0), Vec3::NEG_Z)).unwrap().t, 5.0);
@@ -218,21 +218,25 @@ impl RayTree {
     ///
     /// # Errors
     /// As [`RayTree::refit`]; [`RefitError::Shapes`] for another number of shapes.
-    pub fn refit_with_shapes(&mut self, meshes: &[TriangleMesh], shapes: Vec<Shape>) -> Result<Refit, RefitError> {
-        self.refit_scene(meshes, Some(shapes), Moved::All)
+    pub fn refit_with_shapes<P: Primitive + 'static>(
+        &mut self,
+        meshes: &[TriangleMesh],
+        shapes: Vec<P>,
+    ) -> Result<Refit, RefitError> {
+        self.refit_scene(meshes, Some(Box::new(shapes)), Moved::All)
     }
 
     fn refit_scene(
         &mut self,
         meshes: &[TriangleMesh],
-        shapes: Option<Vec<Shape>>,
+        shapes: Option<Box<dyn ShapeList>>,
         moved: Moved,
     ) -> Result<Refit, RefitError> {
         self.can_be_refitted()?;
-        parallel::entered(self.geometry.len(), || {
-            let shapes = shapes.map(|shapes| self.geometry.other_shapes(shapes)).transpose()?;
+        parallel::entered(self.scene.len(), || {
+            let shapes = shapes.map(|shapes| self.scene.other_shapes(shapes)).transpose()?;
             // With another number of meshes there is another error.
-            if meshes.len() == self.geometry.triangles.mesh_count() {
+            if meshes.len() == self.scene.triangles.mesh_count() {
                 let of_shapes = shapes.iter().flat_map(OtherShapes::active);
                 self.existed_before(meshes.len(), meshes.iter().map(|mesh| mesh.active).chain(of_shapes))?;
             }
@@ -242,8 +246,8 @@ impl RayTree {
             {
                 return Ok(refit);
             }
-            let geometry = self.geometry.again(meshes, shapes)?;
-            self.refit_to(geometry, moved)
+            let scene = self.scene.again(meshes, shapes)?;
+            self.refit_to(scene, moved)
         })
     }
 
@@ -253,18 +257,18 @@ impl RayTree {
             return Ok(None);
         };
         // With another number of meshes there is an error.
-        if meshes.len() != self.geometry.triangles.mesh_count() {
+        if meshes.len() != self.scene.triangles.mesh_count() {
             return Ok(None);
         }
         let of_moved: usize = meshes.iter().zip(flags).filter(|&(_, &moved)| moved).map(|(mesh, _)| mesh.len()).sum();
         // If most vertices are needed, it is faster to read all.
-        let Some(most) = (self.geometry.len() / 2).checked_sub(of_moved) else { return Ok(None) };
-        let Some(beside) = tree.beside(&self.geometry, flags, plan, most) else { return Ok(None) };
-        let before = seen(&self.geometry);
-        if !self.geometry.move_meshes(meshes, flags, &beside)? {
+        let Some(most) = (self.scene.len() / 2).checked_sub(of_moved) else { return Ok(None) };
+        let Some(beside) = tree.beside(&self.scene, flags, plan, most) else { return Ok(None) };
+        let before = seen(&self.scene);
+        if !self.scene.move_meshes(meshes, flags, &beside)? {
             return Ok(None);
         }
-        let seen_differ = before != seen(&self.geometry);
+        let seen_differ = before != seen(&self.scene);
         self.rewrite(moved, seen_differ, None).map(Some)
     }
 }
@@ -277,36 +281,6 @@ fn moved_flags(meshes: &[TriangleMesh], moved: &[usize], shapes: bool) -> Result
     }
     flags.push(shapes);
     Ok(flags)
-}
-
-impl<P: Primitive> RayTree<Shapes<P>> {
-    /// [`RayTree::refit`] of a tree of custom primitives: the same number of them, in the same order, at other
-    /// positions.
-    ///
-    /// ```
-    /// use mbkd::glam::{DVec3, Vec3};
-    /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree};
-    /// let ball = |z: f64| MovingSphere::fixed(DVec3::new(0.0, 0.0, z), 1.0);
-    /// let mut tree = RayTree::of_primitives(vec![ball(0.0)], &BuildParams::default())?;
-    /// tree.refit_primitives(vec![ball(3.0)]).unwrap();
-    /// assert_eq!(tree.closest_hit(&Ray::new(Vec3::new(0.0, 0.0, 9.0), Vec3::NEG_Z)).unwrap().t, 5.0);
-    /// # Ok::<(), mbkd::BuildError>(())
-    /// ```
-    ///
-    /// # Errors
-    /// As [`RayTree::refit`].
-    pub fn refit_primitives(&mut self, primitives: Vec<P>) -> Result<Refit, RefitError> {
-        self.can_be_refitted()?;
-        let (expected, found) = (self.primitives().len(), primitives.len());
-        if expected != found {
-            return Err(RefitError::Shapes { expected, found });
-        }
-        parallel::entered(expected, || {
-            let geometry = Shapes::new(primitives)?;
-            self.existed_before(0, geometry.active_intervals().into_iter())?;
-            self.refit_to(geometry, Moved::All)
-        })
-    }
 }
 
 #[cfg(test)]

@@ -1,11 +1,11 @@
 //! The surface at a hit: corners and normals of triangles, points at other times, and rays that leave it.
 
-use super::compiled::Layout;
 use super::hit::Hit;
 use super::interaction::SurfaceInteraction;
+use super::layout::Layout;
 use super::ray_tree::RayTree;
 use crate::geometry::Ray;
-use crate::primitive::{Intersection, Primitive, Shape, Shapes};
+use crate::primitive::{Intersection, Primitive, PrimitiveSet};
 use glam::{DVec3, Vec3};
 
 impl RayTree {
@@ -14,13 +14,12 @@ impl RayTree {
     /// interval of a mesh of more than two keys, unless it is [`precise`](crate::TriangleMesh::precise): a tree holds only the keys
     /// around the interval.
     pub fn triangle(&self, mesh: u32, triangle: u32, time: f32) -> [DVec3; 3] {
-        match self.geometry.triangles.id(mesh, triangle) {
+        match self.scene.triangles.id(mesh, triangle) {
             Some(id) => {
-                let [a, b, c] =
-                    self.geometry.triangles.precise_corners(id, time).unwrap_or_else(|| match &self.layout {
-                        Layout::Wide(tree) => tree.corners(&self.geometry.triangles, id, time),
-                        Layout::Kd(_) | Layout::Lazy(_) => self.geometry.triangles.corners_at_any_time(id, time),
-                    });
+                let [a, b, c] = self.scene.triangles.precise_corners(id, time).unwrap_or_else(|| match &self.layout {
+                    Layout::Wide(tree) => tree.corners(&self.scene.triangles, id, time),
+                    Layout::Kd(_) | Layout::Lazy(_) => self.scene.triangles.corners_at_any_time(id, time),
+                });
                 let frame = self.frame();
                 [frame.fine_to_world(a), frame.fine_to_world(b), frame.fine_to_world(c)]
             }
@@ -47,13 +46,13 @@ impl RayTree {
     }
 
     /// The unit normal of the surface at the point that `ray` hit, at its time: of a triangle as [`RayTree::triangle_normal`] has
-    /// it, of a sphere outwards, wherever the ray came from, of a custom shape as it says itself ([`Primitive::surface_normal`]).
-    /// Zero where there is none.
+    /// it, of a sphere outwards, wherever the ray came from, of a custom primitive as it says itself
+    /// ([`Primitive::surface_normal`]). Zero where there is none.
     ///
     /// ```
     /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree, glam::{DVec3, Vec3}};
     /// let ball = MovingSphere::new(vec![(DVec3::ZERO, 2.0), (DVec3::X * 4.0, 2.0)]);
-    /// let tree = RayTree::of_scene(&[], vec![ball.into()], &BuildParams::default())?;
+    /// let tree = RayTree::of_scene(&[], vec![ball], &BuildParams::default())?;
     /// let ray = Ray::new(Vec3::new(2.0, 0.0, 9.0), Vec3::NEG_Z).at_time(0.5);
     /// let hit = tree.closest_hit(&ray).unwrap();
     /// assert_eq!(tree.surface_normal(&ray, &hit), Vec3::Z);
@@ -71,7 +70,7 @@ impl RayTree {
     /// ```
     /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree, glam::{DVec3, Vec3}};
     /// let ball = MovingSphere::new(vec![(DVec3::ZERO, 2.0), (DVec3::X * 4.0, 2.0)]);
-    /// let tree = RayTree::of_scene(&[], vec![ball.into()], &BuildParams::default())?;
+    /// let tree = RayTree::of_scene(&[], vec![ball], &BuildParams::default())?;
     /// let ray = Ray::new(Vec3::new(2.0, 0.0, 9.0), Vec3::NEG_Z).at_time(0.5);
     /// let surface = tree.interaction(&ray, &tree.closest_hit(&ray).unwrap());
     /// assert_eq!((surface.point(), surface.normal()), (DVec3::new(2.0, 0.0, 2.0), Vec3::Z));
@@ -85,7 +84,7 @@ impl RayTree {
     }
 
     /// Where the point of the surface that `ray` hit is at another time of the shutter: for motion vectors. A point of a triangle
-    /// keeps its weights, a point of a sphere its direction from the centre, and a custom shape says it itself
+    /// keeps its weights, a point of a sphere its direction from the centre, and a custom primitive says it itself
     /// ([`Primitive::point_at`]). `None` where it does not, for indices that this tree does not have, and for a time outside of
     /// [0, 1]. Outside the active interval of a mesh, the motion is extrapolated as by [`RayTree::triangle`].
     ///
@@ -112,15 +111,35 @@ impl RayTree {
         (!point.is_nan()).then_some(point)
     }
 
-    /// The number of meshes. A hit with this number as its mesh is one on a shape ([`RayTree::shapes`]), and any lower one is the
+    /// The number of meshes. A hit with this number as its mesh is one on a shape ([`RayTree::shape`]), and any lower one is the
     /// index of a mesh.
     pub fn mesh_count(&self) -> usize {
-        self.geometry.triangles.mesh_count()
+        self.scene.triangles.mesh_count()
+    }
+
+    /// The number of spheres and custom primitives.
+    pub fn shape_count(&self) -> usize {
+        self.scene.shapes.len()
+    }
+
+    /// A sphere or custom primitive by its index among those that were given to the build or the last refit, without the keys that
+    /// were dropped ([`Primitive::merge_keys`]); `None` beyond them.
+    ///
+    /// ```
+    /// use mbkd::{BuildParams, MovingSphere, RayTree, glam::DVec3};
+    /// let tree = RayTree::of_scene(&[], vec![MovingSphere::fixed(DVec3::ZERO, 2.0)], &BuildParams::default())?;
+    /// let ball = tree.shape(0).and_then(|shape| shape.as_sphere()).unwrap();
+    /// assert_eq!(ball.keys, [(DVec3::ZERO, 2.0)]);
+    /// assert!(tree.shape(1).is_none());
+    /// # Ok::<(), mbkd::BuildError>(())
+    /// ```
+    pub fn shape(&self, index: u32) -> Option<&dyn Primitive> {
+        ((index as usize) < self.shape_count()).then(|| self.scene.shapes.get(index))
     }
 
     /// The shape that was hit; `None` if it was a triangle, or is not in this tree.
-    fn shape_of(&self, hit: &Hit) -> Option<&Shape> {
-        if hit.mesh as usize == self.mesh_count() { self.shapes().get(hit.primitive as usize) } else { None }
+    fn shape_of(&self, hit: &Hit) -> Option<&dyn Primitive> {
+        if hit.mesh as usize == self.mesh_count() { self.shape(hit.primitive) } else { None }
     }
 
     /// The ray from the point where `ray` hit the surface into the direction `dir`, at the same time: for shadow rays, reflections,
@@ -156,51 +175,8 @@ impl RayTree {
     }
 }
 
-impl<P: Primitive> RayTree<Shapes<P>> {
-    /// The unit normal of the surface at the point that `ray` hit, as [`RayTree::surface_normal`] gives it: of spheres
-    /// ([`Primitive::as_sphere`]) and of primitives that know theirs ([`Primitive::surface_normal`]), zero on others.
-    pub fn surface_normal(&self, ray: &Ray, hit: &Hit) -> Vec3 {
-        self.interaction(ray, hit).normal()
-    }
-
-    /// The point, its normal and rays that leave from there, as [`RayTree::interaction`] gives them.
-    ///
-    /// ```
-    /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree, glam::{DVec3, Vec3}};
-    /// let tree = RayTree::of_primitives(vec![MovingSphere::fixed(DVec3::ZERO, 2.0)], &BuildParams::default())?;
-    /// let ray = Ray::new(Vec3::new(0.0, 0.0, 9.0), Vec3::NEG_Z);
-    /// let surface = tree.interaction(&ray, &tree.closest_hit(&ray).unwrap());
-    /// assert_eq!((surface.point(), surface.normal()), (DVec3::Z * 2.0, Vec3::Z));
-    /// # Ok::<(), mbkd::BuildError>(())
-    /// ```
-    pub fn interaction(&self, ray: &Ray, hit: &Hit) -> SurfaceInteraction {
-        SurfaceInteraction::with_shape(self.primitives().get(hit.primitive as usize), ray, hit)
-    }
-
-    /// Where the point of the surface that `ray` hit is at another time of the shutter, as [`RayTree::point_at`] gives it.
-    pub fn point_at(&self, ray: &Ray, hit: &Hit, time: f32) -> Option<DVec3> {
-        point_of_shape(self.primitives().get(hit.primitive as usize)?, ray, hit, time)
-    }
-
-    /// The ray from the point where `ray` hit the surface into the direction `dir`, as [`RayTree::secondary_ray`] makes it: exact
-    /// on primitives that are spheres ([`Primitive::as_sphere`]), moved by 2^-22 of the distance on others.
-    ///
-    /// ```
-    /// use mbkd::{BuildParams, MovingSphere, Ray, RayTree, glam::{DVec3, Vec3}};
-    /// let tree = RayTree::of_primitives(vec![MovingSphere::fixed(DVec3::ZERO, 0.7)], &BuildParams::default())?;
-    /// let ray = Ray::new(Vec3::new(0.1, 0.2, 5.0), Vec3::NEG_Z);
-    /// let hit = tree.closest_hit(&ray).unwrap();
-    /// assert!(!tree.any_hit(&tree.secondary_ray(&ray, &hit, Vec3::Z)));
-    /// assert!(tree.any_hit(&tree.secondary_ray(&ray, &hit, Vec3::NEG_Z)), "the far side, from inside");
-    /// # Ok::<(), mbkd::BuildError>(())
-    /// ```
-    pub fn secondary_ray(&self, ray: &Ray, hit: &Hit, dir: Vec3) -> Ray {
-        self.interaction(ray, hit).secondary_ray(dir)
-    }
-}
-
 /// Where the point of a shape that was hit is at another time of the shutter; `None` if it is not known.
-fn point_of_shape(shape: &impl Primitive, ray: &Ray, hit: &Hit, time: f32) -> Option<DVec3> {
+fn point_of_shape(shape: &dyn Primitive, ray: &Ray, hit: &Hit, time: f32) -> Option<DVec3> {
     if !(0.0..=1.0).contains(&time) {
         return None;
     }

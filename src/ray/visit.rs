@@ -1,12 +1,12 @@
 //! Custom traversals of a [`RayTree`].
 
-use super::compiled::Layout;
-use super::ray_tree::{Geometry, RayTree};
+use super::layout::Layout;
+use super::ray_tree::RayTree;
 use super::traversal::kd_traversal::KERNEL_ROUNDING;
 use crate::geometry::{Aabb, Box3, ULP};
 use crate::kd::{KdTree, KdView};
 use crate::layout::{ChildRef, Kind, LazyTree, WideTree};
-use crate::primitive::PrimitiveSet;
+use crate::primitive::{PrimitiveSet, Scene};
 use crate::traverse::{Hierarchy, Visitor, traverse};
 use core::ops::ControlFlow;
 
@@ -22,24 +22,24 @@ pub struct TreePrimitive {
 
 /// The primitives of a leaf that are active at the time.
 fn primitives<'a>(
-    set: &'a impl PrimitiveSet,
+    scene: &'a Scene,
     time: f32,
     ids: impl Iterator<Item = u32> + 'a,
 ) -> impl Iterator<Item = TreePrimitive> + 'a {
-    ids.filter(move |&id| set.exists_at(id, time)).map(|id| {
-        let (mesh, primitive) = set.mesh_and_primitive(id);
+    ids.filter(move |&id| scene.exists_at(id, time)).map(|id| {
+        let (mesh, primitive) = scene.mesh_and_primitive(id);
         TreePrimitive { mesh, primitive }
     })
 }
 
 /// The wide layout at a time.
-struct WideAt<'a, G> {
+struct WideAt<'a> {
     tree: &'a WideTree,
-    set: &'a G,
+    scene: &'a Scene,
     time: f32,
 }
 
-impl<G: Geometry> Hierarchy for WideAt<'_, G> {
+impl Hierarchy for WideAt<'_> {
     type Node = ChildRef;
     type Item = TreePrimitive;
 
@@ -53,9 +53,9 @@ impl<G: Geometry> Hierarchy for WideAt<'_, G> {
             at = self.tree.child_at(at, self.time);
         }
         if let Some(ids) = self.tree.ids(at) {
-            items.extend(primitives(self.set, self.time, ids.iter().copied()));
+            items.extend(primitives(self.scene, self.time, ids.iter().copied()));
         }
-        let frame = self.set.frame();
+        let frame = self.scene.frame();
         let lanes = self.tree.lanes(at);
         children
             .extend(lanes.map(|(lane, child)| (frame.box_to_world(self.tree.lane_box(at, lane, self.time)), child)));
@@ -63,13 +63,13 @@ impl<G: Geometry> Hierarchy for WideAt<'_, G> {
 }
 
 /// A lazy tree at a time. A node is one of the coarse tree, or of the subtree whose number it carries.
-struct LazyAt<'a, G> {
+struct LazyAt<'a> {
     tree: &'a LazyTree,
-    set: &'a G,
+    scene: &'a Scene,
     time: f32,
 }
 
-impl<G: Geometry> Hierarchy for LazyAt<'_, G> {
+impl Hierarchy for LazyAt<'_> {
     type Node = (Option<u32>, ChildRef);
     type Item = TreePrimitive;
 
@@ -84,28 +84,28 @@ impl<G: Geometry> Hierarchy for LazyAt<'_, G> {
         children: &mut Vec<(Aabb, Self::Node)>,
         items: &mut Vec<TreePrimitive>,
     ) {
-        let LazyAt { tree, set, time } = *self;
+        let LazyAt { tree, scene, time } = *self;
         if of.is_none() && node.kind().is_leaf() {
             let subtree = tree.below(node);
-            (of, node) = (Some(subtree), tree.subtree(set, subtree).root);
+            (of, node) = (Some(subtree), tree.subtree(scene, subtree).root);
         }
-        let tree = of.map_or(&tree.top, |subtree| tree.subtree(set, subtree));
+        let tree = of.map_or(&tree.top, |subtree| tree.subtree(scene, subtree));
         let mut below = Vec::new();
-        WideAt { tree, set, time }.expand(node, &mut below, items);
+        WideAt { tree, scene, time }.expand(node, &mut below, items);
         children.extend(below.into_iter().map(|(bounds, child)| (bounds, (of, child))));
     }
 }
 
 /// The k-d layout at a time. Its nodes have no boxes; cells bounded by the planes take their place.
-struct KdAt<'a, G> {
+struct KdAt<'a> {
     tree: &'a KdTree,
-    set: &'a G,
+    scene: &'a Scene,
     time: f32,
     /// The padding of cells beside the part that grows with their own size: more than the rounding of f64 in the scene.
     slack: f32,
 }
 
-impl<G: Geometry> Hierarchy for KdAt<'_, G> {
+impl Hierarchy for KdAt<'_> {
     type Node = (u32, Box3);
     type Item = TreePrimitive;
 
@@ -126,19 +126,19 @@ impl<G: Geometry> Hierarchy for KdAt<'_, G> {
                     // The far side of a plane that has left the cell is empty but for rounding.
                     let bounds = Box3 { min: cell.min.min(cell.max), max: cell.max.max(cell.min) };
                     let bounds = bounds.pad(self.slack + 16.0 * ULP * bounds.magnitude());
-                    children.push((self.set.frame().box_to_world(bounds), (child, cell)));
+                    children.push((self.scene.frame().box_to_world(bounds), (child, cell)));
                 }
             }
             KdView::Leaf { first, count } => {
                 let references = &self.tree.references[first as usize..][..count as usize];
                 let ids = references.iter().filter(|r| r.is_active_at(self.time)).map(|r| r.id);
-                items.extend(primitives(self.set, self.time, ids));
+                items.extend(primitives(self.scene, self.time, ids));
             }
         }
     }
 }
 
-impl<G: Geometry> RayTree<G> {
+impl RayTree {
     /// Traverses the tree as it is at a time of the shutter with a custom [`Visitor`], for queries that this crate does
     /// not provide. Returns the visitor's last return value; at a time outside `[0, 1]` nothing is visited.
     ///
@@ -186,13 +186,13 @@ impl<G: Geometry> RayTree<G> {
         if !(0.0..=1.0).contains(&time) {
             return ControlFlow::Continue(());
         }
-        let set = &self.geometry;
+        let scene = &self.scene;
         match &self.layout {
-            Layout::Wide(tree) => traverse(&WideAt { tree, set, time }, visitor),
-            Layout::Lazy(tree) => traverse(&LazyAt { tree, set, time }, visitor),
+            Layout::Wide(tree) => traverse(&WideAt { tree, scene, time }, visitor),
+            Layout::Lazy(tree) => traverse(&LazyAt { tree, scene, time }, visitor),
             Layout::Kd(tree) => {
                 let slack = KERNEL_ROUNDING * tree.root.magnitude();
-                traverse(&KdAt { tree, set, time, slack }, visitor)
+                traverse(&KdAt { tree, scene, time, slack }, visitor)
             }
         }
     }

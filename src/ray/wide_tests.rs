@@ -39,10 +39,10 @@ fn the_tree_is_the_same_for_any_number_of_threads() {
 #[cfg(feature = "rayon")]
 fn same_for_any_number_of_threads(meshes: &[TriangleMesh]) {
     use crate::layout::WideTree;
-    use crate::primitive::Scene;
+    use crate::primitive::{Scene, no_shapes};
     use crate::progress::Progress;
 
-    let set = Scene::new(meshes, Vec::new()).unwrap();
+    let set = Scene::new(meshes, no_shapes()).unwrap();
     let params = WideParams::default();
     let words = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -231,13 +231,13 @@ fn corners_come_back_from_leaf_blocks_as_they_were_given() {
 #[test]
 fn the_check_finds_boxes_that_do_not_hold_their_triangles() {
     use crate::layout::{ValidationError, WideTree};
-    use crate::primitive::Scene;
+    use crate::primitive::{Scene, no_shapes};
     use crate::progress::Progress;
     use crate::simd::LANES;
 
     let mut random = Random(9);
     let meshes = [soup(200, 1, 0.1, 0.0, &mut random), soup(200, 2, 0.1, 0.3, &mut random)];
-    let set = Scene::new(&meshes, Vec::new()).unwrap();
+    let set = Scene::new(&meshes, no_shapes()).unwrap();
     let params = WideParams { division: Division::Whole, ..WideParams::default() };
     let mut tree = WideTree::build(&set, &params, &Progress::new(None)).unwrap();
     assert_eq!(tree.validate(&set), Ok(()));

@@ -53,7 +53,7 @@ fn files_of_other_kinds_and_versions_are_rejected() {
         read(&other).unwrap_err()
     };
     assert!(matches!(with(0, b'M'), FileError::NotATree));
-    assert!(matches!(with(8, 1), FileError::Version { found: 1, known: 9 }));
+    assert!(matches!(with(8, 1), FileError::Version { found: 1, known: 10 }));
     assert!(matches!(with(12, 2), FileError::Kind { .. }));
     assert!(matches!(with(12, 77), FileError::Kind { found: "something unknown", .. }));
     assert!(matches!(with(24, !bytes[24]), FileError::Checksum { .. }));

@@ -5,8 +5,8 @@ use super::support::{HEADER, Random, hostile, is_broken, rounds, seal};
 use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    BuildParams, ClosestPointQuery, Division, FileError, Geometry, Instance, InstanceTree, KdParams, MovingSphere,
-    Pose, Ray, RayTree, Shape, TimeInterval, TreePrimitive, TriangleMesh, Visitor, WideParams,
+    BuildParams, ClosestPointQuery, Division, FileError, Instance, InstanceTree, KdParams, MovingSphere, Pose, Ray,
+    RayTree, Shape, TimeInterval, TreePrimitive, TriangleMesh, Visitor, WideParams,
 };
 use std::path::Path;
 use std::sync::Arc;
@@ -108,7 +108,7 @@ impl Visitor<TreePrimitive> for All {
 }
 
 /// What a tree answers to all kinds of queries, as text with every bit.
-fn answers<G: Geometry>(tree: &RayTree<G>, rays: usize, seed: u64) -> String {
+fn answers(tree: &RayTree, rays: usize, seed: u64) -> String {
     use std::fmt::Write;
     let (mut random, mut out) = (Random(seed), String::new());
     let mut batch = Vec::new();
@@ -203,14 +203,14 @@ fn files_are_saved_whole_and_loaded() {
     assert!(matches!(error_at(&nowhere, tree.save(&nowhere).unwrap_err()), FileError::Io(_)));
     let text = tree.save(&nowhere).unwrap_err().to_string();
     assert!(text.starts_with(nowhere.to_str().unwrap()) && text.contains("failed"), "{text}");
-    // Trees of primitives, which are handed in again.
-    let balls: Vec<_> = (0..50).map(|i| MovingSphere::fixed(DVec3::X * f64::from(i), 0.6)).collect();
-    let tree = RayTree::of_primitives(balls.clone(), &BuildParams::default()).unwrap();
+    // Custom primitives, which are handed in again.
+    let blobs: Vec<_> = (0..50).map(|i| Blob::hidden(MovingSphere::fixed(DVec3::X * f64::from(i), 0.6))).collect();
+    let tree = RayTree::of_scene(&[], blobs.clone(), &BuildParams::default()).unwrap();
     tree.save(&path).unwrap();
-    let load = |balls: &[MovingSphere]| RayTree::load_primitives(&path, balls.to_vec());
-    assert_eq!(answers(&load(&balls).unwrap(), 20, 2), answers(&tree, 20, 2));
-    assert!(matches!(load(&balls[1..]).unwrap_err().cause(), FileError::OtherPrimitives { .. }));
-    assert!(matches!(RayTree::load(&path).unwrap_err().cause(), FileError::Kind { .. }));
+    let load = |blobs: &[Blob]| RayTree::load_with_shapes(&path, blobs.to_vec());
+    assert_eq!(answers(&load(&blobs).unwrap(), 20, 2), answers(&tree, 20, 2));
+    assert!(matches!(load(&blobs[1..]).unwrap_err().cause(), FileError::OtherShapes { .. }));
+    assert!(matches!(RayTree::load(&path).unwrap_err().cause(), FileError::CustomShapes { custom: 50 }));
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
@@ -302,32 +302,44 @@ fn files_are_the_same_for_any_number_of_threads() {
 }
 
 #[test]
-fn custom_shapes_in_a_scene_are_refused_and_custom_primitives_are_handed_in_again() {
+fn custom_primitives_are_handed_in_again_with_all_shapes() {
     let ball = |x: f64| MovingSphere::new(vec![(DVec3::X * x, 0.5), (DVec3::new(x, 1.0, 0.0), 0.4)]);
-    let shapes = vec![ball(0.0).into(), Shape::custom(ball(1.0))];
-    let tree = RayTree::of_scene(&[], shapes, &BuildParams::default()).unwrap();
-    assert!(matches!(tree.write_to(&mut Vec::new()), Err(FileError::CustomShape { shape: 1 })));
-
+    let meshes = [TriangleMesh::fixed(vec![[0, 1, 2]], vec![Vec3::ZERO, Vec3::X, Vec3::Y])];
+    // Every third is a sphere, before others and after others.
+    let shapes = |balls: Vec<MovingSphere>| {
+        let shape = |(i, ball)| if i % 3 == 1 { Shape::from(ball) } else { Blob::hidden(ball).into() };
+        balls.into_iter().enumerate().map(shape).collect::<Vec<_>>()
+    };
     let balls: Vec<MovingSphere> = (0..50).map(|i| ball(f64::from(i))).collect();
-    for params in [BuildParams::default(), BuildParams::paper()] {
-        let tree = RayTree::of_primitives(balls.clone(), &params).unwrap();
+    for (params, meshes) in [BuildParams::default(), BuildParams::paper()]
+        .into_iter()
+        .flat_map(|params| [(params, &meshes[..]), (params, &[])])
+    {
+        let tree = RayTree::of_scene(meshes, shapes(balls.clone()), &params).unwrap();
         let mut bytes = Vec::new();
         tree.write_to(&mut bytes).unwrap();
-        let read = |balls: Vec<MovingSphere>| RayTree::read_primitives_from(&mut &bytes[..], balls);
+        let read = |balls: Vec<MovingSphere>| RayTree::read_with_shapes_from(&mut &bytes[..], shapes(balls));
         let again = read(balls.clone()).unwrap();
         assert_eq!(answers(&again, 60, 3), answers(&tree, 60, 3));
-        for wrong in 0..3 {
+        assert_eq!(file(&again), bytes);
+        // The number; the bounds of a custom primitive; a sphere; active intervals; masks.
+        for wrong in 0..5 {
             let mut other = balls.clone();
             match wrong {
                 0 => drop(other.pop()),
-                1 => other[49] = ball(60.0),
-                _ => other[3].active = TimeInterval::new(0.0, 0.5).unwrap(),
+                1 => other[48] = ball(60.0),
+                2 => other[4].keys[0].1 = 0.4,
+                3 => other[3].active = TimeInterval::new(0.0, 0.5).unwrap(),
+                _ => other[3].mask = 1,
             }
-            assert!(matches!(read(other), Err(FileError::OtherPrimitives { .. })));
+            assert!(matches!(read(other), Err(FileError::OtherShapes { .. })), "{wrong}");
         }
+        let as_spheres = RayTree::read_with_shapes_from(&mut &bytes[..], balls.clone());
+        assert!(matches!(as_spheres, Err(FileError::OtherShapes { .. })));
         let nowhere = vec![MovingSphere::fixed(DVec3::NAN, 1.0); 50];
-        assert!(matches!(read(nowhere), Err(FileError::Primitives(_))));
-        assert!(matches!(RayTree::read_from(&mut &bytes[..]), Err(FileError::Kind { .. })));
+        assert!(matches!(read(nowhere), Err(FileError::Shapes(_))));
+        let without = RayTree::read_from(&mut &bytes[..]).unwrap_err();
+        assert!(matches!(without, FileError::CustomShapes { custom: 33 }), "{without}");
     }
 }
 
@@ -372,12 +384,12 @@ fn files_of_custom_primitives_come_back_and_hostile_ones_are_refused_or_answer_s
         let blobs: Vec<Blob> =
             (0..90).map(|_| Blob::hidden(MovingSphere::new((0..keys).map(|_| key()).collect()))).collect();
         let params = BuildParams::wide(WideParams { division, ..WideParams::default() });
-        let tree = RayTree::of_primitives(blobs.clone(), &params).unwrap();
+        let tree = RayTree::of_scene(&[], blobs.clone(), &params).unwrap();
         let mut bytes = Vec::new();
         tree.write_to(&mut bytes).unwrap();
-        let read = |bytes: &[u8]| RayTree::read_primitives_from(&mut &bytes[..], blobs.clone());
+        let read = |bytes: &[u8]| RayTree::read_with_shapes_from(&mut &bytes[..], blobs.clone());
         assert_eq!(answers(&read(&bytes).unwrap(), 60, 5), answers(&tree, 60, 5));
-        let refused = |error: &_| is_broken(error) || matches!(error, FileError::OtherPrimitives { .. });
+        let refused = |error: &_| is_broken(error) || matches!(error, FileError::OtherShapes { .. });
         let name = format!("{keys} keys, {division:?}");
         hostile((&name, number), &bytes, rounds(), &mut counts, read, refused, |mut tree, seed| {
             let _ = tree.validate();

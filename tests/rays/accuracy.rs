@@ -130,7 +130,7 @@ fn rays_from_far_away_take_the_steps_of_near_ones_and_miss_nothing() {
     let tree = RayTree::build(std::slice::from_ref(&mesh), &BuildParams::default()).unwrap();
     let oracle = BruteForce::new(std::slice::from_ref(&mesh)).unwrap();
     let balls = vec![MovingSphere::fixed(DVec3::ZERO, 1.0)];
-    let ball = RayTree::of_primitives(balls.clone(), &BuildParams::default()).unwrap();
+    let ball = RayTree::of_scene(&[], balls.clone(), &BuildParams::default()).unwrap();
     let kd = RayTree::build(std::slice::from_ref(&mesh), &BuildParams::paper()).unwrap();
     for power in [7, 14, 20, 26] {
         let distance = f64::from(1 << power);
@@ -241,7 +241,7 @@ fn neither_minus_zero_nor_infinity_is_an_answer() {
         assert!(tree.closest_hit(&back).unwrap().t < -1e34);
         let slow = Ray::new(Vec3::Y * 1e-10, Vec3::NEG_Y * 1e-45);
         assert!(tree.closest_hit(&slow).unwrap().t.is_finite());
-        let balls = RayTree::of_primitives(ball(), &params).unwrap();
+        let balls = RayTree::of_scene(&[], ball(), &params).unwrap();
         let slow = Ray::new(Vec3::Y * 3.0, Vec3::NEG_Y * 1e-45);
         assert_eq!((balls.closest_hit(&slow), balls.any_hit(&slow)), (None, false));
     }

@@ -121,7 +121,7 @@ fn every_division_equals_brute_force_at_all_times() {
 fn trees_from_files_answer_alike() {
     let meshes = meshes(30, 0.2, 4);
     for params in params() {
-        let Ok(tree) = RayTree::of_scene(&meshes, Vec::new(), &params) else { panic!("a tree") };
+        let Ok(tree) = RayTree::build(&meshes, &params) else { panic!("a tree") };
         let Ok(bytes) = saved(&tree) else { continue };
         let read = RayTree::read_from(&mut bytes.as_slice()).unwrap();
         assert_eq!(read.validate(), Ok(()), "{params:?}");
@@ -355,14 +355,14 @@ fn spheres_of_many_keys_take_only_those_of_their_active_interval() {
     };
     let short = TimeInterval::new(0.3, 0.4).unwrap();
     for division in [Division::Whole, Division::SharedLeaves(2), Division::SeparateTrees(2)] {
-        let build = |active: TimeInterval| RayTree::of_primitives(balls(active), &divided(division)).unwrap();
+        let build = |active: TimeInterval| RayTree::of_scene(&[], balls(active), &divided(division)).unwrap();
         let (mut tree, whole) = (build(short), build(TimeInterval::FULL));
         let (bytes, of_whole) = (tree.statistics().bytes, whole.statistics().bytes);
         assert!(bytes * 4 < of_whole, "{bytes} of {of_whole} bytes, {division:?}");
         let shorter = TimeInterval::new(0.32, 0.35).unwrap();
         for active in [short, shorter] {
-            tree.refit_primitives(balls(active)).unwrap();
-            let (brute, mut random) = (BruteForce::of_primitives(balls(active)).unwrap(), Random(6));
+            tree.refit_with_shapes(&[], balls(active)).unwrap();
+            let (brute, mut random) = (BruteForce::of_scene(&[], balls(active)).unwrap(), Random(6));
             let (mut hits, mut before) = (0, 0);
             for _ in 0..2000 {
                 let ray = random_ray(&mut random, 1.0).at_time(0.25 + 0.2 * random.unit());
@@ -373,7 +373,7 @@ fn spheres_of_many_keys_take_only_those_of_their_active_interval() {
             assert!(hits > 50 && before == 0, "{hits} hits, {before} before");
         }
         let longer = TimeInterval::new(0.3, 0.5).unwrap();
-        assert_eq!(tree.refit_primitives(balls(longer)), Err(RefitError::ActiveShape { shape: 0 }));
+        assert_eq!(tree.refit_with_shapes(&[], balls(longer)), Err(RefitError::ActiveShape { shape: 0 }));
     }
 }
 
@@ -385,9 +385,9 @@ fn spheres_that_a_tree_left_out_cannot_come_back_by_a_refit() {
         (0..80).map(|i| ball(i).with_active(active(i))).collect()
     };
     let params = divided(Division::SeparateTrees(8));
-    let mut tree = RayTree::of_primitives(balls(0.1), &params).unwrap();
-    tree.refit_primitives(balls(0.05)).unwrap();
-    assert_eq!(tree.refit_primitives(balls(0.2)), Err(RefitError::ActiveShape { shape: 0 }));
+    let mut tree = RayTree::of_scene(&[], balls(0.1), &params).unwrap();
+    tree.refit_with_shapes(&[], balls(0.05)).unwrap();
+    assert_eq!(tree.refit_with_shapes(&[], balls(0.2)), Err(RefitError::ActiveShape { shape: 0 }));
     let shapes = |life: f32| balls(life).into_iter().map(Shape::from).collect::<Vec<_>>();
     let mesh = [soup(10, 1, 0.1, 0.0, 1)];
     let mut tree = RayTree::of_scene(&mesh, shapes(0.1), &params).unwrap();
@@ -440,13 +440,8 @@ fn a_tree_asks_each_primitive_once_for_its_interval() {
         }
     }
     let asked = Arc::new(AtomicU32::new(0));
-    let ball = |x: f64| Asked(MovingSphere::fixed(DVec3::X * x, 1.0), asked.clone());
-    let shape = |x: f64| vec![Shape::custom(ball(x))];
+    let shape = |x: f64| vec![Shape::custom(Asked(MovingSphere::fixed(DVec3::X * x, 1.0), asked.clone()))];
     let calls = || asked.swap(0, Relaxed);
-    let mut tree = RayTree::of_primitives(vec![ball(0.0)], &BuildParams::default()).unwrap();
-    assert_eq!(calls(), 1);
-    tree.refit_primitives(vec![ball(1.0)]).unwrap();
-    assert_eq!(calls(), 1);
     let mesh = |seed| [soup(20, 2, 0.1, 0.1, seed)];
     let mut tree = RayTree::of_scene(&mesh(1), shape(0.0), &BuildParams::default()).unwrap();
     assert_eq!(calls(), 1);

@@ -51,7 +51,7 @@ fn nothing_and_next_to_nothing() {
             assert_eq!((tree.closest_hit(&ray), tree.any_hit(&ray)), (None, false));
             assert_eq!(tree.statistics().references_per_primitive(), 0.0);
         }
-        let none = RayTree::of_primitives(Vec::<MovingSphere>::new(), &params).unwrap();
+        let none = RayTree::of_scene(&[], Vec::<MovingSphere>::new(), &params).unwrap();
         assert_eq!(none.closest_hit(&ray), None);
         let meshes = [TriangleMesh::fixed(vec![[0, 1, 2]], corners())];
         let (tree, oracle) = (RayTree::build(&meshes, &params).unwrap(), BruteForce::new(&meshes).unwrap());
@@ -322,8 +322,8 @@ fn mixed(bad: impl Fn() -> Broken) -> Vec<Mixed> {
     spheres().into_iter().flat_map(|good| [Mixed::Bad(bad()), Mixed::Good(good)]).collect()
 }
 
-fn assert_spheres_are_hit(tree: &RayTree<mbkd::Shapes<Mixed>>) {
-    let oracle = BruteForce::of_primitives(spheres()).unwrap();
+fn assert_spheres_are_hit(tree: &RayTree) {
+    let oracle = BruteForce::of_scene(&[], spheres()).unwrap();
     let (mut random, mut hits) = (Random(13), 0);
     for _ in 0..200 {
         let ray = random_ray(&mut random, 8.0);
@@ -351,17 +351,17 @@ fn bounds_that_are_no_boxes_are_refused() {
     };
     for params in variants() {
         for bad in [nan, inverted, infinite, too_large] {
-            let error = RayTree::of_primitives(vec![Broken::new(bad)], &params).unwrap_err();
+            let error = RayTree::of_scene(&[], vec![Broken::new(bad)], &params).unwrap_err();
             assert_eq!(error, BuildError::BadBounds { primitive: 0 });
         }
         for bad in [nan_later, inverted_later] {
             let shapes = [Mixed::Good(MovingSphere::fixed(DVec3::ZERO, 1.0))];
             let shapes = shapes.into_iter().chain(mixed(|| Broken::new(bad))).collect();
-            let error = RayTree::of_primitives(shapes, &params).unwrap_err();
+            let error = RayTree::of_scene(&[], shapes, &params).unwrap_err();
             assert_eq!(error, BuildError::BadBounds { primitive: 1 }, "{params:?}");
         }
         // Not every build calls for bounds over parts.
-        match RayTree::of_primitives(mixed(|| Broken::new(infinite_parts)), &params) {
+        match RayTree::of_scene(&[], mixed(|| Broken::new(infinite_parts)), &params) {
             Ok(tree) => assert_spheres_are_hit(&tree),
             Err(error) => assert!(matches!(error, BuildError::BadBounds { primitive } if primitive % 2 == 0)),
         }
@@ -391,12 +391,12 @@ fn primitives_that_contradict_themselves_do_no_harm_to_others() {
     for params in variants() {
         for bad in [jumping, leaving, elsewhere, growing] {
             for active in [|_| TimeInterval::FULL, |call: u32| flicker(call)] {
-                let tree = RayTree::of_primitives(mixed(|| Broken { active, ..Broken::new(bad) }), &params).unwrap();
+                let tree = RayTree::of_scene(&[], mixed(|| Broken { active, ..Broken::new(bad) }), &params).unwrap();
                 assert_spheres_are_hit(&tree);
                 let _ = tree.validate();
                 // Alone they make a scene that is wrong from the start.
                 let alone = (0..50).map(|_| Broken { active, ..Broken::new(bad) }).collect();
-                let tree = RayTree::of_primitives(alone, &params).unwrap();
+                let tree = RayTree::of_scene(&[], alone, &params).unwrap();
                 assert_eq!(tree.closest_hit(&Ray::new(Vec3::splat(-1.0), Vec3::ONE)), None);
             }
         }
@@ -449,7 +449,7 @@ fn primitives_that_are_spheres_at_times_are_hit_all_the_same() {
             SometimesSphere { sphere: sphere.unwrap(), other, calls: AtomicU32::new(i as u32) }
         };
         for params in variants() {
-            let tree = RayTree::of_primitives((0..count).map(one).collect(), &params).unwrap();
+            let tree = RayTree::of_scene(&[], (0..count).map(one).collect(), &params).unwrap();
             for i in 0..count {
                 let hit = tree.closest_hit(&Ray::new(Vec3::new(3.0 * i as f32, 0.0, 5.0), Vec3::NEG_Z)).unwrap();
                 assert_eq!((hit.primitive, hit.t), (i as u32, 4.0));
@@ -501,15 +501,15 @@ fn progress_and_cancelling() {
         for meshes in [meshes, &[]] {
             let tree = RayTree::of_scene_with_progress(meshes, shapes(), &params, &watch).unwrap();
             assert_complete();
-            assert_eq!(tree.shapes().len(), 3000);
+            assert_eq!(tree.shape_count(), 3000);
             let error = RayTree::of_scene_with_progress(meshes, shapes(), &params, &stop).unwrap_err();
             assert_eq!(error, BuildError::Cancelled);
         }
         let balls = || (0..3000).map(balls).collect::<Vec<_>>();
-        let tree = RayTree::of_primitives_with_progress(balls(), &params, &watch).unwrap();
+        let tree = RayTree::of_scene_with_progress(&[], balls(), &params, &watch).unwrap();
         assert_complete();
-        assert_eq!(tree.primitives().len(), 3000);
-        let error = RayTree::of_primitives_with_progress(balls(), &params, &stop).unwrap_err();
+        assert_eq!(tree.shape_count(), 3000);
+        let error = RayTree::of_scene_with_progress(&[], balls(), &params, &stop).unwrap_err();
         assert_eq!(error, BuildError::Cancelled);
     }
 }

@@ -3,9 +3,7 @@
 use crate::brute_force::Brick;
 use crate::common::{Random, divided, soup};
 use mbkd::glam::Vec3;
-use mbkd::{
-    BuildParams, Division, Geometry, Hit, MovingSphere, Ray, RayTree, Shape, SimdLevel, TimeInterval, TriangleMesh,
-};
+use mbkd::{BuildParams, Division, Hit, MovingSphere, Ray, RayTree, Shape, SimdLevel, TimeInterval, TriangleMesh};
 
 /// All kinds of leaves: triangles that are static, move, have many keys, exist for a while and are kept in f64, spheres
 /// and bricks.
@@ -106,7 +104,7 @@ fn answer_as_single_rays(make: impl Fn(&mut Random, usize) -> Vec<Ray>, least_hi
 }
 
 /// Batches with a mask, alone and with a filter of its own for each ray.
-pub fn assert_filtered<G: Geometry>(tree: &RayTree<G>, rays: &[Ray], mask: u32) {
+pub fn assert_filtered(tree: &RayTree, rays: &[Ray], mask: u32) {
     let accept = |i: usize, hit: &Hit| !(hit.primitive as usize + i).is_multiple_of(3);
     let (mut hits, mut shadows) = (Vec::new(), Vec::new());
     tree.closest_hits_filtered(rays, mask, accept, &mut hits);

@@ -147,8 +147,8 @@ fn moving_spheres() {
     for ball in balls.iter().take(50) {
         check_primitive(ball, 300).unwrap();
     }
-    let oracle = BruteForce::of_primitives(balls.clone()).unwrap();
-    let trees = trees(|params| RayTree::of_primitives(balls.clone(), params).unwrap());
+    let oracle = BruteForce::of_scene(&[], balls.clone()).unwrap();
+    let trees = trees(|params| RayTree::of_scene(&[], balls.clone(), params).unwrap());
     let mut random = Random(8);
     for i in 0..20_000 {
         let mut ray = random_ray(&mut random, 4.0);
@@ -161,7 +161,7 @@ fn moving_spheres() {
         }
         assert_equal(&trees, &oracle, &ray);
     }
-    assert!(trees.iter().all(|(_, tree)| tree.primitives().len() == balls.len()));
+    assert!(trees.iter().all(|(_, tree)| tree.shape_count() == balls.len()));
 }
 
 /// A custom primitive: an axis-aligned box that rises, hit on its near face.
@@ -223,8 +223,8 @@ fn custom_primitives() {
         })
         .collect();
     check_primitive(&bricks[0], 2000).unwrap();
-    let oracle = BruteForce::of_primitives(bricks.clone()).unwrap();
-    let trees = trees(|params| RayTree::of_primitives(bricks.clone(), params).unwrap());
+    let oracle = BruteForce::of_scene(&[], bricks.clone()).unwrap();
+    let trees = trees(|params| RayTree::of_scene(&[], bricks.clone(), params).unwrap());
     let mut random = Random(18);
     for _ in 0..5000 {
         assert_equal(&trees, &oracle, &random_ray(&mut random, 5.0));

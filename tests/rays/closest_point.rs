@@ -6,8 +6,8 @@ use crate::common::{Random, closed_sphere, divided, grid, soup, variants};
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    BuildParams, ClosestPoint, ClosestPointQuery, Counters, Division, Geometry, KdParams, MovingSphere, Primitive,
-    RayTree, SimdLevel, TimeInterval, TriangleMesh, WideParams, check_primitive,
+    BuildParams, ClosestPoint, ClosestPointQuery, Counters, Division, KdParams, MovingSphere, Primitive, RayTree,
+    SimdLevel, TimeInterval, TriangleMesh, WideParams, check_primitive,
 };
 use proptest::prelude::*;
 
@@ -25,7 +25,7 @@ fn bits(found: Option<ClosestPoint>) -> Option<([u64; 3], [u32; 5])> {
 }
 
 /// Compares one query on every instruction set.
-fn agree<G: Geometry>(trees: &[RayTree<G>], oracle: &BruteForce<G>, query: ClosestPointQuery) {
+fn agree(trees: &[RayTree], oracle: &BruteForce, query: ClosestPointQuery) {
     let expected = oracle.closest_point(&query);
     for tree in trees {
         let found = tree.closest_point(&query);
@@ -161,10 +161,10 @@ fn from_very_far_away_ties_go_to_the_lowest_id() {
     let (triangles, trees) = (BruteForce::new(&meshes).unwrap(), trees(&meshes));
     let balls: Vec<MovingSphere> =
         (0..200).map(|_| MovingSphere::fixed(random.vec().as_dvec3() * 4.0, f64::from(random.unit()))).collect();
-    let spheres = BruteForce::of_primitives(balls.clone()).unwrap();
+    let spheres = BruteForce::of_scene(&[], balls.clone()).unwrap();
     let of_spheres: Vec<_> = SimdLevel::available()
         .into_iter()
-        .map(|level| RayTree::of_primitives(balls.clone(), &BuildParams::default()).unwrap().with_simd(level))
+        .map(|level| RayTree::of_scene(&[], balls.clone(), &BuildParams::default()).unwrap().with_simd(level))
         .collect();
     for exponent in 4..30 {
         for _ in 0..3 {
@@ -215,9 +215,9 @@ fn spheres_and_custom_primitives() {
         .collect();
     balls.iter().take(30).for_each(|ball| check_primitive(ball, 300).unwrap());
     bricks.iter().take(30).for_each(|brick| check_primitive(brick, 300).unwrap());
-    fn compare<P: Primitive + Clone>(primitives: &[P], random: &mut Random) {
-        let oracle = BruteForce::of_primitives(primitives.to_vec()).unwrap();
-        let build = |params| RayTree::of_primitives(primitives.to_vec(), params).unwrap();
+    fn compare<P: Primitive + Clone + 'static>(primitives: &[P], random: &mut Random) {
+        let oracle = BruteForce::of_scene(&[], primitives.to_vec()).unwrap();
+        let build = |params| RayTree::of_scene(&[], primitives.to_vec(), params).unwrap();
         let trees: Vec<_> = all_variants().iter().map(build).collect();
         for _ in 0..300 {
             agree(&trees, &oracle, random_query(random, 6.0));
@@ -225,7 +225,7 @@ fn spheres_and_custom_primitives() {
     }
     compare(&balls, &mut random);
     compare(&bricks, &mut random);
-    let ball = RayTree::of_primitives(vec![MovingSphere::fixed(DVec3::X, 2.0)], &BuildParams::default()).unwrap();
+    let ball = RayTree::of_scene(&[], vec![MovingSphere::fixed(DVec3::X, 2.0)], &BuildParams::default()).unwrap();
     let distance = |at: DVec3| ball.closest_point(&ClosestPointQuery::new(at, 0.0)).unwrap().distance;
     assert_eq!((distance(DVec3::X * 4.0), distance(DVec3::ZERO), distance(DVec3::X)), (1.0, 1.0, 2.0));
 }

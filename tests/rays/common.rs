@@ -10,7 +10,7 @@ pub use blob::Blob;
 use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{BuildParams, Division, Geometry, Hit, KdParams, Keys, LazyParams, Ray, RayTree, TriangleMesh, WideParams};
+use mbkd::{BuildParams, Division, Hit, KdParams, Keys, LazyParams, Ray, RayTree, TriangleMesh, WideParams};
 
 /// Every policy under test, and the paper's policy in all its variants.
 pub fn variants() -> Vec<BuildParams> {
@@ -78,7 +78,7 @@ pub fn random_ray(random: &mut Random, reach: f32) -> Ray {
 }
 
 /// All hits as a sorted list.
-pub fn all_hits<G: Geometry>(tree: &RayTree<G>, ray: &Ray) -> Vec<Hit> {
+pub fn all_hits(tree: &RayTree, ray: &Ray) -> Vec<Hit> {
     let mut hits = Vec::new();
     let flow = tree.all_hits(ray, |hit| {
         hits.push(hit);
@@ -90,12 +90,12 @@ pub fn all_hits<G: Geometry>(tree: &RayTree<G>, ray: &Ray) -> Vec<Hit> {
 }
 
 /// A tree for each of the [`variants`].
-pub fn trees<G: Geometry>(build: impl Fn(&BuildParams) -> RayTree<G>) -> Vec<(BuildParams, RayTree<G>)> {
+pub fn trees(build: impl Fn(&BuildParams) -> RayTree) -> Vec<(BuildParams, RayTree)> {
     variants().into_iter().map(|params| (params, build(&params))).collect()
 }
 
 /// Compares the answers of all trees to a ray with brute force, which is computed once.
-pub fn assert_equal<G: Geometry>(trees: &[(BuildParams, RayTree<G>)], oracle: &BruteForce<G>, ray: &Ray) {
+pub fn assert_equal(trees: &[(BuildParams, RayTree)], oracle: &BruteForce, ray: &Ray) {
     let expected = oracle.all_hits(ray);
     for (params, tree) in trees {
         assert_eq!(difference_from(tree, &expected, ray), None, "{params:?}");
@@ -103,12 +103,12 @@ pub fn assert_equal<G: Geometry>(trees: &[(BuildParams, RayTree<G>)], oracle: &B
 }
 
 /// The difference between the tree's answers to a ray and brute force, if any.
-pub fn difference<G: Geometry>(tree: &RayTree<G>, oracle: &BruteForce<G>, ray: &Ray) -> Option<String> {
+pub fn difference(tree: &RayTree, oracle: &BruteForce, ray: &Ray) -> Option<String> {
     difference_from(tree, &oracle.all_hits(ray), ray)
 }
 
 /// The difference between the tree's answers to a ray and the list of all hits, in order of (mesh, primitive).
-fn difference_from<G: Geometry>(tree: &RayTree<G>, oracle: &[Hit], ray: &Ray) -> Option<String> {
+fn difference_from(tree: &RayTree, oracle: &[Hit], ray: &Ray) -> Option<String> {
     let closest = oracle.iter().copied().reduce(|a, b| if b.t < a.t { b } else { a });
     let same = |a: &Option<Hit>, b: &Option<Hit>| a.map(bits) == b.map(bits);
     let got = tree.closest_hit(ray);

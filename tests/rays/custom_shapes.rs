@@ -17,9 +17,9 @@ fn blobs(count: usize, keys: usize, motion: f64, seed: u64) -> Vec<Blob> {
     (0..count).map(|_| one()).collect()
 }
 
-fn assert_same(mut tree: RayTree<mbkd::Shapes<Blob>>, blobs: &[Blob]) {
+fn assert_same(mut tree: RayTree, blobs: &[Blob]) {
     assert_eq!(tree.validate(), Ok(()));
-    let oracle = BruteForce::of_primitives(blobs.to_vec()).unwrap();
+    let oracle = BruteForce::of_scene(&[], blobs.to_vec()).unwrap();
     let mut random = Random(12);
     let (mut hits, mut points) = (0, 0);
     let levels = SimdLevel::available();
@@ -52,7 +52,7 @@ fn rays_and_closest_points_equal_brute_force() {
         for count in [1, 2, 16, 17, 400] {
             let blobs = blobs(count, keys, motion, 3);
             for division in divisions {
-                assert_same(RayTree::of_primitives(blobs.clone(), &divided(division)).unwrap(), &blobs);
+                assert_same(RayTree::of_scene(&[], blobs.clone(), &divided(division)).unwrap(), &blobs);
             }
         }
     }
@@ -64,12 +64,12 @@ fn refitted_trees_equal_brute_force() {
     let divisions = [Division::Whole, Division::SharedLeaves(3), Division::SeparateTrees(4)];
     for division in divisions {
         for (keys, motion) in [(1, 0.0), (2, 0.2)] {
-            let mut tree = RayTree::of_primitives(blobs(300, keys, motion, 3), &divided(division)).unwrap();
+            let mut tree = RayTree::of_scene(&[], blobs(300, keys, motion, 3), &divided(division)).unwrap();
             for (now_keys, now_motion, seed) in [(2, 0.1, 4), (1, 0.0, 5), (2, 0.3, 6)] {
                 let now = blobs(300, now_keys, now_motion, seed);
-                tree.refit_primitives(now.clone()).unwrap();
+                tree.refit_with_shapes(&[], now.clone()).unwrap();
                 assert_eq!(tree.validate(), Ok(()));
-                let oracle = BruteForce::of_primitives(now).unwrap();
+                let oracle = BruteForce::of_scene(&[], now).unwrap();
                 let mut random = Random(13);
                 for _ in 0..200 {
                     assert_eq!(difference(&tree, &oracle, &random_ray(&mut random, 1.2)), None);
@@ -94,10 +94,10 @@ fn the_least_budget_suffices() {
         };
         let blobs: Vec<Blob> = (0..count).map(one).collect();
         let least = WideParams { bytes_per_primitive: 128.0, ..WideParams::default() };
-        let tree = RayTree::of_primitives(blobs.clone(), &BuildParams::wide(least)).unwrap();
+        let tree = RayTree::of_scene(&[], blobs.clone(), &BuildParams::wide(least)).unwrap();
         assert!(tree.statistics().bytes <= 128 * count + 8192, "{}", tree.statistics().bytes);
         assert_eq!(tree.validate(), Ok(()));
-        let oracle = BruteForce::of_primitives(blobs).unwrap();
+        let oracle = BruteForce::of_scene(&[], blobs).unwrap();
         for _ in 0..50 {
             let query = ClosestPointQuery::new(random.vec(), random.unit());
             assert_eq!(tree.closest_point(&query), oracle.closest_point(&query));

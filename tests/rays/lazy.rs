@@ -159,9 +159,9 @@ fn rays_into_a_corner_build_what_is_there() {
 }
 
 /// A ball that counts the calls for its bounds.
-struct Counted<'a>(MovingSphere, &'a AtomicUsize);
+struct Counted(MovingSphere, Arc<AtomicUsize>);
 
-impl Primitive for Counted<'_> {
+impl Primitive for Counted {
     fn bounds(&self, over: TimeInterval) -> LinearBounds {
         self.1.fetch_add(1, Ordering::Relaxed);
         self.0.bounds(over)
@@ -201,7 +201,7 @@ fn rays_do_not_build_what_their_mask_hides() {
 
 #[test]
 fn all_threads_at_once_find_the_same_and_each_subtree_is_built_once() {
-    let calls = AtomicUsize::new(0);
+    let calls = Arc::new(AtomicUsize::new(0));
     let mut random = Random(8);
     let balls: Vec<MovingSphere> = (0..2000)
         .map(|_| {
@@ -210,8 +210,8 @@ fn all_threads_at_once_find_the_same_and_each_subtree_is_built_once() {
         })
         .collect();
     let rays: Vec<Ray> = (0..500).map(|_| random_ray(&mut random, 1.2)).collect();
-    let build =
-        || RayTree::of_primitives(balls.iter().map(|ball| Counted(ball.clone(), &calls)).collect(), &lazy(40)).unwrap();
+    let counted = |ball: &MovingSphere| Shape::custom(Counted(ball.clone(), calls.clone()));
+    let build = || RayTree::of_scene(&[], balls.iter().map(counted).collect(), &lazy(40)).unwrap();
     let alone = build();
     let expected: Vec<_> = rays.iter().map(|ray| alone.closest_hit(ray)).collect();
     let once = calls.swap(0, Ordering::Relaxed);

@@ -108,15 +108,14 @@ fn trees_of_primitives_have_masks_too() {
         (0..20).map(ball).collect()
     };
     let ray = Ray::new(DVec3::new(0.0, 0.0, -5.0), DVec3::Z.as_vec3());
-    let mut tree = RayTree::of_primitives(balls(0), &BuildParams::default()).unwrap();
-    let hit =
-        |tree: &RayTree<mbkd::Shapes<MovingSphere>>, mask| tree.closest_hit_masked(&ray, mask).map(|hit| hit.primitive);
+    let mut tree = RayTree::of_scene(&[], balls(0), &BuildParams::default()).unwrap();
+    let hit = |tree: &RayTree, mask| tree.closest_hit_masked(&ray, mask).map(|hit| hit.primitive);
     assert_eq!([1, 0b1100, 0, 1 << 20].map(|mask| hit(&tree, mask)), [Some(0), Some(2), None, None]);
-    tree.refit_primitives(balls(1)).unwrap();
+    tree.refit_with_shapes(&[], balls(1)).unwrap();
     assert_eq!([1, 0b1100, 0, 1 << 20].map(|mask| hit(&tree, mask)), [None, Some(1), None, Some(19)]);
     let lazy = BuildParams { policy: Policy::Lazy(LazyParams::default()) };
     for params in [lazy, BuildParams::paper()] {
-        let tree = RayTree::of_primitives(balls(0), &params).unwrap();
+        let tree = RayTree::of_scene(&[], balls(0), &params).unwrap();
         assert_eq!([1, 0b1100, 0, 1 << 20].map(|mask| hit(&tree, mask)), [Some(0), Some(2), None, None]);
     }
 }

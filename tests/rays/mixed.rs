@@ -118,13 +118,13 @@ fn visitors_meet_all_and_corners_are_those_of_meshes() {
             assert_eq!(tree.triangle(mesh, triangle, 0.3), alone.triangle(mesh, triangle, 0.3));
         }
         assert!(tree.triangle(4, 0, 0.5)[0].is_nan());
-        assert_eq!(tree.shapes().len(), 30);
+        assert_eq!(tree.shape_count(), 30);
     }
 }
 
 #[test]
 fn bad_shapes_are_refused_beside_meshes_too() {
-    let bad = vec![MovingSphere::fixed(DVec3::ZERO, 1.0).into(), MovingSphere::fixed(DVec3::NAN, 1.0).into()];
+    let bad = vec![MovingSphere::fixed(DVec3::ZERO, 1.0), MovingSphere::fixed(DVec3::NAN, 1.0)];
     let error = RayTree::of_scene(&meshes(), bad, &BuildParams::default()).unwrap_err();
     assert_eq!(error, mbkd::BuildError::BadBounds { primitive: 1 });
 }

@@ -125,7 +125,7 @@ fn builds_of_shapes_and_instances_report_evenly_and_can_be_cancelled_at_any_repo
         RayTree::of_scene_with_progress(&[], shapes, &params, report).map(|_| ())
     });
     check("primitives", &Ok(()), &|report| {
-        RayTree::of_primitives_with_progress((0..TRIANGLES / 2).map(ball).collect(), &params, report).map(|_| ())
+        RayTree::of_scene_with_progress(&[], (0..TRIANGLES / 2).map(ball).collect(), &params, report).map(|_| ())
     });
     let of = Arc::new(RayTree::build(&[soup(10, 1, 0.1, 0.0, 9)], &params).unwrap());
     let placed = |i: usize| Instance::new(of.clone(), Pose { translation: at(i), ..Pose::IDENTITY });

@@ -142,7 +142,7 @@ fn spheres_and_bricks_are_refitted() {
         let mut random = Random(6);
         let mut now = meshes();
         let mut tree = RayTree::of_scene(&now, shapes(0), &params).unwrap();
-        let mut of_balls = RayTree::of_primitives(balls(0), &params).unwrap();
+        let mut of_balls = RayTree::of_scene(&[], balls(0), &params).unwrap();
         for frame in 1..6 {
             let rays = rays(100, 1.5, frame as u64);
             now[2] = moved(&now[2], 0.05, Vec3::ZERO, 1.0, &mut random);
@@ -153,9 +153,9 @@ fn spheres_and_bricks_are_refitted() {
             assert!(refit.leaves > 0 && refit.leaves < tree.statistics().leaves / 2, "{params:?}: {refit:?}");
             assert_eq!(tree.validate(), Ok(()));
             let oracle = BruteForce::of_scene(&now, shapes(frame)).unwrap();
-            of_balls.refit_primitives(balls(frame)).unwrap();
+            of_balls.refit_with_shapes(&[], balls(frame)).unwrap();
             assert_eq!(of_balls.validate(), Ok(()));
-            let of_balls_oracle = BruteForce::of_primitives(balls(frame)).unwrap();
+            let of_balls_oracle = BruteForce::of_scene(&[], balls(frame)).unwrap();
             for ray in &rays {
                 assert_eq!(difference(&tree, &oracle, ray), None, "{params:?}, frame {frame}");
                 assert_eq!(difference(&of_balls, &of_balls_oracle, ray), None, "{params:?}, frame {frame}");
@@ -163,7 +163,10 @@ fn spheres_and_bricks_are_refitted() {
         }
         let refused = tree.refit_with_shapes(&now, shapes(0).split_off(1)).unwrap_err();
         assert_eq!(refused, RefitError::Shapes { expected: 60, found: 59 });
-        assert_eq!(of_balls.refit_primitives(Vec::new()).unwrap_err(), RefitError::Shapes { expected: 300, found: 0 });
+        assert_eq!(
+            of_balls.refit_with_shapes(&[], Vec::<MovingSphere>::new()).unwrap_err(),
+            RefitError::Shapes { expected: 300, found: 0 }
+        );
     }
 }
 

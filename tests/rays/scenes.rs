@@ -6,7 +6,7 @@ use crate::common::{Random, all_hits, bits, variants};
 use crate::scene;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::Vec3;
-use mbkd::{BuildParams, Geometry, Hit, KdParams, MovingSphere, Ray, RayTree};
+use mbkd::{BuildParams, Hit, KdParams, MovingSphere, Ray, RayTree};
 use std::thread;
 
 const RAYS: usize = 75_000;
@@ -34,7 +34,7 @@ fn rays(seed: u64, camera: &scene::Camera, low: Vec3, high: Vec3) -> Vec<Ray> {
 }
 
 /// Answers of brute force, on two threads.
-fn answers<G: Geometry>(oracle: &BruteForce<G>, rays: &[Ray]) -> Vec<Option<Hit>> {
+fn answers(oracle: &BruteForce, rays: &[Ray]) -> Vec<Option<Hit>> {
     let half = rays.len() / 2;
     let answers_of = |rays: &[Ray]| rays.iter().map(|ray| oracle.closest_hit(ray)).collect::<Vec<_>>();
     thread::scope(|scope| {
@@ -45,7 +45,7 @@ fn answers<G: Geometry>(oracle: &BruteForce<G>, rays: &[Ray]) -> Vec<Option<Hit>
     })
 }
 
-fn check<G: Geometry>(name: &str, rays: &[Ray], oracle: &BruteForce<G>, build: impl Fn(&BuildParams) -> RayTree<G>) {
+fn check(name: &str, rays: &[Ray], oracle: &BruteForce, build: impl Fn(&BuildParams) -> RayTree) {
     let expected = answers(oracle, rays);
     let hits = expected.iter().flatten().count();
     assert!(hits > rays.len() / 50, "only {hits} rays hit {name}");
@@ -174,8 +174,8 @@ fn flake() {
         .map(|s| MovingSphere::new(s.centers.iter().map(|c| (c.as_dvec3(), f64::from(s.radius))).collect()))
         .collect();
     let rays = rays(6, &camera, Vec3::splat(-1.6), Vec3::splat(1.6));
-    let oracle = BruteForce::of_primitives(spheres.clone()).unwrap();
-    check("flake", &rays, &oracle, |params| RayTree::of_primitives(spheres.clone(), params).unwrap());
+    let oracle = BruteForce::of_scene(&[], spheres.clone()).unwrap();
+    check("flake", &rays, &oracle, |params| RayTree::of_scene(&[], spheres.clone(), params).unwrap());
 }
 
 #[test]

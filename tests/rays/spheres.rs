@@ -156,7 +156,7 @@ fn straight_motion_costs_the_same_with_any_number_of_keys() {
     let balls = spheres(PLAIN, 3);
     for params in params() {
         let of = |keys: usize| {
-            let shapes = balls.iter().map(|ball| straightened(ball, keys).into()).collect();
+            let shapes = balls.iter().map(|ball| straightened(ball, keys)).collect();
             RayTree::of_scene(&[], shapes, &params).unwrap()
         };
         for keys in [3, 9, 65] {
@@ -176,7 +176,7 @@ fn straight_motion_costs_the_same_with_any_number_of_keys() {
 fn spheres_with_few_keys_do_not_take_those_of_their_neighbours() {
     let of = |keys: &'static [usize]| {
         let balls = spheres(Kind { count: 2000, keys, ..PLAIN }, 8);
-        RayTree::of_primitives(balls, &divided(Division::Whole)).unwrap().statistics().bytes
+        RayTree::of_scene(&[], balls, &divided(Division::Whole)).unwrap().statistics().bytes
     };
     // One in ten moves on a curve.
     let (mixed, [still, bent]) = (of(&[1, 1, 1, 1, 1, 65, 1, 1, 1, 1]), [of(&[1]), of(&[65])]);
@@ -190,15 +190,15 @@ fn refitted_trees_equal_brute_force_whatever_becomes_of_spheres() {
     for params in [Division::Automatic, Division::SharedLeaves(3), Division::SeparateTrees(2)] {
         let params = BuildParams::wide(WideParams { division: params, ..WideParams::default() });
         for first in [PLAIN, Kind { keys: &[9], ..PLAIN }] {
-            let mut tree = RayTree::of_primitives(spheres(first, 1), &params).unwrap();
+            let mut tree = RayTree::of_scene(&[], spheres(first, 1), &params).unwrap();
             for (frame, kind) in frames.into_iter().chain([first]).enumerate() {
                 let mut balls = spheres(kind, 2 + frame as u64);
                 // Some need fewer keys than they have.
                 for ball in balls.iter_mut().skip(frame).step_by(3).filter(|ball| ball.keys.len() > 2) {
                     *ball = straightened(ball, ball.keys.len());
                 }
-                tree.refit_primitives(balls.clone()).unwrap();
-                let oracle = BruteForce::of_primitives(balls.clone()).unwrap();
+                tree.refit_with_shapes(&[], balls.clone()).unwrap();
+                let oracle = BruteForce::of_scene(&[], balls.clone()).unwrap();
                 for ray in rays(kind, &balls, 150, frame as u64) {
                     assert_eq!(difference(&tree, &oracle, &ray), None, "{params:?}, frame {frame}");
                 }
@@ -220,25 +220,21 @@ fn spheres_of_the_callers_equal_brute_force_and_are_tested_together() {
             balls.iter().cloned().zip(1..).map(|(ball, mask)| Blob { mask, ..Blob::named(ball) }).collect::<Vec<_>>()
         };
         let params = divided(division);
-        let tree = RayTree::of_primitives(own(), &params).unwrap();
-        let in_scene = RayTree::of_scene(&[], own().into_iter().map(Shape::custom).collect(), &params).unwrap();
-        let oracle = BruteForce::of_primitives(own()).unwrap();
-        let (mut alone, mut among) = (Counters::default(), Counters::default());
+        let tree = RayTree::of_scene(&[], own(), &params).unwrap();
+        let oracle = BruteForce::of_scene(&[], own()).unwrap();
+        let mut counters = Counters::default();
         let mut hits = 0;
         for ray in rays(PLAIN, &balls, 1000, 4) {
             let expected = oracle.closest_hit(&ray);
-            let found = tree.closest_hit_observed(&ray, &mut alone);
+            let found = tree.closest_hit_observed(&ray, &mut counters);
             assert_eq!(found, expected, "{kind:?}");
-            assert_eq!(in_scene.closest_hit_observed(&ray, &mut among), expected, "{kind:?}");
             if let Some(hit) = found {
-                assert_eq!(tree.primitives()[hit.primitive as usize].mask, hit.primitive + 1);
+                assert_eq!(tree.shape(hit.primitive).unwrap().mask(), hit.primitive + 1);
                 hits += 1;
             }
         }
-        for counters in [alone, among] {
-            let Counters { leaves, primitive_tests, .. } = counters;
-            assert!(leaves < 16 * 1000 && primitive_tests > 5 * leaves, "{kind:?}: {counters:?}");
-        }
+        let Counters { leaves, primitive_tests, .. } = counters;
+        assert!(leaves < 16 * 1000 && primitive_tests > 5 * leaves, "{kind:?}: {counters:?}");
         assert!(hits > 500, "{hits}");
     }
 }
@@ -325,7 +321,7 @@ fn points_of_grazing_hits_are_known_at_other_times() {
     };
     for _ in 0..400 {
         let sphere = MovingSphere::new(vec![(random.vec().as_dvec3(), 0.7), (random.vec().as_dvec3(), 1.2)]);
-        let tree = RayTree::of_scene(&[], vec![Shape::from(sphere.clone())], &BuildParams::default()).unwrap();
+        let tree = RayTree::of_scene(&[], vec![sphere.clone()], &BuildParams::default()).unwrap();
         let mut placed = |of: InstanceOf| {
             let keys = vec![pose(&mut random), pose(&mut random)];
             InstanceTree::build(vec![Instance::new(of, keys)], &WideParams::default()).unwrap()
@@ -366,7 +362,7 @@ fn normals_of_hits_from_far_away_are_not_rounded_as_distances_are() {
             let normal = aside - along * (1.0 - aside.length_squared()).sqrt();
             let ray = Ray::new(center + aside * radius - dir.as_dvec3() * distance, dir);
             let sphere = MovingSphere::fixed(center, radius);
-            let tree = RayTree::of_scene(&[], vec![sphere.into()], &BuildParams::default()).unwrap();
+            let tree = RayTree::of_scene(&[], vec![sphere], &BuildParams::default()).unwrap();
             let hit = tree.closest_hit(&ray).unwrap();
             // The origin is an f64: at 1e8, less than 1e-7 beside the line.
             let found = [hit.u, hit.v].map(f64::from);
@@ -391,9 +387,9 @@ fn signs_of_zeros_do_not_reach_the_hits() {
             MovingSphere::new(if random.below(2) == 0 { vec![(from, 1.0)] } else { vec![(from, 1.0), (to, 1.0)] })
         };
         let balls: Vec<MovingSphere> = (0..8).map(|i| ball(&mut random, i)).collect();
-        let oracle = BruteForce::of_primitives(balls.clone()).unwrap();
+        let oracle = BruteForce::of_scene(&[], balls.clone()).unwrap();
         for params in variants() {
-            let tree = RayTree::of_primitives(balls.clone(), &params).unwrap();
+            let tree = RayTree::of_scene(&[], balls.clone(), &params).unwrap();
             for _ in 0..40 {
                 let origin = DVec3::new(-2.0 + 3.0 * random.below(8) as f64, zero(&mut random), zero(&mut random));
                 let dir = Vec3::new(1.0, zero(&mut random) as f32, zero(&mut random) as f32);

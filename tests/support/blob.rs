@@ -1,7 +1,7 @@
 //! A primitive of a caller's, for tests.
 
 use mbkd::glam::DVec3;
-use mbkd::{Intersection, LinearBounds, MovingSphere, Primitive, Ray, SurfacePoint, TimeInterval};
+use mbkd::{Intersection, LinearBounds, MovingSphere, Primitive, Ray, Shape, SurfacePoint, TimeInterval};
 
 /// A sphere with a mask of its own, which counts instead of the sphere's.
 #[derive(Clone, Debug)]
@@ -46,5 +46,11 @@ impl Primitive for Blob {
 
     fn as_sphere(&self) -> Option<&MovingSphere> {
         self.named.then_some(&self.ball)
+    }
+}
+
+impl From<Blob> for Shape {
+    fn from(blob: Blob) -> Shape {
+        Shape::custom(blob)
     }
 }

@@ -123,11 +123,11 @@ pub fn case(random: &mut Random) -> Outcome {
             0 => {
                 let mut bytes = Vec::new();
                 match life.tree.write_to(&mut bytes) {
-                    Err(FileError::CustomShape { .. } | FileError::Lazy) => {}
+                    Err(FileError::Lazy) => {}
                     result => {
                         result.map_err(|error| format!("{what}: {error}"))?;
                         what += "; file";
-                        let read = RayTree::read_from(&mut bytes.as_slice());
+                        let read = RayTree::read_with_shapes_from(&mut bytes.as_slice(), life.scene.shapes());
                         life.tree = Arc::new(read.map_err(|error| format!("{what}: {error}"))?);
                     }
                 }

@@ -10,8 +10,8 @@ use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
-    Aabb, BuildError, BuildParams, ClosestPoint, ClosestPointQuery, Counters, FileError, Geometry, Hit, Keys, Policy,
-    Primitive, Ray, RayTree, RefitError, Shapes, SimdLevel, TreePrimitive, Visitor,
+    Aabb, BuildError, BuildParams, ClosestPoint, ClosestPointQuery, Counters, FileError, Hit, Keys, MovingSphere,
+    Policy, Ray, RayTree, RefitError, Shape, SimdLevel, TreePrimitive, Visitor,
 };
 
 /// A ray that is critical in some way, towards something in the scene.
@@ -68,7 +68,7 @@ pub struct Queries {
 }
 
 impl Queries {
-    pub fn new<G: Geometry>(random: &mut Random, scene: &Scene, oracle: &BruteForce<G>, count: usize) -> Queries {
+    pub fn new(random: &mut Random, scene: &Scene, oracle: &BruteForce, count: usize) -> Queries {
         let mut rays: Vec<Ray> = (0..count).map(|_| ray(random, scene)).collect();
         // Rays that end or begin exactly at a hit.
         for i in (0..count).step_by(3) {
@@ -127,7 +127,7 @@ pub struct Answers {
 }
 
 impl Answers {
-    pub fn of_brute_force<G: Geometry>(of: &BruteForce<G>, queries: &Queries) -> Answers {
+    pub fn of_brute_force(of: &BruteForce, queries: &Queries) -> Answers {
         let (rays, points, mask) = (queries.rays.iter().enumerate(), queries.points.iter().enumerate(), queries.mask);
         let accepts = |i, primitive| queries.accepts(i, primitive);
         Answers {
@@ -144,7 +144,7 @@ impl Answers {
         }
     }
 
-    pub fn check<G: Geometry>(&self, tree: &RayTree<G>, queries: &Queries, what: &str) -> Outcome {
+    pub fn check(&self, tree: &RayTree, queries: &Queries, what: &str) -> Outcome {
         let (rays, mask) = (&queries.rays, queries.mask);
         for (i, ray) in rays.iter().enumerate() {
             let about = |query: &str| format!("{what}: {query} of {ray:?}, mask {mask:b}");
@@ -206,7 +206,7 @@ impl Answers {
         self.check_batches(tree, queries, what)
     }
 
-    fn check_batches<G: Geometry>(&self, tree: &RayTree<G>, queries: &Queries, what: &str) -> Outcome {
+    fn check_batches(&self, tree: &RayTree, queries: &Queries, what: &str) -> Outcome {
         let (rays, mask) = (&queries.rays, queries.mask);
         let accept = |i: usize, hit: &Hit| queries.accepts(i, hit.primitive);
         let near = |i: usize, p: &ClosestPoint| queries.accepts(i, p.primitive);
@@ -238,7 +238,7 @@ impl Answers {
 pub fn case(random: &mut Random) -> Outcome {
     let scene = Scene::random(random, 20_000, 28);
     if scene.meshes.is_empty() && random.one_in(2) {
-        return custom_primitives(random, &scene);
+        return shapes_only(random, &scene);
     }
     let oracle =
         BruteForce::of_scene(&scene.meshes, scene.shapes()).map_err(|error| format!("brute force: {error}"))?;
@@ -267,7 +267,7 @@ pub fn case(random: &mut Random) -> Outcome {
 }
 
 /// The structure of a tree. In k-d trees, this check takes the square of the number of primitives.
-fn valid<G: Geometry>(scene: &Scene, tree: &RayTree<G>, params: &BuildParams, what: &str) -> Outcome {
+fn valid(scene: &Scene, tree: &RayTree, params: &BuildParams, what: &str) -> Outcome {
     if !matches!(params.policy, Policy::Kd(_)) || scene.len() < 200 {
         same!(tree.validate(), Ok(()), "{what}");
     }
@@ -355,11 +355,17 @@ fn same_in_file(
     let (mut bytes, mut again) = (Vec::new(), Vec::new());
     match tree.write_to(&mut bytes) {
         Ok(()) => {}
-        Err(FileError::CustomShape { .. }) if scene.has_custom_shapes() => return Ok(()),
         Err(FileError::Lazy) if matches!(params.policy, Policy::Lazy(_)) => return Ok(()),
         Err(error) => return Err(format!("{what}: write: {error}")),
     }
-    let mut read = RayTree::read_from(&mut bytes.as_slice()).map_err(|error| format!("{what}: read: {error}"))?;
+    let alone = RayTree::read_from(&mut bytes.as_slice());
+    let mut read = if scene.has_custom_shapes() {
+        ensure!(matches!(alone, Err(FileError::CustomShapes { .. })), "{what}: read without the shapes: {alone:?}");
+        RayTree::read_with_shapes_from(&mut bytes.as_slice(), scene.shapes())
+    } else {
+        alone
+    }
+    .map_err(|error| format!("{what}: read: {error}"))?;
     answers.check(&read, queries, &format!("{what}, from a file"))?;
     read.write_to(&mut again).map_err(|error| format!("{what}: write again: {error}"))?;
     ensure!(bytes == again, "{what}: written, read and written: other bytes");
@@ -445,57 +451,49 @@ fn refused(random: &mut Random, now: &Scene, tree: &mut RayTree, what: &str) -> 
     Ok(())
 }
 
-/// Trees of primitives of one type: of which none, some or all are spheres.
-fn custom_primitives(random: &mut Random, scene: &Scene) -> Outcome {
-    let balls = |scene: &Scene| scene.balls.iter().map(|(ball, _)| ball.clone()).collect::<Vec<_>>();
-    match random.below(3) {
-        0 => of_primitives(random, scene, |scene| balls(scene).into_iter().map(Blob::hidden).collect()),
-        1 => of_primitives(random, scene, balls),
-        _ => of_primitives(random, scene, |scene| {
-            scene.balls.iter().map(|(ball, own)| Blob { named: !own, ..Blob::hidden(ball.clone()) }).collect()
-        }),
-    }
-}
-
-fn of_primitives<P: Primitive + Clone>(
-    random: &mut Random,
-    scene: &Scene,
-    primitives: impl Fn(&Scene) -> Vec<P>,
-) -> Outcome {
-    let oracle = BruteForce::of_primitives(primitives(scene)).map_err(|error| error.to_string())?;
+/// Trees of shapes only: of which none, some or all are spheres.
+fn shapes_only(random: &mut Random, scene: &Scene) -> Outcome {
+    let kind = random.below(3);
+    let shape = |(ball, own): &(MovingSphere, bool)| match kind {
+        0 => Blob::hidden(ball.clone()).into(),
+        1 => Shape::from(ball.clone()),
+        _ => Blob { named: !own, ..Blob::hidden(ball.clone()) }.into(),
+    };
+    let shapes = |scene: &Scene| scene.balls.iter().map(shape).collect::<Vec<Shape>>();
+    let oracle = BruteForce::of_scene(&[], shapes(scene)).map_err(|error| error.to_string())?;
     let queries = Queries::new(random, scene, &oracle, 40);
     let answers = Answers::of_brute_force(&oracle, &queries);
     for _ in 0..3 {
         let (params, level) = (params(random), random.pick(&SimdLevel::available()));
-        let mut tree = match RayTree::of_primitives(primitives(scene), &params) {
+        let mut tree = match RayTree::of_scene(&[], shapes(scene), &params) {
             Err(error) if is_documented(&error) => continue,
             tree => tree.map_err(|error| format!("{params:?}: {error}"))?.with_simd(level),
         };
-        let mut what = format!("{} primitives, {params:?}, {level}", scene.len());
+        let mut what = format!("{} shapes, {params:?}, {level}", scene.len());
         valid(scene, &tree, &params, &what)?;
         answers.check(&tree, &queries, &what)?;
-        primitives_in_file(&tree, primitives(scene), &answers, &queries, &what)?;
+        shapes_in_file(&tree, shapes(scene), &answers, &queries, &what)?;
         let mut held = Vec::new();
         let mut now = scene.clone();
         for _ in 0..1 + random.below(3) {
             held.extend(random.one_in(2).then(|| (tree.clone(), now.clone())));
             let next = now.clone().with_other_balls(random);
-            match tree.refit_primitives(primitives(&next)) {
+            match tree.refit_with_shapes(&[], shapes(&next)) {
                 Ok(_) => now = next,
                 Err(RefitError::Policy | RefitError::Lazy | RefitError::ActiveShape { .. }) => break,
                 Err(RefitError::Input(BuildError::TooLarge { .. })) => break,
                 Err(error) => return Err(format!("{what}: refit: {error}")),
             }
             what += ", refitted";
-            let oracle = BruteForce::of_primitives(primitives(&now)).map_err(|error| error.to_string())?;
+            let oracle = BruteForce::of_scene(&[], shapes(&now)).map_err(|error| error.to_string())?;
             let queries = Queries::new(random, &now, &oracle, 20);
             same!(tree.validate(), Ok(()), "{what}");
             let answers = Answers::of_brute_force(&oracle, &queries);
             answers.check(&tree, &queries, &what)?;
-            primitives_in_file(&tree, primitives(&now), &answers, &queries, &what)?;
+            shapes_in_file(&tree, shapes(&now), &answers, &queries, &what)?;
         }
         for (tree, scene) in held {
-            let oracle = BruteForce::of_primitives(primitives(&scene)).map_err(|error| error.to_string())?;
+            let oracle = BruteForce::of_scene(&[], shapes(&scene)).map_err(|error| error.to_string())?;
             let queries = Queries::new(random, &scene, &oracle, 10);
             Answers::of_brute_force(&oracle, &queries).check(&tree, &queries, &format!("{what}, a clone before"))?;
         }
@@ -503,20 +501,14 @@ fn of_primitives<P: Primitive + Clone>(
     Ok(())
 }
 
-/// A tree of primitives that is written, and read with these handed in again.
-fn primitives_in_file<P: Primitive + Clone>(
-    tree: &RayTree<Shapes<P>>,
-    primitives: Vec<P>,
-    answers: &Answers,
-    queries: &Queries,
-    what: &str,
-) -> Outcome {
+/// A tree that is written, and read with its shapes handed in again.
+fn shapes_in_file(tree: &RayTree, shapes: Vec<Shape>, answers: &Answers, queries: &Queries, what: &str) -> Outcome {
     let (mut bytes, mut again) = (Vec::new(), Vec::new());
     match tree.write_to(&mut bytes) {
         Err(FileError::Lazy) => return Ok(()),
         result => result.map_err(|error| format!("{what}: write: {error}"))?,
     }
-    let read = RayTree::read_primitives_from(&mut bytes.as_slice(), primitives);
+    let read = RayTree::read_with_shapes_from(&mut bytes.as_slice(), shapes);
     let read = read.map_err(|error| format!("{what}: read: {error}"))?;
     answers.check(&read, queries, &format!("{what}, from a file"))?;
     read.write_to(&mut again).map_err(|error| format!("{what}: write again: {error}"))?;

@@ -8,7 +8,7 @@ use super::tally::RayTally;
 use crate::oracle::{ExactRay, Given, Meeting, Moving, clearly_missed, meet_triangle};
 use core::ops::ControlFlow;
 use mbkd::glam::{DVec3, Vec3};
-use mbkd::{BuildParams, Geometry, Hit, KdParams, Ray, RayTree, TriangleMesh};
+use mbkd::{BuildParams, Hit, KdParams, Ray, RayTree, TriangleMesh};
 use mbkd_scenes::Random;
 
 /// The compared policies, by name.
@@ -192,7 +192,7 @@ impl SceneUnderTest {
 }
 
 /// All hits of a ray.
-pub(super) fn all_hits<G: Geometry>(tree: &RayTree<G>, ray: &Ray) -> Vec<Hit> {
+pub(super) fn all_hits(tree: &RayTree, ray: &Ray) -> Vec<Hit> {
     let mut hits = Vec::new();
     let _ = tree.all_hits(ray, |hit| {
         hits.push(hit);
@@ -202,7 +202,7 @@ pub(super) fn all_hits<G: Geometry>(tree: &RayTree<G>, ray: &Ray) -> Vec<Hit> {
 }
 
 /// Checks that closest and any hit agree with all hits, and that all are in range.
-pub(super) fn check_queries<G: Geometry>(tree: &RayTree<G>, ray: &Ray, hits: &[Hit], tally: &mut RayTally) {
+pub(super) fn check_queries(tree: &RayTree, ray: &Ray, hits: &[Hit], tally: &mut RayTally) {
     let key = |h: &Hit| (h.t.to_bits(), h.mesh, h.primitive);
     let first = hits.iter().min_by(|a, b| a.t.total_cmp(&b.t).then(key(a).cmp(&key(b))));
     let closest = tree.closest_hit(ray);

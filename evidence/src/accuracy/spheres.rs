@@ -60,7 +60,7 @@ pub fn compare_spheres(
     random: &mut Random,
 ) -> Result<Vec<RayTally>, BuildError> {
     let spheres = spheres(case, random);
-    let build = |p: &BuildParams| RayTree::of_primitives(spheres.clone(), p);
+    let build = |p: &BuildParams| RayTree::of_scene(&[], spheres.clone(), p);
     let trees = params.iter().map(build).collect::<Result<Vec<_>, _>>()?;
     let mut tallies = vec![RayTally::default(); trees.len()];
     for _ in 0..count {

@@ -9,7 +9,7 @@ use mbkd::glam::Vec3;
 use mbkd::{FileError, RayTree};
 
 /// The version of the format that this reads.
-const VERSION: u32 = 9;
+const VERSION: u32 = 10;
 /// The number of the k-d layout.
 const KD: u32 = 1;
 /// Added to the number of keys of a mesh that is stored in f64.
@@ -60,7 +60,7 @@ impl LibraryKd {
     }
 }
 
-/// The k-d tree in a file of a ray tree of a scene.
+/// The k-d tree in a file of a ray tree.
 fn read(file: &mut File) -> Option<LibraryKd> {
     file.take(8)?;
     if file.word()? != VERSION {
@@ -72,9 +72,14 @@ fn read(file: &mut File) -> Option<LibraryKd> {
     file.take(2 * 8)?;
     let meshes = file.array(24)?;
     let in_f64 = meshes.chunks_exact(24).any(|mesh| word(&mesh[4..]) >= IN_F64);
-    // Positions and corners, likewise of meshes in f64; spheres and their masks.
-    let skipped: &[usize] = if in_f64 { &[12, 12, 24, 12, 4, 8, 4, 32] } else { &[12, 12, 4, 8, 4, 32] };
+    // Positions and corners, likewise of meshes in f64.
+    let skipped: &[usize] = if in_f64 { &[12, 12, 24, 12] } else { &[12, 12] };
     for &size in skipped {
+        file.array(size)?;
+    }
+    // The box of shapes; their numbers of keys, times and masks; the keys of spheres.
+    file.take(6 * 8)?;
+    for size in [4, 8, 4, 32] {
         file.array(size)?;
     }
     if file.word()? != KD {

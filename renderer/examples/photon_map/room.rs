@@ -1,7 +1,7 @@
 //! The room: a lamp, a glass sphere in flight, and a coloured ball that passes a wall.
 
 use mbkd::glam::{DVec3, Mat3, Vec3};
-use mbkd::{BuildError, BuildParams, MovingSphere, Ray, RayTree, Shapes, TriangleMesh};
+use mbkd::{BuildError, BuildParams, MovingSphere, Ray, RayTree, TriangleMesh};
 use mbkd_scenes::{Camera, View};
 use std::f32::consts::PI;
 
@@ -42,11 +42,11 @@ const LIFT: f32 = 2e-4;
 /// Refractive index of the glass.
 const INDEX: f32 = 1.5;
 
-/// The scene: walls and boxes in one tree, spheres in another.
+/// The scene: walls, boxes and spheres.
 pub struct Room {
-    walls: RayTree,
+    tree: RayTree,
     colors: Vec<Vec3>,
-    spheres: RayTree<Shapes<MovingSphere>>,
+    spheres: Vec<MovingSphere>,
     ball: Vec3,
     /// The camera.
     pub camera: Camera,
@@ -100,9 +100,9 @@ impl Room {
             View { position: middle.position + way, target: middle.target + way, ..middle }
         };
         Ok(Room {
-            walls: RayTree::build(&meshes, &BuildParams::default())?,
+            tree: RayTree::of_scene(&meshes, spheres.clone(), &BuildParams::default())?,
             colors,
-            spheres: RayTree::of_primitives(spheres, &BuildParams::default())?,
+            spheres,
             ball: Vec3::new(0.85, 0.13, 0.06),
             camera: Camera { keys: vec![view(-0.5), view(0.5)] },
         })
@@ -110,17 +110,15 @@ impl Room {
 
     /// The nearest surface along a ray.
     pub fn closest(&self, ray: &Ray) -> Option<Spot> {
-        let wall = self.walls.closest_hit(ray);
-        let reach = wall.map_or(ray.t_max, |hit| hit.t);
-        if let Some(hit) = self.spheres.closest_hit(&ray.between(ray.t_min, reach)) {
-            let (center, _) = self.spheres.primitives()[hit.primitive as usize].at(ray.time);
+        let hit = self.tree.closest_hit(ray)?;
+        if hit.mesh as usize == self.tree.mesh_count() {
+            let (center, _) = self.spheres[hit.primitive as usize].at(ray.time);
             let at = ray.point(hit.t);
             let surface = if hit.primitive == 0 { Surface::Glass } else { Surface::Matte(self.ball) };
             let normal = (at - center).normalize().as_vec3();
             return Some(Spot { position: at.as_vec3(), normal, surface, body: u32::MAX - hit.primitive });
         }
-        let hit = wall?;
-        let normal = self.walls.triangle_normal(&hit, ray.time);
+        let normal = self.tree.triangle_normal(&hit, ray.time);
         let normal = if normal.dot(ray.dir) > 0.0 { -normal } else { normal };
         let position = ray.point(hit.t).as_vec3();
         let body = hit.mesh;
@@ -142,7 +140,7 @@ impl Room {
     /// Whether two points are mutually visible.
     fn free(&self, from: Vec3, to: Vec3, time: f32) -> bool {
         let ray = Ray::new(from, to - from).at_time(time).between(0.0, 1.0 - 1e-4);
-        !self.spheres.any_hit(&ray) && !self.walls.any_hit(&ray)
+        !self.tree.any_hit(&ray)
     }
 
     /// Light directly from the lamp, reflected by a matte surface. Glass casts a shadow: light through it is carried by
@@ -160,7 +158,7 @@ impl Room {
 
     /// Centre and radius of the glass sphere.
     pub fn glass(&self, time: f32) -> (Vec3, f32) {
-        let (center, radius) = self.spheres.primitives()[0].at(time);
+        let (center, radius) = self.spheres[0].at(time);
         (center.as_vec3(), radius as f32)
     }
 }

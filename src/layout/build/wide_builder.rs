@@ -154,7 +154,7 @@ impl WideTree {
         params: &DraftParams,
         progress: &Progress,
     ) -> Result<WideTree, BuildError> {
-        let mut tree = WideTree::empty(if S::TRIANGLES { usize::MAX } else { 0 });
+        let mut tree = WideTree::empty(if set.triangles().is_some() { usize::MAX } else { 0 });
         let all = ids.iter().map(|ids| ids.len()).sum::<usize>() as f64;
         let mut subtrees = Vec::new();
         for (group, ids) in ids.into_iter().enumerate().filter(|(_, ids)| !ids.is_empty()) {
@@ -424,7 +424,7 @@ fn distinct(ids: &mut [u32]) -> &[u32] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::primitive::{Scene, TriangleMesh};
+    use crate::primitive::{Scene, TriangleMesh, no_shapes};
     use crate::random::Random;
 
     /// With a budget that parameters do not allow, which no tree keeps.
@@ -433,7 +433,7 @@ mod tests {
         let mut random = Random(3);
         let mut key = || (0..6000).map(|_| random.vec()).collect::<Vec<_>>();
         let mesh = TriangleMesh::new((0..2000).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(), vec![key(), key()]);
-        let set = Scene::new(&[mesh], Vec::new()).expect("a good mesh");
+        let set = Scene::new(&[mesh], no_shapes()).expect("a good mesh");
         for division in [Division::Automatic, Division::Whole, Division::SeparateTrees(2)] {
             let params = WideParams { bytes_per_primitive: 1.0, division, ..WideParams::default() };
             match WideTree::build(&set, &params, &Progress::new(None)) {

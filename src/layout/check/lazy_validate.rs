@@ -54,7 +54,7 @@ mod tests {
     use crate::geometry::TimeInterval;
     use crate::layout::wide_node::{ChildRef, children_mut};
     use crate::params::LazyParams;
-    use crate::primitive::{Scene, TriangleMesh};
+    use crate::primitive::{Scene, TriangleMesh, no_shapes};
     use crate::progress::Progress;
     use glam::Vec3;
 
@@ -69,7 +69,7 @@ mod tests {
         // The first thousand exist at none of the times that are tried.
         let brief = TimeInterval::new(0.01, 0.02).unwrap();
         let meshes = [row(0, 1000).with_active(brief), row(1000, 3000)];
-        let set = Scene::new(&meshes, Vec::new()).unwrap();
+        let set = Scene::new(&meshes, no_shapes()).unwrap();
         let params = LazyParams { subtree: 100, ..LazyParams::default() };
         let mut tree = LazyTree::build(&set, &params, &Progress::new(None)).unwrap();
         assert!((20..1000).contains(&tree.len()));

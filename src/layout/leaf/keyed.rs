@@ -235,13 +235,13 @@ mod tests {
     use crate::geometry::Frame;
     use crate::layout::WideTree;
     use crate::params::{Division, WideParams};
-    use crate::primitive::Scene;
+    use crate::primitive::{Scene, no_shapes};
     use crate::progress::Progress;
     use crate::scene;
 
     #[test]
     fn rows_are_prefetched_at_their_position() {
-        let set = Scene::new(&scene::turning(3000, 17).meshes, Vec::new()).expect("a scene");
+        let set = Scene::new(&scene::turning(3000, 17).meshes, no_shapes()).expect("a scene");
         for division in [Division::Automatic, Division::Whole, Division::SharedLeaves(4), Division::SeparateTrees(4)] {
             let params = WideParams { division, ..WideParams::default() };
             let tree = WideTree::build(&set, &params, &Progress::new(None)).expect("a tree");

@@ -3,16 +3,14 @@
 use crate::geometry::{LinearBox3, TimeInterval};
 use crate::layout::leaf::spheres::{rewrite_shapes, shapes_words, write_shapes};
 use crate::layout::wide_node::ChildRef;
-use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes, Triangles};
+use crate::primitive::{PrimitiveSet, Scene, Triangles};
 use crate::simd::{Arena, SimdLevel};
 use crate::time::TimeSlice;
 
 /// The requirements of the wide layout on a set of primitives, beyond [`PrimitiveSet`].
 pub(crate) trait WideSource: PrimitiveSet {
-    /// Whether the set may have triangles. Their corners are in leaf blocks, in f32; leaf blocks of other primitives are lists of
-    /// ids.
-    const TRIANGLES: bool = false;
-    /// The triangles, whose ids come first.
+    /// The triangles, if the set may have some. Their ids come first; their corners are in leaf blocks, in f32. Leaf blocks of
+    /// other primitives are lists of ids.
     fn triangles(&self) -> Option<&Triangles> {
         None
     }
@@ -87,8 +85,6 @@ pub(in crate::layout) fn bounds_of<S: PrimitiveSet + ?Sized>(set: &S, ids: &[u32
 }
 
 impl WideSource for Scene {
-    const TRIANGLES: bool = true;
-
     fn triangles(&self) -> Option<&Triangles> {
         Some(&self.triangles)
     }
@@ -102,5 +98,3 @@ impl WideSource for Scene {
         self.triangles.drop_vertices();
     }
 }
-
-impl<P: Primitive> WideSource for Shapes<P> {}

@@ -339,9 +339,10 @@ fn double(low: u32, high: u32) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::error::BuildError;
     use crate::geometry::KeyTime;
     use crate::layout::{Between, block_sizes, sphere_row};
-    use crate::primitive::{Primitive, Shapes};
+    use crate::primitive::{Primitive, Scene};
     use crate::random::Random;
     use crate::simd::{LANES, Portable, Rows, Simd};
 
@@ -373,8 +374,12 @@ mod tests {
         spheres_of(n, keys, true, seed)
     }
 
-    fn block(set: &Shapes<MovingSphere>, slice: TimeSlice) -> Vec<u32> {
-        let ids: Vec<u32> = (0..set.shapes().len() as u32).collect();
+    fn scene(spheres: Vec<MovingSphere>) -> Result<Scene, BuildError> {
+        Scene::new(&[], Box::new(spheres))
+    }
+
+    fn block(set: &Scene, slice: TimeSlice) -> Vec<u32> {
+        let ids: Vec<u32> = (0..set.len() as u32).collect();
         let mut arena = Arena::default();
         write_shapes(set, &mut arena, &ids, slice).expect("room");
         arena.ints().to_vec()
@@ -386,7 +391,7 @@ mod tests {
         let (mut found, mut missing) = (0, 0);
         for (i, keys) in [1, 1, 2, 2, 3, 9, 9, 65].into_iter().enumerate() {
             let balls = spheres_of(7, keys, i % 2 == 0, keys as u64);
-            let set = Shapes::new(balls.clone()).expect("valid spheres");
+            let set = scene(balls.clone()).expect("valid spheres");
             for slices in [1, 4, 7] {
                 for index in 0..slices {
                     let slice = TimeSlice { index, of: slices };
@@ -418,7 +423,7 @@ mod tests {
         let mut most = 0.0f64;
         for seed in 0..20 {
             let balls = spheres(16, 300, seed);
-            let set = Shapes::new(balls.clone()).expect("valid spheres");
+            let set = scene(balls.clone()).expect("valid spheres");
             let words = block(&set, TimeSlice::WHOLE);
             let leaf = SphereLeaf::of(&words, 16).expect("a block of spheres");
             let error = balls.iter().map(|ball| error_of(ball, set.frame())).fold(0.0, f64::max);
@@ -452,12 +457,13 @@ mod tests {
 
     #[test]
     fn blocks_hold_spheres_with_fewer_keys_that_the_keys_of_the_block_refine() {
-        let of =
-            |keys: usize, seed: u64| Shapes::new(spheres(1, keys, seed)).expect("valid spheres").shapes()[0].clone();
+        let of = |keys: usize, seed: u64| {
+            scene(spheres(1, keys, seed)).expect("valid spheres").sphere(0).expect("a sphere").clone()
+        };
         let before: Vec<MovingSphere> = (0..5).map(|i| of(13, i)).collect();
         let mixed: Vec<MovingSphere> =
             [1, 2, 3, 7, 13].into_iter().zip(5..).map(|(keys, seed)| of(keys, seed)).collect();
-        let [before, now] = [before, mixed.clone()].map(|of| Shapes::new(of).expect("valid spheres"));
+        let [before, now] = [before, mixed.clone()].map(|of| scene(of).expect("valid spheres"));
         let (mut random, ids) = (Random(4), [0, 1, 2, 3, 4]);
         let mut found = 0;
         for slices in [1, 4, 5] {
@@ -498,7 +504,7 @@ mod tests {
 
     #[test]
     fn shapes_that_are_no_spheres_any_more_are_only_listed() {
-        let set = |keys: usize| Shapes::new(spheres(5, keys, 1)).expect("valid spheres");
+        let set = |keys: usize| scene(spheres(5, keys, 1)).expect("valid spheres");
         let ids = [0, 1, 2, 3, 4];
         for (before, after, held) in
             [(2, 2, true), (2, 1, true), (1, 2, false), (9, 9, true), (9, 1, true), (9, 2, true), (9, 4, false)]
@@ -510,30 +516,30 @@ mod tests {
             assert_eq!(words[..5], ids);
             if let Some(rows) = rows {
                 let ball = &set(after);
-                assert_eq!(rows.at(&words, 5, 3, 0.3), Some(ball.shapes()[3].at(0.3)));
+                assert_eq!(rows.at(&words, 5, 3, 0.3), ball.sphere(3).map(|ball| ball.at(0.3)));
             }
         }
         for (before, after, held) in
             [(false, false, true), (true, false, true), (true, true, true), (false, true, false)]
         {
-            let set = |fine: bool| Shapes::new(spheres_of(5, 2, fine, 2)).expect("valid spheres");
+            let set = |fine: bool| scene(spheres_of(5, 2, fine, 2)).expect("valid spheres");
             let mut words = block(&set(before), TimeSlice::WHOLE);
             rewrite_shapes(&set(after), &mut words, &ids);
             let rows = SphereLeaf::of(&words, 5);
             assert_eq!(rows.is_some(), held, "in f64 {before} and {after}");
             if let Some(rows) = rows {
-                assert_eq!(rows.at(&words, 5, 3, 0.3), Some(set(after).shapes()[3].at(0.3)));
+                assert_eq!(rows.at(&words, 5, 3, 0.3), set(after).sphere(3).map(|ball| ball.at(0.3)));
             }
         }
         let [coarse, fine] = [false, true].map(|fine| {
-            let set = Shapes::new(spheres_of(5, 2, fine, 2)).expect("valid spheres");
+            let set = scene(spheres_of(5, 2, fine, 2)).expect("valid spheres");
             shapes_words(&set, &ids, TimeSlice::WHOLE)
         });
         assert_eq!(fine - coarse, 5 * 2 * SPHERE_ROWS);
         let far = MovingSphere::new(vec![(DVec3::ZERO, 1.0), (DVec3::splat(1e25), 1.0)]);
         let far = far.with_active(crate::geometry::TimeInterval::new(0.0, 1e-30).expect("an interval"));
         assert!(far.bounds(far.active).swept().max.x < 2.0);
-        let words = block(&Shapes::new(vec![far]).expect("a valid sphere"), TimeSlice::WHOLE);
+        let words = block(&scene(vec![far]).expect("a valid sphere"), TimeSlice::WHOLE);
         assert_eq!(SphereLeaf::of(&words, 1), None);
     }
 }

@@ -303,7 +303,7 @@ mod tests {
     use super::*;
     use crate::layout::{ChildRef, WideTree};
     use crate::params::{Division, WideParams};
-    use crate::primitive::{Keys, Scene, TriangleMesh};
+    use crate::primitive::{Keys, Scene, TriangleMesh, no_shapes};
     use crate::progress::Progress;
     use crate::random::Random;
     use crate::scene;
@@ -331,7 +331,7 @@ mod tests {
 
     #[test]
     fn blocks_measure_as_their_triangles_on_all_instruction_sets() {
-        let set = Scene::new(&meshes(), Vec::new()).expect("a scene");
+        let set = Scene::new(&meshes(), no_shapes()).expect("a scene");
         let mut kinds = Vec::new();
         for division in [Division::Whole, Division::SharedLeaves(3), Division::SeparateTrees(4)] {
             let params = WideParams { division, ..WideParams::default() };

@@ -31,11 +31,11 @@ use super::triangle_bound::TriangleBound;
 use crate::geometry::{KeyTime, LEAST_SQUARED, ULP};
 use crate::kd::{KdTree, KdView};
 use crate::layout::{
-    Between, ChildRef, CornerLanes, ListBoxes, NODE_ROWS, SPHERE_ROWS, STATIC_NODE_ROWS, SphereLeaf, WideSource,
-    WideTree, block_sizes, sphere_row,
+    Between, ChildRef, CornerLanes, ListBoxes, NODE_ROWS, SPHERE_ROWS, STATIC_NODE_ROWS, SphereLeaf, WideTree,
+    block_sizes, sphere_row,
 };
 use crate::limits::DEPTH_LIMIT;
-use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes};
+use crate::primitive::{PrimitiveSet, Scene};
 use crate::ray::filter::{Everything, Filter};
 use crate::ray::observer::Observer;
 use crate::simd::{LANES, Lanes, Rows, Simd, SimdLevel, StackMemory, dispatch, dispatch_or, first_lanes};
@@ -62,20 +62,8 @@ pub struct ClosestPoint {
     pub primitive: u32,
 }
 
-/// A set of primitives that answers closest-point queries one primitive at a time.
-pub(crate) trait ClosestPointSource: WideSource {
+impl Scene {
     /// The closest point of a primitive at the query's time, at any distance.
-    fn closest_point(&self, id: u32, query: &QueryInTree) -> Option<Candidate>;
-
-    /// The first of some primitives with a point within the limit: its index in `ids`, and its closest point.
-    #[inline(always)]
-    fn first_within(&self, ids: &[u32], query: &QueryInTree, limit: f32) -> Option<(usize, Candidate)> {
-        let near = |&id: &u32| self.closest_point(id, query).filter(|candidate| candidate.distance <= limit);
-        ids.iter().enumerate().find_map(|(i, id)| Some((i, near(id)?)))
-    }
-}
-
-impl ClosestPointSource for Scene {
     #[inline]
     fn closest_point(&self, id: u32, query: &QueryInTree) -> Option<Candidate> {
         match self.shape(id) {
@@ -84,23 +72,14 @@ impl ClosestPointSource for Scene {
                 let corners = corners.unwrap_or_else(|| self.triangles.corners(id, query.time).map(Vec3::as_dvec3));
                 Some(query.on_triangle(corners))
             }
-            Some(shape) => self.shapes.closest_point(shape, query),
+            Some(shape) => query.on_shape(self.shapes.get(shape)),
         }
     }
 }
 
-impl<P: Primitive> ClosestPointSource for Shapes<P> {
-    fn closest_point(&self, id: u32, query: &QueryInTree) -> Option<Candidate> {
-        let found = self.shapes()[id as usize].closest_point(query.own, query.time)?;
-        let point = query.placed.map_or(found.point, |placed| placed.matrix.transform_point3(found.point));
-        let distance = (point - query.point).length() as f32;
-        (!distance.is_nan()).then_some(Candidate { distance, point, u: found.u, v: found.v })
-    }
-}
-
 /// The best answer so far, and the filter that candidates have to pass.
-pub(in crate::ray) struct Best<'a, G, F> {
-    pub set: &'a G,
+pub(in crate::ray) struct Best<'a, F> {
+    pub scene: &'a Scene,
     filter: &'a F,
     pub query: &'a QueryInTree<'a>,
     found: Option<(Candidate, u32)>,
@@ -108,7 +87,7 @@ pub(in crate::ray) struct Best<'a, G, F> {
     pub limit: f32,
 }
 
-impl<G: PrimitiveSet, F: Filter<ClosestPoint>> Best<'_, G, F> {
+impl<F: Filter<ClosestPoint>> Best<'_, F> {
     /// Takes the point of a primitive that the query [sees](Best::sees) if it is the closest so far.
     #[inline(always)]
     fn offer(&mut self, candidate: Candidate, id: u32) {
@@ -128,7 +107,7 @@ impl<G: PrimitiveSet, F: Filter<ClosestPoint>> Best<'_, G, F> {
     /// which takes longer.
     #[inline(always)]
     fn sees(&self, id: u32) -> bool {
-        self.set.exists_at(id, self.query.time) && self.filter.sees(|| self.set.mask(id))
+        self.scene.exists_at(id, self.query.time) && self.filter.sees(|| self.scene.mask(id))
     }
 
     /// Whether the mask of the query hides everything in a block, or nothing in it exists at the time.
@@ -138,7 +117,7 @@ impl<G: PrimitiveSet, F: Filter<ClosestPoint>> Best<'_, G, F> {
     }
 
     fn answer(&self, Candidate { distance, point, u, v }: Candidate, id: u32) -> ClosestPoint {
-        let (mesh, primitive) = self.set.mesh_and_primitive(id);
+        let (mesh, primitive) = self.scene.mesh_and_primitive(id);
         ClosestPoint { distance, point, u, v, mesh, primitive }
     }
 
@@ -148,13 +127,13 @@ impl<G: PrimitiveSet, F: Filter<ClosestPoint>> Best<'_, G, F> {
 }
 
 /// Leaves of primitives: blocks of triangles, and lists of other primitives.
-pub(in crate::ray) struct InPrimitives<'a, 'b, G, F, O> {
+pub(in crate::ray) struct InPrimitives<'a, 'b, F, O> {
     pub tree: &'a WideTree,
-    pub best: &'b mut Best<'a, G, F>,
+    pub best: &'b mut Best<'a, F>,
     pub observer: &'b mut O,
 }
 
-impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> LeafSearch for InPrimitives<'_, '_, G, F, O> {
+impl<F: Filter<ClosestPoint>, O: Observer> LeafSearch for InPrimitives<'_, '_, F, O> {
     #[inline(always)]
     fn limit(&self) -> f32 {
         self.best.limit
@@ -173,7 +152,7 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> LeafSearch for
     #[inline(always)]
     fn leaf<S: Simd>(&mut self, s: S, leaf: ChildRef) {
         self.observer.leaf();
-        if G::TRIANGLES && !self.tree.is_list(leaf) {
+        if !self.tree.is_list(leaf) {
             return self.triangles(s, leaf);
         }
         if let Some(spheres) = SphereLeaf::of(&self.tree.arena.ints()[leaf.at()..], leaf.len()) {
@@ -182,18 +161,19 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> LeafSearch for
         if let Some(boxes) = ListBoxes::of(&self.tree.arena.ints()[leaf.at()..], leaf.len()) {
             return self.boxed(s, leaf, boxes);
         }
-        self.observer.primitive_tests(leaf.len());
-        let mut ids = &self.tree.arena.ints()[leaf.at()..leaf.at() + leaf.len()];
-        while let Some((i, candidate)) = self.best.set.first_within(ids, self.best.query, self.best.limit) {
-            if self.best.sees(ids[i]) {
-                self.best.offer(candidate, ids[i]);
+        for &id in &self.tree.arena.ints()[leaf.at()..][..leaf.len()] {
+            if !self.best.sees(id) {
+                continue;
             }
-            ids = &ids[i + 1..];
+            self.observer.primitive_tests(1);
+            if let Some(candidate) = self.best.scene.closest_point(id, self.best.query) {
+                self.best.offer(candidate, id);
+            }
         }
     }
 }
 
-impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'_, '_, G, F, O> {
+impl<F: Filter<ClosestPoint>, O: Observer> InPrimitives<'_, '_, F, O> {
     /// Tests a block of triangles: those whose boxes and lower bounds are near enough, closest first.
     #[inline(always)]
     fn triangles<S: Simd>(&mut self, s: S, leaf: ChildRef) {
@@ -203,7 +183,7 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
         // How far corners may be from those in the block, in tree space, if vertices are kept in f64 and rounded in blocks: along
         // each axis less than four ULP of the largest coordinate, one at the keys, and one each for difference, product and sum
         // between them. That is less than seven altogether.
-        let kept = self.best.set.triangles().filter(|triangles| triangles.any_precise());
+        let kept = Some(&self.best.scene.triangles).filter(|triangles| triangles.any_precise());
         let error = if kept.is_some() { 7.5 * ULP * block_sizes(sizes).0 + f32::MIN_POSITIVE } else { 0.0 };
         let reach = |limit: f32| query.reach(limit) + f64::from(error * query.stretch.most());
         let (mut lower, mut upper) = (a, a);
@@ -245,7 +225,7 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
     }
 }
 
-impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'_, '_, G, F, O> {
+impl<F: Filter<ClosestPoint>, O: Observer> InPrimitives<'_, '_, F, O> {
     /// Tests listed shapes with boxes: those whose boxes are near enough, closest first.
     #[inline(always)]
     fn boxed<S: Simd>(&mut self, s: S, leaf: ChildRef, boxes: ListBoxes) {
@@ -276,7 +256,7 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> InPrimitives<'
                 continue;
             }
             self.observer.primitive_tests(1);
-            if let Some((_, candidate)) = self.best.set.first_within(&[id], self.best.query, self.best.limit) {
+            if let Some(candidate) = self.best.scene.closest_point(id, self.best.query) {
                 self.best.offer(candidate, id);
                 near &= !s.lt(s.splat(reach(self.best.limit)), distances);
             }
@@ -349,11 +329,7 @@ struct Cell {
 
 /// The search through the k-d layout, nearer cells first (Arya and Mount, "Algorithms for Fast Vector Quantization",
 /// 1993: the distance to a cell differs from that to its parent along one axis only).
-fn search_kd<G: ClosestPointSource, F: Filter<ClosestPoint>>(
-    tree: &KdTree,
-    best: &mut Best<'_, G, F>,
-    observer: &mut impl Observer,
-) {
+fn search_kd<F: Filter<ClosestPoint>>(tree: &KdTree, best: &mut Best<'_, F>, observer: &mut impl Observer) {
     if tree.nodes.is_empty() {
         return;
     }
@@ -390,7 +366,7 @@ fn search_kd<G: ClosestPointSource, F: Filter<ClosestPoint>>(
                             continue;
                         }
                         observer.primitive_tests(1);
-                        if let Some(candidate) = best.set.closest_point(reference.id, query) {
+                        if let Some(candidate) = best.scene.closest_point(reference.id, query) {
                             best.offer(candidate, reference.id);
                         }
                     }
@@ -405,21 +381,21 @@ fn search_kd<G: ClosestPointSource, F: Filter<ClosestPoint>>(
 }
 
 /// The initial state of a search.
-pub(in crate::ray) fn begin<'a, G, F>(set: &'a G, query: &'a QueryInTree<'a>, filter: &'a F) -> Best<'a, G, F> {
-    Best { set, filter, query, found: None, limit: query.max_distance }
+pub(in crate::ray) fn begin<'a, F>(scene: &'a Scene, query: &'a QueryInTree<'a>, filter: &'a F) -> Best<'a, F> {
+    Best { scene, filter, query, found: None, limit: query.max_distance }
 }
 
 /// The closest point in the wide layout.
-pub(in crate::ray) fn closest_point_in_wide<G: ClosestPointSource>(
+pub(in crate::ray) fn closest_point_in_wide(
     simd: SimdLevel,
     tree: &WideTree,
-    set: &G,
+    scene: &Scene,
     query: &PlacedQuery,
     filter: &impl Filter<ClosestPoint>,
     observer: &mut impl Observer,
 ) -> Option<ClosestPoint> {
-    let query = &QueryInTree::new(query, set.frame())?;
-    let mut best = begin(set, query, filter);
+    let query = &QueryInTree::new(query, scene.frame())?;
+    let mut best = begin(scene, query, filter);
     let mut leaves = InPrimitives { tree, best: &mut best, observer };
     dispatch(simd, NearestFirst { tree, query, leaves: &mut leaves });
     best.finish()
@@ -428,15 +404,15 @@ pub(in crate::ray) fn closest_point_in_wide<G: ClosestPointSource>(
 /// The closest point in the wide layout without a filter or an observer. `guarded` answers on an instruction set for
 /// which this form is not compiled.
 #[inline(always)]
-pub(in crate::ray) fn plain_closest_point_in_wide<G: ClosestPointSource>(
+pub(in crate::ray) fn plain_closest_point_in_wide(
     simd: SimdLevel,
     tree: &WideTree,
-    set: &G,
+    scene: &Scene,
     query: &PlacedQuery,
     guarded: impl FnOnce() -> Option<ClosestPoint>,
 ) -> Option<ClosestPoint> {
-    let query = &QueryInTree::new(query, set.frame())?;
-    let mut best = begin(set, query, &Everything);
+    let query = &QueryInTree::new(query, scene.frame())?;
+    let mut best = begin(scene, query, &Everything);
     let mut leaves = InPrimitives { tree, best: &mut best, observer: &mut () };
     let mut found = None;
     dispatch_or(simd, NearestFirst { tree, query, leaves: &mut leaves }, |_| found = Some(guarded()));
@@ -444,30 +420,30 @@ pub(in crate::ray) fn plain_closest_point_in_wide<G: ClosestPointSource>(
 }
 
 /// The closest point in the k-d layout.
-pub(in crate::ray) fn closest_point_in_kd<G: ClosestPointSource>(
+pub(in crate::ray) fn closest_point_in_kd(
     tree: &KdTree,
-    set: &G,
+    scene: &Scene,
     query: &PlacedQuery,
     filter: &impl Filter<ClosestPoint>,
     observer: &mut impl Observer,
 ) -> Option<ClosestPoint> {
-    let query = QueryInTree::new(query, set.frame())?;
-    let mut best = begin(set, &query, filter);
+    let query = QueryInTree::new(query, scene.frame())?;
+    let mut best = begin(scene, &query, filter);
     search_kd(tree, &mut best, observer);
     best.finish()
 }
 
-/// The closest point by testing every primitive of a set: the reference that all layouts must agree with.
-pub(crate) fn closest_point_of_all<G: ClosestPointSource>(
-    set: &G,
+/// The closest point by testing every primitive of a scene: the reference that all layouts must agree with.
+pub(crate) fn closest_point_of_all(
+    scene: &Scene,
     query: &PlacedQuery,
     filter: &impl Filter<ClosestPoint>,
 ) -> Option<ClosestPoint> {
-    let query = QueryInTree::new(query, set.frame())?;
-    let mut best = begin(set, &query, filter);
-    for id in 0..set.len() as u32 {
+    let query = QueryInTree::new(query, scene.frame())?;
+    let mut best = begin(scene, &query, filter);
+    for id in 0..scene.len() as u32 {
         if best.sees(id)
-            && let Some(candidate) = set.closest_point(id, &query)
+            && let Some(candidate) = scene.closest_point(id, &query)
         {
             best.offer(candidate, id);
         }

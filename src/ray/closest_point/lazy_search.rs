@@ -1,40 +1,41 @@
 //! The closest point in a lazy tree: the coarse tree orders the subtrees by distance, and all of them share one best
 //! answer.
 
-use super::closest_search::{Best, ClosestPoint, ClosestPointSource, InPrimitives, begin};
+use super::closest_search::{Best, ClosestPoint, InPrimitives, begin};
 use super::nearest_first::{LeafSearch, NearestFirst};
 use super::point_query::{PlacedQuery, QueryInTree};
 use crate::layout::{ChildRef, LazyTree};
+use crate::primitive::{PrimitiveSet, Scene};
 use crate::ray::filter::Filter;
 use crate::ray::observer::Observer;
 use crate::simd::{Simd, SimdLevel, dispatch};
 
 /// The closest point in a lazy tree.
 #[inline(never)]
-pub(in crate::ray) fn closest_point_in_lazy<G: ClosestPointSource>(
+pub(in crate::ray) fn closest_point_in_lazy(
     simd: SimdLevel,
     tree: &LazyTree,
-    set: &G,
+    scene: &Scene,
     query: &PlacedQuery,
     filter: &impl Filter<ClosestPoint>,
     observer: &mut impl Observer,
 ) -> Option<ClosestPoint> {
-    let query = &QueryInTree::new(query, set.frame())?;
-    let mut best = begin(set, query, filter);
+    let query = &QueryInTree::new(query, scene.frame())?;
+    let mut best = begin(scene, query, filter);
     let mut leaves = InSubtrees { simd, tree, best: &mut best, observer };
     dispatch(simd, NearestFirst { tree: &tree.top, query, leaves: &mut leaves });
     best.finish()
 }
 
 /// Leaves of one subtree each.
-struct InSubtrees<'a, 'b, G, F, O> {
+struct InSubtrees<'a, 'b, F, O> {
     simd: SimdLevel,
     tree: &'a LazyTree,
-    best: &'b mut Best<'a, G, F>,
+    best: &'b mut Best<'a, F>,
     observer: &'b mut O,
 }
 
-impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> LeafSearch for InSubtrees<'_, '_, G, F, O> {
+impl<F: Filter<ClosestPoint>, O: Observer> LeafSearch for InSubtrees<'_, '_, F, O> {
     #[inline(always)]
     fn limit(&self) -> f32 {
         self.best.limit
@@ -52,7 +53,7 @@ impl<G: ClosestPointSource, F: Filter<ClosestPoint>, O: Observer> LeafSearch for
 
     #[inline(always)]
     fn leaf<S: Simd>(&mut self, _: S, leaf: ChildRef) {
-        let tree = self.tree.subtree(self.best.set, self.tree.below(leaf));
+        let tree = self.tree.subtree(self.best.scene, self.tree.below(leaf));
         let query = self.best.query;
         let mut leaves = InPrimitives { tree, best: &mut *self.best, observer: &mut *self.observer };
         dispatch(self.simd, NearestFirst { tree, query, leaves: &mut leaves });

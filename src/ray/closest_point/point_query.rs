@@ -8,6 +8,7 @@ use super::triangle_bound::FARTHEST;
 use crate::geometry::{Frame, OnTriangle, Placement, ULP, closest_on_triangle};
 use crate::layout::ChildRef;
 use crate::limits::MAX_COORDINATE;
+use crate::primitive::Primitive;
 use crate::simd::{LANES, Mask, Simd};
 use crate::traverse::{Faces, NodeBlock, children_of};
 use glam::{DVec3, Vec3};
@@ -157,6 +158,14 @@ impl<'a> QueryInTree<'a> {
         let found = closest_on_triangle(self.point, corners);
         let [u, v] = weights(found);
         Candidate { distance: found.distance_squared.sqrt() as f32, point: found.point, u, v }
+    }
+
+    /// The closest point of a shape.
+    pub(in crate::ray) fn on_shape(&self, shape: &dyn Primitive) -> Option<Candidate> {
+        let found = shape.closest_point(self.own, self.time)?;
+        let point = self.placed.map_or(found.point, |placed| placed.matrix.transform_point3(found.point));
+        let distance = (point - self.point).length() as f32;
+        (!distance.is_nan()).then_some(Candidate { distance, point, u: found.u, v: found.v })
     }
 
     /// The greatest distance in tree space of a point whose outer distance rounds to at most `limit`.

@@ -3,12 +3,12 @@
 //! There are two ways to traverse them: streams ([`super::stream`]) and interleaved single rays ([`super::interleave`]).
 
 use super::collect::Collect;
-use super::intersect::RaySource;
 use super::query::{AnyHit, ClosestHit, RayQuery};
 use super::traverser::Traverser;
 use super::wide_traversal::RayState;
 use crate::geometry::Ray;
 use crate::layout::WideTree;
+use crate::primitive::Scene;
 use crate::ray::filter::{Filter, Offer, Seen};
 use crate::ray::kernel::outline::Outline;
 use crate::ray::kernel::shear::Sheared;
@@ -32,31 +32,31 @@ pub(crate) struct Task<'a, R> {
 /// A way to traverse a wide layout with many rays.
 pub(in crate::ray) trait Way {
     /// Answers a batch.
-    fn run<S: Simd, G: RaySource, F: Filter, Q: BatchQuery>(s: S, batch: Batch<'_, G, F, Q>);
+    fn run<S: Simd, F: Filter, Q: BatchQuery>(s: S, batch: Batch<'_, F, Q>);
 }
 
 /// A task for a tree that is not empty.
-pub(in crate::ray) struct Batch<'a, G, F, Q: RayQuery> {
+pub(in crate::ray) struct Batch<'a, F, Q: RayQuery> {
     pub tree: &'a WideTree,
     pub outline: &'a Outline,
-    pub set: &'a G,
+    pub scene: &'a Scene,
     pub filter: &'a F,
     pub query: Q,
     pub task: Task<'a, Q::Answer>,
 }
 
-impl<'a, G, F: Filter, Q: RayQuery> Batch<'a, G, F, Q> {
+impl<'a, F: Filter, Q: RayQuery> Batch<'a, F, Q> {
     /// The state that all rays of the batch share.
     #[inline(always)]
-    pub fn traverser(&self) -> Traverser<'a, G, F> {
-        Traverser::new(self.tree, self.set, self.filter)
+    pub fn traverser(&self) -> Traverser<'a, F> {
+        Traverser::new(self.tree, self.scene, self.filter)
     }
 }
 
 /// A batch with its way, to be dispatched to an instruction set.
-pub(in crate::ray) struct By<'a, W, G, F, Q: RayQuery>(pub W, pub Batch<'a, G, F, Q>);
+pub(in crate::ray) struct By<'a, W, F, Q: RayQuery>(pub W, pub Batch<'a, F, Q>);
 
-impl<W: Way, G: RaySource, F: Filter, Q: BatchQuery> Kernel for By<'_, W, G, F, Q> {
+impl<W: Way, F: Filter, Q: BatchQuery> Kernel for By<'_, W, F, Q> {
     type Output = ();
 
     #[inline(always)]
@@ -85,11 +85,7 @@ impl<'a, C: Collect> Member<'a, C> {
 
     /// The query of this ray for the traversal loop, with an observer.
     #[inline(always)]
-    pub fn query<'b, G, F>(
-        &'b mut self,
-        traverser: &'b Traverser<'b, G, F>,
-        observer: &'b mut (),
-    ) -> RayState<'b, G, F, C, ()> {
+    pub fn query<'b, F>(&'b mut self, traverser: &'b Traverser<'b, F>, observer: &'b mut ()) -> RayState<'b, F, C, ()> {
         let Member { ray, sheared, collect } = self;
         RayState { traverser, ray, sheared, collect, observer }
     }

@@ -232,7 +232,7 @@ mod tests {
     use super::super::collect::{Any, Closest, Found};
     use super::*;
     use crate::geometry::{Frame, Ray};
-    use crate::primitive::PrimitiveSet;
+    use crate::primitive::Scene;
     use crate::random::Random;
     use crate::ray::kernel::shear::Sheared;
     use crate::simd::Portable;
@@ -404,7 +404,7 @@ mod tests {
             f32::INFINITY
         }
 
-        fn take(&mut self, _: Found, _: &impl PrimitiveSet) -> bool {
+        fn take(&mut self, _: Found, _: &Scene) -> bool {
             true
         }
 

@@ -1,6 +1,6 @@
 //! What a traversal does with the hits it finds.
 
-use crate::primitive::PrimitiveSet;
+use crate::primitive::{PrimitiveSet, Scene};
 use crate::ray::filter::Filter;
 use crate::ray::hit::{Hit, SetHit};
 use crate::ray::kernel::tree_ray::TreeRay;
@@ -17,8 +17,8 @@ pub(crate) struct Found {
 impl Found {
     /// The hit in the form of an answer.
     #[inline(always)]
-    pub fn answer(&self, set: &impl PrimitiveSet) -> Hit {
-        self.hit.answer(set.mesh_and_primitive(self.id))
+    pub fn answer(&self, scene: &Scene) -> Hit {
+        self.hit.answer(scene.mesh_and_primitive(self.id))
     }
 }
 
@@ -38,11 +38,11 @@ pub(crate) trait Collect {
         true
     }
     /// Takes such a hit; true ends the query.
-    fn take(&mut self, found: Found, set: &impl PrimitiveSet) -> bool;
+    fn take(&mut self, found: Found, scene: &Scene) -> bool;
     /// Takes a hit within the ray's range and the limit, unless the filter refuses it; true ends the query.
     #[inline(always)]
-    fn offer(&mut self, found: Found, ray: &TreeRay, set: &impl PrimitiveSet, filter: &impl Filter) -> bool {
-        self.wants(&found) && filter.accepts(|| (ray.index, found.answer(set))) && self.take(found, set)
+    fn offer(&mut self, found: Found, ray: &TreeRay, scene: &Scene, filter: &impl Filter) -> bool {
+        self.wants(&found) && filter.accepts(|| (ray.index, found.answer(scene))) && self.take(found, scene)
     }
     /// Goes on to the next piece of the ray, where distances are measured from another origin.
     fn move_on(&mut self, ray: &TreeRay);
@@ -98,7 +98,7 @@ impl Collect for Closest {
     }
 
     #[inline(always)]
-    fn take(&mut self, found: Found, _: &impl PrimitiveSet) -> bool {
+    fn take(&mut self, found: Found, _: &Scene) -> bool {
         self.t_max = found.hit.t;
         self.reach = found.hit.reach;
         self.best = Some(found);
@@ -147,7 +147,7 @@ impl Collect for Any {
     }
 
     #[inline(always)]
-    fn take(&mut self, _: Found, _: &impl PrimitiveSet) -> bool {
+    fn take(&mut self, _: Found, _: &Scene) -> bool {
         self.found = true;
         true
     }
@@ -248,13 +248,13 @@ impl Collect for All<'_> {
     }
 
     #[inline(always)]
-    fn take(&mut self, found: Found, set: &impl PrimitiveSet) -> bool {
+    fn take(&mut self, found: Found, scene: &Scene) -> bool {
         let Some(visitor) = &mut self.visitor else {
             self.found();
             return true;
         };
         if self.passed.as_mut().is_none_or(|passed| passed.first_time(found.id)) {
-            self.flow = visitor(found.answer(set));
+            self.flow = visitor(found.answer(scene));
         }
         self.flow.is_break()
     }

@@ -6,7 +6,7 @@
 //! whose steps are short.
 
 use super::batch::{Batch, BatchQuery, Member, Way};
-use super::intersect::RaySource;
+use crate::primitive::PrimitiveSet;
 use crate::ray::filter::Filter;
 use crate::ray::kernel::tree_ray::TreeRay;
 use crate::simd::Simd;
@@ -20,12 +20,12 @@ pub(in crate::ray) struct Interleaved;
 
 impl Way for Interleaved {
     #[inline(always)]
-    fn run<S: Simd, G: RaySource, F: Filter, Q: BatchQuery>(s: S, batch: Batch<'_, G, F, Q>) {
+    fn run<S: Simd, F: Filter, Q: BatchQuery>(s: S, batch: Batch<'_, F, Q>) {
         let traverser = batch.traverser();
-        let Batch { tree, set, filter, query, task, .. } = batch;
+        let Batch { tree, scene, filter, query, task, .. } = batch;
         let traversal = WideTraversal::interleaved(&tree.arena);
         let mut waiting = task.rays.iter().enumerate().filter_map(|(i, ray)| {
-            let ray = TreeRay::new(ray, set.frame())?;
+            let ray = TreeRay::new(ray, scene.frame())?;
             Some(Member::new(i, ray, query.collect(&ray, filter.accepts_all())))
         });
         let mut memory: [StackOf; GROUP] = core::array::from_fn(|_| StackOf::new());
@@ -42,7 +42,7 @@ impl Way for Interleaved {
                     i += 1;
                     continue;
                 }
-                task.answers[member.ray.index] = Q::answer(member.collect, set);
+                task.answers[member.ray.index] = Q::answer(member.collect, scene);
                 match waiting.next() {
                     Some(next) => {
                         *member = next;

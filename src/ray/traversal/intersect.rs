@@ -1,21 +1,15 @@
-//! The intersection of a ray with one primitive of a set.
+//! The intersection of a ray with one primitive of a scene.
 
-use crate::layout::WideSource;
-use crate::primitive::{Primitive, PrimitiveSet, Scene, Shapes};
+use crate::primitive::{PrimitiveSet, Scene};
 use crate::ray::hit::SetHit;
 use crate::ray::kernel::shear::Sheared;
 use crate::ray::kernel::tree_ray::TreeRay;
 use glam::{DVec3, Vec3};
 
-/// A set of primitives that rays can be tested against one by one.
-pub(crate) trait RaySource: WideSource {
-    /// The hit at the ray's time within its range.
-    fn intersect(&self, id: u32, ray: &TreeRay, sheared: &Sheared) -> Option<SetHit>;
-}
-
-impl RaySource for Scene {
+impl Scene {
+    /// The hit of a primitive at the ray's time within its range.
     #[inline(always)]
-    fn intersect(&self, id: u32, ray: &TreeRay, sheared: &Sheared) -> Option<SetHit> {
+    pub(crate) fn intersect(&self, id: u32, ray: &TreeRay, sheared: &Sheared) -> Option<SetHit> {
         match self.shape(id) {
             None => {
                 if let Some(corners) = self.triangles.precise_corners(id, ray.time()) {
@@ -27,16 +21,11 @@ impl RaySource for Scene {
                 let size = if self.triangles.keys(id) == 1 { 0.0 } else { self.frame().reach };
                 intersect_triangle(ray, sheared, self.triangles.corners(id, ray.time()), size, fine)
             }
-            Some(shape) => self.shapes.intersect(shape, ray, sheared),
+            Some(shape) => {
+                let hit = self.shapes.get(shape).intersect(ray.original)?;
+                ray.hit(hit.t, hit.u, hit.v)
+            }
         }
-    }
-}
-
-impl<P: Primitive> RaySource for Shapes<P> {
-    #[inline]
-    fn intersect(&self, id: u32, ray: &TreeRay, _: &Sheared) -> Option<SetHit> {
-        let hit = self.shapes()[id as usize].intersect(ray.original)?;
-        ray.hit(hit.t, hit.u, hit.v)
     }
 }
 

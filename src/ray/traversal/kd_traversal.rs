@@ -24,11 +24,11 @@
 //! along that axis `e` is larger by twice as much.
 
 use super::collect::{Collect, Found};
-use super::intersect::RaySource;
 use super::ray_layout::RayLayout;
 use crate::geometry::ULP;
 use crate::kd::{KdTree, KdView};
 use crate::limits::DEPTH_LIMIT;
+use crate::primitive::{PrimitiveSet, Scene};
 use crate::ray::filter::Filter;
 use crate::ray::kernel::shear::Sheared;
 use crate::ray::kernel::tree_ray::{LEAST_COMPONENT, TreeRay};
@@ -115,9 +115,9 @@ impl RayLayout for &KdTree {
 
     /// Front-to-back traversal; a primitive in several leaves may be offered several times.
     #[inline(always)]
-    fn traverse<S: RaySource>(
+    fn traverse(
         self,
-        set: &S,
+        scene: &Scene,
         ray: &mut TreeRay,
         filter: &impl Filter,
         collect: &mut impl Collect,
@@ -170,10 +170,10 @@ impl RayLayout for &KdTree {
                         }
                         observer.primitive_tests(1);
                         if mailbox.insert(reference.id)
-                            && filter.sees(|| set.mask(reference.id))
-                            && let Some(hit) = set.intersect(reference.id, ray, &sheared)
+                            && filter.sees(|| scene.mask(reference.id))
+                            && let Some(hit) = scene.intersect(reference.id, ray, &sheared)
                             && hit.t <= collect.limit()
-                            && collect.offer(Found { hit, id: reference.id }, ray, set, filter)
+                            && collect.offer(Found { hit, id: reference.id }, ray, scene, filter)
                         {
                             return;
                         }

@@ -4,11 +4,11 @@
 //! are across the leaves of a whole tree: each has the same bits as there, and of several at the same `t` the same one wins.
 
 use super::collect::Collect;
-use super::intersect::RaySource;
 use super::object_traversal::{LeafVisitor, ObjectTraversal};
 use super::query::{QueryArgs, QueryCall, RayQuery, WideTreeQueryInto};
 use crate::geometry::Ray;
 use crate::layout::{ChildRef, LazyTree};
+use crate::primitive::{PrimitiveSet, Scene};
 use crate::ray::filter::Filter;
 use crate::ray::kernel::tree_ray::TreeRay;
 use crate::ray::observer::Observer;
@@ -17,33 +17,33 @@ use core::ops::ControlFlow;
 
 /// Answers a query from all subtrees that the ray reaches.
 #[inline(never)]
-pub(in crate::ray) fn answer_lazily<G: RaySource, F: Filter, O: Observer, Q: RayQuery>(
-    call: QueryCall<'_, G, F, O, Q>,
+pub(in crate::ray) fn answer_lazily<F: Filter, O: Observer, Q: RayQuery>(
+    call: QueryCall<'_, F, O, Q>,
     tree: &LazyTree,
     simd: SimdLevel,
 ) -> Q::Answer {
-    let QueryCall(query, QueryArgs { set, ray, filter, observer }) = call;
+    let QueryCall(query, QueryArgs { scene, ray, filter, observer }) = call;
     if tree.top.root == ChildRef::NOTHING {
         return Q::NOTHING;
     }
-    let Some(tree_ray) = &TreeRay::new(ray, set.frame()) else { return Q::NOTHING };
+    let Some(tree_ray) = &TreeRay::new(ray, scene.frame()) else { return Q::NOTHING };
     let collect = Some(query.collect(tree_ray, filter.accepts_all()));
     let top = &tree.top;
-    let mut subtrees = Subtrees::<_, _, _, Q> { tree, simd, set, ray, filter, collect, observer };
+    let mut subtrees = Subtrees::<_, _, Q> { tree, simd, scene, ray, filter, collect, observer };
     // Compiled once for all queries: the query of a subtree takes far longer than the call.
     let visitor: &mut dyn SubtreeVisitor = &mut subtrees;
     match Q::Collect::ORDERED {
         true => dispatch(simd, ObjectTraversal::<'_, true, _> { tree: top, ray, tree_ray, visitor }),
         false => dispatch(simd, ObjectTraversal::<'_, false, _> { tree: top, ray, tree_ray, visitor }),
     }
-    subtrees.collect.map_or(Q::NOTHING, |collect| Q::answer(collect, set))
+    subtrees.collect.map_or(Q::NOTHING, |collect| Q::answer(collect, scene))
 }
 
 /// The subtrees that a ray reaches, and the parts of its query.
-struct Subtrees<'a, G, F, O, Q: RayQuery> {
+struct Subtrees<'a, F, O, Q: RayQuery> {
     tree: &'a LazyTree,
     simd: SimdLevel,
-    set: &'a G,
+    scene: &'a Scene,
     ray: &'a Ray,
     filter: &'a F,
     /// There is one throughout.
@@ -75,7 +75,7 @@ impl LeafVisitor for dyn SubtreeVisitor + '_ {
     }
 }
 
-impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> SubtreeVisitor for Subtrees<'_, G, F, O, Q> {
+impl<F: Filter, O: Observer, Q: RayQuery> SubtreeVisitor for Subtrees<'_, F, O, Q> {
     fn mask(&self) -> Option<u32> {
         self.filter.mask()
     }
@@ -85,10 +85,10 @@ impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> SubtreeVisitor for Subtr
     }
 
     fn subtree(&mut self, subtree: u32) -> ControlFlow<(), f32> {
-        let args = QueryArgs { set: self.set, ray: self.ray, filter: self.filter, observer: &mut *self.observer };
-        let tree = self.tree.subtree(self.set, subtree);
+        let args = QueryArgs { scene: self.scene, ray: self.ray, filter: self.filter, observer: &mut *self.observer };
+        let tree = self.tree.subtree(self.scene, subtree);
         let collect = &mut self.collect;
-        dispatch(self.simd, WideTreeQueryInto::<_, _, _, Q> { tree, outline: None, query: None, args, collect });
+        dispatch(self.simd, WideTreeQueryInto::<_, _, Q> { tree, outline: None, query: None, args, collect });
         match &self.collect {
             Some(collect) if !collect.is_final() => ControlFlow::Continue(collect.limit()),
             _ => ControlFlow::Break(()),

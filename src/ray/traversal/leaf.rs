@@ -6,16 +6,16 @@
 
 use super::candidates::{Candidates, Edges};
 use super::collect::{Collect, Found};
-use super::intersect::RaySource;
 use super::traverser::Traverser;
 use crate::layout::{Between, CORNER_ROWS, ChildRef, KeyedLeaf, VERTEX_ROWS, block_sizes, shared_count};
+use crate::primitive::PrimitiveSet;
 use crate::ray::filter::Filter;
 use crate::ray::kernel::shear::{Deviation, Sheared};
 use crate::ray::kernel::tree_ray::TreeRay;
 use crate::ray::observer::Observer;
 use crate::simd::{LANES, Mask, Rows, Simd, lanes_at};
 
-impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
+impl<F: Filter> Traverser<'_, F> {
     /// Tests the triangles of a leaf block; true ends the query.
     #[inline(always)]
     pub(in crate::ray) fn leaf<S: Simd, const MOVING: bool>(
@@ -220,7 +220,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         let Some(hit) = ray.decide(s, sheared, corners, collect.limit()) else {
             return false;
         };
-        collect.offer(Found { hit, id }, ray, self.set, self.filter)
+        collect.offer(Found { hit, id }, ray, self.scene, self.filter)
     }
 
     /// The same for several triangles with these corners, whose ids begin at word `ids`: all are hit at the same place, or none is.
@@ -239,7 +239,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         while lanes != 0 {
             let id = self.arena.ints()[ids + lanes.trailing_zeros() as usize];
             lanes &= lanes - 1;
-            if self.sees(id, ray) && collect.offer(Found { hit, id }, ray, self.set, self.filter) {
+            if self.sees(id, ray) && collect.offer(Found { hit, id }, ray, self.scene, self.filter) {
                 return true;
             }
         }
@@ -249,7 +249,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
     /// Whether any vertices are kept in f64: those in leaf blocks are rounded.
     #[inline(always)]
     fn keeps_f64(&self) -> bool {
-        self.set.triangles().is_some_and(|triangles| triangles.any_precise())
+        self.scene.triangles.any_precise()
     }
 
     /// Decides for the candidates whose vertices are kept in f64 whether they are hit, and returns the lanes of the others; `None`
@@ -263,8 +263,10 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         of: (&TreeRay, &Sheared),
         collect: &mut impl Collect,
     ) -> Option<Mask> {
-        let in_f64 = |id: u32| self.set.triangles().is_some_and(|triangles| triangles.is_precise(id));
-        let is_kept = |&lane: &usize| candidates.lanes >> lane & 1 != 0 && in_f64(self.arena.ints()[ids + lane]);
+        let is_kept = |&lane: &usize| {
+            let id = self.arena.ints()[ids + lane];
+            candidates.lanes >> lane & 1 != 0 && self.scene.triangles.is_precise(id)
+        };
         let kept = (0..LANES).filter(is_kept).fold(0, |lanes: Mask, lane| lanes | 1 << lane);
         let mut those = Candidates { lanes: kept, ..candidates };
         while let Some(i) = those.next(collect) {
@@ -279,7 +281,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
     /// leaf blocks need not store it.
     #[inline(always)]
     pub(super) fn sees(&self, id: u32, ray: &TreeRay) -> bool {
-        self.set.exists_at(id, ray.time()) && self.filter.sees(|| self.set.mask(id))
+        self.scene.exists_at(id, ray.time()) && self.filter.sees(|| self.scene.mask(id))
     }
 }
 

@@ -1,11 +1,11 @@
 //! The three kinds of ray queries, independent of the layout.
 
 use super::collect::{All, Any, Closest, Collect, HitVisitor};
-use super::intersect::RaySource;
 use super::ray_layout::RayLayout;
 use super::wide_traversal::Wide;
 use crate::geometry::Ray;
 use crate::layout::WideTree;
+use crate::primitive::{PrimitiveSet, Scene};
 use crate::ray::filter::Filter;
 use crate::ray::hit::Hit;
 use crate::ray::kernel::outline::Outline;
@@ -26,7 +26,7 @@ pub(crate) trait RayQuery {
     /// A collector for a ray's hits. `all` tells whether the filter accepts every hit.
     fn collect(self, ray: &TreeRay, all: bool) -> Self::Collect;
     /// The answer, once the traversal has finished.
-    fn answer(collect: Self::Collect, set: &impl RaySource) -> Self::Answer;
+    fn answer(collect: Self::Collect, scene: &Scene) -> Self::Answer;
 }
 
 /// The closest hit.
@@ -44,10 +44,10 @@ impl RayQuery for ClosestHit {
     }
 
     #[inline(always)]
-    fn answer(collect: Closest, set: &impl RaySource) -> Option<Hit> {
+    fn answer(collect: Closest, scene: &Scene) -> Option<Hit> {
         // Not by `map`: that may become a call, for which the best hit so far would be kept in memory.
         let found = collect.best?;
-        Some(found.answer(set))
+        Some(found.answer(scene))
     }
 }
 
@@ -66,7 +66,7 @@ impl RayQuery for AnyHit {
     }
 
     #[inline(always)]
-    fn answer(collect: Any, _: &impl RaySource) -> bool {
+    fn answer(collect: Any, _: &Scene) -> bool {
         collect.found
     }
 }
@@ -90,72 +90,73 @@ impl<'a> RayQuery for AllHits<'a> {
     }
 
     #[inline(always)]
-    fn answer(collect: All<'a>, _: &impl RaySource) -> ControlFlow<()> {
+    fn answer(collect: All<'a>, _: &Scene) -> ControlFlow<()> {
         collect.flow
     }
 }
 
 /// The arguments of a query: a ray, its geometry, a filter and an observer.
-pub(crate) struct QueryArgs<'a, G, F, O> {
-    pub set: &'a G,
+pub(crate) struct QueryArgs<'a, F, O> {
+    pub scene: &'a Scene,
     pub ray: &'a Ray,
     pub filter: &'a F,
     pub observer: &'a mut O,
 }
 
 /// A call of a query: the query, and its arguments.
-pub(crate) struct QueryCall<'a, G, F, O, Q>(pub Q, pub QueryArgs<'a, G, F, O>);
+pub(crate) struct QueryCall<'a, F, O, Q>(pub Q, pub QueryArgs<'a, F, O>);
 
-impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> QueryCall<'_, G, F, O, Q> {
+impl<F: Filter, O: Observer, Q: RayQuery> QueryCall<'_, F, O, Q> {
     /// Answers the query from a layout.
     ///
     /// The prepared ray and the best answer so far live in registers where the layout's traversal is inlined here; so the
     /// whole query is dispatched to the instruction set of the layout.
     #[inline(always)]
     pub fn answer(self, layout: impl RayLayout) -> Q::Answer {
-        let QueryCall(query, QueryArgs { set, ray, filter, observer }) = self;
+        let QueryCall(query, QueryArgs { scene, ray, filter, observer }) = self;
         let near = layout.near();
-        let (mut ray, regular) = TreeRay::of(ray, set.frame(), near);
+        let (mut ray, regular) = TreeRay::of(ray, scene.frame(), near);
         if !regular {
-            ray.recompute(set.frame(), near);
+            ray.recompute(scene.frame(), near);
         }
         if ray.has_empty_range() {
             return Q::NOTHING;
         }
         let mut collect = query.collect(&ray, filter.accepts_all());
-        layout.traverse(set, &mut ray, filter, &mut collect, observer);
-        Q::answer(collect, set)
+        layout.traverse(scene, &mut ray, filter, &mut collect, observer);
+        Q::answer(collect, scene)
     }
 }
 
 /// A query of the wide layout, or the part of a query of a lazy tree that a subtree answers, to be dispatched to an instruction
 /// set. One form of it is compiled for both.
-pub(in crate::ray) struct WideTreeQueryInto<'a, G, F, O, Q: RayQuery> {
+pub(in crate::ray) struct WideTreeQueryInto<'a, F, O, Q: RayQuery> {
     pub tree: &'a WideTree,
     /// `None` if the ray is known not to miss it.
     pub outline: Option<&'a Outline>,
     /// The query, if it begins here.
     pub query: Option<Q>,
-    pub args: QueryArgs<'a, G, F, O>,
+    pub args: QueryArgs<'a, F, O>,
     /// The collector, made here if the query begins here. There is none afterwards if the ray misses the outline or can hit
     /// nothing.
     pub collect: &'a mut Option<Q::Collect>,
 }
 
-impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> Kernel for WideTreeQueryInto<'_, G, F, O, Q> {
+impl<F: Filter, O: Observer, Q: RayQuery> Kernel for WideTreeQueryInto<'_, F, O, Q> {
     type Output = ();
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let WideTreeQueryInto { tree, outline, query, args: QueryArgs { set, ray, filter, observer }, collect } = self;
-        if outline.is_some_and(|outline| outline.is_missed(s, ray, set.frame())) {
+        let WideTreeQueryInto { tree, outline, query, args: QueryArgs { scene, ray, filter, observer }, collect } =
+            self;
+        if outline.is_some_and(|outline| outline.is_missed(s, ray, scene.frame())) {
             return;
         }
         let mut memory = StackOf::new();
         let stack = memory.stack(tree.max_stack());
-        let (mut ray, regular) = TreeRay::of(ray, set.frame(), tree.near);
+        let (mut ray, regular) = TreeRay::of(ray, scene.frame(), tree.near);
         if !regular {
-            ray.recompute(set.frame(), tree.near);
+            ray.recompute(scene.frame(), tree.near);
         }
         if ray.has_empty_range() {
             return;
@@ -164,27 +165,27 @@ impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> Kernel for WideTreeQuery
             *collect = Some(query.collect(&ray, filter.accepts_all()));
         }
         if let Some(collect) = collect {
-            Wide { tree, simd: s, stack }.traverse(set, &mut ray, filter, collect, observer);
+            Wide { tree, simd: s, stack }.traverse(scene, &mut ray, filter, collect, observer);
         }
     }
 }
 
 /// A query of the wide layout, to be dispatched to an instruction set.
-pub(crate) struct WideTreeQuery<'a, G, F, O, Q> {
+pub(crate) struct WideTreeQuery<'a, F, O, Q> {
     pub tree: &'a WideTree,
     /// `None` if the ray is known not to miss it.
     pub outline: Option<&'a Outline>,
-    pub call: QueryCall<'a, G, F, O, Q>,
+    pub call: QueryCall<'a, F, O, Q>,
 }
 
-impl<G: RaySource, F: Filter, O: Observer, Q: RayQuery> Kernel for WideTreeQuery<'_, G, F, O, Q> {
+impl<F: Filter, O: Observer, Q: RayQuery> Kernel for WideTreeQuery<'_, F, O, Q> {
     type Output = Q::Answer;
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Q::Answer {
-        let QueryArgs { set, ray, .. } = self.call.1;
+        let QueryArgs { scene, ray, .. } = self.call.1;
         if let Some(outline) = self.outline
-            && outline.is_missed(s, ray, set.frame())
+            && outline.is_missed(s, ray, scene.frame())
         {
             return Q::NOTHING;
         }

@@ -1,7 +1,7 @@
 //! The interface of a layout for ray traversal.
 
 use super::collect::Collect;
-use super::intersect::RaySource;
+use crate::primitive::Scene;
 use crate::ray::filter::Filter;
 use crate::ray::kernel::tree_ray::TreeRay;
 use crate::ray::observer::Observer;
@@ -11,9 +11,9 @@ pub(crate) trait RayLayout {
     /// Rays that begin farther from the origin of tree space are traversed in pieces.
     fn near(&self) -> f32;
     /// Offers every hit that may matter to `collect`. Of a ray in pieces it is given the first.
-    fn traverse<G: RaySource>(
+    fn traverse(
         self,
-        set: &G,
+        scene: &Scene,
         ray: &mut TreeRay,
         filter: &impl Filter,
         collect: &mut impl Collect,

@@ -27,7 +27,6 @@
 
 use super::candidates::{Candidates, several};
 use super::collect::{Collect, Found};
-use super::intersect::RaySource;
 use super::traverser::Traverser;
 use crate::geometry::{KeyTime, LEAST_SQUARED, ULP};
 use crate::layout::{
@@ -40,7 +39,7 @@ use crate::ray::kernel::tree_ray::TreeRay;
 use crate::ray::observer::Observer;
 use crate::simd::{LANES, Mask, Rows, Simd, first_lanes};
 
-impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
+impl<F: Filter> Traverser<'_, F> {
     /// Tests the primitives of a list of ids; true ends the query.
     #[inline(always)]
     pub(in crate::ray) fn shapes<S: Simd>(
@@ -140,7 +139,7 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         }
         let Some(hit) = MovingSphere::intersection(now, ray.original) else { return false };
         let Some(hit) = ray.hit(hit.t, hit.u, hit.v) else { return false };
-        hit.t <= collect.limit() && collect.offer(Found { hit, id: words[lane] }, ray, self.set, self.filter)
+        hit.t <= collect.limit() && collect.offer(Found { hit, id: words[lane] }, ray, self.scene, self.filter)
     }
 
     /// Decides by the primitive's own function whether it is hit; its id is at word `id`. True ends the query.
@@ -150,8 +149,8 @@ impl<G: RaySource, F: Filter> Traverser<'_, G, F> {
         if !self.sees(id, ray) {
             return false;
         }
-        let Some(hit) = self.set.intersect(id, ray, sheared) else { return false };
-        hit.t <= collect.limit() && collect.offer(Found { hit, id }, ray, self.set, self.filter)
+        let Some(hit) = self.scene.intersect(id, ray, sheared) else { return false };
+        hit.t <= collect.limit() && collect.offer(Found { hit, id }, ray, self.scene, self.filter)
     }
 }
 

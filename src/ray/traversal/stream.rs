@@ -9,9 +9,9 @@
 
 use super::batch::{Batch, BatchQuery, Member, Task, Way};
 use super::collect::Collect;
-use super::intersect::RaySource;
 use super::traverser::Traverser;
 use crate::layout::{ChildRef, Kind, NODE_ROWS, STATIC_NODE_ROWS, WideTree};
+use crate::primitive::PrimitiveSet;
 use crate::ray::filter::Filter;
 use crate::ray::kernel::tree_ray::TreeRay;
 use crate::simd::{LANES, Simd, Stack, StackMemory};
@@ -38,9 +38,9 @@ impl Visit {
 }
 
 /// The state of the traversal.
-struct Traversal<'a, G, F, C> {
+struct Traversal<'a, F, C> {
     tree: &'a WideTree,
-    traverser: Traverser<'a, G, F>,
+    traverser: Traverser<'a, F>,
     /// The rays of the stream come first; the others are unused.
     members: [Member<'a, C>; RAYS],
     /// The rays whose answers may change.
@@ -52,13 +52,13 @@ struct Traversal<'a, G, F, C> {
 
 impl Way for Streams {
     #[inline(always)]
-    fn run<S: Simd, G: RaySource, F: Filter, Q: BatchQuery>(s: S, batch: Batch<'_, G, F, Q>) {
+    fn run<S: Simd, F: Filter, Q: BatchQuery>(s: S, batch: Batch<'_, F, Q>) {
         let traverser = batch.traverser();
-        let Batch { tree, outline, set, filter, query, task: Task { rays, answers, .. } } = batch;
+        let Batch { tree, outline, scene, filter, query, task: Task { rays, answers, .. } } = batch;
         let all = filter.accepts_all();
         let Some(first) = rays.first() else { return };
         let (mut memory, mut own_memory) = (StackMemory::<Visit, STACK>::new(), StackOf::new());
-        let unused = TreeRay::of(first, set.frame(), f32::INFINITY).0;
+        let unused = TreeRay::of(first, scene.frame(), f32::INFINITY).0;
         let mut traversal = Traversal {
             tree,
             traverser,
@@ -74,29 +74,29 @@ impl Way for Streams {
                 && let Some(ray) = rays.get(next)
             {
                 next += 1;
-                if outline.is_missed(s, ray, set.frame()) {
+                if outline.is_missed(s, ray, scene.frame()) {
                     continue;
                 }
                 // The ray is constructed in place. Moving it would copy it by wide loads, which stall on the preceding narrow
                 // stores.
-                let (of, regular) = TreeRay::of(ray, set.frame(), f32::INFINITY);
+                let (of, regular) = TreeRay::of(ray, scene.frame(), f32::INFINITY);
                 let member = &mut traversal.members[count];
                 *member = Member::new(next - 1, of, query.collect(&of, all));
                 if !regular {
-                    member.ray.recompute(set.frame(), f32::INFINITY);
+                    member.ray.recompute(scene.frame(), f32::INFINITY);
                     member.collect = query.collect(&member.ray, all);
                 }
                 count += usize::from(!member.ray.has_empty_range());
             }
             traversal.traverse(s, count);
             for member in &traversal.members[..count] {
-                answers[member.ray.index] = Q::answer(member.collect, set);
+                answers[member.ray.index] = Q::answer(member.collect, scene);
             }
         }
     }
 }
 
-impl<G: RaySource, F: Filter, C: Collect> Traversal<'_, G, F, C> {
+impl<F: Filter, C: Collect> Traversal<'_, F, C> {
     /// Traverses the tree with the first `count` members.
     #[inline(always)]
     fn traverse<S: Simd>(&mut self, s: S, count: usize) {

@@ -2,12 +2,12 @@
 //! their own ([`super::leaf`]).
 
 use super::collect::Collect;
-use super::intersect::RaySource;
 use super::leaf::LeafRows;
 use super::ray_layout::RayLayout;
 use super::traverser::Traverser;
 use crate::geometry::KeyTime;
 use crate::layout::{Between, CORNER_ROWS, ChildRef, KeyedLeaf, Kind, VERTEX_ROWS, WideTree};
+use crate::primitive::{PrimitiveSet, Scene};
 use crate::ray::filter::Filter;
 use crate::ray::kernel::shear::Sheared;
 use crate::ray::kernel::tree_ray::TreeRay;
@@ -32,9 +32,9 @@ impl<S: Simd> RayLayout for Wide<'_, S> {
     }
 
     #[inline(always)]
-    fn traverse<G: RaySource>(
+    fn traverse(
         self,
-        set: &G,
+        scene: &Scene,
         ray: &mut TreeRay,
         filter: &impl Filter,
         collect: &mut impl Collect,
@@ -43,13 +43,13 @@ impl<S: Simd> RayLayout for Wide<'_, S> {
         if self.tree.root == ChildRef::NOTHING {
             return;
         }
-        let traverser = Traverser::new(self.tree, set, filter);
+        let traverser = Traverser::new(self.tree, scene, filter);
         let mut cursor = Cursor::new(self.tree.root, self.stack);
         let traversal = WideTraversal::at_time(self.tree, ray.time());
         loop {
             let mut query = RayState { traverser: &traverser, ray, sheared: &mut None, collect, observer };
             while traversal.advance(self.simd, &mut cursor, &mut query).is_continue() {}
-            if !ray.in_pieces || collect.is_final() || !ray.next_piece(set.frame(), self.tree.near) {
+            if !ray.in_pieces || collect.is_final() || !ray.next_piece(scene.frame(), self.tree.near) {
                 return;
             }
             collect.move_on(ray);
@@ -62,8 +62,8 @@ impl<S: Simd> RayLayout for Wide<'_, S> {
 }
 
 /// The state of a ray during a traversal, and the parts of its query.
-pub(in crate::ray) struct RayState<'a, G, F, C, O> {
-    pub traverser: &'a Traverser<'a, G, F>,
+pub(in crate::ray) struct RayState<'a, F, C, O> {
+    pub traverser: &'a Traverser<'a, F>,
     pub ray: &'a TreeRay<'a>,
     /// Computed when the ray reaches its first leaf block.
     pub sheared: &'a mut Option<Sheared>,
@@ -71,7 +71,7 @@ pub(in crate::ray) struct RayState<'a, G, F, C, O> {
     pub observer: &'a mut O,
 }
 
-impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for RayState<'_, G, F, C, O> {
+impl<S: Simd, F: Filter, C: Collect, O: Observer> WideQuery<S> for RayState<'_, F, C, O> {
     const ORDERED: bool = C::ORDERED;
 
     #[inline(always)]
@@ -114,7 +114,6 @@ impl<S: Simd, G: RaySource, F: Filter, C: Collect, O: Observer> WideQuery<S> for
         // Each kind of test is called from one place, so that the code of a query fits the instruction cache.
         let still = (sheared, Between::NEVER);
         let (shared, rows, between) = match at.kind() {
-            _ if !G::TRIANGLES => return ended(traverser.shapes(s, at, (ray, sheared), collect, observer)),
             Kind::StaticLeaf => {
                 let rows = LeafRows::loose(at, CORNER_ROWS);
                 return ended(traverser.leaf::<S, false>(s, rows, ray, still, collect, observer));
