@@ -11,7 +11,7 @@ use mbkd::baseline::BruteForce;
 use mbkd::glam::{DVec3, Vec3};
 use mbkd::{
     Aabb, BuildError, BuildParams, ClosestPoint, ClosestPointQuery, Counters, FileError, Hit, Keys, MovingSphere,
-    Policy, Ray, RayTree, RefitError, Shape, SimdLevel, TreePrimitive, Visitor,
+    Policy, Primitive, Ray, RayTree, RefitError, Shape, SimdLevel, TreePrimitive, Visitor,
 };
 
 /// A ray that is critical in some way, towards something in the scene.
@@ -451,15 +451,25 @@ fn refused(random: &mut Random, now: &Scene, tree: &mut RayTree, what: &str) -> 
     Ok(())
 }
 
-/// Trees of shapes only: of which none, some or all are spheres.
+/// Trees of shapes of one type without meshes: of which none, some or all are spheres.
 fn shapes_only(random: &mut Random, scene: &Scene) -> Outcome {
-    let kind = random.below(3);
-    let shape = |(ball, own): &(MovingSphere, bool)| match kind {
-        0 => Blob::hidden(ball.clone()).into(),
-        1 => Shape::from(ball.clone()),
-        _ => Blob { named: !own, ..Blob::hidden(ball.clone()) }.into(),
-    };
-    let shapes = |scene: &Scene| scene.balls.iter().map(shape).collect::<Vec<Shape>>();
+    match random.below(4) {
+        0 => of_type(random, scene, |(ball, _)| Blob::hidden(ball.clone())),
+        1 => of_type(random, scene, |(ball, _)| ball.clone()),
+        2 => of_type(random, scene, |(ball, own)| Blob { named: !own, ..Blob::hidden(ball.clone()) }),
+        _ => of_type(random, scene, |(ball, own)| match own {
+            true => Shape::from(Blob::hidden(ball.clone())),
+            false => Shape::from(ball.clone()),
+        }),
+    }
+}
+
+fn of_type<P: Primitive + 'static>(
+    random: &mut Random,
+    scene: &Scene,
+    shape: impl Fn(&(MovingSphere, bool)) -> P,
+) -> Outcome {
+    let shapes = |scene: &Scene| scene.balls.iter().map(&shape).collect::<Vec<P>>();
     let oracle = BruteForce::of_scene(&[], shapes(scene)).map_err(|error| error.to_string())?;
     let queries = Queries::new(random, scene, &oracle, 40);
     let answers = Answers::of_brute_force(&oracle, &queries);
@@ -502,7 +512,13 @@ fn shapes_only(random: &mut Random, scene: &Scene) -> Outcome {
 }
 
 /// A tree that is written, and read with its shapes handed in again.
-fn shapes_in_file(tree: &RayTree, shapes: Vec<Shape>, answers: &Answers, queries: &Queries, what: &str) -> Outcome {
+fn shapes_in_file<P: Primitive + 'static>(
+    tree: &RayTree,
+    shapes: Vec<P>,
+    answers: &Answers,
+    queries: &Queries,
+    what: &str,
+) -> Outcome {
     let (mut bytes, mut again) = (Vec::new(), Vec::new());
     match tree.write_to(&mut bytes) {
         Err(FileError::Lazy) => return Ok(()),
