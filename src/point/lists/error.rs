@@ -62,8 +62,9 @@ pub enum ListError {
     },
     /// A coordinate is more than a million periods from zero (of points in f64, from the tree's origin), where f32 does not resolve
     /// positions in a period. The faces of the tree's boxes around moving points count too: they may reach up to three times as far
-    /// as the points. For lists over an interval, or until when lists hold, also one that is more than 2^48 periods from zero
-    /// itself: there not even f64 resolves them.
+    /// as the points, and of points in f64 farther by 1e-22 and 2^-49 of the greatest coordinate along any axis. For lists over an
+    /// interval, or until when lists hold, also one that is more than 2^48 periods from zero itself: there not even f64 resolves
+    /// them.
     FarFromPeriod {
         /// The axis.
         axis: usize,
