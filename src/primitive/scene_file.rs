@@ -12,6 +12,7 @@ use crate::file::{Decoder, Encoder, FileError, require};
 use crate::geometry::{Aabb, Frame, TimeInterval};
 use crate::progress::Progress;
 use glam::DVec3;
+use std::sync::Arc;
 
 /// In the place of the number of keys, for a shape that is no sphere.
 const CUSTOM: u32 = u32::MAX;
@@ -67,22 +68,12 @@ impl SceneRecord {
         given: Option<Box<dyn ShapeList>>,
     ) -> Result<Scene, FileError> {
         let triangles = self.triangles.checked(most, in_leaves)?;
-        let spheres = self.shapes.spheres()?;
-        let (shapes, extent) = match given {
-            Some(shapes) => self.shapes.same(&spheres, shapes)?,
-            None => {
-                let custom = spheres.iter().filter(|sphere| sphere.is_none()).count();
-                if custom > 0 {
-                    return Err(FileError::CustomShapes { custom });
-                }
-                let shapes: Box<dyn ShapeList> = Box::new(spheres.into_iter().flatten().collect::<Vec<_>>());
-                let wrong = |_: BuildError| FileError::Broken { what: "a sphere has invalid coordinates" };
-                let extent = ShapesExtent::of(&*shapes, &Progress::new(None)).map_err(wrong)?;
-                (shapes, extent)
-            }
+        let shapes = match given {
+            Some(shapes) => self.shapes.same(shapes, self.frame)?,
+            None => self.shapes.spheres(self.frame)?,
         };
         let wrong = |_: BuildError| FileError::Broken { what: "there are too many primitives" };
-        Scene::of_sets(triangles, Shapes::within(shapes.into(), extent, self.frame)).map_err(wrong)
+        Scene::of_sets(triangles, shapes).map_err(wrong)
     }
 }
 
@@ -111,39 +102,42 @@ impl ShapesRecord {
         record
     }
 
-    /// The spheres, and `None` for each custom primitive.
-    fn spheres(&self) -> Result<Vec<Option<MovingSphere>>, FileError> {
-        let shapes = self.key_counts.len();
-        require(self.active.len() == shapes && self.masks.len() == shapes, "there are too few or too many shapes")?;
-        let counts = self.key_counts.iter().filter(|&&count| count != CUSTOM);
-        let all: u64 = counts.map(|&keys| u64::from(keys)).sum();
+    /// The spheres; an error if there are other shapes.
+    fn spheres(&self, frame: Frame) -> Result<Shapes, FileError> {
+        let custom = self.key_counts.iter().filter(|&&count| count == CUSTOM).count();
+        if custom > 0 {
+            return Err(FileError::CustomShapes { custom });
+        }
+        let spheres = self.key_counts.len();
+        let all: u64 = self.key_counts.iter().map(|&keys| u64::from(keys)).sum();
+        require(self.active.len() == spheres && self.masks.len() == spheres, "there are too few or too many spheres")?;
         require(all == self.keys.len() as u64, "the numbers of keys of spheres are wrong")?;
         let mut keys = self.keys.iter().map(|&[x, y, z, radius]| (DVec3::new(x, y, z), radius));
-        let mut spheres = Vec::with_capacity(shapes);
+        let mut shapes = Vec::with_capacity(spheres);
         for ((&count, &bounds), &mask) in self.key_counts.iter().zip(&self.active).zip(&self.masks) {
-            let active = TimeInterval::of_bounds(bounds)?;
-            let mut sphere = || MovingSphere { keys: keys.by_ref().take(count as usize).collect(), active, mask };
-            spheres.push((count != CUSTOM).then(&mut sphere));
+            let keys = keys.by_ref().take(count as usize).collect();
+            shapes.push(MovingSphere { keys, active: TimeInterval::of_bounds(bounds)?, mask });
         }
-        Ok(spheres)
+        let wrong = |_: BuildError| FileError::Broken { what: "a sphere has invalid coordinates" };
+        let extent = ShapesExtent::of(&shapes, &Progress::new(None)).map_err(wrong)?;
+        Ok(Shapes::within(Arc::new(shapes), extent, frame))
     }
 
-    /// The shapes with their extent if, as far as can be told, the record is of them: `spheres` are those of the record.
-    fn same(
-        &self,
-        spheres: &[Option<MovingSphere>],
-        mut shapes: Box<dyn ShapeList>,
-    ) -> Result<(Box<dyn ShapeList>, ShapesExtent), FileError> {
-        shapes.merge_keys();
-        let extent = ShapesExtent::of(&*shapes, &Progress::new(None)).map_err(FileError::Shapes)?;
-        let all = 0..spheres.len();
+    /// The given shapes if, as far as can be told, they are those of the record.
+    fn same(&self, mut given: Box<dyn ShapeList>, frame: Frame) -> Result<Shapes, FileError> {
+        given.merge_keys();
+        let extent = ShapesExtent::of(&*given, &Progress::new(None)).map_err(FileError::Shapes)?;
+        let given = Shapes::within(given.into(), extent, frame);
+        let of = ShapesRecord::of(&given);
+        // By their bits: a list is the same as itself, whatever numbers are in it.
+        let bits = |record: &ShapesRecord| record.keys.iter().map(|key| key.map(f64::to_bits)).collect::<Vec<_>>();
         let what = match () {
-            () if shapes.count() != spheres.len() => "their numbers",
-            () if all.clone().any(|i| shapes.plain_sphere(i) != spheres[i].as_ref()) => "the spheres among them",
-            () if all.clone().any(|i| extent.active(i).to_bounds() != self.active[i]) => "their active intervals",
-            () if all.clone().any(|i| extent.mask(i) != self.masks[i]) => "their masks",
-            () if extent.swept != self.swept => "their bounds",
-            () => return Ok((shapes, extent)),
+            () if of.key_counts.len() != self.key_counts.len() => "their numbers",
+            () if of.key_counts != self.key_counts || bits(&of) != bits(self) => "the spheres among them",
+            () if of.active != self.active => "their active intervals",
+            () if of.masks != self.masks => "their masks",
+            () if of.swept != self.swept => "their bounds",
+            () => return Ok(given),
         };
         Err(FileError::OtherShapes { what })
     }
