@@ -36,7 +36,13 @@ impl Pair<'_> {
     /// in f64.
     pub fn meet(&self, times: [f64; 2], square: f64) -> Option<Encounter> {
         let mut all: Option<Encounter> = None;
-        let both = (0..self.segments[0]).flat_map(|own| (0..self.segments[1]).map(move |other| [own, other]));
+        let [of_own, of_other] = self.segments;
+        // Segments of the other one that overlap, and one more on either side: where they touch, rounding decides.
+        let overlapping = |own: usize| {
+            let (first, behind) = (own * of_other / of_own, ((own + 1) * of_other).div_ceil(of_own));
+            first.saturating_sub(1)..(behind + 1).min(of_other)
+        };
+        let both = (0..of_own).flat_map(|own| overlapping(own).map(move |other| [own, other]));
         let both: Vec<[usize; 2]> = both.collect();
         for (&image, &segment) in self.images.iter().flat_map(|image| both.iter().map(move |s| (image, s))) {
             let end = |k: usize, after: usize| (segment[k] + after) as f64 / self.segments[k] as f64;
