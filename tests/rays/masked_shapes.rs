@@ -101,7 +101,7 @@ fn masks_change_in_refits_without_motion() {
 }
 
 #[test]
-fn trees_of_primitives_have_masks_too() {
+fn trees_of_shapes_alone_have_masks_too() {
     let balls = |shift: u32| -> Vec<MovingSphere> {
         let ball =
             |i: u32| MovingSphere::fixed(DVec3::new(0.0, 0.0, f64::from(i) * 3.0), 1.0).with_mask(1 << (i + shift));

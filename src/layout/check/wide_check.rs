@@ -25,6 +25,8 @@ impl WideTree {
     /// An error for the first violation that could break a query; otherwise the counts and the table of leaf blocks.
     pub(in crate::layout) fn check<S: WideSource>(&self, set: &S) -> Result<(Counts, Vec<u32>), FileError> {
         require((1..=MAX_TIME_SLICES).contains(&self.slices), "the header has no time slices or too many")?;
+        let no_triangles = set.triangles().is_none_or(|triangles| triangles.len() == 0) && set.len() > 0;
+        require(!no_triangles || self.lists == 0, "a tree of shapes has leaf blocks of triangles")?;
         let words = self.arena.ints();
         // Each primitive takes a few bytes, so tables of primitives are in proportion to the file.
         require(set.len() <= words.len(), "there are more primitives than words in the tree")?;
