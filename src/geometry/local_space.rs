@@ -31,9 +31,6 @@ impl Frame {
 
     /// The frame of coordinates in f64 with these bounds (within [`MAX_COORDINATE`]).
     pub fn around(swept: Aabb) -> Frame {
-        if swept.min.cmpgt(swept.max).any() {
-            return Frame::WORLD;
-        }
         // Rounded to f32 if that moves it little, so that coordinates on a coarse grid stay on it.
         let centre = swept.min * 0.5 + swept.max * 0.5;
         let rounded = centre.as_vec3().as_dvec3();
@@ -55,9 +52,6 @@ impl Frame {
 
     /// Translated to the centre, rounded to the precision of the coordinates, along the axes where that is exact.
     fn moved_exactly(swept: Aabb, rounded: impl Fn(f64) -> f64) -> Frame {
-        if swept.min.cmpgt(swept.max).any() {
-            return Frame::WORLD;
-        }
         let mut origin = DVec3::ZERO;
         for axis in 0..3 {
             let (low, high) = (swept.min[axis], swept.max[axis]);
@@ -69,8 +63,12 @@ impl Frame {
         Frame::scaled(swept, origin)
     }
 
-    /// Scaled by the power of two that makes the farthest coordinate at most 1, computed from its bits.
-    fn scaled(swept: Aabb, origin: DVec3) -> Frame {
+    /// The frame with this origin, of coordinates with these bounds: scaled by the power of two that makes the farthest coordinate
+    /// at most 1, computed from its bits. [`Frame::WORLD`] if there are none.
+    pub fn scaled(swept: Aabb, origin: DVec3) -> Frame {
+        if swept.min.cmpgt(swept.max).any() {
+            return Frame::WORLD;
+        }
         let reach = (swept.max - origin).max(origin - swept.min).max_element();
         debug_assert!(reach <= 4.0 * MAX_COORDINATE);
         let (exponent, fraction) = (exponent(reach), reach.to_bits() << 12);

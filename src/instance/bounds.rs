@@ -94,6 +94,11 @@ pub(super) fn grow(b: Aabb, by: DVec3) -> Aabb {
     Aabb { min: b.min - by, max: b.max + by }
 }
 
+/// The greatest coordinate of a box relative to a point.
+pub(super) fn greatest_offset(b: Aabb, from: DVec3) -> f64 {
+    (b.max - from).max(from - b.min).max_element()
+}
+
 /// The least axis-aligned box around the image of a box.
 fn image(matrix: DAffine3, of: Aabb) -> Aabb {
     let (mut min, mut max) = (matrix.translation, matrix.translation);

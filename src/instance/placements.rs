@@ -1,6 +1,6 @@
 //! Instances as the build of the wide tree sees them: a set of boxes, one per leaf.
 
-use super::bounds::{ROUNDING, grow};
+use super::bounds::{ROUNDING, greatest_offset, grow};
 use super::distortion::{Distortion, MAPPED, MAX_DEVIATION};
 use super::error::{InstanceError, MAX_PLACED};
 use super::extent::Extent;
@@ -46,17 +46,23 @@ pub(super) struct Placements {
     pub deviation: f64,
     /// Instances that are a point at all times, or of nothing, ascending.
     hidden: Vec<u32>,
-    /// Data for the build only: the distinct trees, the padding of each instance's box, and its bounds over the shutter
-    /// without padding.
+    /// Data for the build only: the distinct trees, and for each instance its slack, its bounds over the shutter without padding,
+    /// and their padding for rays that are not far away.
     extents: Vec<Extent>,
     slacks: Vec<Slack>,
     whole: Vec<LinearBounds>,
-    /// The greatest distance between a point of the scene and the origin of a ray near it.
-    width: f64,
+    paddings: Vec<DVec3>,
+    /// The greatest coordinate in tree space of the origin of a ray that is not [far](Placements::is_far) away.
+    near: f64,
 }
 
-/// Distances within which origins count as near, in sizes of the scene.
+/// Distances within which origins count as near, at most, in sizes of the scene.
 const NEAR: f64 = 3.0;
+
+/// The least padding for distances that counts as large, in sizes of an instance. Rays from where more than a sixteenth of all
+/// instances need more are far away. Else boxes would be useless for small instances near each other, in a scene that is a million
+/// times as large.
+const LARGE: f64 = 1.0 / 16.0;
 
 /// Rays that begin farther away than this, in sizes of the scene, hit nothing: 2^96. Their slack might not be finite.
 ///
@@ -93,43 +99,63 @@ impl Placements {
             slacks.push(Slack { per_distance: slack.per_distance * padding, fixed: slack.fixed * padding, ..slack });
             all.push(one);
         }
-        let (frame, width) = (Frame::WORLD, 0.0);
         let outlines = extents.iter().map(|of| of.outline).collect();
-        let whole = Vec::new();
         let mut set = Placements {
             placed: all,
             motions,
             outlines,
-            frame,
+            frame: Frame::WORLD,
             always_active,
             deviation,
             hidden,
             extents,
             slacks,
-            whole,
-            width,
+            whole: Vec::new(),
+            paddings: Vec::new(),
+            near: 0.0,
         };
         set.whole = parallel::map(set.placed.len(), |id| set.exact_bounds(id as u32, TimeInterval::FULL));
-        // The slack depends on the width of the scene, and the width on the slack: it grows by at most a quarter of
-        // itself.
-        loop {
-            let mut all = Aabb::EMPTY;
-            for (instance, whole) in set.whole.iter().enumerate().filter(|&(id, _)| !set.is_hidden(id as u32)) {
-                let padded = grow(whole.swept(), set.padding(instance as u32));
-                // NaN fails this as well.
-                let fits = padded.min.abs().max(padded.max.abs()).cmple(DVec3::splat(MAX_PLACED));
-                if !fits.all() {
-                    return Err(InstanceError::TooLarge { instance });
-                }
-                all = all.union(padded);
+        // Relative to zero unless that is far away, so that boxes near zero are precise however far others are.
+        let origin = Frame::exact_in_f64(set.union(|id| set.whole[id].swept())?).origin;
+        let distances: Vec<f64> = set.whole.iter().map(|of| greatest_offset(of.swept(), origin)).collect();
+        let near = set.near(&distances);
+        let padding = |id: usize| set.slacks[id].padding(near + distances[id]);
+        set.paddings = (0..set.placed.len()).map(padding).collect();
+        set.frame = Frame::scaled(set.union(|id| grow(set.whole[id].swept(), set.paddings[id]))?, origin);
+        set.near = near * set.frame.scale;
+        Ok(set)
+    }
+
+    /// The union of boxes of the instances that are not hidden.
+    ///
+    /// # Errors
+    /// If one is too large, or not a number.
+    fn union(&self, of: impl Fn(usize) -> Aabb) -> Result<Aabb, InstanceError> {
+        let mut all = Aabb::EMPTY;
+        for instance in (0..self.placed.len()).filter(|&id| !self.is_hidden(id as u32)) {
+            let of = of(instance);
+            if !of.min.abs().max(of.max.abs()).cmple(DVec3::splat(MAX_PLACED)).all() {
+                return Err(InstanceError::TooLarge { instance });
             }
-            set.frame = Frame::around(all);
-            let width = f64::from(set.frame.reach) / set.frame.scale;
-            if width <= set.width {
-                return Ok(set);
-            }
-            set.width = 2.0 * width;
+            all = all.union(of);
         }
+        Ok(all)
+    }
+
+    /// The distance from which on rays are far away: at most [`NEAR`] sizes of the scene, and not so far that paddings are
+    /// [`LARGE`]. `distances` are those of the instances' farthest points from the origin of tree space.
+    fn near(&self, distances: &[f64]) -> f64 {
+        let shown = (0..self.placed.len()).filter(|&id| !self.is_hidden(id as u32));
+        let most = shown.clone().map(|id| distances[id]).fold(0.0, f64::max);
+        let mut fine: Vec<f64> = shown
+            .map(|id| {
+                let size = self.whole[id].begin;
+                LARGE * (size.max - size.min).max_element() / self.slacks[id].relative()
+            })
+            .collect();
+        let few = fine.len() / 16;
+        let fine = if fine.is_empty() { 0.0 } else { *fine.select_nth_unstable_by(few, f64::total_cmp).1 };
+        fine.min(NEAR * most)
     }
 
     /// Linear bounds in world space, without padding for rounding.
@@ -150,7 +176,7 @@ impl Placements {
             let active = self.placed[id].active;
             let bounds =
                 if active == TimeInterval::FULL { self.whole[id] } else { self.exact_bounds(id as u32, active) };
-            grow(bounds.swept(), self.padding(id as u32))
+            grow(bounds.swept(), self.paddings[id])
         };
         let parts = parallel::chunks(self.placed.len(), |range| {
             range.filter(|&id| !self.is_hidden(id as u32)).map(of).reduce(Aabb::union)
@@ -158,22 +184,16 @@ impl Placements {
         parts.into_iter().flatten().reduce(Aabb::union)
     }
 
-    /// The padding for rounding of an instance's bounds, for rays from near the scene.
-    fn padding(&self, id: u32) -> DVec3 {
-        let slack = &self.slacks[id as usize];
-        let distance = (1.0 + NEAR) * self.width;
-        slack.fixed + slack.per_distance * distance * (f64::from(ULP) + ROUNDING)
-    }
-
-    /// Whether a ray in tree space begins farther away than [`NEAR`].
+    /// Whether a ray in tree space begins so far away that it needs more slack than the padding of boxes.
     #[inline(always)]
     pub fn is_far(&self, ray: &TreeRay) -> bool {
         let [x, y, z, _] = ray.from;
-        DVec3::new(x, y, z).abs().max_element() > NEAR * f64::from(self.frame.reach)
+        DVec3::new(x, y, z).abs().max_element() > self.near
     }
 
     /// Recomputes a ray in tree space that is not regular or far away ([`TreeRay::recompute`]). A ray that begins far away
-    /// gets more slack, by its greatest deviation when it is mapped into an instance's space.
+    /// gets more slack, by its greatest deviation when it is mapped into an instance's space: the padding of an instance's box
+    /// is enough for the distance of the instance from the origin of tree space, and this for that of the ray.
     #[cold]
     #[inline(never)]
     pub fn recompute(&self, ray: &mut TreeRay) {
@@ -209,6 +229,19 @@ impl Slack {
         let fixed = rows * ((INNER_ULPS + 4.0 * of.deviation) * f64::from(ULP) * of.reach);
         Slack { per_distance, fixed, rounding: ROUNDING.max(mapped) }
     }
+
+    /// How far hits may lie outside of the instance's box, relative to the distance to the ray's origin.
+    fn relative(&self) -> f64 {
+        self.per_distance * (f64::from(ULP) + ROUNDING)
+    }
+
+    /// How far hits may lie outside of the instance's box, if that box and the ray's origin together are no farther than `distance`
+    /// from the origin of tree space. The hit may be farther away by as much as it lies outside.
+    fn padding(&self, distance: f64) -> DVec3 {
+        let relative = self.relative();
+        let most = (self.fixed.max_element() + relative * distance) / (1.0 - relative);
+        self.fixed + relative * (distance + most)
+    }
 }
 
 impl PrimitiveSet for Placements {
@@ -236,7 +269,7 @@ impl PrimitiveSet for Placements {
     fn bounds(&self, id: u32, over: TimeInterval) -> LinearBox3 {
         let over_shutter = over == TimeInterval::FULL;
         let bounds = if over_shutter { self.whole[id as usize] } else { self.exact_bounds(id, over) };
-        let padding = self.padding(id);
+        let padding = self.paddings[id as usize];
         let outward = |b: Aabb| self.frame.outward(grow(b, padding));
         LinearBox3 { begin: outward(bounds.begin), end: outward(bounds.end) }
     }
@@ -264,6 +297,6 @@ impl PrimitiveSet for Placements {
 impl WideSource for Placements {
     /// Releases the data of the build.
     fn release_build_data(&mut self) {
-        (self.extents, self.slacks, self.whole) = (Vec::new(), Vec::new(), Vec::new());
+        (self.extents, self.slacks, self.whole, self.paddings) = Default::default();
     }
 }

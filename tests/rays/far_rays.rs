@@ -5,7 +5,8 @@ use core::ops::ControlFlow;
 use mbkd::baseline::BruteForce;
 use mbkd::glam::{DAffine3, DVec3, Vec3};
 use mbkd::{
-    BuildParams, Counters, Hit, Instance, InstanceTree, MovingSphere, Ray, RayTree, Shape, TriangleMesh, WideParams,
+    BuildParams, Counters, Hit, Instance, InstanceTree, MovingSphere, Pose, Ray, RayTree, Shape, TriangleMesh,
+    WideParams,
 };
 use std::sync::Arc;
 
@@ -105,4 +106,44 @@ fn far_rays_near_something_large_test_as_few_triangles_as_near_ones() {
             }
         }
     }
+}
+
+/// Spheres and instances that are small and near zero, beside one so far away that it is 1e7 times as far as they are large.
+#[test]
+fn what_is_far_away_costs_rays_near_by_little() {
+    const NEAR: usize = 3000;
+    let place = |random: &mut Random, i: usize| {
+        if i < NEAR { random.vec().as_dvec3() } else { DVec3::new(1e6, 3e5, 0.0) }
+    };
+    let triangle = vec![Vec3::ZERO, Vec3::X * 0.1, Vec3::Y * 0.1];
+    let one =
+        Arc::new(RayTree::build(&[TriangleMesh::fixed(vec![[0, 1, 2]], triangle)], &BuildParams::default()).unwrap());
+    let of = |count: usize| {
+        let mut random = Random(8);
+        let balls: Vec<_> = (0..count).map(|i| MovingSphere::fixed(place(&mut random, i), 0.03)).collect();
+        let oracle = BruteForce::of_scene(&[], balls.clone()).unwrap();
+        let at = |i: usize| Pose { translation: place(&mut random, i), ..Pose::IDENTITY };
+        let instances = (0..count).map(at).map(|pose| Instance::new(one.clone(), pose)).collect();
+        let balls = RayTree::of_scene(&[], balls, &BuildParams::default()).unwrap();
+        (balls, oracle, InstanceTree::build(instances, &WideParams::default()).unwrap())
+    };
+    let (alone, beside) = (of(NEAR), of(NEAR + 1));
+    let (mut random, mut hits) = (Random(9), 0);
+    let mut counters = [Counters::default(); 4];
+    let [balls, balls_beside, instances, instances_beside] = &mut counters;
+    for _ in 0..2000 {
+        let ray = Ray::new(random.vec(), random.vec());
+        let expected = alone.0.closest_hit_observed(&ray, balls);
+        assert_eq!(beside.0.closest_hit_observed(&ray, balls_beside), expected);
+        assert_eq!(difference(&beside.0, &beside.1, &ray), None);
+        let placed = alone.2.closest_hit_observed(&ray, instances);
+        assert_eq!(beside.2.closest_hit_observed(&ray, instances_beside), placed);
+        hits += usize::from(expected.is_some()) + usize::from(placed.is_some());
+        // Across and beyond the whole scene, most of them at what is far away.
+        let ray = Ray::new(random.vec(), Vec3::new(1.0, 0.3, 0.0) + random.vec() * 1e-8);
+        assert_eq!(difference(&beside.0, &beside.1, &ray), None);
+    }
+    assert!(hits > 500, "{hits}");
+    let work = counters.map(|of| of.nodes + of.leaves);
+    assert!(work[1] <= work[0] / 2 * 3 && work[3] <= work[2] / 2 * 3, "{work:?}");
 }

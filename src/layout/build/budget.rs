@@ -38,18 +38,18 @@ pub(in crate::layout) fn most_in_subtree<S: WideSource>(set: &S) -> Result<usize
     if fitting == 0 { Err(BuildError::TooLargeTree) } else { Ok((fitting / REFERENCES).max(1)) }
 }
 
-/// Further builds that are tried if a tree is larger than allowed.
-pub(in crate::layout) const ATTEMPTS: usize = 2;
+/// Builds that are tried before one with a tree for each kind of primitives, if trees are larger than allowed.
+pub(in crate::layout) const ATTEMPTS: usize = 3;
 
-/// The parameters after an attempt that took too much memory: the estimates of the choices were too low. The last attempt is
-/// without pre-splitting and temporal splits. `share` is the share of the tree's bytes that is allowed, if these are known.
+/// The parameters after an attempt that took too much memory: the estimates of the choices were too low. From the third attempt on,
+/// there are neither pre-splits nor temporal splits. `share` is the share of the tree's bytes that is allowed, if these are known.
 pub(in crate::layout) fn with_less(
     wide: WideParams,
     share: Option<f32>,
     primitives: usize,
     attempt: usize,
 ) -> WideParams {
-    if attempt + 1 == ATTEMPTS {
+    if attempt > 0 {
         return WideParams { max_references: 1.0, division: Division::Whole, ..wide };
     }
     let most = match share {
@@ -72,7 +72,9 @@ mod tests {
         let less = with_less(given, None, 10_000_000, 0);
         assert!((80.0..90.0).contains(&less.bytes_per_primitive), "{less:?}");
         assert_eq!(with_less(given, None, 100, 0).bytes_per_primitive, 400.0);
-        let last = with_less(given, None, 10_000_000, ATTEMPTS - 1);
-        assert_eq!((last.max_references, last.division), (1.0, Division::Whole));
+        for attempt in 1..ATTEMPTS {
+            let last = with_less(given, None, 10_000_000, attempt);
+            assert_eq!((last.max_references, last.division), (1.0, Division::Whole));
+        }
     }
 }

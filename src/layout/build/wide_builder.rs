@@ -1,7 +1,8 @@
 //! The build of a wide tree from primitives.
 //!
 //! There are two groups of primitives: triangles, whose corners are in leaf blocks, and others, which leaves list
-//! (spheres, whose positions follow such a list, and custom primitives). Each group is first drafted: the binary tree
+//! (spheres, whose positions follow such a list, and custom primitives). If nothing else keeps the budget, each kind of both is
+//! a group. Each group is first drafted: the binary tree
 //! and its collapse are made (`time/drafting.rs`), and the subtrees that get a temporal split are chosen
 //! (`time/regions.rs`). Those are written first, each below a time node of its own; then the rest of the tree, in which
 //! they are children like leaf blocks.
@@ -131,39 +132,53 @@ impl WideTree {
         let mut wide = params.wide;
         for (attempt, share) in ATTEMPT.into_iter().enumerate() {
             let progress = progress.rest(share);
-            let built = WideTree::unlimited(set, ids, &DraftParams { wide, ..*params }, &progress);
+            let groups = ids.map(|ids| vec![ids]);
+            let built = WideTree::unlimited(set, ids, &groups, &DraftParams { wide, ..*params }, &progress);
             let bytes = match &built {
                 Ok(tree) => Some(tree.arena.bytes()),
                 // More than an arena holds.
                 Err(BuildError::TooLargeTree) => None,
                 Err(_) => return built,
             };
-            if bytes.is_some_and(|bytes| bytes <= budget) || params.wide.division.is_forced() {
+            let smallest = attempt + 1 == ATTEMPTS && !set.kinds_differ();
+            if bytes.is_some_and(|bytes| bytes <= budget) || params.wide.division.is_forced() || smallest {
                 return built;
             }
             drop(built);
             wide = with_less(wide, bytes.map(|bytes| budget as f32 / bytes as f32), primitives, attempt);
         }
-        WideTree::unlimited(set, ids, &DraftParams { wide, ..*params }, &progress.rest(1.0))
+        // Blocks hold primitives of one kind. Where kinds lie among each other, blocks are filled poorly unless each kind has a tree
+        // of its own.
+        let sorted = ids.map(|ids| {
+            let mut ids = ids.to_vec();
+            ids.sort_by_key(|&id| set.leaf_kind(id));
+            ids
+        });
+        let ids = sorted.each_ref().map(|ids| &ids[..]);
+        let groups = ids.map(|ids| ids.chunk_by(|&a, &b| set.leaf_kind(a) == set.leaf_kind(b)).collect());
+        WideTree::unlimited(set, ids, &groups, &DraftParams { wide, ..*params }, &progress.rest(1.0))
     }
 
-    /// Builds over triangles and listed primitives without a limit.
+    /// Builds over triangles and listed primitives without a limit. Each of their groups gets a tree of its own.
     fn unlimited<S: WideSource>(
         set: &S,
         ids: [&[u32]; 2],
+        groups: &[Vec<&[u32]>; 2],
         params: &DraftParams,
         progress: &Progress,
     ) -> Result<WideTree, BuildError> {
         let mut tree = WideTree::empty(if set.triangles().is_some() { usize::MAX } else { 0 });
         let all = ids.iter().map(|ids| ids.len()).sum::<usize>() as f64;
         let mut subtrees = Vec::new();
-        for (group, ids) in ids.into_iter().enumerate().filter(|(_, ids)| !ids.is_empty()) {
-            let share = ids.len() as f64 / all;
-            if group > 0 {
-                // All blocks written from now on are lists.
-                tree.lists = tree.lists.min(tree.arena.len());
+        for (listed, groups) in groups.iter().enumerate() {
+            for ids in groups.iter().filter(|ids| !ids.is_empty()) {
+                let share = ids.len() as f64 / all;
+                if listed > 0 {
+                    // All blocks written from now on are lists.
+                    tree.lists = tree.lists.min(tree.arena.len());
+                }
+                subtrees.push(tree.group(set, ids, params, &progress.subtask(share))?);
             }
-            subtrees.push(tree.group(set, ids, params, &progress.subtask(share))?);
         }
         tree.root = tree.join(subtrees)?;
         tree.keyed_rows = KeyedRows::of(set, ids[0], tree.slices);
@@ -352,11 +367,11 @@ impl WideTree {
     }
 }
 
-/// Shares of the steps of a build, about, for its progress: of the index of leaf blocks in the whole; of each attempt in what is
-/// left, where most builds need only one; of the draft in an attempt, if nothing changes and if time slices may follow; of
+/// Shares of the steps of a build, about, for its progress: of the index of leaf blocks in the whole; of each attempt but one in
+/// what is left, where most builds need only one; of the draft in an attempt, if nothing changes and if time slices may follow; of
 /// hierarchies for shared leaves in their region, and of writing these leaves in the rest.
 const INDEXING: f64 = 0.03;
-const ATTEMPT: [f64; ATTEMPTS] = [0.95, 0.5];
+const ATTEMPT: [f64; ATTEMPTS] = [0.95, 0.5, 0.5];
 const DRAFT: f64 = 0.8;
 const DRAFT_BEFORE_SLICES: f64 = 0.4;
 const SHARED_NODES: f64 = 0.6;

@@ -243,7 +243,9 @@ pub(in crate::primitive) fn frame_of(
     if given().any(|mesh| matches!(mesh.keys, Keys::F32(_))) {
         return Frame::exact(swept);
     }
-    if given().any(TriangleMesh::is_precise) { Frame::exact_in_f64(swept) } else { Frame::around(swept) }
+    // Boxes of shapes near zero are precise there, however far others are.
+    let rounded = given().next().is_some() && !given().any(TriangleMesh::is_precise);
+    if rounded { Frame::around(swept) } else { Frame::exact_in_f64(swept) }
 }
 
 /// A hash of the vertex indices: the sum of the indices of all triangles, each mixed with its position
