@@ -35,6 +35,8 @@
 //! | `step` | a prepared step |
 //! | `neighbor_lists`, `swept`, `k_nearest` | queries of a step |
 
+#![warn(missing_debug_implementations)]
+
 mod agree;
 mod curve;
 mod error;
