@@ -147,8 +147,8 @@ impl WideTree {
             drop(built);
             wide = with_less(wide, bytes.map(|bytes| budget as f32 / bytes as f32), primitives, attempt);
         }
-        // Blocks hold primitives of one kind. Where kinds lie among each other, blocks are filled poorly unless each kind has a tree
-        // of its own.
+        // Blocks hold primitives of one kind. Where kinds lie among each other, blocks are filled poorly unless each kind has a
+        // tree of its own.
         let sorted = ids.map(|ids| {
             let mut ids = ids.to_vec();
             ids.sort_by_key(|&id| set.leaf_kind(id));
