@@ -139,7 +139,7 @@ fn what_is_far_away_costs_rays_near_by_little() {
         let placed = alone.2.closest_hit_observed(&ray, instances);
         assert_eq!(beside.2.closest_hit_observed(&ray, instances_beside), placed);
         hits += usize::from(expected.is_some()) + usize::from(placed.is_some());
-        // Across and beyond the whole scene, most of them at what is far away.
+        // Across the whole scene, close past what is far away.
         let ray = Ray::new(random.vec(), Vec3::new(1.0, 0.3, 0.0) + random.vec() * 1e-8);
         assert_eq!(difference(&beside.0, &beside.1, &ray), None);
     }

@@ -1,11 +1,10 @@
 //! The build of a wide tree from primitives.
 //!
 //! There are two groups of primitives: triangles, whose corners are in leaf blocks, and others, which leaves list
-//! (spheres, whose positions follow such a list, and custom primitives). If nothing else keeps the budget, each kind of both is
-//! a group. Each group is first drafted: the binary tree
-//! and its collapse are made (`time/drafting.rs`), and the subtrees that get a temporal split are chosen
-//! (`time/regions.rs`). Those are written first, each below a time node of its own; then the rest of the tree, in which
-//! they are children like leaf blocks.
+//! (spheres, whose positions follow such a list, and custom primitives). If nothing else keeps the budget, each kind of both
+//! is a group. Each group is first drafted: the binary tree and its collapse are made (`time/drafting.rs`), and the subtrees
+//! that get a temporal split are chosen (`time/regions.rs`). Those are written first, each below a time node of its own; then
+//! the rest of the tree, in which they are children like leaf blocks.
 
 use super::budget::{ATTEMPTS, allowed_bytes, further_key_bytes, with_less};
 use super::write::{Nodes, set_children, words_of_nodes, write_blocks, write_node, write_time};
